@@ -31,11 +31,11 @@ from benchmarks.views import clutter_view, motion_blurred, warped_view
 from calib.corners.detect import eight_bits, find_corners
 from calib.io.images import list_images, read_grey
 from calib.session.board import Board
-from capture.find import finder_of
 from capture.finder import Finder
+from capture.finders import make_finder
 from capture.frames import Frame
-from capture.gate import judge
-from capture.sighting import Sighting
+from capture.gate import judge_frame
+from capture.live_detection import LiveDetection
 from fixtures.coded_boards import CHARUCO, GRID
 from fixtures.coded_pictures import Lens
 
@@ -121,12 +121,14 @@ def _coded_speed() -> None:
     for name, kind in (("charuco", CHARUCO), ("aprilgrid", GRID)):
         for where, pose in CODED_POSES.items():
             frame = Frame(kind.view(np.array(pose), lens=lens).picture, 0, 1.0)
-            finder = finder_of(kind.board)
-            sighting = finder.look(frame)
-            seen = 0 if sighting.corners is None else int(np.isfinite(sighting.corners[:, 0]).sum())
+            finder = make_finder(kind.board)
+            detection = finder.look(frame)
+            seen = (
+                0 if detection.corners is None else int(np.isfinite(detection.corners[:, 0]).sum())
+            )
             live, kept = (
                 _milliseconds(partial(finder.look, frame), 9),
-                _milliseconds(partial(finder.refine, frame, sighting), 3),
+                _milliseconds(partial(finder.refine, frame, detection), 3),
             )
             table.add_row(
                 f"{name} {kind.board}, {where}",
@@ -138,8 +140,8 @@ def _coded_speed() -> None:
 
 
 def _live(finder: Finder, picture: Bytes) -> None:
-    sighting = finder.look(Frame(picture, 0, 1.0))
-    judge(sighting, sighting, ())
+    detection = finder.look(Frame(picture, 0, 1.0))
+    judge_frame(detection, detection, ())
 
 
 def _verdicts(rng: np.random.Generator) -> None:
@@ -150,7 +152,7 @@ def _verdicts(rng: np.random.Generator) -> None:
         finder = Finder(scene.board)
         frame = scene.frame(rng)
         now, before = finder.look(frame), finder.look(scene.frame(rng, time_s=1.0 - PERIOD))
-        verdict = judge(now, before, ())
+        verdict = judge_frame(now, before, ())
         if not verdict.keep:
             refused.append(verdict.sentence)
             continue
@@ -171,10 +173,10 @@ def _verdicts(rng: np.random.Generator) -> None:
             np.float32,
         )
         caught["moving"].append(
-            not judge(finder.look(scene.frame(rng, moved, 1.0)), before, ()).keep
+            not judge_frame(finder.look(scene.frame(rng, moved, 1.0)), before, ()).keep
         )
         caught["offered again"].append(
-            not judge(now, before, [_corners(now) if corners is None else corners]).keep
+            not judge_frame(now, before, [_corners(now) if corners is None else corners]).keep
         )
     table = Table("views", "how many", "refused", "share")
     table.add_row("good", str(GOOD_VIEWS), str(len(refused)), f"{len(refused) / GOOD_VIEWS:.1%}")
@@ -193,7 +195,7 @@ def _verdicts(rng: np.random.Generator) -> None:
 def _is_kept(finder: Finder, scene: Scene, light: Floats, rng: np.random.Generator) -> bool:
     """Where nothing but this light is spoiled: the board is still, and the session empty."""
     now, before = (finder.look(scene.frame(rng, light, time_s)) for time_s in (1.0, 1.0 - PERIOD))
-    return judge(now, before, ()).keep
+    return judge_frame(now, before, ()).keep
 
 
 def _scenes(rng: np.random.Generator) -> Iterator[Scene]:
@@ -264,9 +266,9 @@ SPOILED: dict[str, Spoil] = {
 }
 
 
-def _corners(sighting: Sighting) -> NDArray[np.float64]:
-    assert sighting.corners is not None, "It was judged to be good."
-    return sighting.corners
+def _corners(detection: LiveDetection) -> NDArray[np.float64]:
+    assert detection.corners is not None, "It was judged to be good."
+    return detection.corners
 
 
 def _rms(one: NDArray, other: NDArray) -> float:

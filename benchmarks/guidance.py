@@ -31,10 +31,10 @@ from calib.planning.pose_bank import Reach, bank
 from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.threads import single_thread
-from capture.coverage import CELLS, InformedGuide, PlainGuide, SeenView
-from capture.gate import new
-from capture.guidance import GRID
-from capture.sighting import Sighting
+from capture.coverage import COVERAGE_CELLS, InformedGuide, KeptView, PlainGuide
+from capture.gate import check_novelty
+from capture.guidance import RELIEF_GRID
+from capture.live_detection import LiveDetection
 from fixtures.map_errors import motions, rays_of, seen_at
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, paper_cone, scene
 
@@ -89,8 +89,8 @@ class Person:
                 np.linalg.norm(np.diff(corners.reshape(9, 9, 2), axis=1), axis=-1).mean()
             )
             if (
-                new(
-                    Sighting(corners, WIDTH, HEIGHT, 0.0, square=square),
+                check_novelty(
+                    LiveDetection(corners, WIDTH, HEIGHT, 0.0, square=square),
                     None,
                     [view.corners for view in self.views],
                 )
@@ -105,7 +105,7 @@ def follow(person: Person, nominal: Design, count: int, every: int) -> None:
     design = nominal
     for number in range(count):
         if number and number % AFRESH == 0:
-            design = design_of(estimate(SETUP, person.views, GRID))
+            design = design_of(estimate(SETUP, person.views, RELIEF_GRID))
         if number % every:
             person.at_random()
             continue
@@ -128,21 +128,21 @@ def go_anywhere(person: Person, count: int) -> None:
         person.at_random()
 
 
-def seen(views: Sequence[View]) -> list[SeenView]:
-    return [SeenView(view.corners) for view in views]
+def seen(views: Sequence[View]) -> list[KeptView]:
+    return [KeptView(view.corners) for view in views]
 
 
 def design_of(known: PlanningFit) -> Design:
-    return known.design(SETUP, bank(BOARD, CAMERA, REACH).poses, CELLS, REACH.levels())
+    return known.design(SETUP, bank(BOARD, CAMERA, REACH).poses, COVERAGE_CELLS, REACH.levels())
 
 
 def judged(person: Person) -> tuple[float, float]:
     """The error of the map that these views give, and what the guide predicts for it, px."""
-    known = estimate(SETUP, person.views, GRID)
+    known = estimate(SETUP, person.views, RELIEF_GRID)
     design = design_of(known)
     x, y = (
         (np.arange(n) + 0.5) / n * length - 0.5
-        for n, length in zip(CELLS[::-1], (WIDTH, HEIGHT), strict=True)
+        for n, length in zip(COVERAGE_CELLS[::-1], (WIDTH, HEIGHT), strict=True)
     )
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     ours, true = (
@@ -165,7 +165,7 @@ Judged = dict[str, tuple[float, float]]
 def ways_of(seed: int, bumps: int) -> Judged:
     """By each way of taking views: the map's error, and what the guide predicts for it, px."""
     with single_thread():
-        nominal = design_of(estimate(SETUP, (), GRID))
+        nominal = design_of(estimate(SETUP, (), RELIEF_GRID))
         ways: dict[str, Callable[[Person], None]] = {
             f"{GUIDED} views, guided": lambda person: follow(person, nominal, GUIDED, 1),
             f"{GUIDED} views, every second hint": lambda person: follow(person, nominal, GUIDED, 2),

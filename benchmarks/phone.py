@@ -110,14 +110,14 @@ async def window(port: int, server: int, seconds: float, *, phone: bool) -> str:
 def encoding_ms() -> float:
     """ms to reduce and encode one picture."""
     from capture.tui.camera import Preview
-    from capture.tui.phone import encoded
+    from capture.tui.phone import encode_jpeg
 
     cv2.setNumThreads(1)
     picture = cv2.imread(str(sorted((FIXTURE / "frames").glob("*.jpg"))[0]), cv2.IMREAD_GRAYSCALE)
     taken = []
     for _ in range(50):
         begun = time.perf_counter()
-        encoded(Preview.of(np.asarray(picture, np.uint8), sharp=True).image)
+        encode_jpeg(Preview.of(np.asarray(picture, np.uint8), sharp=True).image)
         taken.append(time.perf_counter() - begun)
     return 1000 * float(np.median(taken))
 

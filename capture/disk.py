@@ -1,5 +1,5 @@
-"""The disk that a recording goes to: what fails is a sentence, what is written stays written, and
-one recorder holds a folder.
+"""The disk that a recording writes to: a failure becomes a sentence, written data stays written,
+and one recorder holds a folder.
 """
 
 import errno
@@ -12,17 +12,17 @@ from pathlib import Path
 
 from calib.errors import InputError, harmless
 from calib.io.files import ADVICE
-from calib.io.files import write_atomically as write_whole
+from calib.io.files import write_atomically as write_file
 from capture.errors import CaptureError
 
-FAILED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""What is the disk's own fault. Any other failure is of the place that was chosen."""
+DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""The errors of the disk itself. Any other error comes from the chosen place."""
 
 
 def write_durably(path: Path, data: bytes | memoryview | str) -> None:
-    """Write a file as a whole, and wait until the disk has both it and its name."""
+    """Write a complete file, and wait until the disk has both the file and its name."""
     with writing(path):
-        write_whole(path, data)
+        write_file(path, data)
         sync_folder(path.parent)
 
 
@@ -35,52 +35,53 @@ def sync_folder(folder: Path) -> None:
 
 
 def append_durably(path: Path, line: str) -> None:
-    """Add a line and wait until the disk has it. When that fails, the file is as it was."""
+    """Add a line and wait until the disk has it. If that fails, the file stays as it was."""
     data = line.encode()
     with writing(path):
-        handle = open_own(path, os.O_WRONLY | os.O_APPEND)
+        handle = open_recorder_file(path, os.O_WRONLY | os.O_APPEND)
         try:
-            before = os.fstat(handle).st_size
+            size = os.fstat(handle).st_size
             try:
-                while data:  # where there is room for a part only, the rest says why
+                # a full disk takes a piece only, and the next call then raises its error
+                while data:
                     data = data[os.write(handle, data) :]
                 os.fsync(handle)
             except OSError:
-                os.ftruncate(handle, before)
+                os.ftruncate(handle, size)
                 raise
         finally:
             os.close(handle)
 
 
-def open_own(path: Path, flags: int) -> int:
-    """The handle of a recorder's own file, opened to be changed in its place.
+def open_recorder_file(path: Path, flags: int) -> int:
+    """Open one of the recorder's own files for changes in place, and return its handle.
 
     Raises:
         OSError: it cannot be opened.
-        InputError: it leads to something else: a session from a stranger may have a link there, to
-            a file that is not to be touched.
+        InputError: the path is a link: a session from a stranger may have a link there, to
+            a file that nobody may touch.
     """
-    elsewhere = InputError(
-        f"{path} is not a file of the recorder's own but leads elsewhere: remove it, or record"
-        " elsewhere."
+    foreign = InputError(
+        f"{path} is a link or not a regular file, so the recorder cannot use it: remove it, or"
+        " record elsewhere."
     )
     try:
         handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     except OSError as error:
         if error.errno in (errno.ELOOP, errno.ENXIO):
-            raise elsewhere from None  # `writing` would tell of the system call
+            raise foreign from None  # `writing` would report the system call
         raise
-    found = os.fstat(handle)
-    if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
+    status = os.fstat(handle)
+    if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
         os.close(handle)
-        raise elsewhere
+        raise foreign
     return handle
 
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Around what writes at a path: CaptureError where the disk fails, InputError where the place
-    is wrong.
+    """Translate the errors of code that writes at a path: CaptureError where the disk fails,
+    InputError where the place is wrong.
     """
     try:
         yield
@@ -88,19 +89,19 @@ def writing(path: Path) -> Iterator[None]:
         cause = error if isinstance(error, OSError) else error.__cause__
         if not isinstance(cause, OSError):
             raise
-        kind = CaptureError if cause.errno in FAILED else InputError
+        kind = CaptureError if cause.errno in DISK_ERRORS else InputError
         advice = ADVICE.get(cause.errno or 0, "choose another place")
         raise kind(f"{path} cannot be written ({cause.strerror}): {advice}.") from error
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder; InputError if another process does.
+    """Hold a folder; InputError if another process holds it.
 
-    The system lets go of it when this process ends, however it ends.
+    The system releases it when this process ends, however it ends.
     """
     with writing(folder):
-        handle = open_own(folder / ".recording", os.O_RDWR | os.O_CREAT)
+        handle = open_recorder_file(folder / ".recording", os.O_RDWR | os.O_CREAT)
     try:
         with writing(folder):
             try:

@@ -1,6 +1,4 @@
-"""What fails on the device's side: a camera that is not there, busy or unplugged, a disk that is
-full.
-"""
+"""Errors of the device: a camera that is missing, busy or unplugged, or a full disk."""
 
 from calib.errors import RefracalError
 

@@ -1,4 +1,4 @@
-"""How the board's squares are lit: whether white is cut off, and how far it is from black."""
+"""The lighting of the board's squares: the saturation of white and its contrast to black."""
 
 from dataclasses import dataclass
 
@@ -8,25 +8,26 @@ from numpy.typing import NDArray
 
 from calib.session.board import Board
 
-FULL = 254  # grey levels: a sensor's end of 255, less what JPEG changes
-VIDEO_FULL = 235  # where cameras end that keep to the levels of television
-INSIDE = np.linspace(0.3, 0.7, 5)  # of a square, clear of its edges
+FULL = 254  # grey levels: a sensor's maximum of 255, less the change that JPEG makes
+VIDEO_FULL = 235  # grey levels: the maximum of cameras that keep to the range of television
+SQUARE_INTERIOR = np.linspace(0.3, 0.7, 5)  # fraction of a square's side, clear of its edges
 
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
     clipped: float
-    """Share of the white squares' area where more light would change nothing."""
+    """The fraction of the white squares' area that is saturated."""
     contrast: float
-    """Grey levels between neighbouring squares where it is least, but for the worst tenth."""
+    """The 10th percentile of the difference between neighbouring squares, in grey levels."""
 
 
 def measure_exposure(
     grey: NDArray[np.uint8], corners: NDArray[np.float64], board: Board
 ) -> Exposure:
-    """Of the squares between the (count, 2) px corners of a (H, W) picture."""
+    """Return the exposure of the squares between the (count, 2) px corners of a (H, W) picture."""
     grid = corners.reshape(board.rows, board.columns, 1, 2)
-    x, y = (part.reshape(-1, 1) for part in np.meshgrid(INSIDE, INSIDE))
+    x = np.tile(SQUARE_INTERIOR, len(SQUARE_INTERIOR))[:, None]
+    y = np.repeat(SQUARE_INTERIOR, len(SQUARE_INTERIOR))[:, None]
     places = (1 - y) * ((1 - x) * grid[:-1, :-1] + x * grid[:-1, 1:]) + y * (
         (1 - x) * grid[1:, :-1] + x * grid[1:, 1:]
     )
@@ -35,7 +36,7 @@ def measure_exposure(
         places.shape[:-1]
     )
     mean = light.mean(-1)
-    odd = np.add.outer(*(np.arange(size) for size in mean.shape)) % 2 == 1
+    odd = np.add.outer(np.arange(mean.shape[0]), np.arange(mean.shape[1])) % 2 == 1
     white = odd == (mean[odd].mean() > mean[~odd].mean())
     sign = np.where(white, 1.0, -1.0)
     steps = np.concatenate(

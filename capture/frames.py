@@ -1,8 +1,7 @@
-"""What every camera gives, and every recording that is played back as one: frames, each a picture
-with its time and what the camera said.
+"""The frames that every camera gives, and every recording that is played back as one.
 
-`Frame` is one of them. `FrameSource` is what the drivers in `capture.sources` look like to all that
-reads frames.
+A `Frame` is a picture with its time and the camera's metadata. `FrameSource` is the interface of
+the drivers in `capture.sources` for all code that reads frames.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from calib.session.shutter import Shutter
 
-# between two frames: from here on, the one says nothing about how fast the board moves in the other
+# s between two frames: from here on, one frame says nothing about the board's speed in the other
 PAUSE_S = 1.0
 
 
@@ -28,49 +27,50 @@ class Frame:
     sequence: int
     """The driver's counter. A gap means that frames were dropped."""
     time_s: float
-    """Monotonic clock, at the start of the exposure or as near to it as the driver says."""
+    """Monotonic clock, at the start of the exposure or as near to it as the driver reports."""
     metadata: Mapping[str, float | str] = field(default_factory=dict)
-    """What the camera said of it: exposure_us, gain, lens_position and the like."""
+    """The camera's metadata: exposure_us, gain, lens_position and the like."""
     name: str = ""
-    """What the source calls it, if it has names: a recorded picture's file."""
-    alone: bool = False
-    """A photograph by itself: none of the same stream is known to be less than PAUSE_S away, so
-    none shows whether the board moved.
+    """The source's name of the frame, such as a recorded picture's file; empty if it has none."""
+    isolated: bool = False
+    """True for a single photograph: no frame of the same stream is known to be less than PAUSE_S
+    away, so none shows whether the board moved.
     """
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height, px."""
+        """The width and height, px."""
         return self.pixels.shape[1], self.pixels.shape[0]
 
 
 class FrameSource(Protocol):
-    """Opened by `with`, read by `for`. Entering raises CaptureError if the camera cannot deliver;
-    iteration ends when the source is exhausted or `close` is called from any thread; it never
-    yields None.
+    """A source of frames: open it by `with`, read it by `for`.
+
+    Entering raises CaptureError if the camera cannot deliver. The iteration ends when the source is
+    exhausted or any thread calls `close`. It never yields None.
     """
 
     @property
     def live(self) -> bool:
-        """Whether frames come in their own time, and are lost if nobody takes them.
+        """True if frames come in their own time and are lost if nobody takes them.
 
-        Otherwise they wait to be read.
+        False: they wait to be read.
         """
         ...
 
     @property
     def remarks(self) -> Sequence[str]:
-        """What a person should know of this camera before trusting its pictures, a sentence each.
+        """Sentences that a person should know before trusting this camera's pictures.
 
-        Known once entered.
+        Known once the source is entered.
         """
         ...
 
     @property
     def shutter(self) -> Shutter | None:
-        """Of the sensor that the driver names.
+        """The shutter of the sensor that the driver names.
 
-        None: it names none that is known. Known once entered.
+        None: the driver names no known sensor. Known once the source is entered.
         """
         ...
 
@@ -86,5 +86,5 @@ class FrameSource(Protocol):
     def __iter__(self) -> Iterator[Frame]: ...
 
     def close(self) -> None:
-        """End the iteration, from any thread. What was opened is released on leaving the `with`."""
+        """End the iteration, from any thread. Leaving the `with` releases the device."""
         ...

@@ -1,8 +1,7 @@
-"""Is this frame worth keeping; and if not, what is to be done first.
+"""Decide whether a frame is worth keeping, and if not, what the person should do first.
 
-Pure: sightings in, a sentence out. The checks stand in the order in which a person must mend what
-    they find, and the first that objects
-speaks.
+The functions are pure: detections in, a sentence out. The checks run in the order in which a person
+must fix the problems, and the first check that objects gives the sentence.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,36 +11,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.frames import PAUSE_S
-from capture.sighting import Sighting
+from capture.live_detection import LiveDetection
 
-# squares: the next corner of a board that is seen only in part would lie beyond a border nearer
-# than this
-BORDER = 1.5
-# of white: beyond, more than one white square in twenty has lost its level, and the corners around
-# it lean
-CLIPPED = 0.05
-CONTRAST = 40.0  # grey levels: ten times the noise of a small sensor at a high gain
-# px/s: skews a picture by 1 px in the 47 ms that an imx219 reads its rows in; poses take that up to
-# 0.02 px (median of 200)
-SPEED = 20.0
-# px: the board moved so far while the shutter was open, and as far again while its rows were read,
-# whatever SPEED says
-STREAK = 2.0
-# px: here the corners of squares of 15 to 28 px are a third worse than in focus, at 2.5 twice as
-# bad, at 3 some are lost
-SIGMA = 2.0
-MOVED = 1.0  # squares, RMS: nearer, the corners look through nearly the same glass
-# squares, RMS after shift, turn and size are taken out: what a tilt by about 15 degrees changes
-TILTED = 0.1
-SHARED = 0.8  # of the corners that are seen: a view that shows more than that besides is new
-AFFINE = 4  # corners that tell an affine motion, and whether it is one
+# squares: the next corner of a board that is only partly visible would lie beyond a border that is
+# nearer than this
+BORDER_SQUARES = 1.5
+# fraction of the white area: above it, more than one white square in twenty is saturated, and the
+# corners around it are biased
+MAX_CLIPPED = 0.05
+MIN_CONTRAST = 40.0  # grey levels: ten times the noise of a small sensor at a high gain
+# px/s: a motion of this speed skews a picture by 1 px in the 47 ms in which an imx219 reads its
+# rows; the poses absorb all but 0.02 px of that (median of 200)
+MAX_SPEED = 20.0
+# px: the board moved this far while the shutter was open, and as far again while the rows were
+# read, whatever MAX_SPEED says
+MAX_STREAK = 2.0
+# px: at this blur, the corners of squares of 15 to 28 px are a third worse than in focus; at 2.5 px
+# they are twice as bad; at 3 px some are not found
+MAX_BLUR_SIGMA = 2.0
+MIN_SHIFT = 1.0  # squares, RMS: below it, the corners look through nearly the same glass
+# squares, RMS after removing shift, rotation and scale: the change that a tilt by about 15 degrees
+# makes
+MIN_SHAPE_CHANGE = 0.1
+# fraction of the visible corners: a view that shows more than the remainder in addition is new
+MIN_SHARED = 0.8
+MIN_AFFINE_CORNERS = 4  # corners that determine an affine motion and leave a residual
 
-FOUND = "No board in view: hold the whole board in the picture, evenly lit and in focus."
-WRONG = (
+NO_BOARD = "No board in view: hold the whole board in the picture, evenly lit and in focus."
+WRONG_BOARD = (
     "The board in view has more corners than the session's: show the session's board, or correct"
     " its columns and rows."
 )
-HIDDEN = (
+HIDDEN_BOARD = (
     "Only a part of the board can be made out: uncover all of it, and turn glare and shadow away."
 )
 GLARE = "White squares are clipped: lower exposure or gain, or turn glare away."
@@ -49,155 +50,182 @@ DARK = (
     "White hardly stands out from black: add light, raise exposure or gain, or take shadows from"
     " the board."
 )
-KNOWN = "This view is already there: move the board elsewhere, tilt it, or change its distance."
-WAIT = "Hold the board still for a moment."
+KNOWN_VIEW = (
+    "This view is already there: move the board elsewhere, tilt it, or change its distance."
+)
+HOLD_STILL = "Hold the board still for a moment."
 MOVING = "The board moves: hold it still."
-STREAKED = (
+MOTION_BLUR = (
     "Motion streaks the picture: hold the board still, or add light and shorten the exposure."
 )
-SOFT = "The board is out of focus: set the focus to its distance, or clean lens and cover."
-GOOD = "Good view: stay until it is taken, then move on."
+OUT_OF_FOCUS = "The board is out of focus: set the focus to its distance, or clean lens and cover."
+GOOD_VIEW = "Good view: stay until it is taken, then move on."
 
-SIDES = (("left", "right"), ("top", "bottom"))
+SIDE_NAMES = (("left", "right"), ("top", "bottom"))
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class FrameDecision:
     keep: bool
     sentence: str
-    """What the person should do now."""
+    """An instruction for the person."""
 
 
-def judge(
-    now: Sighting,
-    before: Sighting | None,
-    kept: Sequence[NDArray[np.float64]],
+def judge_frame(
+    detection: LiveDetection,
+    previous: LiveDetection | None,
+    views: Sequence[NDArray[np.float64]],
     *,
-    alone: bool = False,
-) -> Verdict:
-    """Whether to keep a frame.
+    isolated: bool = False,
+) -> FrameDecision:
+    """Decide whether to keep a frame.
 
     Args:
-        now: what was seen in it.
-        before: the same of the frame before it; None if there was none: then it is not known
+        detection: the board in this frame.
+        previous: the board in the frame before. None if there is no such frame: then nobody knows
             whether the board is still.
-        kept: (count, 2) px each, the corners of the views that the session has; NaN where not seen.
-        alone: for a photograph by itself, which only its own blur can tell to have been taken in
-            motion.
+        views: (count, 2) px each, the corners of the session's views; NaN where not visible.
+        isolated: True for a single photograph: no neighbouring frame shows its motion, so only its
+            blur can.
     """
     for check in CHECKS:
-        objection = None if alone and check is still else check(now, before, kept)
+        objection = (
+            None if isolated and check is check_motion else check(detection, previous, views)
+        )
         if objection is not None:
-            return Verdict(False, objection)
-    return Verdict(True, GOOD)
+            return FrameDecision(False, objection)
+    return FrameDecision(True, GOOD_VIEW)
 
 
-def board_found(
-    now: Sighting, _before: Sighting | None, _kept: Sequence[NDArray[np.float64]]
+def check_detection(
+    detection: LiveDetection, _previous: LiveDetection | None, _views: Sequence[NDArray[np.float64]]
 ) -> str | None:
-    if now.corners is not None:
+    if detection.corners is not None:
         return None
-    if now.problem:
-        return f"{now.problem[0].upper()}{now.problem[1:]}."
-    if now.part is None:
-        return FOUND
-    if now.too_large:
-        return WRONG
-    return _cut(now, now.part, BORDER * now.square) or HIDDEN
+    if detection.problem:
+        return f"{detection.problem[0].upper()}{detection.problem[1:]}."
+    if detection.partial_corners is None:
+        return NO_BOARD
+    if detection.too_large:
+        return WRONG_BOARD
+    return (
+        _check_cut_off(detection, detection.partial_corners, BORDER_SQUARES * detection.square)
+        or HIDDEN_BOARD
+    )
 
 
-def wholly_inside(
-    now: Sighting, _before: Sighting | None, _kept: Sequence[NDArray[np.float64]]
+def check_borders(
+    detection: LiveDetection, _previous: LiveDetection | None, _views: Sequence[NDArray[np.float64]]
 ) -> str | None:
-    return _cut(now, _corners(now), now.window)
+    return _check_cut_off(detection, _corners(detection), detection.margin)
 
 
-def well_exposed(
-    now: Sighting, _before: Sighting | None, _kept: Sequence[NDArray[np.float64]]
+def check_exposure(
+    detection: LiveDetection, _previous: LiveDetection | None, _views: Sequence[NDArray[np.float64]]
 ) -> str | None:
-    if now.exposure is None or now.exposure.contrast < CONTRAST:
+    if detection.exposure is None or detection.exposure.contrast < MIN_CONTRAST:
         return DARK
-    return GLARE if now.exposure.clipped > CLIPPED else None
+    return GLARE if detection.exposure.clipped > MAX_CLIPPED else None
 
 
-def new(now: Sighting, _before: Sighting | None, kept: Sequence[NDArray[np.float64]]) -> str | None:
-    corners = _corners(now)
-    for other in kept:
-        both = np.isfinite(corners[:, 0]) & np.isfinite(other[:, 0])
-        if both.sum() < SHARED * np.isfinite(corners[:, 0]).sum():
+def check_novelty(
+    detection: LiveDetection, _previous: LiveDetection | None, views: Sequence[NDArray[np.float64]]
+) -> str | None:
+    corners = _corners(detection)
+    for view in views:
+        shared = np.isfinite(corners[:, 0]) & np.isfinite(view[:, 0])
+        if shared.sum() < MIN_SHARED * np.isfinite(corners[:, 0]).sum():
             continue
-        here, there = corners[both], other[both]
+        current, recorded = corners[shared], view[shared]
         if (
-            _rms(here - there) < MOVED * now.square
-            and _rms(_shape_change(here, there)) < TILTED * now.square
+            _rms(current - recorded) < MIN_SHIFT * detection.square
+            and _rms(_shape_change(current, recorded)) < MIN_SHAPE_CHANGE * detection.square
         ):
-            return KNOWN
+            return KNOWN_VIEW
     return None
 
 
-def still(
-    now: Sighting, before: Sighting | None, _kept: Sequence[NDArray[np.float64]]
+def check_motion(
+    detection: LiveDetection, previous: LiveDetection | None, _views: Sequence[NDArray[np.float64]]
 ) -> str | None:
-    if before is None or before.corners is None or not 0 < now.time_s - before.time_s < PAUSE_S:
-        return WAIT
-    both = np.isfinite(_corners(now)[:, 0]) & np.isfinite(before.corners[:, 0])
-    if both.sum() < AFFINE:
-        return WAIT
-    corners, earlier = _corners(now)[both], before.corners[both]
+    if (
+        previous is None
+        or previous.corners is None
+        or not 0 < detection.time_s - previous.time_s < PAUSE_S
+    ):
+        return HOLD_STILL
+    shared = np.isfinite(_corners(detection)[:, 0]) & np.isfinite(previous.corners[:, 0])
+    if shared.sum() < MIN_AFFINE_CORNERS:
+        return HOLD_STILL
+    corners, earlier = _corners(detection)[shared], previous.corners[shared]
     terms = np.column_stack([corners - corners.mean(0), np.ones(len(corners))])
     smooth = (
         terms @ np.linalg.lstsq(terms, corners - earlier, rcond=None)[0]
-    )  # an affine motion: noise of single corners goes
-    fastest = np.linalg.norm(smooth, axis=1).max() / (now.time_s - before.time_s)
-    return MOVING if fastest > SPEED else None
+    )  # an affine motion averages out the noise of single corners
+    fastest = np.linalg.norm(smooth, axis=1).max() / (detection.time_s - previous.time_s)
+    return MOVING if fastest > MAX_SPEED else None
 
 
-def sharp(
-    now: Sighting, _before: Sighting | None, _kept: Sequence[NDArray[np.float64]]
+def check_sharpness(
+    detection: LiveDetection, _previous: LiveDetection | None, _views: Sequence[NDArray[np.float64]]
 ) -> str | None:
-    if now.blur is None or now.blur.sigma > SIGMA:
-        return SOFT
-    return STREAKED if now.blur.streak > STREAK else None
+    if detection.blur is None or detection.blur.sigma > MAX_BLUR_SIGMA:
+        return OUT_OF_FOCUS
+    return MOTION_BLUR if detection.blur.streak > MAX_STREAK else None
 
 
-Check = Callable[[Sighting, Sighting | None, Sequence[NDArray[np.float64]]], str | None]
-"""None, or what is to be done. A check may rely on those before it."""
+Check = Callable[[LiveDetection, LiveDetection | None, Sequence[NDArray[np.float64]]], str | None]
+"""A check returns an instruction, or None if it has no objection. It may rely on the checks before
+it in CHECKS.
+"""
 
-CHECKS: tuple[Check, ...] = (board_found, wholly_inside, well_exposed, new, still, sharp)
-"""In the order of what must be mended first: there is no use in holding a view still that the
-session has.
+CHECKS: tuple[Check, ...] = (
+    check_detection,
+    check_borders,
+    check_exposure,
+    check_novelty,
+    check_motion,
+    check_sharpness,
+)
+"""The checks, in the order in which a person must fix the problems: holding still a view that the
+session has already is useless.
 """
 
 
-def _corners(sighting: Sighting) -> NDArray[np.float64]:
-    if sighting.corners is None:
+def _corners(detection: LiveDetection) -> NDArray[np.float64]:
+    if detection.corners is None:
         raise ValueError("This check is for boards that were found.")
-    return sighting.corners
+    return detection.corners
 
 
-def _cut(now: Sighting, points: NDArray, near: float) -> str | None:
-    """What to do about (n, 2) px that are nearer than this to a border; None if none are."""
-    low, high = np.nanmin(points, 0), np.nanmax(points, 0)
-    gaps = np.array([low, (now.width - 1, now.height - 1) - high]).T  # (x and y, start and end)
+def _check_cut_off(detection: LiveDetection, points: NDArray, min_distance: float) -> str | None:
+    """Return an instruction if one of the (n, 2) px points is nearer to a border than this; else
+    None.
+    """
+    minimum, maximum = np.nanmin(points, 0), np.nanmax(points, 0)
+    gaps = np.array(
+        [minimum, (detection.width - 1, detection.height - 1) - maximum]
+    ).T  # (x and y, start and end)
     axis, end = np.unravel_index(gaps.argmin(), gaps.shape)
-    if gaps[axis, end] >= near:
+    if gaps[axis, end] >= min_distance:
         return None
-    sides = SIDES[axis]
+    sides = SIDE_NAMES[axis]
     return (
         f"The board is cut off at the {sides[end]}: move it away from the picture's {sides[end]}"
         " border."
     )
 
 
-def _shape_change(corners: NDArray, other: NDArray) -> NDArray[np.float64]:
-    """(count, 2) px from the other view to this one, but for what shifting, turning and scaling the
-    other does.
+def _shape_change(corners: NDArray, recorded: NDArray) -> NDArray[np.float64]:
+    """Return (count, 2) px, the residual of these corners after a shift, a rotation and a scaling
+    of the other view's corners.
     """
-    here, there = (np.asarray(view - view.mean(0)) @ (1, 1j) for view in (corners, other))
-    rest = here - there * (np.vdot(there, here) / np.vdot(there, there))
-    return np.stack([rest.real, rest.imag], -1)
+    target = (corners - corners.mean(0)) @ (1, 1j)  # (count,) complex
+    source = (recorded - recorded.mean(0)) @ (1, 1j)
+    residual = np.asarray(target - source * (np.vdot(source, target) / np.vdot(source, source)))
+    return np.stack([residual.real, residual.imag], -1)
 
 
 def _rms(vectors: NDArray) -> float:
-    """Of the lengths of (n, 2)."""
+    """Return the root mean square of the lengths of (n, 2) vectors."""
     return float(np.sqrt((vectors**2).sum(-1).mean()))

@@ -1,8 +1,7 @@
-"""Where a board tells most about this camera and its cover: asked here, and answered by a process
-that fits the views with torch.
+"""The informed guide's process, which fits the views with torch and plans the next pose.
 
-`Guidance` sends the process a `Request` with every view there is, and gets one `Answer` or two.
-Both ends are this file.
+`Guidance` sends the process a `Request` with all views, and gets one or two `Answer`s. Both ends
+are in this file.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,18 +18,19 @@ from calib.planning.pose_bank import Reach, bank
 from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.session.cover import Cover
-from capture.coverage import CELLS, TARGET, InformedGuide, SeenView
+from capture.coverage import COVERAGE_CELLS, TARGET_SIGMA_PX, InformedGuide, KeptView
 from capture.process import Process
 
-GRID = (12, 12)  # centres of the relief, as a fit has them
-FOLDS = 4
-FEWEST_FOR_FOLDS = 6  # views
-# held-out over fitted error up to which folds agree, as calib.fitting.cross_validation.OVERFITS
-AGREE = 1.25
+RELIEF_GRID = (12, 12)  # the grid of the relief's centres, as in a fit
+FOLD_COUNT = 4
+MIN_VIEWS_FOR_FOLDS = 6  # views
+# the held-out over the fitted error up to which the folds agree, as
+# calib.fitting.cross_validation.OVERFITS
+MAX_HELD_OUT_RATIO = 1.25
 
 
 class GuidanceError(RefracalError):
-    """There is no informed guide; the plain one serves meanwhile."""
+    """No informed guide is available; the plain one serves meanwhile."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +40,7 @@ class Request:
     cover: Cover
     reach: Reach
     views: tuple[NDArray[np.float64], ...]
-    """(count, 2) px each, NaN where not seen."""
+    """(count, 2) px each, NaN where not visible."""
     target_px: float
 
 
@@ -48,14 +48,15 @@ class Request:
 class Answer:
     design: Design | None
     folds_agree: bool | None = None
-    """None: not tried, for the maps are not sure enough yet, or not tried yet."""
+    """None: not tried, or the maps are not accurate enough yet to try."""
     failure: str = ""
     last: bool = True
-    """Whether no other answer to the same request follows."""
+    """True if no other answer to the same request follows."""
 
 
 class Guidance:
-    """Asks the process, which is started with the first question and again after it has died.
+    """The client of the guide's process. The first request starts the process, and so does the next
+    one after it has died.
 
     `close` ends it, from any thread.
     """
@@ -66,30 +67,30 @@ class Guidance:
         camera: Camera,
         cover: Cover,
         reach: Reach | None = None,
-        target_px: float = TARGET,
+        target_px: float = TARGET_SIGMA_PX,
     ) -> None:
         self._board, self._camera, self._cover, self._target = board, camera, cover, target_px
         self._reach = reach or Reach.of(board, camera)
         self._turn = Lock()
         self._process: Process | None = None
-        self._asked = 0
+        self._requests = 0
         self._answering = self._closed = False
 
     @property
     def pid(self) -> int:
-        """0 before it is started."""
+        """The process's number; 0 before it is started."""
         return self._process.pid if self._process else 0
 
-    def guides(self, views: Sequence[SeenView]) -> Iterator[InformedGuide]:
-        """The guide that knows these views, seconds later; and perhaps once more, when folds over
-        them have been tried. Blocks.
+    def guides(self, views: Sequence[KeptView]) -> Iterator[InformedGuide]:
+        """Yield the guide that knows these views, seconds later, and perhaps once more when the
+        folds over them have been tried. Blocks.
 
-        A later question, from another thread, ends it.
+        A later request, from another thread, ends the iteration.
 
         Raises:
             GuidanceError: torch is absent, the views cannot be fitted, or the process has died.
         """
-        number = self._ask(
+        number = self._send_request(
             Request(
                 self._board,
                 self._camera,
@@ -99,7 +100,7 @@ class Guidance:
                 self._target,
             )
         )
-        while (answer := self._answer(number)) is not None:
+        while (answer := self._next_answer(number)) is not None:
             if answer.design is None:
                 raise GuidanceError(answer.failure)
             agree, target = answer.folds_agree, self._target
@@ -117,28 +118,30 @@ class Guidance:
     def close(self) -> None:
         self._closed = True
         if process := self._process:
-            process.kill()  # who waits for an answer then finds that there is none
+            process.kill()  # a caller that waits for an answer then gets none
         with self._turn:
             if self._process:
-                self._process.kill()  # it may have been started just now
+                self._process.kill()  # it may have been started a moment ago
                 self._process.end()
                 self._process = None
 
-    def _ask(self, request: Request) -> int:
+    def _send_request(self, request: Request) -> int:
         with self._turn:
-            while self._answering:  # an answer that nobody waits for any more
+            while self._answering:  # an answer that nobody waits for
                 self._read()
-            self._asked += 1
+            self._requests += 1
             if not self._closed:
-                self._process = self._process or Process(serve)
+                self._process = self._process or Process(serve_requests)
                 self._answering = True
                 self._process.send(request)
-            return self._asked
+            return self._requests
 
-    def _answer(self, number: int) -> Answer | None:
-        """The next answer to a question; None if a later one was asked since, or after `close`."""
+    def _next_answer(self, number: int) -> Answer | None:
+        """Return the next answer to a request; None if a later request was sent, or after
+        `close`.
+        """
         with self._turn:
-            answer = self._read() if number == self._asked and not self._closed else None
+            answer = self._read() if number == self._requests and not self._closed else None
             return None if self._closed else answer
 
     def _read(self) -> Answer:
@@ -150,7 +153,7 @@ class Guidance:
             answer = Answer(
                 None,
                 failure=(
-                    f"The guide's process has ended ({self._process.end().words}): the next view"
+                    f"The guide's process has ended ({self._process.end().reason}): the next view"
                     " starts it again."
                 ),
             )
@@ -160,13 +163,15 @@ class Guidance:
 
 
 def answers(request: Request) -> Iterator[Answer]:
-    """In the process: first the design, and if that is sure enough, once more with the folds."""
+    """Run in the process: yield the design, and if it is accurate enough, once more with
+    the folds.
+    """
     if request.camera.intrinsics is None or request.cover.shape == "none":
         yield Answer(
             None,
             failure=(
-                "The informed guide needs a cover and the camera's intrinsics: the plain one serves"
-                " without."
+                "The informed guide needs a cover and the camera's intrinsics. Without them, the"
+                " plain guide serves."
             ),
         )
         return
@@ -184,18 +189,24 @@ def answers(request: Request) -> Iterator[Answer]:
     setup = Setup(request.board, request.camera, request.camera.intrinsics, request.cover)
     poses = bank(request.board, request.camera, request.reach).poses
     with single_thread():
-        design = estimate(setup, views, GRID).design(setup, poses, CELLS, request.reach.levels())
+        design = estimate(setup, views, RELIEF_GRID).design(
+            setup, poses, COVERAGE_CELLS, request.reach.levels()
+        )
         try_folds = (
-            len(views) >= FEWEST_FOR_FOLDS and design.sigma(design.known()) <= request.target_px
+            len(views) >= MIN_VIEWS_FOR_FOLDS and design.sigma(design.known()) <= request.target_px
         )
         yield Answer(design, last=not try_folds)
         if try_folds:
-            found = cross_validate(setup, views, Settings(grid=GRID), FOLDS, Silent())
-            yield Answer(design, found.held_out_px <= AGREE * found.fitted_px)
+            validation = cross_validate(
+                setup, views, Settings(grid=RELIEF_GRID), FOLD_COUNT, Silent()
+            )
+            yield Answer(
+                design, validation.held_out_px <= MAX_HELD_OUT_RATIO * validation.fitted_px
+            )
 
 
-def serve(connection: Connection) -> None:
-    """In the process: answer requests until nobody asks any more."""
+def serve_requests(connection: Connection) -> None:
+    """Run in the process: answer requests until the connection closes."""
     while True:
         try:
             request = connection.recv()

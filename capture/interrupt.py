@@ -1,32 +1,35 @@
-"""Ctrl-C, or a service's stop, as a wish to end: what is being written is finished first."""
+"""Ctrl-C, or a service's stop, as a request to stop: the program first finishes what it is
+writing.
+"""
 
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 
-class Wish:
-    """Whether someone wished to end."""
+class StopRequest:
+    """A request to stop."""
 
-    came = False
+    received = False
 
 
 @contextmanager
-def ending_by(stop: Callable[[], None]) -> Iterator[Wish]:
-    """Within, the first SIGINT or SIGTERM calls `stop`, and a second one raises KeyboardInterrupt.
+def stop_on_signal(stop: Callable[[], None]) -> Iterator[StopRequest]:
+    """Call `stop` at the first SIGINT or SIGTERM within the `with`; a second one raises
+    KeyboardInterrupt.
 
-    For the main thread.
+    Only the main thread may enter it.
     """
-    wish = Wish()
+    request = StopRequest()
 
-    def answer(number: int, _: object) -> None:
+    def handle(number: int, _: object) -> None:
         signal.signal(number, signal.default_int_handler)
-        wish.came = True
+        request.received = True
         stop()
 
-    before = {number: signal.signal(number, answer) for number in (signal.SIGINT, signal.SIGTERM)}
+    previous = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield wish
+        yield request
     finally:
-        for number, handler in before.items():
+        for number, handler in previous.items():
             signal.signal(number, handler)

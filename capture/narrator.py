@@ -1,4 +1,4 @@
-"""What a recording without a screen says: kept pictures on stdout, what to do next and remarks on
+"""The output of a recording without a screen: kept pictures on stdout; instructions and remarks on
 stderr.
 """
 
@@ -15,53 +15,53 @@ class Narrator:
     def __init__(
         self, reader: Reader, recorder: Recorder, views: int | None, *, json: bool
     ) -> None:
-        """`views` is how many are wanted, None where there is no such number; with `json`, stdout
-        is left to the summary.
+        """`views` is the wanted number of views, None for no limit; with `json`, stdout carries
+        only the summary.
         """
         self.sentence = ""
-        """What to do now."""
+        """The instruction for the person."""
         self.judged = 0
-        """Frames that were looked at."""
+        """The number of judged frames."""
         self.views = 0
         self.pictures: list[Path] = []
         self._reader = reader
         self._recorder = recorder
         self._wanted = views
         self._json = json
-        self._said = 0
+        self._reported = 0
         for remark in reader.source.remarks:
             _remark(remark)
 
-    def tell(self, step: Step) -> None:
-        """The picture, if it was kept; else the verdict, of a photograph by its name, of a stream
-        if it is another than before.
+    def report_step(self, step: Step) -> None:
+        """Print the picture if the frame was kept; else the decision: of a photograph with its
+        name, of a stream if it differs from the last one.
         """
         self.judged += 1
         if step.picture:
-            self.kept(step.picture, step.view)
-        elif step.frame.alone:
-            _remark(f"{step.frame.name}: {step.verdict.sentence}")
-        elif step.verdict.sentence != self.sentence:
-            _remark(step.verdict.sentence)
-        self.sentence = step.verdict.sentence
+            self.report_picture(step.picture, step.view)
+        elif step.frame.isolated:
+            _remark(f"{step.frame.name}: {step.decision.sentence}")
+        elif step.decision.sentence != self.sentence:
+            _remark(step.decision.sentence)
+        self.sentence = step.decision.sentence
 
-    def kept(self, picture: Path, view: int) -> None:
+    def report_picture(self, picture: Path, view: int) -> None:
         self.pictures.append(picture)
         self.views = view
         if not self._json:
             of = f" of {self._wanted}" if self._wanted else ""
             print(harmless(f"{picture}  view {view}{of}"), flush=True)
-        for remark in self._recorder.remarks[self._said :]:
+        for remark in self._recorder.remarks[self._reported :]:
             _remark(remark)
-        self._said = len(self._recorder.remarks)
+        self._reported = len(self._recorder.remarks)
 
-    def sum_up(self) -> None:
-        print(harmless(f"{self._sum()} in {self._recorder.session}."))
+    def print_summary(self) -> None:
+        print(harmless(f"{self._summary()} in {self._recorder.session}."))
 
-    def reassure(self) -> None:
-        """Before an error is told: what there is already is safe."""
+    def report_safety(self) -> None:
+        """Say, before an error is printed, that the pictures so far are safe."""
         if self.pictures:
-            _remark(f"Safe in {self._recorder.session}: {self._sum()}.")
+            _remark(f"Safe in {self._recorder.session}: {self._summary()}.")
 
     def as_json(self, *, ended: str) -> dict[str, object]:
         return {
@@ -71,24 +71,24 @@ class Narrator:
             ],
             "views": self.views,
             "frames_judged": self.judged,
-            "frames_passed_over": self._reader.unseen,
+            "frames_passed_over": self._reader.skipped,
             "frames_lost": self._reader.lost,
             "remarks": [*self._reader.source.remarks, *self._recorder.remarks],
             "ended": ended,
         }
 
-    def _sum(self) -> str:
-        taken = f"{_count(self.judged or len(self.pictures), 'frame')} taken"
-        passed = f", {self._reader.unseen} passed over meanwhile" if self._reader.unseen else ""
-        lost = f", {self._reader.lost} lost by the camera" if self._reader.lost else ""
+    def _summary(self) -> str:
+        judged = f"{_count(self.judged or len(self.pictures), 'frame')} taken"
+        skipped = f", {self._reader.skipped} passed over meanwhile" if self._reader.skipped else ""
+        lost_frames = f", {self._reader.lost} lost by the camera" if self._reader.lost else ""
         return (
             f"{_count(self.views, 'view')} with {_count(len(self.pictures), 'picture')}"
-            f" ({taken}{passed}{lost})"
+            f" ({judged}{skipped}{lost_frames})"
         )
 
 
-class Waits:
-    """Says that no picture comes: at the first silence, and then at each that is twice as long as
+class SilenceRemarks:
+    """Remarks that no picture comes: at the first silence, then at each that is twice as long as
     those before.
     """
 
@@ -98,10 +98,10 @@ class Waits:
     def __call__(self, seconds: float) -> None:
         if seconds >= 2 * self._longest:
             self._longest = seconds
-            _remark(waiting(seconds))
+            _remark(silence_sentence(seconds))
 
 
-def waiting(seconds: float) -> str:
+def silence_sentence(seconds: float) -> str:
     return f"No picture has come for {seconds:.0f} s: waiting for the next one."
 
 

@@ -1,5 +1,5 @@
-"""An app that is served ends with its server, however that ends: one that is left over would hold
-the session and its camera.
+"""A served app ends with its server, however the server ends: an app that remains would hold the
+session and its camera.
 """
 
 import os
@@ -8,28 +8,28 @@ import threading
 import time
 
 SERVER = "REFRACAL_SERVER"
-"""In the environment: the process that serves this one."""
-LOOK_S = 0.5
+"""The environment variable with the number of the process that serves this one."""
+POLL_S = 0.5
 GRACE_S = 5.0
-"""For the app to end by itself."""
+"""The time in s that the app gets to end by itself."""
 
 
 def end_with_server() -> None:
-    """From now on, if there is a server."""
+    """Watch the server from now on, if there is one."""
     if number := os.environ.get(SERVER, ""):
         threading.Thread(target=_watch, args=(int(number),), daemon=True).start()
 
 
 def _watch(server: int) -> None:
-    while _lives(server):
-        time.sleep(LOOK_S)
+    while _is_running(server):
+        time.sleep(POLL_S)
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(GRACE_S)
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def _lives(process: int) -> bool:
-    """Whether it runs; one that nobody has waited for does not."""
+def _is_running(process: int) -> bool:
+    """True if the process runs. A zombie does not."""
     try:
         with open(f"/proc/{process}/stat", "rb") as file:  # noqa: PTH123 - as quick as can be
             return file.read().rpartition(b")")[2].split()[:1] != [b"Z"]

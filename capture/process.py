@@ -1,10 +1,9 @@
-"""A function in a process of its own: the heavy libraries that it loads, its memory and its death
-stay there.
+"""A function in a separate process: its heavy libraries, its memory and its death stay there.
 
-The process is a fresh interpreter (multiprocessing's spawn), for a copy of one with threads may
-hang. Both ends of one connection send each other Python objects. What the function prints, or a
-library under it, never reaches the terminal, on which a screen may stand: stdout goes nowhere, and
-of stderr the last line is kept as the process's last words.
+The process is a fresh interpreter (multiprocessing's spawn), because a copy of a process with
+threads may hang. Both ends of one connection send each other Python objects. Nothing that the
+function or its libraries print reaches the terminal, which may show a screen: stdout is discarded,
+and the last line of stderr is kept as the reason of a failure.
 """
 
 import os
@@ -20,54 +19,54 @@ from threading import Lock
 from types import TracebackType
 from typing import Any, Self
 
-NICENESS = 10  # the screen and the camera go first
-EXIT_S = 10.0  # after which a process that has closed its connection and does not exit is killed
+NICENESS = 10  # the screen and the camera have priority
+EXIT_S = 10.0  # s, after which a process that has closed its connection and does not exit is killed
 
 _SPAWN = get_context("spawn")
 _CHILDREN = Lock()
-"""Held while a process is started, killed or waited for: as multiprocessing starts one, it collects
-others that have ended.
+"""A lock that is held while a process is started, killed or waited for: when multiprocessing starts
+one, it collects others that have ended.
 """
 
 
-def prepare() -> None:
-    """Make processes possible from within a Textual app; to be called before it runs.
+def prepare_processes() -> None:
+    """Prepare processes for use within a Textual app. Call it before the app runs.
 
-    The first of them starts multiprocessing's tracker, which inherits sys.stderr; the app's
-    stand-in for that has no file to inherit.
+    The first process starts multiprocessing's tracker, which inherits sys.stderr; the app's
+    replacement of sys.stderr has no file to inherit.
     """
     resource_tracker.ensure_running()
 
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """How a process ended."""
+    """The end of a process."""
 
     by_signal: bool
-    """Killed, perhaps by the system, rather than having come to an end by itself."""
-    words: str
-    """The signal, or the last line of stderr."""
+    """True if a signal killed it, perhaps from the system; False if it ended by itself."""
+    reason: str
+    """The name of the signal, or the last line of stderr."""
 
 
 class Process:
-    """One that runs. Leaving its `with` kills it, and so does the end of this process."""
+    """A running process. Leaving its `with` kills it, and so does the end of this process."""
 
     def __init__(self, work: Callable[..., None], *arguments: object) -> None:
-        """`work`: a function of some module, called in the process with the connection's other end
+        """`work` is a function of some module. The process calls it with the connection's other end
         and these arguments.
 
-        The process imports that module by its name; the arguments, and every message, are pickled.
+        The process imports that module by its name. The arguments and every message are pickled.
         """
         self._errors = TemporaryFile()  # noqa: SIM115 - closed by end
-        self._connection, theirs = _SPAWN.Pipe()
-        self._process = _SPAWN.Process(target=_begin, args=(theirs,), daemon=True)
+        self._connection, child_end = _SPAWN.Pipe()
+        self._process = _SPAWN.Process(target=_run, args=(child_end,), daemon=True)
         self._ending: Ending | None = None
         with _CHILDREN:
             self._process.start()
-        theirs.close()
+        child_end.close()
         assert self._process.pid
         self.pid = self._process.pid
-        with suppress(OSError):  # it has died already
+        with suppress(OSError):  # the process has died already
             send_handle(self._connection, self._errors.fileno(), self.pid)
         self.send((work, arguments))
 
@@ -84,29 +83,33 @@ class Process:
         self.end()
 
     def send(self, message: object) -> None:
-        """To a process that has died, nothing is sent: `receive` finds that."""
+        """Send a message. A process that has died gets nothing; `receive` detects that."""
         with suppress(OSError):
             self._connection.send(message)
 
     def receive(self) -> Any:
-        """The next message. Blocks.
+        """Return the next message. Blocks.
 
         Raises:
-            EOFError: there is none, for the process has ended or is about to; `end` says how.
+            EOFError: the process has ended or is about to, so no message comes; `end` says how.
         """
         try:
             return self._connection.recv()
-        except OSError as error:  # it was killed in the middle of a message
+        except OSError as error:  # the process was killed in the middle of a message
             raise EOFError from error
 
     def kill(self) -> None:
-        """From any thread; who waits in `receive` then finds that there is nothing more."""
+        """Kill the process, from any thread. A caller that waits in `receive` then gets
+        EOFError.
+        """
         with _CHILDREN:
             if self._ending is None:
                 self._process.kill()
 
     def end(self) -> Ending:
-        """Wait until a process that has no more to say has exited, and let go of it."""
+        """Wait until a process that sends no more messages has exited, and release its
+        resources.
+        """
         if self._ending:
             return self._ending
         wait([self._process.sentinel], EXIT_S)
@@ -122,8 +125,8 @@ class Process:
 
     def _last_line(self) -> str:
         self._errors.seek(0)
-        said = self._errors.read().decode(errors="replace").strip().splitlines()
-        return said[-1] if said else "it said nothing"
+        lines = self._errors.read().decode(errors="replace").strip().splitlines()
+        return lines[-1] if lines else "it printed nothing"
 
 
 def _signal(number: int) -> str:
@@ -131,8 +134,8 @@ def _signal(number: int) -> str:
     return f"{name}, perhaps for want of memory" if number == signal.SIGKILL else name
 
 
-def _begin(connection: Connection) -> None:
-    """In the process: nothing of it reaches the terminal; then the work."""
+def _run(connection: Connection) -> None:
+    """Run in the process: redirect its output away from the terminal, then do the work."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for standard in (0, 1, 2):
         os.dup2(nowhere, standard)

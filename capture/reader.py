@@ -1,9 +1,8 @@
 """The newest frame of a source, however slow its user is.
 
-A thread of its own takes every frame that the camera sends and keeps the last one, so slow work
-never delays the camera and is never
-given an old picture: what it gets was the newest when it asked. A source that is not live waits to
-    be read instead.
+A thread takes every frame that the camera sends and keeps the last one. So slow work never delays
+the camera and never gets an old picture: it gets the frame that was the newest when it asked. A
+source that is not live waits to be read instead.
 """
 
 import threading
@@ -13,29 +12,31 @@ from types import TracebackType
 
 from capture.frames import Frame, FrameSource
 
-# s, until a thread that does not end is left behind: longer than any source waits for its device
-PATIENCE = 5.0
-SILENT_S = 1.0  # without a frame of a live source: from here on, whoever waits for it is told so
-OPENING_S = 3.0  # for which a camera may take to send its first frame, with nothing said
+# s, after which a thread that does not end is abandoned: longer than any source waits for its
+# device
+JOIN_TIMEOUT_S = 5.0
+SILENT_S = 1.0  # s without a frame of a live source: from here on, whoever waits for it is told
+OPENING_S = 3.0  # s that a camera may take to send its first frame without a message
 
 
 class Reader:
-    """Opens a source by `with` and reads it by `for`; what goes wrong in the thread is raised
-    there.
+    """A reader that opens a source by `with` and reads it by `for`; an error in its thread is
+    raised in the `for`.
     """
 
     def __init__(
-        self, source: FrameSource, waits: Callable[[float], object] = lambda _: None
+        self, source: FrameSource, on_silence: Callable[[float], object] = lambda _: None
     ) -> None:
-        """`waits` is called with the seconds for which a live source has sent nothing, once a
-        second; from the thread that iterates, or one of its own while the source is being opened.
+        """`on_silence` is called once a second with the seconds for which a live source has sent
+        nothing. The caller is the thread that iterates, or a separate one while the source opens.
         """
         self.source = source
-        self._waits = waits
-        self.unseen = 0
-        """Frames that came while nobody was ready for them."""
+        self._on_silence = on_silence
+        self.skipped = 0
+        """The number of frames that came while nobody was ready for them."""
         self.lost = 0
-        """Frames that never came: gaps in the driver's counter, but for those between photographs.
+        """The number of frames that never came: the gaps in the driver's counter, except between
+        photographs.
         """
         self._changed = threading.Condition()
         self._newest: Frame | None = None
@@ -44,7 +45,7 @@ class Reader:
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
 
     def __enter__(self) -> "Reader":
-        opening = threading.Timer(OPENING_S, self._waits, (OPENING_S,))
+        opening = threading.Timer(OPENING_S, self._on_silence, (OPENING_S,))
         opening.daemon = True
         opening.start()
         try:
@@ -61,26 +62,26 @@ class Reader:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-        self._thread.join(PATIENCE)
+        self._thread.join(JOIN_TIMEOUT_S)
         if (
             not self._thread.is_alive()
-        ):  # a device that hangs in the driver is left to the end of the process
+        ):  # a device that hangs in the driver stays open until the process ends
             self.source.__exit__(kind, value, trace)
 
     def __iter__(self) -> Iterator[Frame]:
-        since = time.monotonic()
+        last_s = time.monotonic()
         while True:
             with self._changed:
-                come = self._changed.wait_for(
+                arrived = self._changed.wait_for(
                     lambda: self._newest or self._ended, SILENT_S if self.source.live else None
                 )
                 frame, self._newest = self._newest, None
                 self._changed.notify_all()
             if frame is not None:
                 yield frame
-                since = time.monotonic()
-            elif not come:
-                self._waits(time.monotonic() - since)
+                last_s = time.monotonic()
+            elif not arrived:
+                self._on_silence(time.monotonic() - last_s)
             elif self._error:
                 raise self._error
             else:
@@ -110,8 +111,8 @@ class Reader:
                     self._changed.wait_for(lambda: self._newest is None or self._ended)
                 if self._ended:
                     return
-                self.unseen += self._newest is not None
-                if expected is not None and not frame.alone:
+                self.skipped += self._newest is not None
+                if expected is not None and not frame.isolated:
                     self.lost += max(frame.sequence - expected, 0)
                 expected = frame.sequence + 1
                 self._newest = frame

@@ -1,9 +1,9 @@
-"""Writes a session folder so that nothing is lost: not by a kill, not by a full disk, not by a
+"""The writer of a session folder. It loses nothing: not to a kill, not to a full disk, not to a
 second recorder.
 
 A picture is written under a temporary name, forced to the disk and renamed; then its row is added
-to frames.csv. So at every moment the folder is a session, and a recording that was cut short is
-continued by recording again.
+to frames.csv. So the folder is a valid session at every moment, and a recording that was cut short
+continues with the next recording.
 """
 
 import time
@@ -22,7 +22,7 @@ from calib.session.shutter import Shutter, shutter_to_yaml
 from capture.disk import append_durably, locked, write_durably, writing
 from capture.frames import Frame
 from capture.session_file import Setup, read_setup, write_setup
-from capture.settings_drift import State
+from capture.settings_drift import SettingsDrift
 
 PNG = (
     cv2.IMWRITE_PNG_COMPRESSION,
@@ -30,14 +30,18 @@ PNG = (
     cv2.IMWRITE_PNG_STRATEGY,
     cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY,
 )
-"""The fastest, and on noisy pictures the smallest: filters and repeats find nothing in noise."""
+"""The fastest encoding, and the smallest on noisy pictures: filters and repetitions find nothing in
+noise.
+"""
 
 DROPPED = "dropped"
-"""The folder in that of the pictures, of those that were set aside."""
+"""The subfolder for pictures that a person has set aside."""
 
 
 class Recorder:
-    """One session folder, opened by `with` and held by one recorder at a time."""
+    """A recorder of one session folder. It is opened by `with`, and one recorder at a time holds a
+    folder.
+    """
 
     def __init__(
         self,
@@ -48,12 +52,14 @@ class Recorder:
         bare: bool = False,
         shutter: Shutter | None = None,
     ) -> None:
-        """`like` gives cover and camera to a folder that has no session.yaml, and the source its
-        sensor's `shutter`; `bare` records the camera without its cover.
+        """`like` gives cover and camera to a folder that has no session.yaml, and `shutter` is the
+        shutter of the source's sensor; `bare` records the camera without its cover.
         """
         self.session = session
         self.remarks: list[str] = []
-        """What a person should know of this recording, a sentence each, as they come up."""
+        """Sentences that a person should know about this recording, in the order in which they
+        arise.
+        """
         self._board = board
         self._like = like
         self._shutter = shutter
@@ -61,36 +67,36 @@ class Recorder:
         self._table = (self._folder if bare else session) / NAME
         self._rows: list[Row] = []
         self._columns: list[str] = []
-        self._state = State()
+        self._settings = SettingsDrift()
         self._size: tuple[int, int] | None = None
         self._unix_offset = time.time() - time.monotonic()  # s
-        self._held = ExitStack()
+        self._resources = ExitStack()
 
     @property
     def pictures(self) -> tuple[Path, ...]:
-        """Those that are there, in their order."""
+        """The recorded pictures, in their order."""
         return list_images(self._folder)
 
     @property
     def set_aside(self) -> tuple[Path, ...]:
-        """Those that a person has dropped from the session."""
+        """The pictures that a person has set aside."""
         folder = self._folder / DROPPED
         return list_images(folder) if folder.is_dir() else ()
 
     def __enter__(self) -> "Recorder":
         with reading(self._folder):
-            own = (self._folder / "session.yaml").exists()
-        if own:
+            is_session = (self._folder / "session.yaml").exists()
+        if is_session:
             raise InputError(
                 f"{self._folder} is a session of its own: record into it by capture record"
                 f" {self._folder}, without --bare."
             )
         with writing(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as held:
-            held.enter_context(locked(self.session))
-            self._take_up()
-            self._held = held.pop_all()
+        with ExitStack() as stack:
+            stack.enter_context(locked(self.session))
+            self._resume()
+            self._resources = stack.pop_all()
         return self
 
     def __exit__(
@@ -99,22 +105,24 @@ class Recorder:
         value: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._held.close()
+        self._resources.close()
 
     def check(self, frame: Frame) -> None:
-        """InputError if the frame has another size than the session's."""
+        """Raise InputError if the frame has another size than the session's pictures."""
         if self._size and self._size != frame.size:
-            (width, height), (asked, high) = frame.size, self._size
+            width, height = frame.size
+            session_width, session_height = self._size
             raise InputError(
                 f"{frame.name or 'The picture'} is {width}x{height} px where"
-                f" {self.session / 'session.yaml'} says {asked}x{high}: set the camera to that size"
-                f" (?size={asked}x{high} after the source), or record another session."
+                f" {self.session / 'session.yaml'} says {session_width}x{session_height}: set the"
+                f" camera to that size (?size={session_width}x{session_height} after the source),"
+                " or record another session."
             )
 
     def keep(self, frame: Frame, *, same_view: bool = False) -> Path:
         """Write a frame as the next picture.
 
-        `same_view`: the board stands where it stood in the last one.
+        `same_view`: the board stands where it stood in the last picture.
         """
         self.check(frame)
         if self._size is None:
@@ -123,7 +131,7 @@ class Recorder:
         write_durably(picture, cv2.imencode(".png", frame.pixels, PNG)[1].data)
         self._next += 1
         self._view += not same_view
-        self._note(
+        self._append_row(
             {
                 "file": picture.name,
                 "time_s": f"{frame.time_s + self._unix_offset:.6f}",
@@ -134,31 +142,31 @@ class Recorder:
         )
         return picture
 
-    def _note(self, row: Row) -> None:
+    def _append_row(self, row: Row) -> None:
         self._rows.append(row)
         if set(row) <= set(self._columns):
             append_durably(self._table, to_csv([row], self._columns, header=False))
         else:
             self._columns = columns(self._rows)
             write_durably(self._table, to_csv(self._rows, self._columns))
-        self.remarks += self._state.changes(row)
+        self.remarks += self._settings.find_changes(row)
 
-    def _take_up(self) -> None:
-        """Begin where a recording ended, and put in order what a kill left."""
+    def _resume(self) -> None:
+        """Continue from the end of the last recording, and repair what a kill left."""
         with reading(self._folder):
             for folder in (self._folder, self._table.parent):
                 for stale in folder.glob(
                     f".{16 * '[0-9a-f]'}.tmp"
-                ):  # whoever wrote it is gone: the session is ours
+                ):  # its writer has ended: the session is ours
                     stale.unlink()
         if (self.session / "session.yaml").exists():
             _, camera, _ = read_setup(self.session / "session.yaml")
             self._size = camera.width, camera.height
-            self._compare(camera.shutter)
+            self._compare_shutter(camera.shutter)
         pictures = self.pictures
         for table in (self.session / "bare" / NAME, self.session / NAME):
             for row in read_table(table):
-                self._state.changes(row)
+                self._settings.find_changes(row)
         recorded = read_table(self._table)
         self._rows = mended(recorded, pictures)
         if (
@@ -167,15 +175,15 @@ class Recorder:
             and not {row["file"] for row in recorded} & {picture.name for picture in pictures}
         ):
             raise InputError(
-                f"{self._table} tells of {recorded[0]['file']} and of no picture in {self._folder}:"
+                f"{self._table} lists {recorded[0]['file']} and no picture in {self._folder}:"
                 f" write names such as {pictures[0].name} into its column file, or remove the"
                 " table."
             )
         if self._rows:
             self._columns = columns(self._rows)
-            whole = to_csv(self._rows, self._columns)
-            if not self._table.exists() or self._table.read_text(errors="replace") != whole:
-                write_durably(self._table, whole)
+            text = to_csv(self._rows, self._columns)
+            if not self._table.exists() or self._table.read_text(errors="replace") != text:
+                write_durably(self._table, text)
         self._next = 1 + max(
             (int(picture.stem) for picture in pictures if picture.stem.isdecimal()), default=-1
         )
@@ -190,16 +198,16 @@ class Recorder:
             " is another."
         )
 
-    def _compare(self, described: Shutter | None) -> None:
-        """With the sensor's, where the driver names one."""
-        told = self._shutter
-        if told is None or (described and described.rolling == told.rolling):
+    def _compare_shutter(self, described: Shutter | None) -> None:
+        """Compare the described shutter with the sensor's, if the driver names one."""
+        sensor = self._shutter
+        if sensor is None or (described and described.rolling == sensor.rolling):
             return
-        kind, file = shutter_to_yaml(told)["type"], self.session / "session.yaml"
+        kind, file = shutter_to_yaml(sensor)["type"], self.session / "session.yaml"
         why = (
             f"it says {shutter_to_yaml(described)['type']}"
             if described
-            else "no effect is then named that it cannot have"
+            else "the diagnosis then names no effect that this shutter cannot have"
         )
         self.remarks.append(
             f"The camera's sensor has a {kind} shutter: write camera.shutter: {{type: {kind}}} in"

@@ -1,5 +1,5 @@
-"""The loop from frames to pictures: look, judge, keep. What shows it to a person stands above
-it.
+"""The loop from frames to pictures: detect, judge, keep. The code that shows it to a person is
+built on top of it.
 """
 
 import math
@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from calib.corners.detect import eight_bits
 from calib.io.images import read_grey
 from capture.frames import Frame
-from capture.gate import KNOWN, MOVING, WAIT, Verdict, judge, new
+from capture.gate import HOLD_STILL, KNOWN_VIEW, MOVING, FrameDecision, check_novelty, judge_frame
+from capture.live_detection import LiveDetection, LiveFinder
 from capture.recorder import DROPPED, Recorder
-from capture.sighting import LiveFinder, Sighting
 
-UNMEASURED = Verdict(
-    False, "Hold the board still and closer: its corners cannot be measured in the whole picture."
+UNMEASURED = FrameDecision(
+    False, "Hold the board still and closer: its corners cannot be measured in the full picture."
 )
-SET_ASIDE = Verdict(
+SET_ASIDE = FrameDecision(
     False,
     f"This view was set aside: its picture is in {DROPPED}/. Move the board elsewhere, or go on"
     " with other pictures.",
@@ -29,117 +29,128 @@ SET_ASIDE = Verdict(
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """What to keep of a stream of frames."""
+class RecordingPlan:
+    """The views to keep from a stream of frames."""
 
     views: int | None
-    """Poses of the board, after which the loop ends. None: it goes on."""
+    """The number of board poses after which the loop ends. None: it goes on."""
     burst: int = 1
-    """Pictures of each, as long as the board stays still."""
+    """The number of pictures of each view, as long as the board stays still."""
     every_s: float = 0.0
-    """The least time from one view to the next."""
+    """The minimum time in s from one view to the next."""
 
 
-class Shutter:
-    """What a person wishes of the loop while it runs, from any thread."""
+class ShutterButton:
+    """The person's control of the loop while it runs, from any thread."""
 
     def __init__(self) -> None:
         self.automatic = True
-        """Whether good frames are kept by themselves."""
+        """True if the loop keeps good frames by itself."""
         self._pressed = threading.Event()
 
     def press(self) -> None:
-        """Keep the next frame in which the board's corners can be measured, whatever else is wrong
-        with it; but no recorded picture whose view is there already.
+        """Keep the next frame in which the board's corners can be measured, whatever the gate
+        objects, unless it is a recorded picture whose view the session has already.
         """
         self._pressed.set()
 
-    def pressed(self) -> bool:
-        """Whether it was pressed since this was last asked."""
-        was = self._pressed.is_set()
+    def take_press(self) -> bool:
+        """Return True if the button was pressed since the last call."""
+        pressed = self._pressed.is_set()
         self._pressed.clear()
-        return was
+        return pressed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """One frame, and what became of it."""
+    """One frame, and its result."""
 
     frame: Frame
-    sighting: Sighting
-    verdict: Verdict
+    detection: LiveDetection
+    decision: FrameDecision
     picture: Path | None
-    """Where it was kept; None if it was not."""
+    """The picture that holds it; None if it was not kept."""
     view: int
-    """How many views there are, with this one."""
+    """The number of views, with this one."""
 
 
-def refusal(step: Step) -> str:
-    """Why a board that is in view was not kept; empty where it was, or where it only has to be held
-    still.
+def refusal_reason(step: Step) -> str:
+    """Return the reason why a visible board was not kept; empty if it was kept, or if the person
+    only has to hold it still.
     """
-    waits = step.verdict.keep or step.verdict.sentence in (WAIT, MOVING)
-    return "" if waits or step.picture or step.sighting.corners is None else step.verdict.sentence
+    accepted = step.decision.keep or step.decision.sentence in (HOLD_STILL, MOVING)
+    return (
+        "" if accepted or step.picture or step.detection.corners is None else step.decision.sentence
+    )
 
 
 def record(
     frames: Iterable[Frame],
     finder: LiveFinder,
     recorder: Recorder,
-    plan: Plan,
-    kept: list[NDArray[np.float64]],
-    shutter: Shutter | None = None,
+    plan: RecordingPlan,
+    view_corners: list[NDArray[np.float64]],
+    shutter: ShutterButton | None = None,
 ) -> Iterator[Step]:
     """Judge each frame, keep the good ones, and end after the planned views.
 
-    `kept` has the (count, 2) px corners of the views that the session has already; those of new
-    views are added to it.
+    `view_corners` has the (count, 2) px corners of the views that the session has already. The loop
+    appends those of new views.
     """
-    shutter = shutter or Shutter()
-    before: Sighting | None = None
-    aside: list[NDArray[np.float64]] | None = None
-    views, left, last_s = 0, 0, -math.inf
+    shutter = shutter or ShutterButton()
+    previous: LiveDetection | None = None
+    dropped_corners: list[NDArray[np.float64]] | None = None
+    views, remaining, last_s = 0, 0, -math.inf
     for frame in frames:
         recorder.check(frame)
-        now = finder.look(frame)
+        detection = finder.look(frame)
         picture = None
-        if frame.alone:  # it is no part of a burst
-            left = 0
-        if left:  # a burst: the same board once more
-            verdict = judge(now, before, ())
-            left = left - 1 if verdict.keep else 0
-            if verdict.keep:
+        if frame.isolated:  # a photograph is not part of a burst
+            remaining = 0
+        if remaining:  # a burst: the same board again
+            decision = judge_frame(detection, previous, ())
+            remaining = remaining - 1 if decision.keep else 0
+            if decision.keep:
                 picture = recorder.keep(frame, same_view=True)
         else:
-            if frame.name and aside is None:  # a folder, which gives once more what it gave before
-                aside = corners_of(recorder.set_aside, finder)
-            known = [*kept, *(aside or ())] if frame.name else kept
-            verdict = judge(now, before, known, alone=frame.alone)
-            there = (
-                bool(frame.name) and now.corners is not None and new(now, before, known) is not None
+            # a folder, which plays back pictures that it gave before
+            if frame.name and dropped_corners is None:
+                dropped_corners = detect_in_pictures(recorder.set_aside, finder)
+            candidates = [*view_corners, *(dropped_corners or ())] if frame.name else view_corners
+            decision = judge_frame(detection, previous, candidates, isolated=frame.isolated)
+            is_recorded = (
+                bool(frame.name)
+                and detection.corners is not None
+                and check_novelty(detection, previous, candidates) is not None
             )
-            if there and verdict.sentence == KNOWN and new(now, before, kept) is None:
-                verdict = SET_ASIDE
-            asked = now.corners is not None and not there and shutter.pressed()
-            if asked or (
-                shutter.automatic and verdict.keep and frame.time_s - last_s >= plan.every_s
+            if (
+                is_recorded
+                and decision.sentence == KNOWN_VIEW
+                and check_novelty(detection, previous, view_corners) is None
             ):
-                corners = finder.refine(frame, now)
+                decision = SET_ASIDE
+            wanted = detection.corners is not None and not is_recorded and shutter.take_press()
+            if wanted or (
+                shutter.automatic and decision.keep and frame.time_s - last_s >= plan.every_s
+            ):
+                corners = finder.refine(frame, detection)
                 if corners is not None:
                     picture = recorder.keep(frame)
-                    kept.append(corners)
-                    views, left, last_s = views + 1, plan.burst - 1, frame.time_s
-                elif now.corners is not None:
-                    verdict = UNMEASURED
-        before = now
-        yield Step(frame, now, verdict, picture, views)
-        if views == plan.views and not left:
+                    view_corners.append(corners)
+                    views, remaining, last_s = views + 1, plan.burst - 1, frame.time_s
+                elif detection.corners is not None:
+                    decision = UNMEASURED
+        previous = detection
+        yield Step(frame, detection, decision, picture, views)
+        if views == plan.views and not remaining:
             return
 
 
-def corners_of(pictures: Iterable[Path], finder: LiveFinder) -> list[NDArray[np.float64]]:
-    """(count, 2) px for every picture in which the board is seen: what a session has before it is
-    continued.
+def detect_in_pictures(pictures: Iterable[Path], finder: LiveFinder) -> list[NDArray[np.float64]]:
+    """Return (count, 2) px for every picture that shows the board: the views that a session has
+    before it is continued.
     """
-    sightings = (finder.look(Frame(eight_bits(read_grey(picture)), 0, 0.0)) for picture in pictures)
-    return [sighting.corners for sighting in sightings if sighting.corners is not None]
+    detections = (
+        finder.look(Frame(eight_bits(read_grey(picture)), 0, 0.0)) for picture in pictures
+    )
+    return [detection.corners for detection in detections if detection.corners is not None]

@@ -1,7 +1,7 @@
-"""The shutters of sensors that libcamera drives, by the names that their drivers have.
+"""The shutter types of the image sensors that libcamera drives, by their drivers' names.
 
-Of cameras that are sold for the Raspberry Pi; a sensor that is not here is not known. How long a
-rolling one reads depends on its mode, which no driver tells.
+The list covers cameras that are sold for the Raspberry Pi; the shutter of another sensor is
+unknown. The readout time of a rolling shutter depends on the mode, which no driver reports.
 """
 
 import re
@@ -26,14 +26,15 @@ ROLLING = (
 GLOBAL = ("imx296", "ov7251", "ov9281", "ov2311")
 SHUTTERS = MappingProxyType({name: Shutter(name in ROLLING) for name in (*ROLLING, *GLOBAL)})
 NODE = re.compile(r"/([a-z0-9]+)(?:_[a-z0-9]+)*@[0-9a-f]+(?![\w/])")
-"""The last part of a camera's place in the device tree, such as /base/soc/i2c0mux/i2c@1/imx219@10.
+"""A regular expression for the last element of a camera's path in the device tree, such as
+/base/soc/i2c0mux/i2c@1/imx219@10.
 """
 
 
-def sensor_in(words: str) -> str:
-    """The sensor of the camera whose id stands in these words; empty where none does."""
-    found = NODE.search(words)
-    return found[1] if found else ""
+def sensor_in(text: str) -> str:
+    """Return the sensor of the camera whose id is in this text; empty if the text has no id."""
+    match = NODE.search(text)
+    return match[1] if match else ""
 
 
 def shutter_of(sensor: str) -> Shutter | None:

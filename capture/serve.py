@@ -1,12 +1,12 @@
 """The terminal UI in a browser, for a phone or a laptop beside the camera.
 
-Nobody but the person at this machine may drive a camera through it. On a loopback address the
-request must name that address, so that no page of the web can reach it under another name; on any
-other address every request, the websocket's too, must bring the token that is printed once, in its
-address or in the cookie that the first page leaves. A websocket is opened only by our own page,
-which no other page can frame. There are as many apps as were asked for, one by default: the next
-window ends the oldest. An app ends with its window, with this server however that ends, and when
-nobody has touched it for hours.
+Only the person at this machine may drive a camera through it. On a loopback address the request
+must name that address, so that no page of the web can reach it under another name. On any other
+address every request, including the websocket's, must bring the token that is printed once, in its
+address or in the cookie that the first page leaves. Only our own page, which no other page can
+frame, may open a websocket. The number of apps is limited, to one by default: the next window ends
+the oldest. An app ends with its window, with this server however that ends, and when nobody has
+touched it for hours.
 """
 
 import asyncio
@@ -41,7 +41,9 @@ except ImportError as error:
 
 COOKIE = "refracal"
 WEB = Path(__file__).parent / "web"
-"""Our own pages: the one around Textual's terminal, and what draws the same app for a thumb."""
+"""The folder of our pages: the one around Textual's terminal, and the one that draws the same app
+for a thumb.
+"""
 HEADERS = {
     "X-Frame-Options": "DENY",
     "Content-Security-Policy": (
@@ -49,34 +51,36 @@ HEADERS = {
     ),
     "X-Content-Type-Options": "nosniff",
 }
-"""Of every answer: a page that framed ours could make a person press its keys, and no script runs
-but those that we serve.
+"""The headers of every answer: a page that framed ours could make a person press its keys, and no
+script may run except those that we serve.
 """
-IDLE_S = 4 * 3600.0
-"""After which an app that nobody touched is ended: a board is moved for an hour at the most."""
+MAX_IDLE_S = 4 * 3600.0
+"""The time in s after which an untouched app ends: moving a board takes an hour at most."""
 GRACE_S = 5.0
-"""For an app to end, or to take a key, before it is killed."""
-LONGEST_MESSAGE = 1 << 16
-"""bytes from the browser; a longer one ends the connection."""
-LONGEST_PASTE = 4096
-"""Characters; what is typed into a field is much less."""
-CELLS = {"width": (20, 500), "height": (5, 200)}
-"""What sizes of a terminal the app is told."""
+"""The time in s that an app gets to end, or to take a key, before it is killed."""
+MAX_MESSAGE_BYTES = 1 << 16
+"""The maximum size of a message from the browser, bytes; a longer one ends the connection."""
+MAX_PASTE_LENGTH = 4096
+"""The maximum number of characters of one input; typed texts are much shorter."""
+TERMINAL_SIZES = {"width": (20, 500), "height": (5, 200)}
+"""The limits of the terminal's size that the app may get."""
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class GuardedServer(Server):
-    """textual-serve's server, behind the guard."""
+    """The server of textual-serve, behind the guard."""
 
     def __init__(
         self, command: str, host: str, port: int, token: str | None, apps: int = 1
     ) -> None:
-        """`token`: None serves a loopback address without one. `apps`: as many at a time."""
+        """`token` None serves a loopback address without one. `apps` is the maximum number of apps
+        at a time.
+        """
         super().__init__(command, host, port, title="Refracal", templates_path=WEB)
         self.token = token
-        self._most = apps
+        self._max_apps = apps
         self._running: dict[ServedApp, web.WebSocketResponse] = {}
-        """The oldest first."""
+        """The running apps, the oldest first."""
         self._opening = asyncio.Lock()
 
     async def _make_app(self) -> web.Application:
@@ -88,7 +92,7 @@ class GuardedServer(Server):
             return await self._guard(request, handler)
 
         app.middlewares.append(guard)
-        app.on_startup.clear()  # it would print a banner, with no token in its address
+        app.on_startup.clear()  # it would print a banner whose address lacks the token
         app.on_shutdown.clear()
         app.on_shutdown.append(self.end_all)
         return app
@@ -96,12 +100,14 @@ class GuardedServer(Server):
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         if not self._admits(request):
             return web.Response(status=403, headers=HEADERS)
-        self.public_url = f"{request.scheme}://{request.host}"  # as the browser knows it
+        # the address as the browser knows it
+        self.public_url = f"{request.scheme}://{request.host}"
         response = await handler(request)
         if not response.prepared:
             response.headers.update(HEADERS)
         if request.path.startswith("/page/"):
-            response.headers["Cache-Control"] = "no-cache"  # of an older version, nothing fits
+            # a file of an older version would not fit
+            response.headers["Cache-Control"] = "no-cache"
         if request.path == "/":
             response.headers["Referrer-Policy"] = "no-referrer"
             response.headers["Cache-Control"] = "no-store"
@@ -114,36 +120,36 @@ class GuardedServer(Server):
         try:
             if origin is not None and urlsplit(origin).netloc != request.host:
                 return False
-        except ValueError:  # of what is no address
+        except ValueError:  # the text is not an address
             return False
         if self.token is None:
             return request.host in {
                 f"{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]", self.host)
             }
-        brought = request.query.get("token") or request.cookies.get(COOKIE, "")
-        return hmac.compare_digest(brought.encode(errors="surrogateescape"), self.token.encode())
+        token = request.query.get("token") or request.cookies.get(COOKIE, "")
+        return hmac.compare_digest(token.encode(errors="surrogateescape"), self.token.encode())
 
     async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
-        """One window and its app, until either has ended."""
-        websocket = web.WebSocketResponse(heartbeat=15, max_msg_size=LONGEST_MESSAGE)
+        """Serve one window and its app, until either has ended."""
+        websocket = web.WebSocketResponse(heartbeat=15, max_msg_size=MAX_MESSAGE_BYTES)
         await websocket.prepare(request)
         service = ServedApp(
             self.command, websocket, partial(_close, websocket), self.download_manager
         )
-        async with self._opening:  # the session is free when the app before has ended
-            while len(self._running) >= self._most:
+        async with self._opening:  # the session is free once the app before has ended
+            while len(self._running) >= self._max_apps:
                 oldest = next(iter(self._running))
                 await _close(self._running[oldest])
                 await self._end(oldest)
             self._running[service] = websocket
-            size = _size({key: request.query.get(key, "") for key in CELLS})
+            size = _size({key: request.query.get(key, "") for key in TERMINAL_SIZES})
             await service.start(size["width"], size["height"])
         try:
             await self._follow(websocket, service)
         except (
             TimeoutError,
             ConnectionError,
-        ):  # the app takes nothing any more, or the window has gone
+        ):  # the app takes no input any more, or the window has gone
             pass
         finally:
             await self._end(service)
@@ -151,10 +157,10 @@ class GuardedServer(Server):
         return websocket
 
     async def _follow(self, websocket: web.WebSocketResponse, app_service: ServedApp) -> None:
-        """Hand on what the window says, until it is closed or was not touched for long."""
-        touched = time.monotonic()
-        while (left := touched + IDLE_S - time.monotonic()) > 0:
-            message = await websocket.receive(timeout=left)
+        """Forward the window's messages, until it is closed or nobody has touched it for long."""
+        touched_s = time.monotonic()
+        while (remaining_s := touched_s + MAX_IDLE_S - time.monotonic()) > 0:
+            message = await websocket.receive(timeout=remaining_s)
             if message.type in (
                 WSMsgType.CLOSE,
                 WSMsgType.CLOSING,
@@ -162,31 +168,31 @@ class GuardedServer(Server):
                 WSMsgType.ERROR,
             ):
                 return
-            match _said(message.data if message.type == WSMsgType.TEXT else ""):
+            match _parse_message(message.data if message.type == WSMsgType.TEXT else ""):
                 case ["stdin", str() as keys]:
-                    touched = time.monotonic()
-                    typed = keys[:LONGEST_PASTE].encode(errors="replace")
+                    touched_s = time.monotonic()
+                    typed = keys[:MAX_PASTE_LENGTH].encode(errors="replace")
                     if not await asyncio.wait_for(app_service.send_bytes(typed), GRACE_S):
                         return
-                case ["resize", {"width": wide, "height": high}]:
-                    size = _size({"width": wide, "height": high})
+                case ["resize", {"width": width, "height": height}]:
+                    size = _size({"width": width, "height": height})
                     await asyncio.wait_for(
                         app_service.set_terminal_size(size["width"], size["height"]), GRACE_S
                     )
-                case ["phone", dict() as asked]:
-                    touched = (
-                        touched if "drawn" in asked else time.monotonic()
-                    )  # no person says that a picture was drawn
-                    await asyncio.wait_for(app_service.ask(asked), GRACE_S)
-                case ["ping", str() | int() | float() | None as sent]:
-                    await websocket.send_json(["pong", sent])
+                case ["phone", dict() as request]:
+                    touched_s = (
+                        touched_s if "drawn" in request else time.monotonic()
+                    )  # a drawn picture is not a touch of a person
+                    await asyncio.wait_for(app_service.forward_request(request), GRACE_S)
+                case ["ping", str() | int() | float() | None as payload]:
+                    await websocket.send_json(["pong", payload])
                 case ["blur"]:
                     await asyncio.wait_for(app_service.blur(), GRACE_S)
                 case ["focus"]:
                     await asyncio.wait_for(app_service.focus(), GRACE_S)
 
     async def _end(self, service: ServedApp) -> None:
-        """Ask the app to end, and kill it where it does not; twice does no harm."""
+        """Ask the app to end, and kill it if it does not; a second call does no harm."""
         if self._running.pop(service, None) is None:
             return
         with suppress(Exception):
@@ -202,30 +208,30 @@ class GuardedServer(Server):
 
 
 async def _close(websocket: web.WebSocketResponse) -> None:
-    """However the window answers."""
+    """Close the websocket, whatever the window answers."""
     with suppress(Exception):
         await asyncio.wait_for(websocket.close(), GRACE_S)
 
 
-def _said(text: str) -> object:
+def _parse_message(text: str) -> object:
     try:
         return json.loads(text)
     except (ValueError, RecursionError):
         return None
 
 
-def _size(asked: dict[str, object]) -> dict[str, int]:
-    """Of the terminal, in cells, within what a window can be."""
-    found = {}
-    for key, (least, most) in CELLS.items():
+def _size(requested: dict[str, object]) -> dict[str, int]:
+    """Return the terminal's size in cells, within TERMINAL_SIZES."""
+    size = {}
+    for key, (minimum, maximum) in TERMINAL_SIZES.items():
         with suppress(TypeError, ValueError, OverflowError):
-            found[key] = max(least, min(most, int(str(asked[key])[:9])))
-    return {"width": 80, "height": 24} | found
+            size[key] = max(minimum, min(maximum, int(str(requested[key])[:9])))
+    return {"width": 80, "height": 24} | size
 
 
 def serve(session: Path, source: str, host: str, port: int, apps: int = 1) -> None:
     """Serve until Ctrl-C; InputError if the address cannot be used."""
-    listening = _listening(host, port)
+    listening = _open_sockets(host, port)
     os.environ[SERVER] = str(os.getpid())
     command = [
         "exec",
@@ -239,9 +245,9 @@ def serve(session: Path, source: str, host: str, port: int, apps: int = 1) -> No
     token = None if _is_loopback(host) else secrets.token_urlsafe(24)
     server = GuardedServer(shlex.join(command), host, port, token, apps)
     logging.getLogger("textual-serve").setLevel(logging.WARNING)
-    for noisy in ("aiohttp", "asyncio"):  # what strangers send is answered, and no news
+    for noisy in ("aiohttp", "asyncio"):  # requests of strangers are answered, and no news
         logging.getLogger(noisy).setLevel(logging.CRITICAL)
-    reached = _own_address(host)
+    reached = _reachable_address(host)
     shown = f"[{reached}]" if ":" in reached else reached
     address = f"http://{shown}:{port}/{f'?token={token}' if token else ''}"
     print(address, flush=True)
@@ -255,7 +261,7 @@ def serve(session: Path, source: str, host: str, port: int, apps: int = 1) -> No
         )
     web.run_app(
         server._make_app(), sock=listening, print=None, access_log=None
-    )  # a log would repeat the token
+    )  # a log would contain the token
 
 
 def _show_phones(address: str) -> None:
@@ -268,45 +274,46 @@ def _show_phones(address: str) -> None:
     )
 
 
-def _listening(host: str, port: int) -> list[socket.socket]:
-    """Of every address that a name stands for."""
-    held: list[socket.socket] = []
+def _open_sockets(host: str, port: int) -> list[socket.socket]:
+    """Open a listening socket for every address that a name stands for."""
+    sockets: list[socket.socket] = []
     try:
         for family, kind, protocol, _, address in socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         ):
-            held.append(socket.socket(family, kind, protocol))
-            held[-1].setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            sockets.append(socket.socket(family, kind, protocol))
+            sockets[-1].setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             if family == socket.AF_INET6:
-                held[-1].setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-            held[-1].bind(address)
-            held[-1].listen()
+                sockets[-1].setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            sockets[-1].bind(address)
+            sockets[-1].listen()
     except (OSError, UnicodeError, OverflowError) as error:
-        for one in held:
-            one.close()
+        for opened in sockets:
+            opened.close()
         why = error.strerror if isinstance(error, OSError) else "not an address"
         raise InputError(
             f"{brief(host)}:{port} cannot be served on ({why}): choose another --host or --port."
         ) from error
-    return held
+    return sockets
 
 
-def _own_address(host: str) -> str:
-    """The one that others reach this machine by, where it serves on all that it has; its name where
-    it is in no network.
+def _reachable_address(host: str) -> str:
+    """Return the address by which others reach this machine if it serves on all its addresses; its
+    name if it is in no network.
 
-    Nothing is sent: a datagram socket that is connected knows by which of its addresses it would
-        send. 192.0.2.1 and 2001:db8::1 are
-    nobody's (RFC 5737, RFC 3849).
+    Nothing is sent: a connected datagram socket knows from which of its addresses it would send.
+    192.0.2.1 and 2001:db8::1 belong to nobody (RFC 5737, RFC 3849).
     """
     try:
         if not ipaddress.ip_address(host).is_unspecified:
             return host
-        four = ":" not in host
-        with socket.socket(socket.AF_INET if four else socket.AF_INET6, socket.SOCK_DGRAM) as probe:
-            probe.connect(("192.0.2.1" if four else "2001:db8::1", 9))
+        is_ipv4 = ":" not in host
+        with socket.socket(
+            socket.AF_INET if is_ipv4 else socket.AF_INET6, socket.SOCK_DGRAM
+        ) as probe:
+            probe.connect(("192.0.2.1" if is_ipv4 else "2001:db8::1", 9))
             return str(probe.getsockname()[0])
-    except ValueError:  # a name
+    except ValueError:  # the host is a name
         return host
     except OSError:
         return socket.gethostname()

@@ -1,9 +1,9 @@
-"""One app behind a window of a browser: Textual's own, which also carries what the page for a thumb
-needs.
+"""One app behind a browser window: Textual's own service, which also carries the data of the page
+for a thumb.
 
 That page gets the screen as data and the camera's picture as JPEG, in one websocket with the
 terminal's text: JSON beside Textual's own, and binary messages that begin with 0xFF, as every JPEG
-does and no text in UTF-8 can.
+does and no UTF-8 text can.
 """
 
 import json
@@ -15,9 +15,9 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 
 DRIVER = "capture.tui.page_driver:PageDriver"
-PHONE = (120, 40)
-"""Columns and rows of the terminal that nobody sees while a page for a thumb stands before it: what
-is on it does not depend on the window, which a phone's keyboard makes small.
+PHONE_TERMINAL = (120, 40)
+"""Columns and rows of the hidden terminal while a page for a thumb stands in front of it: its
+content must not depend on the window, which a phone's keyboard makes small.
 """
 
 
@@ -44,22 +44,22 @@ class ServedApp(AppService):
         return super()._build_environment(width, height) | {"TEXTUAL_DRIVER": DRIVER}
 
     async def set_terminal_size(self, width: int, height: int) -> None:
-        """Also remembered for when the terminal is seen again."""
+        """Set the size, and remember it for the time when the terminal is visible again."""
         self._window = width, height
-        await super().set_terminal_size(*(PHONE if self._on_phone else self._window))
+        await super().set_terminal_size(*(PHONE_TERMINAL if self._on_phone else self._window))
 
-    async def ask(self, asked: Mapping[str, object]) -> None:
-        """Hand on what the page for a thumb wants."""
-        if isinstance(shown := asked.get("view"), bool):
-            self._on_phone = shown
+    async def forward_request(self, request: Mapping[str, object]) -> None:
+        """Forward a request of the page for a thumb."""
+        if isinstance(on_phone := request.get("view"), bool):
+            self._on_phone = on_phone
             await self.set_terminal_size(*self._window)
             await self.focus()
-        await self.send_meta({"type": "phone", "asked": json.dumps(asked)})
+        await self.send_meta({"type": "phone", "asked": json.dumps(request)})
 
     async def on_meta(self, data: bytes) -> None:
-        said = json.loads(data)
-        if said["type"] == "phone":
-            await self.remote_write_str(json.dumps(["phone", said["said"]]))
+        message = json.loads(data)
+        if message["type"] == "phone":
+            await self.remote_write_str(json.dumps(["phone", message["said"]]))
         else:
             await super().on_meta(data)
 

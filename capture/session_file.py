@@ -1,4 +1,4 @@
-"""session.yaml of a recording: read and compared with what was asked for, or written."""
+"""The session.yaml of a recording: read and compared with the request, or written."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +21,7 @@ Setup = tuple[Board, Camera, Cover]
 
 
 def read_setup(file: Path) -> Setup:
-    """Board, camera and cover of a session.yaml, whose folder may have no pictures yet."""
+    """Return board, camera and cover of a session.yaml, whose folder may have no pictures yet."""
     written = read_yaml(file)
     Section(written, str(file)).choice(
         "format", (FORMAT,), f"{FORMAT}, the format that this version reads"
@@ -37,40 +37,41 @@ def read_setup(file: Path) -> Setup:
 
 
 def read_calibrated(calibration: Path) -> Setup:
-    """Board, camera and cover as a calibration's file has them: with the lens that was found."""
-    said = read_yaml(calibration)
+    """Return board, camera and cover of a calibration's file: with the lens that its fit found."""
+    document = read_yaml(calibration)
     return session_from_mapping(
-        {key: said[key] for key in ("board", "camera", "cover") if key in said}, str(calibration)
+        {key: document[key] for key in ("board", "camera", "cover") if key in document},
+        str(calibration),
     )
 
 
-def board_of(session: Path, asked: Board | None, like: Setup | None = None) -> Board:
-    """The board that a session folder describes, or the one that was asked for where it describes
+def board_of(session: Path, requested: Board | None, like: Setup | None = None) -> Board:
+    """Return the board that a session folder describes, or the requested one where it describes
     none yet.
 
-    InputError where it describes another board than was asked for, or another cover than `like`
-    has.
+    InputError where the folder describes another board than the requested one, or another cover
+    than `like` has.
     """
     file = session / "session.yaml"
     with reading(file):
         described = file.exists()
     if not described:
-        if asked is None:
+        if requested is None:
             raise InputError(
                 f"{session} has no session.yaml yet: describe the board by --board 9x9 --square-mm"
                 " 20 (inner corners), with --type where it has markers."
             )
-        return asked
+        return requested
     if "corners" in read_yaml(file):
         raise InputError(
             f"{file} names a corners file, so calib would not look at new pictures: drop the key"
             " corners, or record elsewhere."
         )
     board, _, cover = read_setup(file)
-    if asked not in (None, board):
+    if requested not in (None, board):
         raise InputError(
-            f"{file} describes a board of {_described(board)} where {_described(asked)} were asked"
-            " for: leave --board and what belongs to it out, correct the file, or record"
+            f"{file} describes a board of {_describe(board)} where {_describe(requested)} were"
+            " asked for: leave --board and what belongs to it out, correct the file, or record"
             " elsewhere."
         )
     if like and like[2] != cover:
@@ -84,8 +85,8 @@ def board_of(session: Path, asked: Board | None, like: Setup | None = None) -> B
 def write_setup(
     session: Path, board: Board, size: tuple[int, int], like: Setup | None, shutter: Shutter | None
 ) -> Cover:
-    """Describe a session whose pictures have this size, with another's cover and, if its pictures
-    are as large, its camera; with `shutter` where that says none.
+    """Describe a session whose pictures have this size. `like` gives the cover and, if its pictures
+    have the same size, the camera. `shutter` counts where that camera states none.
     """
     camera, cover = Camera(*size), Cover("none", {})
     if like:
@@ -101,7 +102,7 @@ def write_setup(
     return cover
 
 
-def _described(board: Board) -> str:
+def _describe(board: Board) -> str:
     match board.coding:
         case None:
             return f"{board} corners and {board.square * 1000:g} mm"

@@ -1,45 +1,43 @@
-"""The state of the camera that a calibration is true for, and what changed in it within a
-session.
-"""
+"""The camera settings for which a calibration is valid, and the changes within a session."""
 
 import math
 from collections.abc import Mapping
 
 KEYS = ("exposure_us", "gain", "lens_position", "focus", "crop")
-"""As the columns of frames.csv are called."""
+"""The settings, as frames.csv names its columns."""
 ROUNDING = 0.01
-"""Of a value: cameras round what they were asked for."""
+"""The relative tolerance: cameras round the requested values."""
 
 
-class State:
-    """Follows the rows of frames.csv in their order."""
+class SettingsDrift:
+    """Follows the settings through the rows of frames.csv, in their order."""
 
     def __init__(self) -> None:
         self._last: dict[str, str] = {}
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
 
-    def changes(self, row: Mapping[str, str]) -> list[str]:
-        """What is other than in the rows before, a sentence each; of each key only the first
-        time.
+    def find_changes(self, row: Mapping[str, str]) -> list[str]:
+        """Return a sentence for every setting that differs from the rows before. Each setting is
+        reported once.
         """
         sentences = []
         for key in KEYS:
-            now = row.get(key, "")
-            before = self._last.get(key, now)
-            if now and key not in self._said and not _same(before, now):
-                self._said.add(key)
+            value = row.get(key, "")
+            previous = self._last.get(key, value)
+            if value and key not in self._reported and not _same(previous, value):
+                self._reported.add(key)
                 sentences.append(
-                    f"{key} changed within the session, from {before} to {now} at {row['file']}: a"
-                    " calibration is true for one state of the camera, so lock it and record these"
-                    " pictures again."
+                    f"{key} changed within the session, from {previous} to {value} at"
+                    f" {row['file']}: a calibration is true for one state of the camera, so lock it"
+                    " and record these pictures again."
                 )
-            if now:
-                self._last[key] = now
+            if value:
+                self._last[key] = value
         return sentences
 
 
-def _same(before: str, now: str) -> bool:
+def _same(previous: str, value: str) -> bool:
     try:
-        return math.isclose(float(before), float(now), rel_tol=ROUNDING, abs_tol=1e-3)
+        return math.isclose(float(previous), float(value), rel_tol=ROUNDING, abs_tol=1e-3)
     except ValueError:
-        return before == now
+        return previous == value

@@ -1,9 +1,12 @@
-"""Paths as a person types them, where no shell has seen them first."""
+"""Paths that a person types where no shell expands them."""
 
 import os.path
 from pathlib import Path
 
 
-def typed_path(text: str) -> Path:
-    """With `~` as the home; as it stands where there is no such home."""
-    return Path(os.path.expanduser(text))  # noqa: PTH111 - Path.expanduser raises where there is none
+def expand_typed_path(text: str) -> Path:
+    """Return the path with `~` replaced by the home folder, or unchanged where there is no such
+    home.
+    """
+    # Path.expanduser raises where there is no such home
+    return Path(os.path.expanduser(text))  # noqa: PTH111

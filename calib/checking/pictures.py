@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.calibration import Calibration
+from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture, View
 from calib.errors import InputError, NotEnoughDataError, OtherBoardError
 from calib.fitting.inputs import read_views

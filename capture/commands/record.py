@@ -67,15 +67,15 @@ def run(args: argparse.Namespace) -> None:
 
     from calib.commands.printing import print_json
     from calib.errors import InputError, NotEnoughDataError, RefracalError
-    from capture.find import finder_of
-    from capture.interrupt import ending_by
-    from capture.narrator import Narrator, Waits
+    from capture.finders import make_finder
+    from capture.interrupt import stop_on_signal
+    from capture.narrator import Narrator, SilenceRemarks
     from capture.reader import Reader
     from capture.recorder import Recorder
-    from capture.recording_loop import Plan, corners_of, record
+    from capture.recording_loop import RecordingPlan, detect_in_pictures, record
     from capture.session_file import board_of, read_setup
+    from capture.source_folder import check_source_folder, describe_mismatch
     from capture.sources.registry import open_source
-    from capture.wrong_folder import check_folder, doubt
 
     source = open_source(args.source)
     if args.all and (args.burst > 1 or args.every):
@@ -86,38 +86,40 @@ def run(args: argparse.Namespace) -> None:
     board = board_of(args.session, asked_board(args), like)
     views = args.views or (None if args.all else 30)
     if args.bare:
-        check_folder(args.source, covered=False)
+        check_source_folder(args.source, covered=False)
     with (
-        Reader(source, Waits()) as reader,
+        Reader(source, SilenceRemarks()) as reader,
         Recorder(
             args.session, board, like=like, bare=args.bare, shutter=reader.source.shutter
         ) as recorder,
-        ending_by(reader.close) as wish,
+        stop_on_signal(reader.close) as stop_request,
     ):
-        if args.bare and (said := doubt(args.source, covered=False)):
-            recorder.remarks.append(said)
+        if args.bare and (mismatch := describe_mismatch(args.source, covered=False)):
+            recorder.remarks.append(mismatch)
         narrator = Narrator(reader, recorder, views, json=args.json)
         try:
             if args.all:
                 for view, frame in enumerate(islice(reader, views), start=1):
-                    narrator.kept(recorder.keep(frame), view)
+                    narrator.report_picture(recorder.keep(frame), view)
             else:
-                finder = finder_of(board)
-                plan = Plan(views or 0, args.burst, args.every)
+                finder = make_finder(board)
+                plan = RecordingPlan(views or 0, args.burst, args.every)
                 for step in record(
-                    reader, finder, recorder, plan, corners_of(recorder.pictures, finder)
+                    reader, finder, recorder, plan, detect_in_pictures(recorder.pictures, finder)
                 ):
-                    narrator.tell(step)
+                    narrator.report_step(step)
         except RefracalError:
-            narrator.reassure()
+            narrator.report_safety()
             raise
-    if not narrator.pictures and not wish.came:
+    if not narrator.pictures and not stop_request.received:
         raise NotEnoughDataError(f"No frame of {args.source} was kept: {narrator.sentence}")
-    ended = "interrupted" if wish.came else "views" if narrator.views == views else "source"
+    ended = (
+        "interrupted" if stop_request.received else "views" if narrator.views == views else "source"
+    )
     if args.json:
         print_json(narrator.as_json(ended=ended))
     else:
-        narrator.sum_up()
+        narrator.print_summary()
 
 
 def _board(text: str) -> tuple[int, int]:

@@ -18,17 +18,19 @@ def run(args: argparse.Namespace) -> None:
     from calib.errors import harmless
     from capture.sources.registry import SCHEMES
 
-    found = {scheme.name: scheme.backend().inventory() for scheme in SCHEMES}
+    inventories = {scheme.name: scheme.backend().inventory() for scheme in SCHEMES}
     if args.json:
-        cameras = [asdict(camera) for inventory in found.values() for camera in inventory.cameras]
+        cameras = [
+            asdict(camera) for inventory in inventories.values() for camera in inventory.cameras
+        ]
         missing = [
             {"scheme": name, "reason": inventory.missing}
-            for name, inventory in found.items()
+            for name, inventory in inventories.items()
             if inventory.missing
         ]
         print_json({"cameras": cameras, "missing": missing})
         return
-    for name, inventory in found.items():
+    for name, inventory in inventories.items():
         for camera in inventory.cameras:
             print(harmless(f"{camera.source}  {camera.problem or camera.name}"))
             for mode in camera.modes:

@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
         from capture.sources.registry import open_source
 
         open_source(args.source)
-    if _described(args.session):
+    if _has_session_file(args.session):
         from capture.session_file import board_of
 
         board_of(args.session, None)
@@ -87,9 +87,9 @@ def _apps(text: str) -> int:
     return int(text)
 
 
-def _described(session: Path) -> bool:
-    """Whether it has a session.yaml; InputError where it is no folder, or may not be read, which
-    the screen would do at every turn.
+def _has_session_file(session: Path) -> bool:
+    """Return True if the session has a session.yaml. InputError where the path is not a folder or
+    may not be read, which the screen would otherwise hit at every turn.
     """
     from calib.errors import InputError
     from calib.io.files import reading
@@ -109,7 +109,7 @@ def _described(session: Path) -> bool:
 def _check_terminal() -> None:
     """Refuse to wait for keys that nobody can press.
 
-    A driver of its own, such as a browser's, needs no terminal.
+    Another driver, such as the browser's, needs no terminal.
     """
     import os
     import sys

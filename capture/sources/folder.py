@@ -1,8 +1,10 @@
-"""A recorded session, or any folder of pictures, as if a camera gave them again.
+"""The source that plays back a recorded session, or any folder of pictures, as a camera would give
+them.
 
-`folder:PATH` gives a recording at its recorded times, frames.csv's; `?speed=10` ten times as fast,
-`?speed=max` as fast as it is read. Pictures without times that grow from one to the next are given
-as fast as they are read. Those without times, or taken far apart, are photographs by themselves.
+`folder:PATH` plays a recording at its recorded times, those of frames.csv; `?speed=10` plays it ten
+times as fast, `?speed=max` as fast as it can be read. Pictures without times that grow from one to
+the next play as fast as they can be read. Pictures without times, or with long gaps between them,
+count as single photographs.
 """
 
 import threading
@@ -25,7 +27,7 @@ from calib.session.shutter import Shutter
 from capture.frames import PAUSE_S, Frame
 from capture.sources.options import read_number
 from capture.sources.registry import Inventory
-from capture.typed_path import typed_path
+from capture.typed_path import expand_typed_path
 
 SPEED = Quantity("speed", low=0.01, high=1000, default=1.0)
 
@@ -37,7 +39,7 @@ class FolderSource:
     shutter: Shutter | None = None
 
     def __init__(self, folder: Path, speed: float | None) -> None:
-        """`speed` is 1 for the recorded times; None: as fast as they are read."""
+        """`speed` is 1 for the recorded times; None: as fast as they can be read."""
         self._folder = folder
         self._speed = speed
         self._closed = threading.Event()
@@ -75,28 +77,28 @@ class FolderSource:
         self.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        begun = time.monotonic()
+        start_s = time.monotonic()
         first = next((time_s for time_s in self._times if time_s is not None), 0.0)
         near = [(_gap(*pair) or PAUSE_S) < PAUSE_S for pair in pairwise((None, *self._times, None))]
         for index, (picture, row, recorded) in enumerate(
             zip(self._pictures, self._rows, self._times, strict=True)
         ):
-            passed = 0.0 if recorded is None else recorded - first  # s
+            elapsed = 0.0 if recorded is None else recorded - first  # s
             pixels = _pixels(picture)
             if self._closed.wait(
-                max(begun + passed / self._speed - time.monotonic(), 0.0) if self._speed else 0.0
+                max(start_s + elapsed / self._speed - time.monotonic(), 0.0) if self._speed else 0.0
             ):
                 return
-            said = {key: _value(text) for key, text in row.items() if text and key not in FIXED}
+            metadata = {key: _value(text) for key, text in row.items() if text and key not in FIXED}
             counter = row.get("sequence", "")
             sequence = int(counter) if counter.isdecimal() else index
             yield Frame(
                 pixels,
                 sequence,
-                begun + passed,
-                said,
+                start_s + elapsed,
+                metadata,
                 picture.name,
-                alone=not (near[index] or near[index + 1]),
+                isolated=not (near[index] or near[index + 1]),
             )
 
     def close(self) -> None:
@@ -106,7 +108,7 @@ class FolderSource:
 def open_source(place: str, options: Section) -> FolderSource:
     options.allow_only(("speed",), "known option")
     return FolderSource(
-        typed_path(place),
+        expand_typed_path(place),
         None if options.values.get("speed") == "max" else read_number(options, SPEED),
     )
 
@@ -125,9 +127,9 @@ def _pixels(picture: Path) -> NDArray[np.uint8]:
     return np.asarray(pixels, np.uint8)
 
 
-def _gap(one: float | None, other: float | None) -> float | None:
-    """s, from one picture to the next; None where it is not known."""
-    return other - one if one is not None and other is not None and other > one else None
+def _gap(first: float | None, second: float | None) -> float | None:
+    """Return the seconds from one picture to the next; None where they are unknown."""
+    return second - first if first is not None and second is not None and second > first else None
 
 
 def _value(text: str) -> float | str:

@@ -1,8 +1,10 @@
-"""A camera of libcamera, such as a Raspberry Pi's, through libcamera's own Python bindings.
+"""The source of a libcamera camera, such as a Raspberry Pi's, through libcamera's own Python
+bindings.
 
-`libcamera:0?size=1640x1232&exposure_us=8000&gain=1&lens_position=2.0`. Exposure, gain and white
-balance that are not given are found by the camera itself before the first frame, and held from then
-on. `patience_s` is how long it may send nothing. The bindings come with the system, not from PyPI.
+`libcamera:0?size=1640x1232&exposure_us=8000&gain=1&lens_position=2.0`. The camera finds exposure,
+gain and white balance by itself before the first frame if they are not given, and holds them from
+then on. `patience_s` is the time that it may send nothing. The bindings come with the system, not
+from PyPI.
 """
 
 import selectors
@@ -26,10 +28,11 @@ from capture.sources.options import EXPOSURE_US, GAIN, PATIENCE_S, read_number, 
 from capture.sources.registry import Inventory
 
 LENS_POSITION = Quantity("lens_position", low=0, high=100)
-SETTLING = 60  # frames, at the most, in which the camera finds its exposure
-MANUAL, CONVERGED = 0, 2  # of AfMode and AeState
-OLDEST = 1.9  # s, of a frame that has just come: what is older was not told by this clock
-DELAY = 12  # frames, at the most, until a sensor obeys
+MAX_SETTLING_FRAMES = 60  # frames, the maximum in which the camera finds its exposure
+MANUAL, CONVERGED = 0, 2  # values of AfMode and AeState
+# s, the maximum age of a frame that has just come: an older time is not from this clock
+MAX_FRAME_AGE = 1.9
+CONTROL_DELAY = 12  # frames, the maximum until a sensor applies its controls
 COLUMNS = {
     "ExposureTime": "exposure_us",
     "AnalogueGain": "gain",
@@ -38,7 +41,7 @@ COLUMNS = {
     "ScalerCrop": "crop",
     "SensorTemperature": "temperature_c",
 }
-"""What of a frame's metadata goes into frames.csv."""
+"""The frame's metadata that goes into frames.csv, and its columns."""
 
 
 class LibcameraSource:
@@ -53,13 +56,13 @@ class LibcameraSource:
         controls: Mapping[str, float],
         patience_s: float,
     ) -> None:
-        """`controls` by libcamera's names: ExposureTime, AnalogueGain, LensPosition."""
+        """`controls` are named as in libcamera: ExposureTime, AnalogueGain, LensPosition."""
         self._place = place
         self._size = size or (0, 0)
-        self._asked = controls
+        self._requested = controls
         self._patience_s = patience_s
-        self._held: dict[Any, object] = {}
-        self._said: dict[str, Any] = {}
+        self._controls: dict[Any, object] = {}
+        self._metadata: dict[str, Any] = {}
         self._mapped: dict[int, mmap] = {}
         self._offset = 0  # bytes
         self._pending: list[Any] = []
@@ -106,42 +109,42 @@ class LibcameraSource:
         stream = self._configure()
         self._allocator = allocator = self._library.FrameBufferAllocator(
             self._camera
-        )  # its buffers live as long as it does
+        )  # its buffers live as long as the allocator
         allocator.allocate(stream)
         requests = []
         for index, buffer in enumerate(allocator.buffers(stream)):
             request = self._camera.create_request(index)
             request.add_buffer(stream, buffer)
             requests.append(request)
-            plane = buffer.planes[0]  # the grey values
+            plane = buffer.planes[0]  # the plane of grey values
             self._mapped[index] = stack.enter_context(
                 mmap(plane.fd, plane.offset + plane.length, MAP_SHARED, PROT_READ)
             )
             self._offset = plane.offset
         self._selector = stack.enter_context(selectors.DefaultSelector())
         self._selector.register(self._manager.event_fd, selectors.EVENT_READ)
-        self._hold(
+        self._set_controls(
             {
                 "AfMode": MANUAL,
-                "AeEnable": not {"ExposureTime", "AnalogueGain"} <= set(self._asked),
-                **self._asked,
+                "AeEnable": not {"ExposureTime", "AnalogueGain"} <= set(self._requested),
+                **self._requested,
             }
         )
-        self._camera.start(self._held)
+        self._camera.start(self._controls)
         stack.callback(
             self._manager.get_ready_requests
-        )  # after the stop: what is left would come to the next who opens a camera
+        )  # after the stop: remaining requests would go to the next user of a camera
         stack.callback(self._camera.stop)
         for request in requests:
             self._camera.queue_request(request)
         self._first = self._settle()
 
     def _configure(self) -> Any:
-        """The stream, in the first format that begins with grey values, in the size asked for or
-        the largest.
+        """Return the stream, in the first format that begins with grey values, in the requested
+        size or the largest one.
         """
-        whole = self._camera.generate_configuration([self._library.StreamRole.Viewfinder])
-        configuration = whole.at(0)
+        configurations = self._camera.generate_configuration([self._library.StreamRole.Viewfinder])
+        configuration = configurations.at(0)
         offered = {str(pixels): pixels for pixels in configuration.formats.pixel_formats}
         name = next((name for name in device.FORMATS if name in offered), None)
         if name is None:
@@ -156,51 +159,53 @@ class LibcameraSource:
             self._size = largest.width, largest.height
         configuration.size = self._library.Size(*self._size)
         configuration.buffer_count = 4
-        whole.validate()
-        given = configuration.size.width, configuration.size.height
-        if given != self._size:
+        configurations.validate()
+        size = configuration.size.width, configuration.size.height
+        if size != self._size:
             raise CaptureError(
-                f"The camera gives pictures of {given[0]}x{given[1]} px: write"
-                f" ?size={given[0]}x{given[1]} after the source."
+                f"The camera gives pictures of {size[0]}x{size[1]} px: write"
+                f" ?size={size[0]}x{size[1]} after the source."
             )
-        self._camera.configure(whole)
+        self._camera.configure(configurations)
         self._stride = configuration.stride
         return configuration.stream
 
-    def _hold(self, values: Mapping[str, object]) -> None:
-        """From the next request on, those of the controls that the camera has."""
-        self._held |= {
+    def _set_controls(self, values: Mapping[str, object]) -> None:
+        """Set these controls from the next request on, as far as the camera has them."""
+        self._controls |= {
             self._ids[name]: value for name, value in values.items() if name in self._ids
         }
 
     def _settle(self) -> Frame | None:
-        """The first frame whose exposure, gain and white balance are held; None if closed
-        before.
+        """Return the first frame with fixed exposure, gain and white balance; None if the source
+        was closed before.
         """
         frame = self._take()
-        for _ in range(SETTLING if "AeEnable" in self._ids else 0):
-            if frame is None or self._said.get("AeLocked", self._said.get("AeState") == CONVERGED):
+        for _ in range(MAX_SETTLING_FRAMES if "AeEnable" in self._ids else 0):
+            if frame is None or self._metadata.get(
+                "AeLocked", self._metadata.get("AeState") == CONVERGED
+            ):
                 break
             frame = self._take()
-        found: dict[str, object] = {
-            name: self._said[name]
+        settled: dict[str, object] = {
+            name: self._metadata[name]
             for name in ("ExposureTime", "AnalogueGain", "ColourGains")
-            if name in self._said
+            if name in self._metadata
         }
-        self._hold({**found, **self._asked, "AeEnable": False, "AwbEnable": False})
-        for _ in range(DELAY if self._held else 0):
+        self._set_controls({**settled, **self._requested, "AeEnable": False, "AwbEnable": False})
+        for _ in range(CONTROL_DELAY if self._controls else 0):
             frame = frame and self._take()
         return frame
 
     def _take(self) -> Frame | None:
-        """The next complete frame; None once closed."""
+        """Return the next complete frame; None once closed."""
         deadline = time.monotonic() + self._patience_s
         while not self._closed.is_set():
             if self._pending:
                 request = self._pending.pop(0)
-                frame = self._copied(request)
+                frame = self._copy_frame(request)
                 request.reuse()
-                for control, value in self._held.items():
+                for control, value in self._controls.items():
                     request.set_control(control, value)
                 self._camera.queue_request(request)
                 if frame is not None:
@@ -214,46 +219,46 @@ class LibcameraSource:
                 )
         return None
 
-    def _copied(self, request: Any) -> Frame | None:
-        """The request's picture; None if the camera failed to take it."""
-        said = next(iter(request.buffers.values())).metadata
+    def _copy_frame(self, request: Any) -> Frame | None:
+        """Return the request's picture; None if the camera failed to take it."""
+        buffer = next(iter(request.buffers.values())).metadata
         failed = (
             self._library.FrameMetadata.Status.Error,
             self._library.FrameMetadata.Status.Cancelled,
         )
-        if request.status != self._library.Request.Status.Complete or said.status in failed:
+        if request.status != self._library.Request.Status.Complete or buffer.status in failed:
             return None
         width, height = self._size
         plane = np.frombuffer(
             self._mapped[request.cookie], np.uint8, self._stride * height, self._offset
         )
-        self._said = {control.name: value for control, value in request.metadata.items()}
+        self._metadata = {control.name: value for control, value in request.metadata.items()}
         metadata = {
-            column: _plain(self._said[name])
+            column: _plain(self._metadata[name])
             for name, column in COLUMNS.items()
-            if name in self._said
+            if name in self._metadata
         }
         pixels = plane.reshape(height, self._stride)[:, :width].copy()
-        now = time.monotonic()
-        if 0 <= now - said.timestamp / 1e9 < OLDEST:
-            return Frame(pixels, said.sequence, said.timestamp / 1e9, metadata)
+        arrival_s = time.monotonic()
+        if 0 <= arrival_s - buffer.timestamp / 1e9 < MAX_FRAME_AGE:
+            return Frame(pixels, buffer.sequence, buffer.timestamp / 1e9, metadata)
         return Frame(
-            pixels, request.sequence, now, metadata
-        )  # a virtual camera's numbers are whatever was in the memory
+            pixels, request.sequence, arrival_s, metadata
+        )  # a virtual camera fills the other numbers with random memory
 
 
 def open_source(place: str, options: Section) -> LibcameraSource:
     options.allow_only(
         ("size", EXPOSURE_US.key, GAIN.key, LENS_POSITION.key, PATIENCE_S.key), "known option"
     )
-    asked: dict[str, float | int] = {}
+    controls: dict[str, float | int] = {}
     if (exposure := read_number(options, EXPOSURE_US)) is not None:
-        asked["ExposureTime"] = round(exposure)
+        controls["ExposureTime"] = round(exposure)
     for name, quantity in (("AnalogueGain", GAIN), ("LensPosition", LENS_POSITION)):
         if (value := read_number(options, quantity)) is not None:
-            asked[name] = value
+            controls[name] = value
     return LibcameraSource(
-        place, read_size(options), asked, read_number(options, PATIENCE_S) or 0.0
+        place, read_size(options), controls, read_number(options, PATIENCE_S) or 0.0
     )
 
 
@@ -269,11 +274,13 @@ def inventory() -> Inventory:
                 " machine again."
             )
         )
-    return Inventory(tuple(device.listed(number, camera) for number, camera in enumerate(cameras)))
+    return Inventory(
+        tuple(device.list_camera(number, camera) for number, camera in enumerate(cameras))
+    )
 
 
 def _plain(value: object) -> float | str:
-    """A number, or the words of what is none, as a cell of frames.csv."""
+    """Return a cell of frames.csv: a number, or a text for other values."""
     if isinstance(value, bool | int | float):
         return float(value)
     return " ".join(map(str, value)) if isinstance(value, tuple | list) else str(value)

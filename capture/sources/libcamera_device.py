@@ -10,7 +10,7 @@ from capture.errors import CaptureError
 from capture.sources.registry import ListedCamera
 
 FORMATS = ("R8", "YUV420", "NV12")
-"""Those that begin with a plane of grey values, the smallest first."""
+"""The formats that begin with a plane of grey values, the smallest first."""
 MISSING = (
     "The libcamera bindings are not installed: run sudo apt install -y python3-libcamera, and make"
     " the environment by the system's own python3 -m venv --system-site-packages; or use rpicam:0,"
@@ -28,20 +28,20 @@ def bindings() -> Any:
 
 
 def find(cameras: Sequence[Any], place: str) -> Any:
-    """By its number, or by a part of its id."""
+    """Return the camera with this number, or with this text in its id."""
     if place.isdecimal() and int(place) < len(cameras):
         return cameras[int(place)]
     for camera in cameras:
         if not place.isdecimal() and place in camera.id:
             return camera
-    there = (
+    cameras_here = (
         ", ".join(f"libcamera:{number} ({camera.id})" for number, camera in enumerate(cameras))
         or "none: check the cable"
     )
-    raise CaptureError(f"libcamera:{place} is not there; cameras of this machine: {there}.")
+    raise CaptureError(f"libcamera:{place} is not there; cameras of this machine: {cameras_here}.")
 
 
-def listed(number: int, camera: Any) -> ListedCamera:
+def list_camera(number: int, camera: Any) -> ListedCamera:
     configuration = camera.generate_configuration([bindings().StreamRole.Viewfinder]).at(0)
     modes = []
     for pixels in configuration.formats.pixel_formats:

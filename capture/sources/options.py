@@ -1,4 +1,4 @@
-"""Options of a source that are no plain number."""
+"""Options of a source: numbers and sizes."""
 
 import re
 
@@ -7,24 +7,24 @@ from calib.session.schema import Quantity, Section
 EXPOSURE_US = Quantity("exposure_us", low=1, high=1e7)
 GAIN = Quantity("gain", low=0, high=1e5)
 PATIENCE_S = Quantity("patience_s", low=1, high=3600, default=10.0)
-"""How long a camera that is there may send nothing before it is given up; whoever waits is told so
-after a second.
+"""The time in s that a connected camera may send nothing before the source gives up; the person is
+told after one second.
 """
 
 
 def read_number(options: Section, quantity: Quantity) -> float | None:
-    """The option's value; None where it is not given and has no default."""
+    """Return the option's value; None where it is not given and has no default."""
     if quantity.key not in options.values and quantity.default is None:
         return None
     return options.read(quantity)[quantity.names[0]].value
 
 
 def read_size(options: Section) -> tuple[int, int] | None:
-    """Width and height, px, of `size=1640x1232`; None where it is not given."""
+    """Return width and height, px, of `size=1640x1232`; None where it is not given."""
     if "size" not in options.values:
         return None
     expected = "width and height in px, such as 1640x1232"
-    found = re.fullmatch(r"([1-9][0-9]{0,4})x([1-9][0-9]{0,4})", options.text("size", expected))
-    if not found:
+    match = re.fullmatch(r"([1-9][0-9]{0,4})x([1-9][0-9]{0,4})", options.text("size", expected))
+    if not match:
         raise options.error("size", options.values["size"], expected)
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])

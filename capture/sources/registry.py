@@ -1,4 +1,4 @@
-"""Where frames can come from, by the first word of `--source`."""
+"""The registry of sources: where frames can come from, by the first word of `--source`."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from typing import Protocol, cast
 from calib.errors import InputError, brief
 from calib.session.schema import Section
 from capture.frames import FrameSource
-from capture.typed_path import typed_path
+from capture.typed_path import expand_typed_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,34 +17,35 @@ class ListedCamera:
     """A camera of this machine."""
 
     source: str
-    """What `--source` takes."""
+    """The text that `--source` takes."""
     name: str
     modes: tuple[str, ...]
     """Pixel format and size, as `?format=` and `?size=` take them, with rates where they are known.
     """
     problem: str = ""
-    """A sentence on why it cannot be used as it is."""
+    """A sentence that says why the camera cannot be used as it is; empty if it can."""
 
 
 @dataclass(frozen=True, slots=True)
 class Inventory:
-    """What one backend finds."""
+    """The cameras that one backend finds."""
 
     cameras: tuple[ListedCamera, ...] = ()
     missing: str = ""
-    """A sentence on what keeps this backend from finding any."""
+    """A sentence that says why this backend finds no camera; empty if it finds one."""
 
 
 class Backend(Protocol):
     """A module of this package.
 
-    It is imported when it is asked for, and imports its own driver as late.
+    It is imported when it is needed, and imports its own driver as late.
     """
 
     def open_source(self, place: str, options: Section) -> FrameSource:
-        """What stands after the scheme's colon, and the options after its question mark.
+        """Return the source for the text after the scheme's colon and the options after its
+        question mark.
 
-        Nothing is opened before `with`.
+        It opens nothing before `with`.
         """
         ...
 
@@ -71,36 +72,36 @@ SCHEMES: tuple[Scheme, ...] = (
 """Cameras first, in the order in which `capture sources` lists them."""
 
 
-def open_source(text: str, called: str = "--source") -> FrameSource:
-    """The source that `SCHEME:PLACE?key=value&...` names; an InputError says what is wrong with the
-    text.
+def open_source(text: str, option: str = "--source") -> FrameSource:
+    """Return the source that `SCHEME:PLACE?key=value&...` names; an InputError says what is wrong
+    with the text.
 
     Args:
-        called: the option or the field that it was written for, as a message names it.
+        option: the name of the option or field in messages.
     """
     if not text.strip():
-        raise InputError(f"{called} is empty: {_expected()}")
-    said = f"{called} {brief(text)}"
-    name, colon, rest = text.partition(":")
+        raise InputError(f"{option} is empty: {_expected()}")
+    context = f"{option} {brief(text)}"
+    name, colon, location = text.partition(":")
     scheme = next((scheme for scheme in SCHEMES if scheme.name == name), None)
     if scheme is None:
-        raise InputError(_unknown(said, name if colon else "", text))
-    place, mark, query = rest.rpartition("?")
-    if not (mark and "=" in query):  # a question mark of the path's own
-        place, query = rest, ""
+        raise InputError(_unknown(context, name if colon else "", text))
+    place, mark, query = location.rpartition("?")
+    if not (mark and "=" in query):  # the question mark belongs to the path
+        place, query = location, ""
     if not place:
-        raise InputError(f"{said} does not say where: write it like {scheme.example}.")
-    return scheme.backend().open_source(place, Section(_pairs(said, query), said))
+        raise InputError(f"{context} does not say which one: write it like {scheme.example}.")
+    return scheme.backend().open_source(place, Section(_pairs(context, query), context))
 
 
-def _pairs(said: str, query: str) -> dict[str, object]:
+def _pairs(context: str, query: str) -> dict[str, object]:
     pairs: dict[str, object] = {}
     for pair in query.split("&") if query else ():
         key, equals, value = pair.partition("=")
         if not (key and equals and value) or key in pairs:
             raise InputError(
-                f"{said}: {brief(repr(pair))} is not an option: write each once, as key=value with"
-                " & between."
+                f"{context}: {brief(repr(pair))} is not an option: write each once, as key=value"
+                " with & between."
             )
         try:
             pairs[key] = float(value)
@@ -109,22 +110,22 @@ def _pairs(said: str, query: str) -> dict[str, object]:
     return pairs
 
 
-def _unknown(said: str, name: str, text: str) -> str:
+def _unknown(context: str, name: str, text: str) -> str:
     close = get_close_matches(name, [scheme.name for scheme in SCHEMES], n=1) if name else []
     hint = (
         f" (did you mean {close[0]}?)"
         if close
         else " (did you mean v4l2?)"
         if text.startswith("/dev/video")
-        else _there(text)
+        else _suggest_path(text)
     )
-    return f"{said} names no kind of source{hint}: {_expected()}"
+    return f"{context} names no kind of source{hint}: {_expected()}"
 
 
-def _there(text: str) -> str:
-    """A hint, where a path is named and not its kind."""
-    with suppress(OSError, ValueError):  # what no path can be is none
-        place = typed_path(text.strip())
+def _suggest_path(text: str) -> str:
+    """Return a hint if the text is a path without its kind of source; else an empty string."""
+    with suppress(OSError, ValueError):  # text that cannot be a path gives no hint
+        place = expand_typed_path(text.strip())
         if kind := "folder" if place.is_dir() else "video" if place.is_file() else "":
             return f" (did you mean {kind}:{brief(text.strip())}?)"
     return ""

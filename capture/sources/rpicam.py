@@ -1,9 +1,10 @@
-"""A Raspberry Pi's camera through the program rpicam-vid, which needs no Python bindings.
+"""The source of a Raspberry Pi's camera through the program rpicam-vid, which needs no Python
+bindings.
 
-`rpicam:0?size=1640x1232&exposure_us=8000&gain=1&lens_position=2.0`; `mode=3280:2464:10:P` picks the
-sensor's mode, `awbgains=1.8,1.6` the colours, `fps=10` the rate. Focus, exposure, gain and white
-balance are fixed from the start. The program writes YUV420 with rows padded to 64 bytes; its Y
-plane is the full-range grey picture.
+`rpicam:0?size=1640x1232&exposure_us=8000&gain=1&lens_position=2.0`; `mode=3280:2464:10:P` selects
+the sensor's mode, `awbgains=1.8,1.6` the colours, `fps=10` the rate. Focus, exposure, gain and
+white balance are fixed from the start. The program writes YUV420 with rows padded to 64 bytes; its
+Y plane is the full-range grey picture.
 """
 
 import os
@@ -29,10 +30,10 @@ from capture.sensors import sensor_in, shutter_of
 from capture.sources.options import read_number, read_size
 from capture.sources.registry import Inventory, ListedCamera
 
-ALIGNMENT = 64  # bytes, of a row
-START = 10.0  # s, until the first picture: the program sets up the sensor
-SILENCE = 1.5  # s beyond the frame's own time
-TOLD = 1.0  # s, for which it is waited for what the program says of the first picture
+ROW_ALIGNMENT = 64  # bytes, the alignment of a row
+START_TIMEOUT = 10.0  # s, the maximum until the first picture: the program sets up the sensor
+SILENCE_TIMEOUT = 1.5  # s, the maximum delay in addition to the frame's own time
+LINES_TIMEOUT = 1.0  # s, the wait for the program's lines about the first picture
 INSTALL = "sudo apt install rpicam-apps"
 QUANTITIES = (
     Quantity("exposure_us", low=1, high=1e7, default=8000.0),
@@ -41,9 +42,9 @@ QUANTITIES = (
     Quantity("fps", low=0.1, high=1000, default=10.0),
 )
 CONFIGURED = re.compile(r"configuring streams: \(0\) (\d+)x(\d+)")
-SELECTED = "Selected sensor format"
-"""Of the line that names the camera which was opened."""
-STATE = re.compile(r"^#\d+ .* exp (?P<exposure_us>[0-9.]+) ag (?P<gain>[0-9.]+)")
+SELECTED_FORMAT = "Selected sensor format"
+"""The beginning of the line that names the opened camera."""
+FRAME_LINE = re.compile(r"^#\d+ .* exp (?P<exposure_us>[0-9.]+) ag (?P<gain>[0-9.]+)")
 """The line that the program prints for each frame when it has no preview window."""
 
 
@@ -92,12 +93,14 @@ class RpicamSource:
         ]
         self._lines: deque[str] = deque(maxlen=50)
         self._framed = threading.Event()
-        """The program has told of a frame, and of all that comes before: the camera, its sizes."""
+        """Set once the program has printed a frame's line, and so all lines before it: the camera
+        and its sizes.
+        """
         self._closed = False
 
     def __enter__(self) -> Self:
         pipe = subprocess.PIPE
-        try:  # in a session of its own: Ctrl-C is ours to answer
+        try:  # in a separate process session: we handle Ctrl-C
             self._process = subprocess.Popen(
                 self._command,
                 stdin=subprocess.DEVNULL,
@@ -107,7 +110,7 @@ class RpicamSource:
                 env={
                     **os.environ,
                     "LIBCAMERA_LOG_LEVELS": "*:INFO",
-                },  # it then says which size it configures
+                },  # it then prints the size that it configures
             )
         except OSError as error:
             raise CaptureError(
@@ -122,10 +125,10 @@ class RpicamSource:
         )
         self._listener.start()
         try:
-            self._first = self._take(0, START)
+            self._first = self._take(0, START_TIMEOUT)
             if self._first is None:
                 raise self._failure("ended before its first picture")
-            self._framed.wait(TOLD)
+            self._framed.wait(LINES_TIMEOUT)
         except BaseException:
             self.__exit__(None, None, None)
             raise
@@ -151,19 +154,19 @@ class RpicamSource:
         while frame is not None:
             yield frame
             sequence += 1
-            frame = self._take(sequence, SILENCE + 1 / self._fps)
+            frame = self._take(sequence, SILENCE_TIMEOUT + 1 / self._fps)
 
     def close(self) -> None:
         self._closed = True
         self._process.terminate()
 
     def _take(self, sequence: int, patience: float) -> Frame | None:
-        """The next picture; None when closed, or when the program ended as it should.
+        """Return the next picture; None when closed, or when the program ended as it should.
 
-        The rest of a frame is dropped.
+        An incomplete frame is dropped.
         """
         width, height = self._size
-        stride = -(-width // ALIGNMENT) * ALIGNMENT
+        stride = -(-width // ROW_ALIGNMENT) * ROW_ALIGNMENT
         buffer = bytearray(stride * height + 2 * (stride // 2) * (height // 2))
         view, filled = memoryview(buffer), 0
         with selectors.DefaultSelector() as selector:
@@ -193,18 +196,18 @@ class RpicamSource:
 
     def _check_configured(self) -> None:
         for line in tuple(self._lines):
-            found = CONFIGURED.search(line)
-            if found and (int(found[1]), int(found[2])) != self._size:
+            match = CONFIGURED.search(line)
+            if match and (int(match[1]), int(match[2])) != self._size:
                 raise CaptureError(
-                    f"The camera gives pictures of {found[1]}x{found[2]} px: write"
-                    f" ?size={found[1]}x{found[2]} after the source."
+                    f"The camera gives pictures of {match[1]}x{match[2]} px: write"
+                    f" ?size={match[1]}x{match[2]} after the source."
                 )
 
     def _listen(self, stderr: IO[bytes]) -> None:
         with stderr:
             for raw in stderr:
                 line = re.sub(r"\x1b\[[0-9;]*m", "", raw.decode(errors="replace")).strip()
-                if state := STATE.match(line):
+                if state := FRAME_LINE.match(line):
                     self._state = {
                         **self._state,
                         **{key: float(value) for key, value in state.groupdict().items()},
@@ -212,19 +215,19 @@ class RpicamSource:
                     self._framed.set()
                 elif line:
                     self._lines.append(line)
-                    if SELECTED in line:
+                    if SELECTED_FORMAT in line:
                         self.shutter = shutter_of(sensor_in(line))
 
-    def _failure(self, what: str) -> CaptureError:
-        """With the last that the program complained of."""
+    def _failure(self, event: str) -> CaptureError:
+        """Return an error with the program's last complaint."""
         lines = list(self._lines)
-        said = next(
+        complaint = next(
             (line for line in reversed(lines) if "ERROR" in line or "***" in line),
             lines[-1] if lines else "nothing",
         )
         return CaptureError(
-            f"rpicam-vid {what} (it said: {said}): check the cable and that no other program uses"
-            " the camera."
+            f"rpicam-vid {event} (it said: {complaint}): check the cable and that no other program"
+            " uses the camera."
         )
 
 

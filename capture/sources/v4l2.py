@@ -1,11 +1,10 @@
-"""A V4L2 camera: a webcam, a capture card, or a loopback device.
+"""The source of a V4L2 camera: a webcam, a capture card, or a loopback device.
 
 `v4l2:/dev/video0?size=1640x1232&format=YUYV`; without options, the largest pictures of the best
-format that the camera has. The driver's
-own grey values are kept: those of YUYV are its Y, not a colour picture turned grey. `exposure_us`,
-    `gain` and `focus` (in the driver's
-units) set what is otherwise held where it is; `patience_s` is how long a camera that is there may
-send nothing.
+format that the camera has. The driver's own grey values are kept: those of YUYV are its Y, not a
+colour picture converted to grey. `exposure_us`, `gain` and `focus` (in the driver's units) set
+controls that are otherwise held at their present value; `patience_s` is the time that a connected
+camera may send nothing.
 """
 
 import os
@@ -33,14 +32,16 @@ from capture.sources.registry import Inventory, ListedCamera
 from capture.sources.v4l2_formats import FORMATS, ROWS, Grey
 
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
-"""s, for which OpenCV waits for a frame; then it is seen whether the camera is still plugged in.
+"""The time in s that OpenCV waits for a frame; after it, the source checks that the camera is still
+plugged in.
 
-It reads this at its first use.
+OpenCV reads this at its first use.
 """
 
-OLDEST = 5.0  # s, of a frame that has just come: what is older was not told by this clock
+# s, the maximum age of a frame that has just come: an older time is not from this clock
+MAX_FRAME_AGE = 5.0
 FOCUS = Quantity("focus", low=0, high=1e5)
-RAW_ONLY = "a Raspberry Pi's camera is read by libcamera:0 or rpicam:0."
+RAW_CAMERA_ADVICE = "a Raspberry Pi's camera is read by libcamera:0 or rpicam:0."
 
 
 class V4l2Source:
@@ -67,7 +68,7 @@ class V4l2Source:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            self._handle = stack.enter_context(device.opened(self._path))
+            self._handle = stack.enter_context(device.open_node(self._path))
             mode = self._mode()
             remarks = device.lock(self._handle)
             for control, value in self._controls.items():
@@ -103,30 +104,31 @@ class V4l2Source:
         sequence, nominal = 0, 1 / (self._capture.get(cv2.CAP_PROP_FPS) or 30.0)  # s
         recent: deque[float] = deque(maxlen=15)  # s, from frame to frame
         while not self._closed.is_set():
-            yield Frame(grey, sequence, time_s, self._state())
-            before = time_s
-            if (taken := self._take()) is None:
+            yield Frame(grey, sequence, time_s, self._read_controls())
+            previous_s = time_s
+            if (picture := self._take()) is None:
                 return
-            grey, time_s = taken
-            passed = time_s - before  # OpenCV keeps the driver's counter to itself, not its clock
-            sequence += max(round(passed / max(nominal, min(recent))), 1) if recent else 1
-            recent.append(passed)
+            grey, time_s = picture
+            elapsed = time_s - previous_s  # OpenCV hides the driver's counter, but not its clock
+            sequence += max(round(elapsed / max(nominal, min(recent))), 1) if recent else 1
+            recent.append(elapsed)
 
     def close(self) -> None:
         self._closed.set()
 
     def _mode(self) -> device.Mode:
-        """The largest that fits what was asked for, in the best format."""
+        """Return the largest mode that fits the requested options, in the best format."""
         offered = [mode for mode in device.modes(self._handle) if mode.format in FORMATS]
         fit = [
             m
             for m in offered
-            if (self._size is None or m.gives(self._size)) and self._pixels in (None, m.format)
+            if (self._size is None or m.supports(self._size)) and self._pixels in (None, m.format)
         ]
         if not fit:
             if not offered:
                 raise CaptureError(
-                    f"{self._path} has none of the formats {', '.join(FORMATS)}: {RAW_ONLY}"
+                    f"{self._path} has none of the formats {', '.join(FORMATS)}:"
+                    f" {RAW_CAMERA_ADVICE}"
                 )
             raise CaptureError(
                 f"{self._path} has no such mode: choose ?size= and ?format= from those that"
@@ -146,7 +148,7 @@ class V4l2Source:
         return best
 
     def _start(self, mode: device.Mode) -> None:
-        """Stream, and see a first picture: a camera that was unplugged still opens."""
+        """Start to stream, and read a first picture: a camera that was unplugged still opens."""
         self._pixels, self._size = mode.format, (mode.width, mode.height)
         code = cv2.VideoWriter.fourcc(*mode.format)
         wanted = (
@@ -158,48 +160,45 @@ class V4l2Source:
         if not self._capture.open(
             self._path, cv2.CAP_V4L2, [number for pair in wanted for number in pair]
         ):
-            raise CaptureError(device.why_silent(self._path))
-        given = tuple(
-            int(self._capture.get(side))
-            for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
-        )
-        if given != self._size:
+            raise CaptureError(device.explain_silence(self._path))
+        width = int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH))
+        height = int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        if (width, height) != self._size:
             raise CaptureError(
-                f"{self._path} gives pictures of {given[0]}x{given[1]} px: write"
-                f" ?size={given[0]}x{given[1]} after the source."
+                f"{self._path} gives pictures of {width}x{height} px: write"
+                f" ?size={width}x{height} after the source."
             )
         if mode.format in ROWS and (added := device.padding(self._handle, *ROWS[mode.format])):
             raise CaptureError(
                 f"{self._path} adds {added} bytes to each row of its {mode.format} pictures of this"
-                " size, which OpenCV does not heed: choose another ?size= or ?format=."
+                " size, which OpenCV ignores: choose another ?size= or ?format=."
             )
         try:
             first = self._take()
         except CaptureError as error:
             self._capture.release()
-            raise CaptureError(device.why_silent(self._path)) from error
+            raise CaptureError(device.explain_silence(self._path)) from error
         if first is None:
             raise CaptureError(f"{self._path} was closed before its first picture.")
         self._first = first
 
     def _take(self) -> tuple[Grey, float] | None:
-        """The next picture, and its time in s; None once closed. A damaged buffer is passed
-        over.
-        """
-        begun = time.monotonic()
+        """Return the next picture and its time in s; None once closed. It skips damaged buffers."""
+        start_s = time.monotonic()
         while not self._closed.is_set():
             good, raw = self._capture.read()
             if good and (grey := self._grey(np.asarray(raw, np.uint8))) is not None:
-                now, said = time.monotonic(), self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-                return grey, (
-                    said if 0 <= now - said < OLDEST else now
-                )  # some drivers have another clock
-            if not good and not device.is_there(self._handle):
+                arrival_s = time.monotonic()
+                driver_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+                # some drivers have another clock
+                is_monotonic = 0 <= arrival_s - driver_s < MAX_FRAME_AGE
+                return grey, driver_s if is_monotonic else arrival_s
+            if not good and not device.is_connected(self._handle):
                 raise CaptureError(
                     f"{self._path} was unplugged: plug the camera in again, and run the same"
                     " command to continue."
                 )
-            if time.monotonic() - begun > self._patience_s:
+            if time.monotonic() - start_s > self._patience_s:
                 raise CaptureError(
                     f"{self._path} sends no more pictures: plug the camera in again, and run the"
                     " same command to continue."
@@ -212,12 +211,12 @@ class V4l2Source:
         width, height = self._size or (0, 0)
         try:
             grey = FORMATS[self._pixels or "GREY"](raw, width, height)
-        except ValueError:  # a buffer of another length
+        except ValueError:  # the buffer has another length
             return None
         return None if grey is None or grey.shape != (height, width) else np.array(grey)
 
-    def _state(self) -> dict[str, float | str]:
-        """What the camera says of itself, of the controls that it has."""
+    def _read_controls(self) -> dict[str, float | str]:
+        """Return the values of the controls that the camera has."""
         state: dict[str, float | str] = {}
         for key, control, unit in (
             ("exposure_us", device.EXPOSURE_100US, 100.0),
@@ -260,11 +259,15 @@ def inventory() -> Inventory:
     for node in nodes:
         source = f"v4l2:{node}"
         try:
-            with device.opened(str(node)) as handle:
+            with device.open_node(str(node)) as handle:
                 modes = [mode for mode in device.modes(handle) if mode.format in FORMATS]
-                problem = "" if modes else f"It has no picture format that can be read: {RAW_ONLY}"
+                problem = (
+                    ""
+                    if modes
+                    else f"It has no picture format that can be read: {RAW_CAMERA_ADVICE}"
+                )
                 cameras.append(
-                    ListedCamera(source, device.card(handle), tuple(map(str, modes)), problem)
+                    ListedCamera(source, device.read_name(handle), tuple(map(str, modes)), problem)
                 )
         except device.NoCameraError:
             continue

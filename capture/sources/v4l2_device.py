@@ -1,8 +1,8 @@
-"""A V4L2 node as the kernel shows it: what it is, its modes and its controls. Functions on a file
-descriptor, and nothing of OpenCV.
+"""The kernel's interface of a V4L2 node: its identity, its modes and its controls. Functions on a
+file descriptor, without OpenCV.
 
-Numbers and layouts are those of linux/videodev2.h, the same on every machine for the calls used
-here.
+Numbers and layouts are those of linux/videodev2.h; they are the same on every machine for the calls
+used here.
 """
 
 import errno
@@ -34,7 +34,7 @@ AUTO_WHITE_BALANCE, AUTOGAIN, GAIN, WHITE_BALANCE = 0x0098090C, 0x00980912, 0x00
 EXPOSURE_AUTO, EXPOSURE_100US, EXPOSURE_PRIORITY = 0x009A0901, 0x009A0902, 0x009A0903
 FOCUS, FOCUS_AUTO = 0x009A090A, 0x009A090C
 LOCKED = {FOCUS_AUTO: 0, EXPOSURE_AUTO: 1, EXPOSURE_PRIORITY: 0, AUTOGAIN: 0, AUTO_WHITE_BALANCE: 0}
-"""The controls by which a camera changes itself, and the value with which it does not."""
+"""The controls that let a camera change itself, and the value that stops it."""
 NAMES = {
     FOCUS_AUTO: "focus",
     EXPOSURE_AUTO: "exposure",
@@ -45,7 +45,7 @@ NAMES = {
 
 
 class NoCameraError(CaptureError):
-    """A node that captures nothing: a codec's, or a loopback device that nobody feeds."""
+    """The node captures nothing: it belongs to a codec or to a loopback device without input."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,25 +55,26 @@ class Mode:
     width: int
     height: int
     fps: float = 0.0
-    """The highest rate; 0 if the driver does not say."""
+    """The highest rate; 0 if the driver does not report it."""
     scales: bool = False
-    """Whether the camera gives any size up to this one."""
+    """True if the camera gives any size up to this one."""
 
-    def gives(self, size: tuple[int, int]) -> bool:
+    def supports(self, size: tuple[int, int]) -> bool:
         return size == (self.width, self.height) or (
             self.scales and size[0] <= self.width and size[1] <= self.height
         )
 
     def __str__(self) -> str:
-        return (
-            f"{self.format}"
-            f" {'up to ' if self.scales else ''}{self.width}x{self.height}{f' {self.fps:g} fps' if self.fps else ''}"  # noqa: E501
-        )
+        limit = "up to " if self.scales else ""
+        rate = f" {self.fps:g} fps" if self.fps else ""
+        return f"{self.format} {limit}{self.width}x{self.height}{rate}"
 
 
 @contextmanager
-def opened(path: str) -> Iterator[int]:
-    """The descriptor of a node that captures video; CaptureError says why it is none."""
+def open_node(path: str) -> Iterator[int]:
+    """Open a node that captures video, and give its descriptor; CaptureError says why that is
+    impossible.
+    """
     try:
         if Path(path).exists() and not Path(path).is_char_device():
             raise CaptureError(
@@ -84,18 +85,18 @@ def opened(path: str) -> Iterator[int]:
         raise CaptureError(_reason(path, error)) from error
     try:
         try:
-            abilities = struct.unpack_from("=2I", ioctl(handle, QUERYCAP, bytes(104)), 84)
+            fields = struct.unpack_from("=2I", ioctl(handle, QUERYCAP, bytes(104)), 84)
         except OSError as error:
-            gone = error.errno == errno.ENODEV
+            unplugged = error.errno == errno.ENODEV
             raise CaptureError(
                 _reason(path, error)
-                if gone
-                else f"{path} is not a camera: `capture sources` lists those there are."
+                if unplugged
+                else f"{path} is not a camera: `capture sources` lists the cameras."
             ) from error
-        able = (
-            abilities[1] or abilities[0]
-        )  # of this node, or of the whole device where the driver is old
-        if not (able & CAPTURE and able & STREAMING):
+        capabilities = (
+            fields[1] or fields[0]
+        )  # those of this node, or of the device as a whole where the driver is old
+        if not (capabilities & CAPTURE and capabilities & STREAMING):
             raise NoCameraError(
                 f"{path} gives no video: choose another node of the camera, or start what feeds it"
                 " if it is a loopback device."
@@ -105,48 +106,48 @@ def opened(path: str) -> Iterator[int]:
         os.close(handle)
 
 
-def card(handle: int) -> str:
-    """What the camera is called."""
+def read_name(handle: int) -> str:
+    """Return the camera's name."""
     return str(ioctl(handle, QUERYCAP, bytes(104))[16:48].split(b"\0")[0].decode(errors="replace"))
 
 
 def modes(handle: int) -> list[Mode]:
-    """Those that the camera offers, in its own order."""
-    found = []
+    """Return the modes that the camera offers, in its own order."""
+    offered = []
     for index in range(64):
         try:
-            described = ioctl(handle, ENUM_FMT, struct.pack("=2I56x", index, CAPTURE))
+            entry = ioctl(handle, ENUM_FMT, struct.pack("=2I56x", index, CAPTURE))
         except OSError:
             break
-        pixels = described[44:48]
+        pixels = entry[44:48]
         name = pixels.decode("ascii", "replace").strip()
-        found += [
+        offered += [
             Mode(name, w, h, _fastest(handle, pixels, w, h), scales)
             for w, h, scales in _sizes(handle, pixels)
         ]
-    return found
+    return offered
 
 
 def padding(handle: int, pixel: int, rows: float) -> int:
-    """Bytes that the driver adds to each row of grey values, of which a pixel takes `pixel`; 0
-    where that cannot be told.
+    """Return the bytes that the driver adds to each row of grey values, where a pixel takes `pixel`
+    bytes; 0 where they are unknown.
 
-    `rows` of the same length make one row of the picture, chroma's included. Some drivers count
+    `rows` rows of that length make one row of the picture, chroma included. Some drivers count
     chroma into the length: then the picture is too small for rows of that length.
     """
     if struct.calcsize("P") != 8:
         return 0
     try:
-        given = ioctl(handle, G_FMT, struct.pack("=I204x", CAPTURE))
+        answer = ioctl(handle, G_FMT, struct.pack("=I204x", CAPTURE))
     except OSError:
         return 0
-    width, height, _, _, row, whole = struct.unpack_from("=6I", given, 8)
-    return max(row - width * pixel, 0) if whole >= int(row * height * rows) else 0
+    width, height, _, _, row, total = struct.unpack_from("=6I", answer, 8)
+    return max(row - width * pixel, 0) if total >= int(row * height * rows) else 0
 
 
 def lock(handle: int) -> list[str]:
-    """Hold focus, exposure, gain and white balance where they are; a sentence for each that the
-    camera does not let go of.
+    """Lock focus, exposure, gain and white balance at their present values. Return a sentence for
+    each that the camera keeps changing.
     """
     remarks = []
     for control, value in LOCKED.items():
@@ -163,7 +164,7 @@ def lock(handle: int) -> list[str]:
 
 
 def read(handle: int, control: int) -> int | None:
-    """A control's value; None where the camera has no such control."""
+    """Return a control's value; None where the camera has no such control."""
     with suppress(OSError):
         flags = struct.unpack_from(
             "=I", ioctl(handle, QUERYCTRL, struct.pack("=I64x", control)), 56
@@ -176,16 +177,16 @@ def read(handle: int, control: int) -> int | None:
 
 
 def write(handle: int, control: int, value: int) -> None:
-    """Set a control; OSError says why it cannot be."""
+    """Set a control; OSError says why that is impossible."""
     ioctl(handle, S_CTRL, struct.pack("=Ii", control, value))
 
 
-def why_silent(path: str) -> str:
-    """A sentence on a camera that can be opened but gives no picture."""
+def explain_silence(path: str) -> str:
+    """Return a sentence that says why a camera that opens gives no picture."""
     try:
-        with opened(path) as handle:
+        with open_node(path) as handle:
             ioctl(handle, REQBUFS, struct.pack("=3I8x", 2, CAPTURE, MMAP))
-            if struct.calcsize("P") == 8:  # where a buffer's description has the layout below
+            if struct.calcsize("P") == 8:  # the layout below needs pointers of 8 bytes
                 for index in range(2):
                     ioctl(handle, QBUF, struct.pack("=2I52xI24x", index, CAPTURE, MMAP))
                 ioctl(handle, STREAMON, struct.pack("=I", CAPTURE))
@@ -196,8 +197,8 @@ def why_silent(path: str) -> str:
             return _reason(path, error)
         if error.errno == errno.ENOSPC:
             return (
-                f"{path} finds no room on its USB bus: plug the camera into another port, or choose"
-                " a smaller ?size=."
+                f"{path} has too little bandwidth on its USB bus: plug the camera into another"
+                " port, or choose a smaller ?size=."
             )
         return (
             f"{path} opens but does not stream ({error.strerror}): plug the camera in again, or"
@@ -209,8 +210,8 @@ def why_silent(path: str) -> str:
     )
 
 
-def is_there(handle: int) -> bool:
-    """Whether the camera is still plugged in."""
+def is_connected(handle: int) -> bool:
+    """Return True if the camera is still plugged in."""
     try:
         ioctl(handle, QUERYCAP, bytes(104))
     except OSError:
@@ -243,7 +244,7 @@ def _reason(path: str, error: OSError) -> str:
 
 
 def _sizes(handle: int, pixels: bytes) -> Iterator[tuple[int, int, bool]]:
-    """Width, height, and whether those are the largest of a range."""
+    """Yield width, height, and whether those are the largest of a range."""
     for index in range(256):
         try:
             kind, *fields = struct.unpack_from(
@@ -260,16 +261,16 @@ def _sizes(handle: int, pixels: bytes) -> Iterator[tuple[int, int, bool]]:
 
 
 def _fastest(handle: int, pixels: bytes, width: int, height: int) -> float:
-    """Frames a second; 0 where the driver does not say."""
+    """Return the highest rate in frames per second; 0 where the driver does not report it."""
     fastest = 0.0
     for index in range(256):
         try:
-            said = ioctl(
+            entry = ioctl(
                 handle, ENUM_FRAMEINTERVALS, struct.pack("=I4s2I36x", index, pixels, width, height)
             )
         except OSError:
             break
-        kind, numerator, denominator = struct.unpack_from("=3I", said, 16)
+        kind, numerator, denominator = struct.unpack_from("=3I", entry, 16)
         fastest = max(fastest, denominator / numerator if numerator else 0.0)
         if kind != 1:  # a range: its shortest interval comes first
             break

@@ -13,7 +13,7 @@ def _plane(raw: Grey, width: int, height: int) -> Grey:
     return raw.reshape(-1)[: width * height].reshape(height, width)
 
 
-def _decoded(raw: Grey, _width: int, _height: int) -> Grey | None:
+def _decode(raw: Grey, _width: int, _height: int) -> Grey | None:
     grey = cv2.imdecode(raw.reshape(-1), cv2.IMREAD_GRAYSCALE)
     return None if grey is None else np.asarray(grey, np.uint8)
 
@@ -24,10 +24,10 @@ FORMATS: Mapping[str, Callable[[Grey, int, int], Grey | None]] = {
     "UYVY": lambda raw, width, height: raw.reshape(height, width, 2)[..., 1],
     "NV12": _plane,
     "YU12": _plane,
-    "MJPG": _decoded,
+    "MJPG": _decode,
 }
-"""How the (height, width) grey values are taken from a raw buffer, the exact and cheap formats
-first. None: a damaged JPEG.
+"""The functions that take the (height, width) grey values from a raw buffer, the exact and cheap
+formats first. They return None for a damaged JPEG.
 """
 ROWS: Mapping[str, tuple[int, float]] = {
     "GREY": (1, 1),
@@ -36,6 +36,6 @@ ROWS: Mapping[str, tuple[int, float]] = {
     "NV12": (1, 1.5),
     "YU12": (1, 1.5),
 }
-"""Bytes of a pixel in a row of grey values, and rows of that length to a row of the picture,
-chroma's included. JPEGs have no rows.
+"""The bytes of a pixel in a row of grey values, and the number of rows of that length per row of
+the picture, chroma included. JPEGs have no rows.
 """

@@ -1,4 +1,4 @@
-"""A video file, frame by frame, as fast as it is read.
+"""The source that reads a video file, frame by frame, as fast as it can be read.
 
 A video's compression moves corners; a lossless one (FFV1, say) does not.
 """
@@ -19,9 +19,10 @@ from calib.session.schema import Section
 from calib.session.shutter import Shutter
 from capture.frames import Frame
 from capture.sources.registry import Inventory
-from capture.typed_path import typed_path
+from capture.typed_path import expand_typed_path
 
-ESTIMATE = 0.05  # of a video's number of frames, by which it may be less than was promised
+# fraction of a video's number of frames by which the file may fall short of the declared number
+ESTIMATE = 0.05
 
 
 class VideoSource:
@@ -56,18 +57,18 @@ class VideoSource:
         self._capture.release()
 
     def __iter__(self) -> Iterator[Frame]:
-        begun, sequence = time.monotonic(), 0
+        start_s, sequence = time.monotonic(), 0
         while (frame := self._next) is not None and not self._closed.is_set():
             pixels, time_s = frame
-            yield Frame(pixels, sequence, begun + time_s)
+            yield Frame(pixels, sequence, start_s + time_s)
             self._next = self._read()
             sequence += 1
-        promised = int(
+        declared = int(
             self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
         )  # some containers only give an estimate
-        if not self._closed.is_set() and sequence < (1 - ESTIMATE) * promised - 1:
+        if not self._closed.is_set() and sequence < (1 - ESTIMATE) * declared - 1:
             raise InputError(
-                f"{self._file} breaks off after {sequence} of {promised} frames: copy it again, or"
+                f"{self._file} breaks off after {sequence} of {declared} frames: copy it again, or"
                 " convert it."
             )
 
@@ -75,7 +76,7 @@ class VideoSource:
         self._closed.set()
 
     def _read(self) -> tuple[np.ndarray, float] | None:
-        """(H, W, 3) uint8 BGR, and s from the beginning; None at the end."""
+        """Return (H, W, 3) uint8 BGR and the seconds from the beginning; None at the end."""
         good, pixels = self._capture.read()
         return (
             (np.asarray(pixels, np.uint8), self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)
@@ -89,7 +90,7 @@ def open_source(place: str, options: Section) -> VideoSource:
         raise InputError(
             f"{options.file}: a video has no options: leave out what follows the question mark."
         )
-    return VideoSource(typed_path(place))
+    return VideoSource(expand_typed_path(place))
 
 
 def inventory() -> Inventory:

@@ -1,34 +1,34 @@
-"""Where to hold the board next: by a plain rule at once, and by what the undistortion maps lack as
-soon as a process has computed that.
+"""The advice where to hold the board next: from a plain rule at once, and from the expected gain
+for the undistortion maps once a process has computed it.
 """
 
 from collections.abc import Iterator, Sequence
 
 from calib.session.camera import Camera, read_camera
 from calib.session.schema import Section
-from capture.coverage import Guide, Hint, PlainGuide, SeenView, SessionProgress
+from capture.coverage import Guide, Hint, KeptView, PlainGuide, SessionProgress
 from capture.guidance import Guidance, GuidanceError
 from capture.tui.camera import Task
 from capture.tui.child import Child
-from capture.tui.lacking import has_bare
-from capture.tui.lens import ENOUGH, find_lens
+from capture.tui.fit_requirements import has_bare
+from capture.tui.lens import ENOUGH_BARE_VIEWS, find_lens
 
-NOT_YET = "How sure the maps would be is not computed yet."
-AFTER_ONE = "How sure the maps would be is computed after the first view."
+NOT_COMPUTED_YET = "The accuracy of the maps is not computed yet."
+AFTER_FIRST_VIEW = "The accuracy of the maps is computed after the first view."
 Advice = tuple[Hint | None, SessionProgress]
 
 
 class Adviser:
-    """Blocks where it says so, and then belongs into a thread.
+    """The adviser of one recording. Some methods block, so it belongs into a thread.
 
     `close` ends its processes, from any thread.
     """
 
     def __init__(self, task: Task, size: tuple[int, int]) -> None:
-        """`size`: of the camera's pictures, px. Blocks for some tenths of a second."""
-        board, camera, _ = task.asked
-        self.remark = _not_computed(task)
-        """Why the plain rule serves; empty where how sure the maps would be is computed."""
+        """`size` is that of the camera's pictures, px. Blocks for some tenths of a second."""
+        board, camera, _ = task.setup
+        self.remark = _initial_remark(task)
+        """The reason why the plain rule serves; empty where the maps' uncertainty is computed."""
         self._task = task
         self._camera = camera if (camera.width, camera.height) == size else Camera(*size)
         self._plain = PlainGuide(board, self._camera)
@@ -37,27 +37,27 @@ class Adviser:
         self._guidance: Guidance | None = None
         self._closed = False
 
-    def advise(self, views: Sequence[SeenView]) -> Advice:
+    def advise(self, views: Sequence[KeptView]) -> Advice:
         return self._guide.next_pose(views), self._guide.progress(views)
 
-    def improve(self, views: Sequence[SeenView]) -> Iterator[None]:
-        """Look into what these views tell; at each step, the advice has become better.
+    def improve(self, views: Sequence[KeptView]) -> Iterator[None]:
+        """Compute better advice from these views; at each step, the advice has improved.
 
         Blocks for seconds.
         """
-        if self._task.bare or self._task.asked[2].shape == "none":
+        if self._task.bare or self._task.setup[2].shape == "none":
             return
         if not views and self._camera.intrinsics is None and has_bare(self._task.session):
             self.remark = (
-                AFTER_ONE  # the lens is looked for in a session, which has pictures in frames/
+                AFTER_FIRST_VIEW  # the lens comes from a session, which has pictures in frames/
             )
             yield
             return
-        if self.remark == AFTER_ONE:
-            self.remark = NOT_YET
+        if self.remark == AFTER_FIRST_VIEW:
+            self.remark = NOT_COMPUTED_YET
         try:
             if self._guidance is None:
-                self._guidance = self._prepared()
+                self._guidance = self._prepare_guidance()
             for guide in self._guidance.guides(views):
                 self._guide, self.remark = guide, ""
                 yield
@@ -71,15 +71,15 @@ class Adviser:
         if self._guidance:
             self._guidance.close()
 
-    def _prepared(self) -> Guidance:
-        board, _, cover = self._task.asked
+    def _prepare_guidance(self) -> Guidance:
+        board, _, cover = self._task.setup
         camera = self._camera
         if camera.intrinsics is None:
             if not has_bare(self._task.session):
                 raise GuidanceError(
-                    f"How sure the maps would be cannot be computed: {self._lacks()}."
+                    f"The accuracy of the maps cannot be computed: {self._missing_lens()}."
                 )
-            *_, last = {"sentence": "The lens is not looked for any more."}, *self._lens.events()
+            *_, last = {"sentence": "The search for the lens was ended."}, *self._lens.events()
             if "camera" not in last:
                 raise GuidanceError(last["sentence"])
             camera = read_camera(Section(last["camera"], "The lens"))
@@ -88,21 +88,19 @@ class Adviser:
             guidance.close()
         return guidance
 
-    def _lacks(self) -> str:
-        known = self._task.asked[1]
-        if known.intrinsics is None:
+    def _missing_lens(self) -> str:
+        camera = self._task.setup[1]
+        if camera.intrinsics is None:
             return "the lens is not known"
-        wanted, size = (
-            f"{known.width}x{known.height}",
-            f"{self._camera.width}x{self._camera.height}",
-        )
-        return f"the lens that is known is of pictures of {wanted} px, and these are {size}"
+        calibrated = f"{camera.width}x{camera.height}"
+        size = f"{self._camera.width}x{self._camera.height}"
+        return f"the known lens is for pictures of {calibrated} px, and these have {size}"
 
 
-def _not_computed(task: Task) -> str:
-    """What is said beside the plain rule, before anything better is there."""
+def _initial_remark(task: Task) -> str:
+    """Return the remark for the plain rule, before better advice exists."""
     if task.bare:
-        return f"From {ENOUGH} views on you may go on (n); more make the lens surer."
-    if task.asked[2].shape == "none":
-        return "The fit computes how sure the maps are."
-    return NOT_YET
+        return f"From {ENOUGH_BARE_VIEWS} views on you may go on (n); more improve the lens."
+    if task.setup[2].shape == "none":
+        return "The fit computes the accuracy of the maps."
+    return NOT_COMPUTED_YET

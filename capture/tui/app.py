@@ -1,9 +1,9 @@
 """The terminal UI: from nothing to an exported map, following the screen.
 
-Workers (threads, and processes behind them) post messages; handlers change the screen. What a
-session holds is read from its folder, never remembered, so a lost connection costs nothing but the
-view of it. A screen opens those that come after it on the way; to go back to an earlier one, it
-leaves, or asks the app by a message.
+Workers (threads, and processes behind them) post messages; handlers change the screen. The content
+of a session is read from its folder, never remembered, so a lost connection costs nothing but the
+view of it. A screen opens the next screens of the way. To return to an earlier one, it leaves, or
+asks the app by a message.
 """
 
 import os
@@ -19,7 +19,7 @@ from textual.binding import Binding
 from textual.events import Event, Key, Paste
 from textual.reactive import reactive
 
-from capture.process import prepare
+from capture.process import prepare_processes
 from capture.session_file import read_calibrated
 from capture.tui.camera import Task
 from capture.tui.check import CheckScreen
@@ -27,15 +27,15 @@ from capture.tui.check_source import CheckSourceScreen, folder_of
 from capture.tui.check_views import CheckViewsScreen, next_folder
 from capture.tui.collect import CollectScreen
 from capture.tui.export import ExportScreen
-from capture.tui.farewell import farewell
+from capture.tui.farewell import farewell_lines
 from capture.tui.fit import FitScreen
 from capture.tui.page import Page
 from capture.tui.page_driver import PageDriver
-from capture.tui.phone import Asked, Phone
+from capture.tui.phone import PageRequest, Phone
 from capture.tui.results import ResultsScreen
 from capture.tui.setup import SetupScreen
 
-# for which a thread that calculates may keep the screen waiting, ten times less than usual
+# s, for which a thread that calculates may delay the screen: ten times less than usual
 SWITCH_S = 0.0005
 
 
@@ -52,80 +52,87 @@ class CaptureApp(App[None]):
     BINDINGS: ClassVar = [Binding("ctrl+c", "interrupt", show=False, priority=True)]
     NOTIFICATION_TIMEOUT: ClassVar = 4.0
     dots: reactive[bool] = reactive(False)
-    """Pictures in dots: the terminal has no greys, or the person wants them so."""
+    """True if pictures are drawn in dots: the terminal has no greys, or the person wants
+    them so.
+    """
     on_phone: reactive[bool] = reactive(False)
-    """A page for a thumb draws the app, and no terminal."""
+    """True if a page for a thumb draws the app instead of a terminal."""
 
     def __init__(self, session: Path, source: str = "") -> None:
-        """`source` may be empty: the set-up then names the first camera that it finds."""
+        """`source` may be empty: the set-up then proposes the first camera that it finds."""
         plain = "NO_COLOR" in os.environ
         super().__init__()
-        prepare()
+        prepare_processes()
         self.session = session
         self.source = source
-        self._shown: ResultsScreen.Opened | None = None
-        self._fit: FitScreen | None = None
+        self._results_shown: ResultsScreen.ResultsOpened | None = None
+        self._fit_screen: FitScreen | None = None
         self._maps: list[Path] = []
         self._phone: Phone | None = None
         self.set_reactive(CaptureApp.dots, plain or self.console.color_system in (None, "standard"))
 
     @property
     def farewell(self) -> Sequence[str]:
-        """Lines for the terminal, when the screen has gone."""
-        shown, cut_short = self._shown, self._fit is not None and self._fit.cut_short
-        if not shown:
-            return list(farewell(self.session, None, self._maps, cut_short=cut_short))
+        """The lines for the terminal after the screen has gone."""
+        results, was_cancelled = (
+            self._results_shown,
+            self._fit_screen is not None and self._fit_screen.was_cancelled,
+        )
+        if not results:
+            return list(farewell_lines(self.session, None, self._maps, was_cancelled=was_cancelled))
         return list(
-            farewell(
+            farewell_lines(
                 self.session,
-                shown.calibration,
+                results.calibration,
                 self._maps,
-                depth=shown.depth,
-                doubt=shown.doubt,
-                cut_short=cut_short,
+                depth=results.depth,
+                doubt=results.doubt,
+                was_cancelled=was_cancelled,
             )
         )
 
     def on_mount(self) -> None:
         sys.setswitchinterval(SWITCH_S)
-        cv2.setNumThreads(1)  # of two cores, one stays for the screen
+        cv2.setNumThreads(1)  # one of two cores stays free for the screen
         self.push_screen(SetupScreen(self.session, self.source))
 
     async def on_event(self, event: Event) -> None:
-        """What is hidden by the notice that the terminal is too small obeys no key, and nothing is
-        typed into it.
-        """
-        if isinstance(event, Key | Paste) and isinstance(self.screen, Page) and self.screen.small:
+        """Ignore keys and pastes for a screen that the notice about a too small terminal hides."""
+        if (
+            isinstance(event, Key | Paste)
+            and isinstance(self.screen, Page)
+            and self.screen.is_too_small
+        ):
             if isinstance(event, Key) and event.key == "q":
                 self.exit()
             if not (isinstance(event, Key) and event.key == "ctrl+c"):
                 return
         await super().on_event(event)
 
-    @on(Asked)
-    def _asked(self, message: Asked) -> None:
+    @on(PageRequest)
+    def _handle_request(self, message: PageRequest) -> None:
         if isinstance(self._driver, PageDriver):
             self._phone = self._phone or Phone(self, self._driver)
-            self._phone.obey(message.what)
+            self._phone.handle_request(message.request)
             self.on_phone = self._driver.muted
 
-    @on(CollectScreen.Heard)
-    def _heard(self, message: CollectScreen.Heard) -> None:
+    @on(CollectScreen.ToneRequested)
+    def _send_tone(self, message: CollectScreen.ToneRequested) -> None:
         if self._phone:
-            self._phone.hear(message.tone)
+            self._phone.send_tone(message.tone)
 
-    @on(ResultsScreen.FitAgain)
-    def _fit_again(self, message: ResultsScreen.FitAgain) -> None:
-        if self.screen is message.results:  # and not left by a key that was pressed just after
+    @on(ResultsScreen.RefitRequested)
+    def _start_refit(self, message: ResultsScreen.RefitRequested) -> None:
+        if self.screen is message.results:  # and no key has left it in the meantime
             self.switch_screen(FitScreen(message.results.session, message.results.result))
 
-    @on(ResultsScreen.Opened)
-    def _opened(self, message: ResultsScreen.Opened) -> None:
-        self._shown = message
+    @on(ResultsScreen.ResultsOpened)
+    def _remember_results(self, message: ResultsScreen.ResultsOpened) -> None:
+        self._results_shown = message
 
-    @on(ResultsScreen.Doubted)
-    def _check(self, message: ResultsScreen.Doubted) -> None:
-        def begin(source: str | None) -> None:
+    @on(ResultsScreen.CheckRequested)
+    def _check(self, message: ResultsScreen.CheckRequested) -> None:
+        def start_check(source: str | None) -> None:
             if not source:
                 return
             if pictures := folder_of(source):
@@ -139,22 +146,22 @@ class CaptureApp(App[None]):
             )
             self.push_screen(CheckViewsScreen(task, message.calibration, message.depth))
 
-        self.push_screen(CheckSourceScreen(self.source), begin)
+        self.push_screen(CheckSourceScreen(self.source), start_check)
 
-    @on(FitScreen.Began)
-    def _began(self, message: FitScreen.Began) -> None:
-        self._fit = message.screen
+    @on(FitScreen.FitStarted)
+    def _remember_fit(self, message: FitScreen.FitStarted) -> None:
+        self._fit_screen = message.screen
 
-    @on(ExportScreen.Done)
-    def _exported(self, message: ExportScreen.Done) -> None:
+    @on(ExportScreen.MapsExported)
+    def _show_export(self, message: ExportScreen.MapsExported) -> None:
         self._maps = list(message.written) or self._maps
         if message.screen is self.screen:
-            message.screen.tell(message)
+            message.screen.show_result(message)
         else:
             self.notify(message.sentence, markup=False)
 
     def action_interrupt(self) -> None:
-        """Ends the program, as everywhere; in a browser the same keys copy."""
+        """End the program, as everywhere; in a browser the same keys copy."""
         if self.is_web:
             self.notify("To quit: q, or esc in the set-up.")
         else:

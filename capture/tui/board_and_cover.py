@@ -1,6 +1,4 @@
-"""The board and the cover as a form: which fields there are follows from the board's type and the
-cover's shape.
-"""
+"""The form for board and cover: its fields follow from the board's type and the cover's shape."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,7 +9,7 @@ from textual.widgets import Input, Select
 
 from calib.session.coding import DICTIONARIES
 from calib.session.cover import SHAPES
-from capture.tui.form import BOARD, Typed
+from capture.tui.form import BOARD, FormTexts
 from capture.tui.page import Field
 from capture.tui.row import Row
 
@@ -20,8 +18,8 @@ BOARDS = {
     "charuco": {"columns": "9", "rows": "6", "dictionary": "DICT_4X4_250", "legacy_pattern": "no"},
     "aprilgrid": {"columns": "6", "rows": "6", "spacing": "0.3"},
 }
-"""What stands in the form before anything is typed."""
-EMPTY = Typed(
+"""The initial texts of the form, for each type of board."""
+EMPTY_FORM = FormTexts(
     BOARDS["checkerboard"],
     "cone",
     {"refractive_index": "1.5", "outside_index": "1", "tilt_deg": "0, 0"},
@@ -40,7 +38,7 @@ class BoardAndCover(Vertical):
             "board type",
             Select(
                 [(kind, kind) for kind in BOARD],
-                value=EMPTY.kind,
+                value=EMPTY_FORM.kind,
                 allow_blank=False,
                 id="kind",
                 compact=True,
@@ -50,7 +48,7 @@ class BoardAndCover(Vertical):
         shapes = [(shape, shape) for shape in SHAPES]
         yield Row(
             "cover shape",
-            Select(shapes, value=EMPTY.shape, allow_blank=False, id="shape", compact=True),
+            Select(shapes, value=EMPTY_FORM.shape, allow_blank=False, id="shape", compact=True),
         )
         yield Grid(id="cover")
 
@@ -64,7 +62,7 @@ class BoardAndCover(Vertical):
 
     @property
     def filled(self) -> bool:
-        """Whether there are fields yet."""
+        """True once the form has fields."""
         return bool(self.query("#board Input"))
 
     @property
@@ -73,33 +71,33 @@ class BoardAndCover(Vertical):
         return self.query("#board Input").first(Input)
 
     @property
-    def typed(self) -> Typed:
-        texts = {each.name or "": each.value for each in self.query(Input)}
+    def typed(self) -> FormTexts:
+        texts = {field.name or "": field.value for field in self.query(Input)}
         board = {key: texts.get(key, "") for key in BOARD[self.kind]}
-        return Typed(
+        return FormTexts(
             board, self.shape, {key: texts.get(key, "") for key in _keys(self.shape)}, self.kind
         )
 
-    async def show(self, typed: Typed) -> None:
+    async def show(self, typed: FormTexts) -> None:
         await self._show_fields("#board", BOARD[typed.kind], typed.board)
         await self._show_fields("#cover", _keys(typed.shape), typed.cover)
         self.query_one("#kind", Select).value = typed.kind
         self.query_one("#shape", Select).value = typed.shape
 
     async def reshape(self) -> None:
-        """The fields of the type and the shape that were chosen, where other ones are there."""
+        """Show the fields of the chosen type and shape, if they are not on the screen yet."""
         if self._names("#board") != list(BOARD[self.kind]):
             await self._show_fields("#board", BOARD[self.kind], BOARDS[self.kind])
         if self._names("#cover") != _keys(self.shape):
-            await self._show_fields("#cover", _keys(self.shape), EMPTY.cover)
+            await self._show_fields("#cover", _keys(self.shape), EMPTY_FORM.cover)
 
     def set_locked(self, locked: bool) -> None:
         self.set_class(locked, "-locked")
-        for each in self.query("Input, Select"):
-            each.disabled = locked
+        for widget in self.query("Input, Select"):
+            widget.disabled = locked
 
     def _names(self, place: str) -> list[str | None]:
-        return [each.name for each in self.query(f"{place} Input")]
+        return [field.name for field in self.query(f"{place} Input")]
 
     async def _show_fields(self, place: str, keys: Sequence[str], texts: Mapping[str, str]) -> None:
         grid = self.query_one(place, Grid)

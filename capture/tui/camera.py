@@ -1,4 +1,4 @@
-"""The camera's thread behind the collecting screen: frames in, what to show out.
+"""The camera's thread behind the collecting screen: frames in, previews out.
 
 It touches no widget.
 """
@@ -15,29 +15,31 @@ from numpy.typing import NDArray
 
 from calib.corners.picture_scale import reduce_picture
 from calib.session.shutter import Shutter as SensorShutter
-from capture.find import finder_of
+from capture.finders import make_finder
 from capture.frames import Frame, FrameSource
 from capture.reader import Reader
 from capture.recorder import Recorder
-from capture.recording_loop import Plan, Shutter, Step, corners_of, record
+from capture.recording_loop import RecordingPlan, ShutterButton, Step, detect_in_pictures, record
 from capture.session_file import Setup, board_of
 from capture.sources.registry import open_source
 
-PREVIEW = 192  # px, the longer side of what the screen is given: as much as a terminal shows
-SHARP = 780  # px, likewise, about, for a phone of 390 points, which has two pixels or three in each
-INTERVAL_S = 1 / 15  # between two pictures on the screen
+PREVIEW_SIDE = 192  # px, the longer side of the screen's picture: as much as a terminal shows
+PHONE_SIDE = (
+    780  # px, the approximate longer side for a phone of 390 points with two or three pixels each
+)
+INTERVAL_S = 1 / 15  # s between two pictures on the screen
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What to record, from where."""
+    """One recording task: the session, the source and the set-up."""
 
     session: Path
     source: str
-    asked: Setup
+    setup: Setup
     """Board, camera and cover for a session that has no session.yaml yet."""
     bare: bool
-    """The cover is off."""
+    """True if the cover is off."""
 
     @property
     def folder(self) -> Path:
@@ -45,40 +47,40 @@ class Task:
 
     @property
     def covered(self) -> bool:
-        """The pictures are taken through a cover."""
-        return not self.bare and self.asked[2].shape != "none"
+        """True if the pictures are taken through a cover."""
+        return not self.bare and self.setup[2].shape != "none"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preview:
-    """A frame as the screen shows it."""
+    """A frame in the size that the screen shows."""
 
     grey: NDArray[np.uint8]
-    """(h, w), PREVIEW px at most."""
+    """(h, w), at most PREVIEW_SIDE px."""
     size: tuple[int, int]
     """Width and height of the frame itself, px."""
     image: NDArray[np.uint8]
-    """(h, w) or (h, w, 3) BGR: about SHARP px if that was asked for, else PREVIEW."""
+    """(h, w) or (h, w, 3) BGR: about PHONE_SIDE px if requested so, else PREVIEW_SIDE."""
 
     @staticmethod
     def of(pixels: NDArray[np.uint8], *, sharp: bool = False) -> "Preview":
         height, width = pixels.shape[:2]
         middle = reduce_picture(pixels, shown_factor((width, height)))
-        scale = min(PREVIEW / max(middle.shape[:2]), 1.0)
-        high, wide = (max(round(side * scale), 1) for side in middle.shape[:2])
-        small = np.asarray(cv2.resize(middle, (wide, high), interpolation=cv2.INTER_AREA), np.uint8)
+        scale = min(PREVIEW_SIDE / max(middle.shape[:2]), 1.0)
+        size = max(round(middle.shape[1] * scale), 1), max(round(middle.shape[0] * scale), 1)
+        small = np.asarray(cv2.resize(middle, size, interpolation=cv2.INTER_AREA), np.uint8)
         grey = small if small.ndim == 2 else cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
         return Preview(np.asarray(grey, np.uint8), (width, height), middle if sharp else small)
 
 
 def shown_factor(size: tuple[int, int]) -> int:
-    """By how much a frame of this width and height is reduced for a phone: in whole blocks, fifty
-    times as fast as to exactly SHARP px.
+    """Return the factor that reduces a frame of this width and height for a phone: a whole number,
+    because reduction by blocks is fifty times as fast as scaling to exactly PHONE_SIDE px.
     """
-    return max(min(round(max(size) / SHARP), *size), 1)
+    return max(min(round(max(size) / PHONE_SIDE), *size), 1)
 
 
-class Shown:
+class PreviewedSource:
     """A source whose frames are also shown, as often as a person can see, however slowly they are
     judged.
     """
@@ -116,8 +118,8 @@ class Shown:
     def __iter__(self) -> Iterator[Frame]:
         for frame in self._source:
             if (
-                frame.time_s - self._last_s >= INTERVAL_S and not frame.alone
-            ):  # a photograph is shown with what was found in it
+                frame.time_s - self._last_s >= INTERVAL_S and not frame.isolated
+            ):  # a photograph is shown later, with its detected board
                 self._last_s = frame.time_s
                 self._show(frame.pixels)
             yield frame
@@ -126,54 +128,58 @@ class Shown:
         self._source.close()
 
 
-class Watch:
-    """One stretch of recording. `close` ends it from any thread, also before it has begun."""
+class RecordingRun:
+    """One run of recording. `close` ends it from any thread, also before it has started."""
 
     def __init__(
         self,
         task: Task,
-        shutter: Shutter,
+        shutter: ShutterButton,
         show: Callable[[Preview], object],
-        waits: Callable[[float], object] = lambda _: None,
+        on_silence: Callable[[float], object] = lambda _: None,
         sharp: Callable[[], bool] = lambda: False,
     ) -> None:
-        """`show` gets the frames, sharp if `sharp` says so just then, and `waits` the seconds for
-        which none came; each from a thread of its own.
+        """`show` gets the frames, in the phone's size if `sharp` says so at that moment;
+        `on_silence` gets the seconds without a frame. Each is called from its own thread.
         """
         self.remarks: Sequence[str] = ()
-        """What a person should know of this recording, as it comes up."""
+        """Sentences that a person should know about this recording, in the order in which they
+        arise.
+        """
         self.closed = False
         self._task = task
         self._shutter = shutter
         self._show = show
         self._sharp = sharp
-        self._reader = Reader(Shown(open_source(task.source), self._preview), waits)
+        self._reader = Reader(PreviewedSource(open_source(task.source), self._preview), on_silence)
 
-    def run(self, begun: Callable[[Sequence[NDArray[np.float64]]], object]) -> Iterator[Step]:
-        """Every frame that was judged, until the source ends. `begun` gets the corners of the views
-        that are there already.
+    def run(self, on_start: Callable[[Sequence[NDArray[np.float64]]], object]) -> Iterator[Step]:
+        """Yield every judged frame, until the source ends. `on_start` gets the corners of the views
+        that the session has already.
 
-        RefracalError: the camera, the disk or the set-up keeps it from going on.
+        RefracalError: the camera, the disk or the set-up prevents the recording.
         """
         task = self._task
-        described = (task.session / "session.yaml").exists()
-        board = board_of(task.session, task.asked[0])
-        like = None if described else task.asked
+        is_described = (task.session / "session.yaml").exists()
+        board = board_of(task.session, task.setup[0])
+        like = None if is_described else task.setup
         with (
             self._reader as reader,
             Recorder(
                 task.session, board, like=like, bare=task.bare, shutter=reader.source.shutter
             ) as recorder,
         ):
-            finder = finder_of(board)
-            kept = corners_of(recorder.pictures, finder)
-            begun(tuple(kept))
-            for step in record(reader, finder, recorder, Plan(views=None), kept, self._shutter):
+            finder = make_finder(board)
+            view_corners = detect_in_pictures(recorder.pictures, finder)
+            on_start(tuple(view_corners))
+            for step in record(
+                reader, finder, recorder, RecordingPlan(views=None), view_corners, self._shutter
+            ):
                 self.remarks = (
                     *reader.source.remarks,
-                    *recorder.remarks[not described :],
-                )  # the first tells of what was just typed
-                if step.frame.alone:
+                    *recorder.remarks[not is_described :],
+                )  # the first remark repeats what the person has just typed
+                if step.frame.isolated:
                     self._preview(step.frame.pixels)
                 yield step
 

@@ -1,7 +1,7 @@
 """A grey picture in the cells of a terminal, with marks on it. Pure.
 
-Half blocks show two pixels a cell in greys. Dots show eight pixels a cell, black or white, for a
-terminal without colours; marks are characters, so they need no colour in either.
+Half blocks show two pixels per cell in greys. Dots show eight pixels per cell, black or white, for
+a terminal without colours. Marks are characters, so they need no colour in either.
 """
 
 from collections.abc import Sequence
@@ -11,42 +11,42 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-LEVELS = 24  # greys: as many as a terminal of 256 colours has
-FOUND, HINT, WORST, LINE = "+", "▒", "◆", "·"
+LEVELS = 24  # grey levels: as many as a terminal of 256 colours has
+CORNER_MARK, HINT_MARK, WORST_MARK, LINE_MARK = "+", "▒", "◆", "·"
 DOTS = np.array(
     [[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]]
-)  # of a braille character, rows by columns
-GAMMA = 1.5  # dots look brighter than the grey that they stand for
+)  # the bits of a braille character, rows by columns
+GAMMA = 1.5  # dots look brighter than the grey that they represent
 DITHER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) / 16 + 1 / 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cells:
-    """What each cell of a picture shows."""
+    """The content of each cell of a picture."""
 
     upper: NDArray[np.uint8]
     """(rows, columns) grey, 0 to 255, of a cell's upper half."""
     lower: NDArray[np.uint8]
     characters: NDArray[np.str_]
-    """(rows, columns) a mark or a pattern of dots; empty where the halves are all there is."""
+    """(rows, columns) a mark or a pattern of dots; empty where the two halves are shown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mark:
-    """One kind of mark: its character, and where it is."""
+    """One kind of mark: its character and its points."""
 
     character: str
     points: NDArray[np.float64]
     """(n, 2) px of the frame."""
     closed: bool = False
-    """Whether the points are the corners of a polygon, whose sides are marked."""
+    """True if the points are the corners of a polygon whose sides are marked."""
     label: str = ""
-    """Written in the middle of a polygon, as far as it fits."""
+    """The text in the middle of a polygon, as far as it fits."""
 
 
 def fit_cells(size: tuple[int, int], columns: int, rows: int) -> tuple[int, int]:
-    """Columns and rows that a frame of this width and height fills, keeping its shape: a cell is
-    twice as high as wide.
+    """Return the columns and rows that a frame of this width and height fills in its shape: a cell
+    is twice as high as wide.
     """
     scale = min(columns / size[0], 2 * rows / size[1])
     return max(round(size[0] * scale), 1), max(round(size[1] * scale / 2), 1)
@@ -61,7 +61,7 @@ def draw(
     *,
     dots: bool,
 ) -> Cells:
-    """A (h, w) picture of a frame of `size` px in columns x rows cells."""
+    """Draw a (h, w) picture of a frame of `size` px in columns x rows cells."""
     characters = np.full((rows, columns), "", "<U1")
     if dots:
         small = cv2.resize(grey, (2 * columns, 4 * rows), interpolation=cv2.INTER_AREA).astype(
@@ -76,24 +76,21 @@ def draw(
     for mark in marks:
         _place(characters, mark, np.array([columns, rows]) / size)
     step = 255 / (LEVELS - 1)
-    upper, lower = (
-        np.asarray(np.round(np.round(part / step) * step), np.uint8)
-        for part in (halves[::2], halves[1::2])
-    )
-    return Cells(upper, lower, characters)
+    quantised = np.asarray(np.round(np.round(halves / step) * step), np.uint8)
+    return Cells(quantised[::2], quantised[1::2], characters)
 
 
 def _place(characters: NDArray[np.str_], mark: Mark, scale: NDArray[np.float64]) -> None:
     rows, columns = characters.shape
     cells = (np.asarray(mark.points) + 0.5) * scale  # (n, 2)
     if mark.closed:
-        along = np.linspace(0, 1, 2 * max(rows, columns))[:, None, None]
-        cells = (cells + along * (np.roll(cells, -1, 0) - cells)).reshape(-1, 2)
+        steps = np.linspace(0, 1, 2 * max(rows, columns))[:, None, None]
+        cells = (cells + steps * (np.roll(cells, -1, 0) - cells)).reshape(-1, 2)
     x, y = np.floor(cells[np.isfinite(cells).all(1)]).astype(int).T
-    inside = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
-    characters[y[inside], x[inside]] = mark.character
-    if mark.label and inside.any():
-        middle, line = int(x[inside].mean()), int(y[inside].mean())
-        begin = min(max(middle - len(mark.label) // 2, 0), max(columns - len(mark.label), 0))
-        for offset, letter in enumerate(mark.label[: columns - begin]):
-            characters[line, begin + offset] = letter
+    visible = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
+    characters[y[visible], x[visible]] = mark.character
+    if mark.label and visible.any():
+        middle, line = int(x[visible].mean()), int(y[visible].mean())
+        start = min(max(middle - len(mark.label) // 2, 0), max(columns - len(mark.label), 0))
+        for offset, letter in enumerate(mark.label[: columns - start]):
+            characters[line, start + offset] = letter

@@ -1,5 +1,5 @@
-"""Check: whether a calibration still holds for pictures that were taken later, as `calib check`
-says it.
+"""Check: the screen that tests whether a calibration still holds for later pictures, as `calib
+check` does.
 """
 
 from pathlib import Path
@@ -8,14 +8,14 @@ from typing import ClassVar
 from textual.binding import Binding
 
 from calib.errors import harmless
-from capture.tui.answering import SCROLL, AnswerPage
+from capture.tui.answer_page import SCROLL, AnswerPage
 from capture.tui.checking import check_calibration
 from capture.tui.child import Event
 from capture.tui.export import ExportScreen
 from capture.tui.page import HELP_AND_QUIT
 
-ONWARD = {
-    "valid": "Nothing has to be done: esc goes back.",
+NEXT_STEPS = {
+    "valid": "You need not do anything: esc goes back.",
     "degraded": (
         "Press enter to bring the calibration up to date by these pictures, or esc to go back and"
         " record anew."
@@ -29,8 +29,8 @@ ONWARD = {
         " record the session anew."
     ),
     "known": (
-        "But it was made from these pictures, which say nothing of today: esc goes back, to name"
-        " others."
+        "But it was made from these pictures, so they say nothing about today: esc goes back, to"
+        " name others."
     ),
 }
 
@@ -46,12 +46,12 @@ class CheckScreen(AnswerPage):
         Binding("escape", "back", "Back", key_display="esc"),
         *HELP_AND_QUIT,
     ]
-    AGAIN = "Press c to check the same pictures again, esc to go back and name others."
+    RETRY_ADVICE = "Press c to check the same pictures again, esc to go back and name others."
 
     def __init__(self, calibration: Path, pictures: Path, depth: float) -> None:
-        """`calibration`: its file.
+        """`calibration` is the file of the calibration.
 
-        `pictures`: a session, or a folder of pictures. `depth`, in metres, is proposed for maps.
+        `pictures` is a session, or a folder of pictures. `depth`, in metres, is proposed for maps.
         """
         super().__init__()
         self._depth = depth
@@ -86,9 +86,9 @@ class CheckScreen(AnswerPage):
             f"Up to date: {result['written']}. Press x to export maps of it; the one before it"
             " stays as it was."
         )
-        word = "known" if result["known"] else result["word"]
-        onward = ONWARD[word if self._may_update or word in ("valid", "known") else ""]
-        self.say(harmless(written if result["written"] else f"{result['sentence']} {onward}"))
+        key = "known" if result["known"] else result["word"]
+        next_step = NEXT_STEPS[key if self._may_update or key in ("valid", "known") else ""]
+        self.say(harmless(written if result["written"] else f"{result['sentence']} {next_step}"))
 
     @property
     def _may_update(self) -> bool:

@@ -1,5 +1,5 @@
-"""Where the pictures come from that a calibration is to be checked with: a camera, or a folder that
-has them already.
+"""The question for the source of a check's pictures: a camera, or a folder that has them
+already.
 """
 
 from asyncio import to_thread
@@ -8,38 +8,40 @@ from typing import ClassVar
 
 from calib.errors import InputError
 from capture.sources.registry import open_source
-from capture.tui.named import cannot_be_opened, played
-from capture.tui.question import Question, keys
-from capture.typed_path import typed_path
+from capture.tui.question import Question, question_bindings
+from capture.tui.references import explain_unreadable, is_recorded_source
+from capture.typed_path import expand_typed_path
 
 FOLDER = "folder:"
 
 
 class CheckSourceScreen(Question[str]):
-    """Dismissed with a source that can be opened, or None."""
+    """A question that is dismissed with a source that can be opened, or with None."""
 
     ABOUT = (
-        "Whether the calibration still holds, three to five pictures of its board tell, tilted,"
-        " near and far, and what has changed if it does not. Name a camera to take them with, or a"
+        "Three to five pictures of the board, tilted, near and far, show whether the calibration"
+        " still holds, and what has changed if it does not. Name a camera to take them with, or a"
         " folder of pictures that were taken later than the calibration, folder:PATH."
     )
     NAME = "source"
     LABEL = "pictures from"
     START = "Start"
-    BINDINGS: ClassVar = [*keys(START)]
+    BINDINGS: ClassVar = [*question_bindings(START)]
 
     async def answer(self, text: str) -> str:
-        source = f"{FOLDER}{text}" if typed_path(text).is_dir() else text
+        source = f"{FOLDER}{text}" if expand_typed_path(text).is_dir() else text
         open_source(source, self.LABEL)
-        if played(source) and (shut := await to_thread(cannot_be_opened, source)):
-            raise InputError(shut)
+        if is_recorded_source(source) and (problem := await to_thread(explain_unreadable, source)):
+            raise InputError(problem)
         return source
 
 
 def folder_of(source: str) -> Path | None:
-    """The folder that a source plays back, whose pictures need not be taken again."""
+    """Return the folder that a source plays back, whose pictures need not be taken again; None for
+    a camera.
+    """
     return (
-        typed_path(source.removeprefix(FOLDER).partition("?")[0])
+        expand_typed_path(source.removeprefix(FOLDER).partition("?")[0])
         if source.startswith(FOLDER)
         else None
     )

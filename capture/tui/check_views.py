@@ -1,5 +1,5 @@
-"""Taking the few pictures that a calibration is checked with: the collecting screen, for a folder
-of their own and another end.
+"""The screen that takes the few pictures of a check: the collecting screen, with a separate folder
+and another next step.
 """
 
 from dataclasses import replace
@@ -11,18 +11,20 @@ from textual.binding import Binding
 from capture.coverage import Hint, SessionProgress
 from capture.tui.camera import Task
 from capture.tui.check import CheckScreen
-from capture.tui.collect import LACKING_S, CollectScreen
+from capture.tui.collect import REASON_S, CollectScreen
 
-FEWEST, ENOUGH = 3, 5
-"""Views that a check takes, and from which on more tell little."""
+MIN_CHECK_VIEWS, ENOUGH_CHECK_VIEWS = 3, 5
+"""The views that a check needs, and the number above which more views help little."""
 CHECKS = "checks"
-"""The folder in a session that holds the pictures of its checks, a session each."""
+"""The folder in a session that holds the pictures of its checks, each as a session."""
 
 
 def next_folder(session: Path) -> Path:
-    """Where the next check's pictures go: checks/001 and so on."""
-    taken = [int(each.name) for each in (session / CHECKS).glob("[0-9]*") if each.name.isdecimal()]
-    return session / CHECKS / f"{max(taken, default=0) + 1:03d}"
+    """Return the folder for the next check's pictures: checks/001 and so on."""
+    numbers = [
+        int(folder.name) for folder in (session / CHECKS).glob("[0-9]*") if folder.name.isdecimal()
+    ]
+    return session / CHECKS / f"{max(numbers, default=0) + 1:03d}"
 
 
 class CheckViewsScreen(CollectScreen):
@@ -35,9 +37,9 @@ class CheckViewsScreen(CollectScreen):
     MAPS: ClassVar = False
 
     def __init__(self, task: Task, calibration: Path, depth: float) -> None:
-        """`task` records into a session of its own.
+        """`task` records into a separate session.
 
-        `calibration`: the file of what is checked. `depth` as CheckScreen has it.
+        `calibration` is the file of the checked calibration. `depth` is as in CheckScreen.
         """
         super().__init__(task)
         self._depth = depth
@@ -51,42 +53,50 @@ class CheckViewsScreen(CollectScreen):
             case "cover_on" | "none_yet" | "results":
                 return False
             case "fit":
-                return len(self.kept) >= FEWEST
+                return len(self.view_corners) >= MIN_CHECK_VIEWS
         return super().check_action(action, parameters)
 
-    def ending(self, message: CollectScreen.Stopped) -> str:
-        if message.again or not self.kept:
-            return super().ending(message)
-        onward = "f to check, " if len(self.kept) >= FEWEST else ""
-        return f"{message.sentence} Press {onward}o to {message.anew}, esc for the results."
-
-    def told(self, progress: SessionProgress) -> SessionProgress:
-        return replace(
-            progress,
-            sentence=f"A check takes {FEWEST} views, tilted, near and far; {ENOUGH} are enough.",
+    def ending_sentence(self, message: CollectScreen.RecordingStopped) -> str:
+        if message.retries or not self.view_corners:
+            return super().ending_sentence(message)
+        next_step_text = "f to check, " if len(self.view_corners) >= MIN_CHECK_VIEWS else ""
+        return (
+            f"{message.sentence} Press {next_step_text}o to {message.restart_text}, esc for the"
+            " results."
         )
 
-    def enough(self, progress: SessionProgress | None) -> bool:
-        del progress
-        return len(self.kept) >= ENOUGH
+    def adapt_progress(self, progress: SessionProgress) -> SessionProgress:
+        return replace(
+            progress,
+            sentence=(
+                f"A check takes {MIN_CHECK_VIEWS} views, tilted, near and far;"
+                f" {ENOUGH_CHECK_VIEWS} are enough."
+            ),
+        )
 
-    def point(self, hint: Hint | None, progress: SessionProgress | None) -> None:
-        """As wide apart as in a session: a tilted board, near and far, tells most."""
-        super().point(hint, progress)
+    def is_enough(self, progress: SessionProgress | None) -> bool:
+        del progress
+        return len(self.view_corners) >= ENOUGH_CHECK_VIEWS
+
+    def show_hint(self, hint: Hint | None, progress: SessionProgress | None) -> None:
+        """Show the hint; the views should differ as in a session: a tilted board, near and far,
+        helps most.
+        """
+        super().show_hint(hint, progress)
         self.refresh_bindings()
 
-    def onward(self) -> str:
+    def next_step_text(self) -> str:
         return "press f to check"
 
     def calibration(self) -> Path:
         return self._calibration.parent
 
     def action_fit(self) -> None:
-        self.rest()
+        self.stop_recording()
         self.app.switch_screen(CheckScreen(self._calibration, self.plan.folder, self._depth))
 
     def action_not_yet(self) -> None:
         self.say(
-            f"A check takes {FEWEST} views at the least, of a tilted board, near and far.",
-            LACKING_S,
+            f"A check takes {MIN_CHECK_VIEWS} views at the least, of a tilted board, near and far.",
+            REASON_S,
         )

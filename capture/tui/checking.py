@@ -1,5 +1,5 @@
-"""The check of a calibration as the screen's child does it, for torch is never loaded in the
-process that draws.
+"""The check of a calibration in the screen's child process: the process that draws never loads
+torch.
 """
 
 from pathlib import Path
@@ -11,12 +11,12 @@ from capture.tui.child import LOADING
 def check_calibration(
     progress: Progress, place: Path, pictures: Path, updated: Path | None = None
 ) -> dict[str, object]:
-    """Answer as `calib check` does, and with `updated` write the calibration brought up to date
+    """Check a calibration as `calib check` does. With `updated`, write the updated calibration
     there, as its --update does.
 
-    Returns the result's word and sentence, a text of what it rests on, whether these pictures can
-    bring the calibration up to date, whether it was made from them, and the file that was written,
-    if one was.
+    Returns the word and the sentence of the status, a text with the evidence, whether these
+    pictures can update the calibration, whether it was fitted to them, and the written file, if
+    any.
     """
     progress.task(LOADING, 1)
     from calib.calibration import DERIVED, Calibration
@@ -27,22 +27,22 @@ def check_calibration(
     from calib.io.file_set import FileSet
 
     calibration = Calibration.load(place)
-    found = read_pictures([pictures], calibration, progress)
+    check_views = read_pictures([pictures], calibration, progress)
     checker = Checker.of(calibration)
-    result = checker.check(found, progress)
+    result = checker.check(check_views, progress)
     numbers: tuple[NumberUpdate, ...] = ()
     written = ""
     if updated:
-        better, numbers = update(calibration, checker.prior, result, found)
+        updated_calibration, numbers = update(calibration, checker.prior, result, check_views)
         with FileSet(updated) as files:
-            written = str(better.write(files))
+            written = str(updated_calibration.write(files))
             files.commit(instead_of=DERIVED)
     text = "\n\n".join(result_lines(result, numbers))
     return {
         "word": result.status.value,
         "sentence": result.status.sentence,
         "text": text,
-        "usable": bool(found.views) and is_updatable(result),
+        "usable": bool(check_views.views) and is_updatable(result),
         "known": result.statistics is not None and not result.has_new_views,
         "written": written,
     }

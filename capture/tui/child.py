@@ -1,4 +1,4 @@
-"""Work in a process of its own that says how far it is; when it dies, that is an event too."""
+"""Work in a separate process that reports its progress; its death is an event too."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -10,20 +10,22 @@ from calib.progress import Advance
 from capture.process import Ending, Process
 
 Event = Mapping[str, Any]
-"""With `event`: task (title, total), step (done, words), result (what the work returns), or error
-(sentence).
+"""An event with the key `event`: task (title, total), step (done, words), result (the work's return
+value), or error (sentence).
 """
 Work = Callable[..., Mapping[str, object]]
-"""Called in the process with a calib.progress.Progress and its arguments.
+"""A function that runs in the process, with a calib.progress.Progress and its arguments.
 
 The process imports it by its module and name.
 """
 LOADING = "Loading (some seconds)"
-"""The first task of most works: it has one step, so its bar stands still meanwhile."""
+"""The title of the first task of most works: it has one step, so its bar does not move
+meanwhile.
+"""
 
 
 class Child:
-    """Started by `events`, ended by `kill` from any thread."""
+    """A child process: `events` starts it, `kill` ends it from any thread."""
 
     def __init__(self, work: Work, *arguments: object) -> None:
         self._work = work
@@ -33,14 +35,14 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """0 before it is started."""
+        """The process's number; 0 before it is started."""
         return self._process.pid if self._process else 0
 
     def events(self) -> Iterator[Event]:
-        """Ends with a result or an error, but for a child that was killed by `kill`."""
+        """Yield the events. The last is a result or an error, unless `kill` ended the child."""
         if self.killed:
             return
-        with Process(_tell, self._work, *self._arguments) as self._process:
+        with Process(_run_work, self._work, *self._arguments) as self._process:
             if self.killed:
                 self._process.kill()
             last: Event = {}
@@ -51,7 +53,7 @@ class Child:
             ending = self._process.end()
         if self.killed or last.get("event") in ("result", "error"):
             return
-        yield {"event": "error", "sentence": _sentence(ending)}
+        yield {"event": "error", "sentence": _explain_ending(ending)}
 
     def kill(self) -> None:
         self.killed = True
@@ -59,33 +61,33 @@ class Child:
             self._process.kill()
 
 
-def _sentence(ending: Ending) -> str:
+def _explain_ending(ending: Ending) -> str:
     if ending.by_signal:
         return (
-            f"The process that calculates was ended from outside ({ending.words}): start it again."
+            f"The process that calculates was ended from outside ({ending.reason}): start it again."
         )
     return (
-        f"The process that calculates ended early, which is a bug in capture ({ending.words}):"
+        f"The process that calculates ended early, which is a bug in capture ({ending.reason}):"
         " start it again, or run calib fit."
     )
 
 
 class _Narrator:
-    """In the process: progress as events."""
+    """The progress in the process, sent as events."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
 
-    def say(self, event: str, **what: object) -> None:
-        self._connection.send({"event": event, **what})
+    def say(self, event: str, **fields: object) -> None:
+        self._connection.send({"event": event, **fields})
 
     def task(self, title: str, total: int) -> Advance:
         self.say("task", title=title, total=total)
         return lambda done, words: self.say("step", done=done, words=words)
 
 
-def _tell(connection: Connection, work: Work, *arguments: object) -> None:
-    """In the process: the work, and its result or the sentence that it ended with."""
+def _run_work(connection: Connection, work: Work, *arguments: object) -> None:
+    """Run in the process: do the work, then send its result or its error."""
     narrator = _Narrator(connection)
     try:
         narrator.say("result", **work(narrator, *arguments))

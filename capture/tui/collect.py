@@ -1,4 +1,6 @@
-"""Collect: the live picture, what to do now, where to hold the board next, and what is covered."""
+"""Collect: the screen with the live picture, the next instruction, the place for the board, and the
+coverage.
+"""
 
 import time
 from collections.abc import Sequence
@@ -16,44 +18,50 @@ from textual.message import Message
 
 from calib.session.camera import Camera
 from capture.coverage import Hint, SessionProgress
-from capture.narrator import waiting
-from capture.recording_loop import Step, refusal
-from capture.tui.camera import Preview, Task, Watch
-from capture.tui.cells import FOUND, HINT, Mark
-from capture.tui.doubts import too_few
-from capture.tui.farewell import fitted
+from capture.narrator import silence_sentence
+from capture.recording_loop import Step, refusal_reason
+from capture.tui.camera import Preview, RecordingRun, Task
+from capture.tui.cells import CORNER_MARK, HINT_MARK, Mark
+from capture.tui.farewell import calibration_folder
 from capture.tui.fit import FitScreen
-from capture.tui.lacking import lacking, lens_known, no_lens, none_found
-from capture.tui.lens import ENOUGH
-from capture.tui.named import played
+from capture.tui.fit_requirements import (
+    find_missing,
+    is_lens_known,
+    no_board_advice,
+    no_lens_advice,
+)
+from capture.tui.lens import ENOUGH_BARE_VIEWS
+from capture.tui.live_undistortion import LiveUndistortion
 from capture.tui.opening import OpeningScreen
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
-from capture.tui.straight import Straight
-from capture.tui.straightening import StraighteningPage
-from capture.tui.watching import WatchingPage
+from capture.tui.references import is_recorded_source
+from capture.tui.start_warnings import too_few_views
+from capture.tui.undistortion_page import UndistortionPage
+from capture.tui.watching_page import WatchingPage
 
-RETRY_S = 3.0  # after which a camera that failed is tried again
-TAKEN_S = 1.5  # for which a view that was kept is said, whatever comes next
-MORE = "More views would make it surer: they can come from another source."
-MORE_BARE = (
-    "More views would make the lens surer.",
-    "Enough to go on. More views would make the lens surer.",
+RETRY_S = 3.0  # s, after which a failed camera is tried again
+TAKEN_S = 1.5  # s for which a kept view is announced, whatever comes next
+MORE_VIEWS_HELP = "More views would improve the result: they can come from another source."
+MORE_BARE_VIEWS_HELP = (
+    "More views would improve the lens.",
+    "Enough to go on. More views would improve the lens.",
 )
-"""Before there are ENOUGH, and from there on."""
-LACKING_S = 6.0  # for which it is said that a fit cannot begin
+"""The remarks below ENOUGH_BARE_VIEWS, and from there on."""
+REASON_S = 6.0  # s for which the reason why a fit cannot start stays
 
 
-class CollectScreen(WatchingPage, StraighteningPage):
+class CollectScreen(WatchingPage, UndistortionPage):
     DEFAULT_CSS = """
     CollectScreen #top { height: 1fr; }
     CollectScreen Picture { width: 1fr; height: 1fr; }
     CollectScreen Panel { width: 31; }
-    CollectScreen #verdict { height: auto; min-height: 2; max-height: 5; background: $primary; color: auto; }
+    CollectScreen #verdict { height: auto; min-height: 2; max-height: 5; }
+    CollectScreen #verdict { background: $primary; color: auto; }
     CollectScreen:nocolor #verdict { text-style: bold reverse; }
     CollectScreen #next { height: 2; padding: 0 1; }
-    """  # noqa: E501
+    """
     BINDINGS: ClassVar = [
         Binding("space", "take", "Take now"),
         Binding("a", "automatic", "Auto"),
@@ -69,17 +77,17 @@ class CollectScreen(WatchingPage, StraighteningPage):
         *HELP_AND_QUIT,
     ]
 
-    class Looked(Message):
-        """A frame came."""
+    class FrameArrived(Message):
+        """A frame has arrived."""
 
-        def __init__(self, seen: Preview, straight: Straight | None) -> None:
+        def __init__(self, frame: Preview, undistortion: LiveUndistortion | None) -> None:
             super().__init__()
-            self.seen = seen
-            self.straight = straight
-            self.preview = straight.preview(seen) if straight else seen
+            self.frame = frame
+            self.undistortion = undistortion
+            self.preview = undistortion.preview(frame) if undistortion else frame
 
-    class Heard(Message):
-        """Something that is worth a tone: taken, refused or enough."""
+    class ToneRequested(Message):
+        """An event with a tone: taken, refused or enough."""
 
         def __init__(self, tone: str) -> None:
             super().__init__()
@@ -87,26 +95,27 @@ class CollectScreen(WatchingPage, StraighteningPage):
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)
-        self._seen: Preview | None = None
+        self._frame: Preview | None = None
         self._preview: Preview | None = None
-        """The same, perhaps straightened."""
+        """The last frame, undistorted if the person wants it so."""
         self._remarks: Sequence[str] = ()
-        self._found: NDArray[np.float64] | None = None
+        self._corners: NDArray[np.float64] | None = None
         self._hint: Hint | None = None
-        self._said_until = 0.0
+        self._message_until = 0.0
         self._refusal = ""
-        """What the last frame was refused for."""
+        """The reason why the last frame was refused."""
         self._enough = False
-        self._ended = ""
-        """What was said when the source ended."""
+        self._ending = ""
+        """The message at the end of the source."""
         self.wrong_board = ""
-        """For the set-up, of a source that has ended and in which there was no board."""
-        self._doubted = False
-        """It was said that there are not enough views: to press f once more is to mean it."""
-        self._looked = 0
-        """Pictures of this stretch that were looked at, and in how many of them there was a board.
+        """The message for the set-up if the source has ended and no picture showed the board."""
+        self._warned = False
+        """True once the screen has said that the views are too few: to press f again is to accept
+        that.
         """
-        self._boards = 0
+        self._judged_pictures = 0
+        """The number of judged pictures of this run."""
+        self._pictures_with_board = 0
 
     def step(self) -> str:
         return "Without cover" if self.plan.bare else "Through cover"
@@ -115,7 +124,7 @@ class CollectScreen(WatchingPage, StraighteningPage):
         with Horizontal(id="top"):
             yield Picture()
             yield Panel(
-                covered=self.MAPS and not self.plan.bare and self.plan.asked[2].shape != "none"
+                covered=self.MAPS and not self.plan.bare and self.plan.setup[2].shape != "none"
             )
         yield Line("The camera is being opened.", id="verdict", classes="banner", markup=False)
         yield Line(id="next", markup=False)
@@ -123,248 +132,272 @@ class CollectScreen(WatchingPage, StraighteningPage):
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
         offered = {
-            "cover_on": self.plan.bare and bool(self.kept),
+            "cover_on": self.plan.bare and bool(self.view_corners),
             "fit": not self.plan.bare and self._lens_known(),
-            "again": self.watched is None,
-            "take": self.watched is not None,
+            "again": self.recording is None,
+            "take": self.recording is not None,
             "results": (
-                not self.plan.bare and self.watched is None and self.calibration() is not None
+                not self.plan.bare and self.recording is None and self.calibration() is not None
             ),
             "straight": not self.plan.bare and self.calibration() is not None,
         }
         return offered.get(action, True)
 
     def _lens_known(self) -> bool:
-        board, camera, cover = self.plan.asked
+        board, camera, cover = self.plan.setup
         if (size := self.picture_size()) and size != (camera.width, camera.height):
-            camera = Camera(*size)  # a lens of other pictures is none of these
-        return lens_known(self.plan.session, (board, camera, cover))
+            camera = Camera(*size)  # the lens is for pictures of another size
+        return is_lens_known(self.plan.session, (board, camera, cover))
 
     @on(ScreenResume)
-    def _begin(self) -> None:
+    def _start(self) -> None:
         picture = self.query_one(Picture)
-        if self.watched is None and self.is_current and self.begin(lambda: picture.phone):
-            self._looked = self._boards = 0
-            self._ended = self.wrong_board = ""
+        if (
+            self.recording is None
+            and self.is_current
+            and self.start_recording(lambda: picture.phone)
+        ):
+            self._judged_pictures = self._pictures_with_board = 0
+            self._ending = self.wrong_board = ""
             self.refresh_bindings()
 
-    def show(self, seen: Preview) -> None:
-        self.post_message(self.Looked(seen, self.straight))
+    def show(self, preview: Preview) -> None:
+        self.post_message(self.FrameArrived(preview, self.undistortion))
 
-    @on(Looked)
-    def _look(self, message: Looked) -> None:
-        self._seen = message.seen
-        if message.straight is self.straight:  # and not of the time before that changed
+    @on(FrameArrived)
+    def _show_frame(self, message: FrameArrived) -> None:
+        self._frame = message.frame
+        # not a preview from before the undistortion changed
+        if message.undistortion is self.undistortion:
             self._preview = message.preview
         self._draw()
 
-    def waits(self, seconds: float) -> None:
-        if time.monotonic() > self._said_until:
-            self.say(waiting(seconds))
+    def show_silence(self, seconds: float) -> None:
+        if time.monotonic() > self._message_until:
+            self.say(silence_sentence(seconds))
 
-    def has_begun(self) -> None:
+    def recording_started(self) -> None:
         self.refresh_bindings()
-        self._count()
-        self.think()
+        self._update_count()
+        self.request_advice()
 
-    def judged(self, watch: Watch, step: Step) -> None:
-        self._looked += 1
-        self._boards += step.sighting.corners is not None
-        self._found = (
-            step.sighting.corners if step.sighting.corners is not None else step.sighting.part
+    def show_step(self, recording: RecordingRun, step: Step) -> None:
+        self._judged_pictures += 1
+        self._pictures_with_board += step.detection.corners is not None
+        self._corners = (
+            step.detection.corners
+            if step.detection.corners is not None
+            else step.detection.partial_corners
         )
         if step.picture is not None:
-            assert step.sighting.corners is not None
-            self.kept.append(step.sighting.corners)
+            assert step.detection.corners is not None
+            self.view_corners.append(step.detection.corners)
             self.app.bell()
-            self.post_message(self.Heard("taken"))
-            self.say(f"TAKEN: view {len(self.kept)}. Move the board to the next place.", TAKEN_S)
-            self.refresh_bindings()
-            self._count()
-            self.think()
-        elif time.monotonic() > self._said_until:
-            self.say(step.verdict.sentence)
-        if refusal(step) != self._refusal:
-            self._refusal = refusal(step)
-            if self._refusal:
-                self.post_message(self.Heard("refused"))
-        if step.frame.alone:  # it is shown for as long as the next one takes
-            self._draw()
-        self._remarks = watch.remarks
-        self._note()
-
-    def stopped(self, message: WatchingPage.Stopped) -> None:
-        self._found = None
-        self.refresh_bindings()
-        self.point(self._hint, self.query_one(Panel).progress)
-        if message.ended and self._looked and not (self._boards or self.kept):
-            self.wrong_board = none_found(
-                self.plan, self._looked, "correct the board here, or name another source"
+            self.post_message(self.ToneRequested("taken"))
+            self.say(
+                f"TAKEN: view {len(self.view_corners)}. Move the board to the next place.", TAKEN_S
             )
-        self._ended = self.ending(message)
-        self.say(self._ended)
-        if message.again:
-            self.set_timer(RETRY_S, self._begin)
+            self.refresh_bindings()
+            self._update_count()
+            self.request_advice()
+        elif time.monotonic() > self._message_until:
+            self.say(step.decision.sentence)
+        if refusal_reason(step) != self._refusal:
+            self._refusal = refusal_reason(step)
+            if self._refusal:
+                self.post_message(self.ToneRequested("refused"))
+        if step.frame.isolated:  # a photograph stays on the screen until the next one
+            self._draw()
+        self._remarks = recording.remarks
+        self._update_notes()
 
-    def ending(self, message: WatchingPage.Stopped) -> str:
-        if message.again:
+    def show_stop(self, message: WatchingPage.RecordingStopped) -> None:
+        self._corners = None
+        self.refresh_bindings()
+        self.show_hint(self._hint, self.query_one(Panel).progress)
+        if (
+            message.exhausted
+            and self._judged_pictures
+            and not (self._pictures_with_board or self.view_corners)
+        ):
+            self.wrong_board = no_board_advice(
+                self.plan, self._judged_pictures, "correct the board here, or name another source"
+            )
+        self._ending = self.ending_sentence(message)
+        self.say(self._ending)
+        if message.retries:
+            self.set_timer(RETRY_S, self._start)
+
+    def ending_sentence(self, message: WatchingPage.RecordingStopped) -> str:
+        if message.retries:
             return f"{message.sentence} It is tried again every 3 s."
         if self.wrong_board:
-            return none_found(self.plan, self._looked)
-        known = self.plan.bare or self._lens_known()
-        if message.ended and not known:
-            return f"{message.sentence} {no_lens(self.plan.session)} Press esc for that."
-        onward = ""
-        if self.kept and known:
-            onward = (
+            return no_board_advice(self.plan, self._judged_pictures)
+        lens_is_known = self.plan.bare or self._lens_known()
+        if message.exhausted and not lens_is_known:
+            return f"{message.sentence} {no_lens_advice(self.plan.session)} Press esc for that."
+        next_step_text = ""
+        if self.view_corners and lens_is_known:
+            next_step_text = (
                 "n to go on through the cover, from another source, "
                 if self.plan.bare
-                else f"{self._fits()}, "
+                else f"{self._fit_keys()}, "
             )
-        return f"{message.sentence} Press {onward}o to {message.anew}, esc for the set-up."
+        return (
+            f"{message.sentence} Press {next_step_text}o to {message.restart_text}, esc for the"
+            " set-up."
+        )
 
-    def advised(self, hint: Hint | None, progress: SessionProgress) -> None:
-        self.query_one(Panel).progress = self.told(progress)
-        self.point(hint, progress)
-        self._note()
+    def show_advice(self, hint: Hint | None, progress: SessionProgress) -> None:
+        self.query_one(Panel).progress = self.adapt_progress(progress)
+        self.show_hint(hint, progress)
+        self._update_notes()
 
-    def point(self, hint: Hint | None, progress: SessionProgress | None) -> None:
-        """Where to hold the board next, if there is to be a next view."""
-        over = not self.watched and (self.plan.bare or played(self.plan.source))
-        enough = self.enough(progress)
-        if enough and not self._enough:
-            self.post_message(self.Heard("enough"))
-        self._enough = enough
-        self._hint = None if over or enough else hint
-        words = f"Next: {self._hint.words}." if self._hint else ""
-        if enough:
-            words = f"ENOUGH: {self.onward()}. More views do no harm."
-        elif self.MAPS and over and self.kept:
-            words = MORE_BARE[len(self.kept) >= ENOUGH] if self.plan.bare else MORE
-        self.query_one("#next", Line).say(words)
+    def show_hint(self, hint: Hint | None, progress: SessionProgress | None) -> None:
+        """Show where to hold the board next, if there is to be a next view."""
+        has_ended = not self.recording and (self.plan.bare or is_recorded_source(self.plan.source))
+        is_enough = self.is_enough(progress)
+        if is_enough and not self._enough:
+            self.post_message(self.ToneRequested("enough"))
+        self._enough = is_enough
+        self._hint = None if has_ended or is_enough else hint
+        text = f"Next: {self._hint.instruction}." if self._hint else ""
+        if is_enough:
+            text = f"ENOUGH: {self.next_step_text()}. More views do no harm."
+        elif self.MAPS and has_ended and self.view_corners:
+            text = (
+                MORE_BARE_VIEWS_HELP[len(self.view_corners) >= ENOUGH_BARE_VIEWS]
+                if self.plan.bare
+                else MORE_VIEWS_HELP
+            )
+        self.query_one("#next", Line).say(text)
         self._draw()
 
-    def told(self, progress: SessionProgress) -> SessionProgress:
-        """As it is shown beside the picture."""
+    def adapt_progress(self, progress: SessionProgress) -> SessionProgress:
+        """Return the progress as the panel shows it."""
         return progress
 
-    def enough(self, progress: SessionProgress | None) -> bool:
-        return progress is not None and progress.enough
+    def is_enough(self, progress: SessionProgress | None) -> bool:
+        return progress is not None and progress.is_enough
 
-    def onward(self) -> str:
-        """What to do where there are enough views."""
+    def next_step_text(self) -> str:
+        """Return the next step once the views are enough."""
         if self.plan.bare:
             return "press n, then put the cover on"
         return (
-            f"press {self._fits()}" if self._lens_known() else "esc, for the lens is not known yet"
+            f"press {self._fit_keys()}"
+            if self._lens_known()
+            else "esc, for the lens is not known yet"
         )
 
-    def _fits(self) -> str:
-        """The keys that lead on from the views through the cover."""
+    def _fit_keys(self) -> str:
+        """Return the keys that lead on from the views through the cover."""
         if self.calibration() is None:
             return "f to fit"
-        return "f to fit anew" if self.watched else "f to fit anew, ^o for the results"
+        return "f to fit anew" if self.recording else "f to fit anew, ^o for the results"
 
     def _draw(self) -> None:
         marks = []
         if self._hint is not None:
-            marks.append(Mark(HINT, self._hint.outline, closed=True, label=" HOLD IT HERE "))
-        if self._found is not None:
-            marks.append(Mark(FOUND, self._found))
-        if self.straight:
-            marks = self.straight.marks(marks, self.plan.asked[0])
+            marks.append(Mark(HINT_MARK, self._hint.outline, closed=True, label=" HOLD IT HERE "))
+        if self._corners is not None:
+            marks.append(Mark(CORNER_MARK, self._corners))
+        if self.undistortion:
+            marks = self.undistortion.marks(marks, self.plan.setup[0])
         self.query_one(Picture).show(self._preview, marks)
 
-    def _note(self) -> None:
-        straight = (
-            [f"Undistorted for {self.straight.depth:g} m; u shows it as it is."]
-            if self.straight
+    def _update_notes(self) -> None:
+        notes = (
+            [f"Undistorted for {self.undistortion.depth:g} m; u shows it as it is."]
+            if self.undistortion
             else []
         )
-        doubts = [self.doubt] if self.doubt else []
-        self.query_one(Panel).say([*self._remarks, *doubts, *straight])
+        remarks = [self.guide_remark] if self.guide_remark else []
+        self.query_one(Panel).say([*self._remarks, *remarks, *notes])
 
-    def _count(self) -> None:
-        self.query_one(Panel).count(len(self.kept), automatic=self.shutter.automatic)
+    def _update_count(self) -> None:
+        self.query_one(Panel).count(len(self.view_corners), automatic=self.shutter.automatic)
 
     def say(self, sentence: str, for_s: float = 0.0) -> None:
-        """`for_s`: what is judged meanwhile is not said."""
-        self._said_until = time.monotonic() + for_s
+        """Show a sentence. For `for_s` seconds, judged frames do not replace it."""
+        self._message_until = time.monotonic() + for_s
         self.query_one("#verdict", Line).say(sentence)
 
     def _remark(self, sentence: str) -> None:
-        """For some seconds; of a source that has ended, what was said of it comes back."""
-        self.say(sentence, LACKING_S)
-        self.set_timer(LACKING_S + 0.1, self._say_again)
+        """Show a remark for some seconds; then the message about an ended source returns."""
+        self.say(sentence, REASON_S)
+        self.set_timer(REASON_S + 0.1, self._repeat_ending)
 
-    def _say_again(self) -> None:
-        if self._ended and not self.watched and time.monotonic() >= self._said_until:
-            self.say(self._ended)
+    def _repeat_ending(self) -> None:
+        if self._ending and not self.recording and time.monotonic() >= self._message_until:
+            self.say(self._ending)
 
     def action_take(self) -> None:
         self.shutter.press()
-        self.say("The next picture in which the board is found is taken.")
+        self.say("The next picture that shows the board is taken.")
 
     def action_automatic(self) -> None:
         self.shutter.automatic = not self.shutter.automatic
-        self._count()
+        self._update_count()
 
     def action_again(self) -> None:
-        self._begin()
+        self._start()
 
     def action_results(self) -> None:
         if folder := self.calibration():
-            self.rest()
+            self.stop_recording()
             self.app.push_screen(OpeningScreen(self.plan.session, folder))
 
     def calibration(self) -> Path | None:
-        return fitted(self.plan.session)
+        return calibration_folder(self.plan.session)
 
     def picture_size(self) -> tuple[int, int] | None:
-        return self._seen.size if self._seen else None
+        return self._frame.size if self._frame else None
 
-    def show_straight(self) -> None:
-        if self._seen:
-            self._preview = self.straight.preview(self._seen) if self.straight else self._seen
+    def show_undistortion(self) -> None:
+        if self._frame:
+            self._preview = (
+                self.undistortion.preview(self._frame) if self.undistortion else self._frame
+            )
         self._draw()
-        self._note()
+        self._update_notes()
 
     def action_cover_on(self) -> None:
-        self.rest()
+        self.stop_recording()
         self.dismiss(True)
 
     def action_back(self) -> None:
-        self.rest()
+        self.stop_recording()
         self.dismiss(False)
 
     def action_fit(self) -> None:
-        if lack := lacking(self.plan.session):
+        if lack := find_missing(self.plan.session):
             self._remark(lack)
             return
         progress = self.query_one(Panel).progress
         if (
-            self.watched and progress and not (self._enough or self._doubted)
-        ):  # where no more pictures come, f is what is proposed
-            self._doubted = True
-            self._remark(too_few(progress))
+            self.recording and progress and not (self._enough or self._warned)
+        ):  # where no more pictures come, f is the proposed key
+            self._warned = True
+            self._remark(too_few_views(progress))
             return
-        self.rest()
+        self.stop_recording()
         self.say("The camera is being opened.")
         self.app.push_screen(FitScreen(self.plan.session))
 
     def action_not_yet(self) -> None:
-        """Where a fit is not offered."""
+        """Explain why a fit is not offered."""
         self._remark(
             "The fit comes after the views through the cover."
             if self.plan.bare
-            else no_lens(self.plan.session)
+            else no_lens_advice(self.plan.session)
         )
 
     def action_none_yet(self) -> None:
-        """Where the cover is not to be put on."""
-        said = (
+        """Explain why the cover is not to be put on."""
+        sentence = (
             "The cover comes on once there are views without it: none is taken yet."
             if self.plan.bare
             else "n ends the views without the cover; f fits these."
         )
-        self._remark(said)
+        self._remark(sentence)

@@ -1,5 +1,5 @@
-"""The command `calib` as a person runs it, for what the screen has no need to follow: run to its
-end, then what it said.
+"""The command `calib` as a person runs it, where the screen need not follow its progress: run to
+its end, then read its output.
 """
 
 import os
@@ -14,23 +14,25 @@ REMARKS = ("Take care: ", "Misfit of ")
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class CommandResult:
     returncode: int
     stdout: str
     sentence: str
-    """What it said last on stderr: why it failed."""
+    """The last line on stderr: the reason of a failure."""
     remarks: Sequence[str]
-    """What else it said there that a person should know."""
+    """The other lines on stderr that a person should know."""
 
 
-def calib(arguments: Sequence[str]) -> Done:
-    """Run it to its end. Blocks."""
+def calib(arguments: Sequence[str]) -> CommandResult:
+    """Run the command to its end. Blocks."""
     command = [sys.executable, "-m", "calib", *arguments]
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
         out, err = process.communicate()
-    lines = err.strip().splitlines() or [f"calib ended with {process.returncode} and said nothing."]
+    lines = err.strip().splitlines() or [
+        f"calib ended with {process.returncode} and printed nothing."
+    ]
     remarks = [line for line in lines if line.startswith(REMARKS)]
-    return Done(process.returncode, out, lines[-1].removeprefix("calib: "), remarks)
+    return CommandResult(process.returncode, out, lines[-1].removeprefix("calib: "), remarks)

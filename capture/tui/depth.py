@@ -1,25 +1,25 @@
-"""At which depth the live picture is straightened."""
+"""The question for the depth at which the live picture is undistorted."""
 
 import argparse
 from typing import ClassVar
 
 from calib.commands.arguments import depth
 from calib.errors import InputError
-from capture.tui.question import Question, keys
+from capture.tui.question import Question, question_bindings
 
 
 class DepthScreen(Question[float]):
-    """Dismissed with a depth in m, or None."""
+    """A question that is dismissed with a depth in m, or with None."""
 
     ABOUT = (
         "The live picture is shown as a camera without a cover would take it, with straight lines"
-        " over it. What is at this depth, in metres from the lens along its axis, is then straight"
-        " and in its place; u again shows the picture as it is."
+        " over it. Objects at this depth, in metres from the lens along its axis, then appear"
+        " straight and in their place; u again shows the picture as it is."
     )
     NAME = "depth"
     LABEL = "depth in metres"
     START = "Show it straight"
-    BINDINGS: ClassVar = [*keys(START)]
+    BINDINGS: ClassVar = [*question_bindings(START)]
 
     async def answer(self, text: str) -> float:
         try:

@@ -1,5 +1,5 @@
-"""The search for effects as the screen's child does it, for torch is never loaded in the process
-that draws.
+"""The search for effects in the screen's child process: the process that draws never loads
+torch.
 """
 
 from pathlib import Path
@@ -18,10 +18,9 @@ if TYPE_CHECKING:
 
 
 def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str, object]:
-    """Find and save what `calib diagnose` does, from and to these places.
+    """Find effects and save the result as `calib diagnose` does, from and to these places.
 
-    Returns the summary of a fit, with the names of the effects that were accepted and a text for
-    the screen.
+    Returns the summary of a fit, with the names of the accepted effects and a text for the screen.
     """
     progress.task(LOADING, 1)
     from calib.calibration import DERIVED, Calibration
@@ -33,17 +32,22 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
 
     calibration = Calibration.load(place)
     with FileSet(out) as files:
-        better, finding = diagnose(calibration, progress)
-        better = diagnosed(better, place if place.is_dir() else place.parent, None)
-        saved = better.write(files)
+        diagnosed_calibration, finding = diagnose(calibration, progress)
+        diagnosed_calibration = diagnosed(
+            diagnosed_calibration, place if place.is_dir() else place.parent, None
+        )
+        saved = diagnosed_calibration.write(files)
         files.commit(instead_of=DERIVED)
     numbers = [
-        [plainly(one.effect), *describe_effect(one.effect, better, one.parameters)]
-        for one in finding.candidates
-        if one.accepted
+        [
+            plainly(candidate.effect),
+            *describe_effect(candidate.effect, diagnosed_calibration, candidate.parameters),
+        ]
+        for candidate in finding.candidates
+        if candidate.accepted
     ]
-    words = {one.effect: plainly(one.effect) for one in finding.candidates}
-    return summary(better, saved) | {
+    words = {candidate.effect: plainly(candidate.effect) for candidate in finding.candidates}
+    return summary(diagnosed_calibration, saved) | {
         "accepted": list(finding.accepted),
         "text": as_text(finding, numbers, words),
     }
@@ -54,49 +58,57 @@ def as_text(
     numbers: "Sequence[Sequence[str]]" = (),
     words: "Mapping[str, str]" = MappingProxyType({}),
 ) -> str:
-    """The finding in lines of at most 78 characters: what was found, the error before and after,
-    and what else was looked into.
+    """Return the finding in lines of at most 78 characters: the accepted effects, the error with
+    and without them, and the other candidates.
 
     Args:
-        numbers: what is to be said of each accepted effect: what it is, and its numbers.
-        words: what an effect is, by its name.
+        numbers: the lines for each accepted effect: its description and its parameters.
+        words: the description of an effect, by its name.
     """
-    before, after = finding.before, finding.after
-    found = (
+    without, with_effects = finding.before, finding.after
+    accepted = (
         ", ".join(finding.accepted)
         or "nothing: no effect that is known here improves held-out views beyond chance"
     )
-    with_them = "with it" if len(finding.accepted) < 2 else "with them"
+    column_title = "with it" if len(finding.accepted) < 2 else "with them"
     lines = [
-        f"Found: {found}.",
+        f"Found: {accepted}.",
         "",
-        f"{'error (root mean square)':<26}{'without':>12}{with_them:>12}",
+        f"{'error (root mean square)':<26}{'without':>12}{column_title:>12}",
     ]
     lines += [
-        f"{'fitted views':<26}{before.rms_px:>9.3f} px{after.rms_px:>9.3f} px",
-        f"{'on the board':<26}{10 * before.rmse_cm:>9.3f} mm{10 * after.rmse_cm:>9.3f} mm",
-        f"{'held-out views':<26}{before.held_out_px:>9.3f} px{after.held_out_px:>9.3f} px",
+        f"{'fitted views':<26}{without.rms_px:>9.3f} px{with_effects.rms_px:>9.3f} px",
+        f"{'on the board':<26}{10 * without.rmse_cm:>9.3f} mm{10 * with_effects.rmse_cm:>9.3f} mm",
+        f"{'held-out views':<26}{without.held_out_px:>9.3f} px{with_effects.held_out_px:>9.3f} px",
         f"{'of which noise':<26}{finding.noise_px:>9.3f} px{finding.noise_px:>9.3f} px",
     ]
-    for each in numbers:
-        lines += ["", *each]
-    tried = [one for one in finding.candidates if one.held_out_px_after is not None]
+    for effect_lines in numbers:
+        lines += ["", *effect_lines]
+    tried = [
+        candidate for candidate in finding.candidates if candidate.held_out_px_after is not None
+    ]
     if tried:
         lines += ["", f"{'fitted':<26}{'held-out views':<24}verdict", *map(_line, tried)]
-    if rest := ", ".join(one.effect for one in finding.candidates if one not in tried):
-        lines += ["", f"No sign of these in what is left: {rest}."]
+    if untried := ", ".join(
+        candidate.effect for candidate in finding.candidates if candidate not in tried
+    ):
+        lines += ["", f"No sign of these in what is left: {untried}."]
     lines += [f"\nNote: {remark}" for remark in finding.remarks]
     if words:
-        lines += ["", "What they are:", *(_wrapped(name, said) for name, said in words.items())]
+        lines += [
+            "",
+            "What they are:",
+            *(_wrap(name, description) for name, description in words.items()),
+        ]
     return "\n".join(lines)
 
 
-def _line(one: "Candidate") -> str:
+def _line(candidate: "Candidate") -> str:
     return (
-        f"{one.title:<25} {one.held_out_px_before:>5.3f} to {one.held_out_px_after:>5.3f} px      "
-        f" {one.outcome}"
+        f"{candidate.title:<25} {candidate.held_out_px_before:>5.3f} to"
+        f" {candidate.held_out_px_after:>5.3f} px       {candidate.outcome}"
     )
 
 
-def _wrapped(name: str, said: str) -> str:
-    return fill(f"{name:<18}{said}", 78, subsequent_indent=" " * 18)
+def _wrap(name: str, description: str) -> str:
+    return fill(f"{name:<18}{description}", 78, subsequent_indent=" " * 18)

@@ -1,5 +1,5 @@
-"""What was typed into the set-up: it is there again, however the program ended; of a session that
-is described, its source and what is recorded now.
+"""The draft of a set-up: the typed texts survive, however the program ends. Of a described session,
+the draft keeps the source and the recorded phase.
 """
 
 import json
@@ -13,58 +13,59 @@ from pathlib import Path
 from calib.errors import InputError
 from calib.io.files import read_file
 from calib.session.cover import SHAPES
-from capture.tui.form import BOARD, Typed
+from capture.tui.form import BOARD, FormTexts
 
-LARGEST = 1 << 16
-"""bytes"""
+MAX_BYTES = 1 << 16
+"""The maximum size of a draft, bytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    typed: Typed
+    typed: FormTexts
     source: str
     like: str
     bare: bool | None = None
-    """What is recorded now, where the person chose that."""
+    """The recorded phase, if the person chose it."""
 
 
-def keep(session: Path, draft: Draft) -> None:
-    """Not waiting for the disk, as it is done at every key; where it cannot be written, it is not
-    kept.
+def save_draft(session: Path, draft: Draft) -> None:
+    """Save a draft. It does not wait for the disk, because it runs at every key. A draft that
+    cannot be written is not kept.
     """
-    place = _place(session)
+    path = _draft_path(session)
     with suppress(OSError, UnicodeError):
-        place.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        beside = place.with_suffix(f".{os.getpid()}")
-        beside.write_text(json.dumps(asdict(draft)))
-        beside.replace(place)
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        temporary = path.with_suffix(f".{os.getpid()}")
+        temporary.write_text(json.dumps(asdict(draft)))
+        temporary.replace(path)
 
 
-def kept(session: Path) -> Draft | None:
-    """None where there is none, or one that this version cannot show."""
+def load_draft(session: Path) -> Draft | None:
+    """Return the draft; None where there is none, or one that this version cannot show."""
     try:
-        said = json.loads(read_file(_place(session), LARGEST))
-        typed = Typed(
-            _texts(said["typed"]["board"]),
-            said["typed"]["shape"],
-            _texts(said["typed"]["cover"]),
-            said["typed"]["kind"],
+        document = json.loads(read_file(_draft_path(session), MAX_BYTES))
+        texts = FormTexts(
+            _check_texts(document["typed"]["board"]),
+            document["typed"]["shape"],
+            _check_texts(document["typed"]["cover"]),
+            document["typed"]["kind"],
         )
-        source, like, bare = said["source"], said["like"], said.get("bare")
+        source, like, bare = document["source"], document["like"], document.get("bare")
     except (InputError, ValueError, LookupError, TypeError, RecursionError):
         return None
-    known = (
-        typed.shape in SHAPES
-        and typed.kind in BOARD
+    is_valid = (
+        texts.shape in SHAPES
+        and texts.kind in BOARD
         and isinstance(source, str)
         and isinstance(like, str)
         and (bare is None or isinstance(bare, bool))
     )
-    return Draft(typed, source, like, bare) if known else None
+    return Draft(texts, source, like, bare) if is_valid else None
 
 
-def _place(session: Path) -> Path:
-    home = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")  # noqa: PTH111 - without a home, it raises nothing
+def _draft_path(session: Path) -> Path:
+    # os.path.expanduser raises nothing where there is no home
+    home = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")  # noqa: PTH111
     return (
         Path(home)
         / "refracal"
@@ -73,7 +74,7 @@ def _place(session: Path) -> Path:
     )
 
 
-def _texts(said: Mapping[str, str]) -> dict[str, str]:
-    if not all(isinstance(part, str) for entry in said.items() for part in entry):
+def _check_texts(texts: Mapping[str, str]) -> dict[str, str]:
+    if not all(isinstance(text, str) for entry in texts.items() for text in entry):
         raise TypeError("not texts")
-    return dict(said)
+    return dict(texts)

@@ -1,4 +1,4 @@
-"""Setting a picture aside: it leaves the session's frames, and can come back."""
+"""Setting a picture aside: it leaves the session's frames, and can return."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,75 +12,78 @@ from capture.recorder import DROPPED
 
 
 @dataclass(frozen=True, slots=True)
-class Dropped:
+class DroppedPicture:
     """A picture that was set aside."""
 
     file: str
-    """Its name in frames/."""
-    now: Path
-    """Where it is."""
+    """The name that it has in frames/."""
+    path: Path
+    """The path where it lies."""
 
 
-def drop(session: Path, file: str) -> Dropped:
+def drop_picture(session: Path, file: str) -> DroppedPicture:
     """Move a picture to frames/dropped, where calib does not look."""
     frames = session / "frames"
     if not (frames / file).exists():
         raise InputError(
-            f"{frames / file} is not there any more: it was moved or deleted outside of this"
-            " program."
+            f"{frames / file} is missing: it was moved or deleted outside of this program."
         )
     aside = frames / DROPPED
     with writing(aside):
         aside.mkdir(exist_ok=True)
-        place = next(place for place in places(aside, file) if not place.exists())
+        place = next(place for place in candidate_paths(aside, file) if not place.exists())
         (frames / file).rename(place)
         sync_folder(frames)
-    return Dropped(file, place)
+    return DroppedPicture(file, place)
 
 
-def dropped(session: Path, files: Iterable[str]) -> list[Dropped]:
-    """Which of these pictures were set aside, by whomever, and lie where `drop` puts them."""
+def find_dropped(session: Path, files: Iterable[str]) -> list[DroppedPicture]:
+    """Return the pictures among these that were set aside, by any program, and lie where
+    `drop_picture` puts them.
+    """
     frames = session / "frames"
-    found = []
+    pictures = []
     for file in files:
-        there = (
+        copies = (
             []
             if (frames / file).exists()
-            else list(takewhile(Path.exists, places(frames / DROPPED, file)))
+            else list(takewhile(Path.exists, candidate_paths(frames / DROPPED, file)))
         )
-        if there:
-            found.append(Dropped(file, there[-1]))
-    return found
+        if copies:
+            pictures.append(DroppedPicture(file, copies[-1]))
+    return pictures
 
 
-def dropped_before(session: Path, files: Iterable[str]) -> list[Dropped]:
-    """Those that lie where `drop` puts them and are none of these pictures: a fit has gone on
-    without them. The last one last.
+def find_dropped_earlier(session: Path, files: Iterable[str]) -> list[DroppedPicture]:
+    """Return the pictures that lie where `drop_picture` puts them and are not among these files: an
+    earlier fit went on without them. The newest is the last.
     """
-    frames, known = session / "frames", set(files)
+    frames, fitted = session / "frames", set(files)
     if not (frames / DROPPED).is_dir():
         return []
-    gone = [
-        Dropped(place.name, place)
+    earlier = [
+        DroppedPicture(place.name, place)
         for place in list_images(frames / DROPPED)
-        if place.name not in known
+        if place.name not in fitted
     ]
-    there = [each for each in gone if not (frames / each.file).exists()]
+    missing = [picture for picture in earlier if not (frames / picture.file).exists()]
     return sorted(
-        there, key=lambda each: each.now.stat().st_ctime_ns
-    )  # of its name, not of what is in it
+        missing, key=lambda picture: picture.path.stat().st_ctime_ns
+    )  # ctime: when the name changed, not the content
 
 
-def places(aside: Path, file: str) -> Iterable[Path]:
-    """Where what is set aside may come to lie: of that name, or one with a number."""
+def candidate_paths(aside: Path, file: str) -> Iterable[Path]:
+    """Return the possible paths of a picture that is set aside: with its name, or with a number
+    added.
+    """
     return (
         aside / f"{Path(file).stem}{f'-{number}' if number else ''}{Path(file).suffix}"
         for number in count()
     )
 
 
-def take_back(one: Dropped) -> None:
-    frames = one.now.parent.parent
+def restore_picture(picture: DroppedPicture) -> None:
+    frames = picture.path.parent.parent
     with writing(frames):
-        one.now.rename(frames / one.file)
+        picture.path.rename(frames / picture.file)
         sync_folder(frames)

@@ -1,5 +1,5 @@
-"""Effects: what the model lacks, as `calib diagnose` finds it, with the error before and after;
-then on with them, or without.
+"""Effects: the screen that searches for missing effects as `calib diagnose` does, and shows the
+error with and without them; the person then goes on with them, or without.
 """
 
 from pathlib import Path
@@ -7,15 +7,15 @@ from typing import ClassVar
 
 from textual.binding import Binding
 
-from capture.tui.answering import SCROLL, AnswerPage
+from capture.tui.answer_page import SCROLL, AnswerPage
 from capture.tui.child import Event
 from capture.tui.diagnosing import diagnose_calibration
 from capture.tui.page import HELP_AND_QUIT
 
 
 class EffectsScreen(AnswerPage):
-    """Dismissed with True where the person wants to go on with what was found: `result` then says
-    with what.
+    """A page that is dismissed with True if the person wants to use the effects; `result` then
+    holds the new calibration.
     """
 
     PART = "effects"
@@ -26,7 +26,7 @@ class EffectsScreen(AnswerPage):
         Binding("escape", "back", "Back", key_display="esc"),
         *HELP_AND_QUIT,
     ]
-    AGAIN = "Press e to look again, esc to go back."
+    RETRY_ADVICE = "Press e to look again, esc to go back."
 
     def __init__(self, calibration: Path) -> None:
         super().__init__()
@@ -39,21 +39,21 @@ class EffectsScreen(AnswerPage):
 
     def action_again(self) -> None:
         self.say(
-            "What the model lacks is being looked for, which takes some minutes at most; esc"
-            " cancels."
+            "The search for effects that the model lacks is running. It takes a few minutes at"
+            " most; esc cancels."
         )
         self.follow(diagnose_calibration, self._calibration, self._calibration.parent / "diagnosed")
 
     def finished(self, result: Event) -> None:
         super().finished(result)
-        found = " and ".join(result["accepted"])
+        effects = " and ".join(result["accepted"])
         use = (
-            f"Press enter to go on with {found}, and to export maps with it; esc leaves the fit as"
-            " it was."
+            f"Press enter to go on with {effects}, and to export maps with it; esc leaves the fit"
+            " as it was."
         )
         self.say(
             use
-            if found
+            if effects
             else "Nothing is added: the fit stays as it was. Press esc, then x to export maps."
         )
 

@@ -1,4 +1,6 @@
-"""Export: at which depths, in which form, where to; then `calib export` does it."""
+"""Export: the screen that asks for the depths, the format and the folder; then `calib export`
+writes the maps.
+"""
 
 import argparse
 from collections.abc import Sequence
@@ -17,43 +19,46 @@ from calib.commands.arguments import depth, quoted
 from calib.errors import harmless
 from calib.export.formats import FORMATS
 from capture.tui.command import calib
-from capture.tui.page import TYPING, Field, onward, typed
-from capture.typed_path import typed_path
+from capture.tui.page import TYPING, Field, focus_next_field, wait_for_typing
+from capture.typed_path import expand_typed_path
 
 ABOUT = (
     "Maps that undistort pictures, one for each depth of the scene. Name a depth or more, with a"
     " blank between, in metres from the lens along its axis. npz has map_x and map_y as cv2.remap"
     " takes them."
 )
-DONE = "That is all: esc goes back to the results, and q there ends the program."
+EXPORT_DONE = "That is all: esc goes back to the results, and q there ends the program."
 NO_MAP = (
     "No map, as no depth was named. rays.npz holds the ray of every pixel: name a depth here for a"
     " map, and press ^s again, or esc goes back."
 )
 
-# times the farthest board, or the nearest in so many parts: from here on a depth is asked about
-FAR_OFF = 3.0
+# the factor beyond the farthest board, or below the nearest, from which on a depth is questioned
+MAX_DISTANCE_RATIO = 3.0
 
 
 class ExportScreen(ModalScreen[str]):
-    """Dismissed with where the last maps were written, in a sentence; empty where none were."""
+    """A screen that is dismissed with a sentence about the last written maps; empty where none were
+    written.
+    """
 
     DEFAULT_CSS = """
     ExportScreen { align: center middle; }
-    ExportScreen #box { width: 76; height: 19; border: round $primary; padding: 0 1; background: $surface; }
+    ExportScreen #box { width: 76; height: 19; padding: 0 1; }
+    ExportScreen #box { border: round $primary; background: $surface; }
     ExportScreen .row { height: 1; margin: 0 0 1 0; }
     ExportScreen .row Label { width: 18; }
     ExportScreen .row Input, ExportScreen .row Select { width: 1fr; height: 1; }
     ExportScreen #said { height: 1fr; }
-    """  # noqa: E501
+    """
     BINDINGS: ClassVar = [
         *TYPING,
         Binding("ctrl+s", "export", "Export", key_display="^s", priority=True),
         Binding("escape", "back", "Back", key_display="esc"),
     ]
 
-    class Done(Message):
-        """The command has ended, perhaps after its screen was left: so the app is told."""
+    class MapsExported(Message):
+        """The command has ended, perhaps after its screen was left; so this goes to the app."""
 
         def __init__(self, screen: "ExportScreen", sentence: str, written: Sequence[Path]) -> None:
             super().__init__()
@@ -70,20 +75,20 @@ class ExportScreen(ModalScreen[str]):
         *,
         note: str = "",
     ) -> None:
-        """`depth`, in metres, is proposed; `boards`, in metres: from the nearest to the farthest,
-        if that is known. `note`: what to know of this calibration before it is exported.
+        """`depth`, in metres, is proposed; `boards`, in metres, is the range from the nearest to
+        the farthest board, if it is known. `note` is shown before the export.
         """
         super().__init__()
         self._note = note
         self._boards = boards
-        self._meant: set[str] = set()
-        """What was said against depths: to export once more is to mean them."""
+        self._accepted: set[str] = set()
+        """The warnings about depths that were shown: to export again is to accept them."""
         self._depth = depth
         self._calibration = calibration
         self._folder = session / "export"
-        self._wrote = ""
-        self._wrong = False
-        """What stands in the fields is none that could be exported, and the screen says why."""
+        self._summary = ""
+        self._invalid = False
+        """True if the fields cannot be exported, and the screen says why."""
 
     def compose(self) -> ComposeResult:
         with Vertical(id="box"):
@@ -104,39 +109,45 @@ class ExportScreen(ModalScreen[str]):
 
     @on(Input.Changed)
     def _check(self) -> None:
-        self._asked()
+        self._read_fields()
 
-    def _asked(self) -> tuple[Sequence[str], Path] | None:
-        """The depths and the folder; None where they will not do, and the screen says why."""
+    def _read_fields(self) -> tuple[Sequence[str], Path] | None:
+        """Return the depths and the folder; None where they are invalid, and the screen
+        says why.
+        """
         try:
-            asked = (
-                depths(self.query_one("#depths", Input).value),
-                folder(self.query_one("#folder", Input).value),
+            fields = (
+                parse_depths(self.query_one("#depths", Input).value),
+                parse_folder(self.query_one("#folder", Input).value),
             )
         except argparse.ArgumentTypeError as error:
-            self._wrong = True
+            self._invalid = True
             self._say(str(error))
             return None
-        self._wrong = False
+        self._invalid = False
         self._say("")
-        return asked
+        return fields
 
     def action_back(self) -> None:
-        self.dismiss(self._wrote)
+        self.dismiss(self._summary)
 
     def action_onward(self) -> None:
-        onward(self)
+        focus_next_field(self)
 
     @on(Button.Pressed)
     @work(exclusive=True, group="export")
     async def action_export(self) -> None:
-        await typed(self)
-        if not (asked := self._asked()):
+        await wait_for_typing(self)
+        if not (fields := self._read_fields()):
             return
-        at, out = asked
-        if self._boards and (far := far_off(at, self._boards)) and far not in self._meant:
-            self._meant.add(far)
-            self._say(far)
+        depths, folder = fields
+        if (
+            self._boards
+            and (warning := warn_of_distance(depths, self._boards))
+            and warning not in self._accepted
+        ):
+            self._accepted.add(warning)
+            self._say(warning)
             return
         form = str(self.query_one("#form", Select).value)
         self._say("Being written.")
@@ -148,8 +159,8 @@ class ExportScreen(ModalScreen[str]):
                 "--format",
                 form,
                 "-o",
-                str(out),
-                *(["--depth", *at] if at else []),
+                str(folder),
+                *(["--depth", *depths] if depths else []),
             ],
         )
 
@@ -157,27 +168,27 @@ class ExportScreen(ModalScreen[str]):
     def _run(self, app: App[None], arguments: Sequence[str]) -> None:
         done = calib(arguments)
         written = [Path(line) for line in done.stdout.splitlines()]
-        said = (
+        sentence = (
             done.sentence.replace("with -o", "above")
             if done.returncode
-            else _told(written, done.remarks)
+            else _describe_files(written, done.remarks)
         )
-        app.post_message(self.Done(self, said, written))
+        app.post_message(self.MapsExported(self, sentence, written))
 
-    def tell(self, message: Done) -> None:
-        """What stands in the fields may have been changed meanwhile: what is wrong with it stays to
-        be read.
+    def show_result(self, message: MapsExported) -> None:
+        """Show the result. The fields may have changed meanwhile: a message about an invalid field
+        stays.
         """
         if message.written:
-            self._wrote = (
+            self._summary = (
                 f"Wrote {len(message.written)} file{'s' * (len(message.written) > 1)} in"
                 f" {message.written[0].parent.resolve()}."
             )
-        if self._wrong:
+        if self._invalid:
             self.notify(message.sentence, markup=False)
         else:
             self._say(
-                f"{message.sentence}\n{DONE}"
+                f"{message.sentence}\n{EXPORT_DONE}"
                 if any(map(is_map, message.written))
                 else message.sentence
             )
@@ -186,19 +197,19 @@ class ExportScreen(ModalScreen[str]):
         self.query_one("#said", Static).update(sentence)
 
 
-def depths(text: str) -> Sequence[str]:
-    """Of a list of depths, as they were written."""
-    listed = [word.rstrip(",") for word in text.split() if word.strip(",")]
-    for word in listed:
+def parse_depths(text: str) -> Sequence[str]:
+    """Return the depths of a list, as they are written."""
+    words = [word.rstrip(",") for word in text.split() if word.strip(",")]
+    for word in words:
         if "," in word:
             raise argparse.ArgumentTypeError(
-                f"{quoted(word)} may be one depth or more: {_unmistakably(word)}"
+                f"{quoted(word)} may be one depth or more: {_suggest_depth(word)}"
             )
         depth(word)
-    return listed
+    return words
 
 
-def _unmistakably(word: str) -> str:
+def _suggest_depth(word: str) -> str:
     match word.split(","):
         case ["0", decimals] if decimals.isdecimal():
             return f"write 0.{decimals} with a point"
@@ -208,40 +219,47 @@ def _unmistakably(word: str) -> str:
             return "write decimals with a point, and a blank between two depths"
 
 
-def far_off(listed: Sequence[str], boards: tuple[float, float]) -> str:
-    """Of depths at which no board was anywhere near, a sentence; empty where there are none."""
+def warn_of_distance(depths: Sequence[str], boards: tuple[float, float]) -> str:
+    """Return a warning about depths that are far from all boards; empty where there are none."""
     near, far = boards
-    words = [word for word in listed if not near / FAR_OFF <= depth(word) <= far * FAR_OFF]
+    words = [
+        word
+        for word in depths
+        if not near / MAX_DISTANCE_RATIO <= depth(word) <= far * MAX_DISTANCE_RATIO
+    ]
     if not words:
         return ""
     metres = " and ".join(f"{word} m" for word in words)
-    away = f"far from your boards, which were {near:.2f} to {far:.2f} m away"
-    return f"{metres} {'are' if words[1:] else 'is'} {away}: press ^s again to export all the same."
+    distance = f"far from your boards, which were {near:.2f} to {far:.2f} m away"
+    return (
+        f"{metres} {'are' if words[1:] else 'is'} {distance}: press ^s again to export all the"
+        " same."
+    )
 
 
-def folder(text: str) -> Path:
-    """As a shell would take it."""
+def parse_folder(text: str) -> Path:
+    """Return the folder as a shell would expand it."""
     if not text.strip():
         raise argparse.ArgumentTypeError("No folder is named: write where the files are to go")
-    path = typed_path(text.strip())
+    path = expand_typed_path(text.strip())
     if path.parts[0].startswith("~"):
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} begins in the home of nobody who is known here: write the whole path"
+            f"{quoted(text)} begins in the home of an unknown user: write the full path"
         )
     return path
 
 
 def is_map(path: Path) -> bool:
-    """And not the rays alone."""
+    """True if the file is a map, not the file of rays."""
     return path.name != "rays.npz"
 
 
-def _told(written: Sequence[Path], remarks: Sequence[str]) -> str:
-    wrote = (
+def _describe_files(written: Sequence[Path], remarks: Sequence[str]) -> str:
+    summary = (
         f"Wrote {' '.join(path.name for path in written)}\nin"
         f" {harmless(str(written[0].parent.resolve()))}"
     )
-    return "\n".join([wrote, *([] if any(map(is_map, written)) else [NO_MAP]), *remarks])
+    return "\n".join([summary, *([] if any(map(is_map, written)) else [NO_MAP]), *remarks])
 
 
 def _row(label: str, field: Input | Select[str]) -> Horizontal:

@@ -1,5 +1,5 @@
-"""What stands in the terminal when the screen has gone: where everything is, and what to type
-next.
+"""The last lines in the terminal when the screen has gone: where all results are, and the next
+command.
 """
 
 import shlex
@@ -12,94 +12,100 @@ from calib.io.images import list_images
 
 CALIBRATION = "calibration.yaml"
 DEPTH = 1.0
-"""m: of the maps that are proposed where none are written and no results were looked at."""
+"""m, the proposed depth of maps if none are written and no results were opened."""
 UPDATED = "updated"
-"""The folder in a calibration's own, of that which a check has brought up to date."""
+"""The subfolder of a calibration for the version that a check has updated."""
 
 
-def fitted(session: Path) -> Path | None:
-    """The folder of the session's calibration, if it has one."""
+def calibration_folder(session: Path) -> Path | None:
+    """Return the folder of the session's calibration, if it has one."""
     folder = session / "calibration"
     return folder if (folder / CALIBRATION).exists() else None
 
 
-def updated(folder: Path) -> Path | None:
-    """The folder of what a check has made of this calibration's since it was fitted, if one has."""
-    return folder / UPDATED if _since(folder / CALIBRATION, folder / UPDATED) else None
+def updated_folder(folder: Path) -> Path | None:
+    """Return the folder of this calibration's updated version, if a check has written one since the
+    fit.
+    """
+    return folder / UPDATED if _files_since(folder / CALIBRATION, folder / UPDATED) else None
 
 
-def farewell(
+def farewell_lines(
     session: Path,
-    shown: Path | None,
+    results: Path | None,
     maps: Sequence[Path],
     *,
     depth: float = DEPTH,
     doubt: str = "",
-    cut_short: bool = False,
+    was_cancelled: bool = False,
 ) -> Iterator[str]:
-    """Lines.
+    """Yield the lines.
 
     Args:
-        shown: the calibration whose results were looked at last; None: those of no one.
-        maps: what was exported last; empty: what lies in the session's export folder since that
-            fit.
-        depth: m, of maps that are proposed.
-        doubt: what the verdict on that says, if it is not to be trusted.
-        cut_short: the last fit was ended before it had a result.
+        shown: the calibration whose results were opened last; None: no results were opened.
+        maps: the files that were exported last. Empty: those in the session's export folder that
+            are newer than the fit.
+        depth: m, the proposed depth of maps.
+        doubt: the verdict's sentence, if the calibration is not trusted.
+        was_cancelled: True if the last fit was ended before it had a result.
     """
-    folder = shown.parent if shown else fitted(session)
+    folder = results.parent if results else calibration_folder(session)
     if folder:
-        if cut_short:
+        if was_cancelled:
             yield (
-                "The last fit was ended before it had a result: the calibration is the one of"
-                " before."
+                "The last fit was ended before it had a result: the calibration is still the"
+                " previous one."
             )
-        yield f"The calibration is in {_said(folder)}"
+        yield f"The calibration is in {_printable(folder)}"
         exported = session / "export"
-        if renewed := updated(folder):
+        if renewed := updated_folder(folder):
             folder, doubt = renewed, ""
-            maps = _newer(folder / CALIBRATION, maps)
+            maps = _select_newer(folder / CALIBRATION, maps)
             exported = folder / "export"
-            yield f"Brought up to date by a check: {_said(folder)}"
-        maps = maps or _since(folder / CALIBRATION, exported)
+            yield f"Brought up to date by a check: {_printable(folder)}"
+        maps = maps or _files_since(folder / CALIBRATION, exported)
         for path in maps:
-            yield f"Exported {_said(path)}"
+            yield f"Exported {_printable(path)}"
         if doubt:
             yield f"{doubt} The report says why, and what to do."
             yield f"Next: {_command('calib', 'report', folder)}"
         else:
-            yield f"Next: {_use(session, folder, maps, depth)}"
+            yield f"Next: {_next_command(session, folder, maps, depth)}"
         return
-    bare, frames = (
-        len(list_images(place)) if place.is_dir() else 0
-        for place in (session / "bare", session / "frames")
-    )
+    bare = _count_images(session / "bare")
+    frames = _count_images(session / "frames")
     if bare or frames:
         yield (
-            f"{_said(session)} has {bare} pictures without the cover and {frames} through it; it"
-            " has no calibration yet."
+            f"{_printable(session)} has {bare} pictures without the cover and {frames} through it;"
+            " it has no calibration yet."
         )
     else:
-        yield f"Nothing is recorded in {_said(session)} yet; what was typed is kept."
+        yield f"Nothing is recorded in {_printable(session)} yet; what was typed is kept."
     yield f"To go on: {_command('capture', session)}"
 
 
-def _since(calibration: Path, exported: Path) -> Sequence[Path]:
-    """The files of a folder that are not older than the calibration."""
-    return sorted(_newer(calibration, exported.iterdir())) if exported.is_dir() else ()
+def _count_images(folder: Path) -> int:
+    return len(list_images(folder)) if folder.is_dir() else 0
 
 
-def _newer(calibration: Path, paths: Iterable[Path]) -> Sequence[Path]:
-    """The files that are not older than the calibration."""
+def _files_since(calibration: Path, exported: Path) -> Sequence[Path]:
+    """Return the files of a folder that are not older than the calibration."""
+    return sorted(_select_newer(calibration, exported.iterdir())) if exported.is_dir() else ()
+
+
+def _select_newer(calibration: Path, paths: Iterable[Path]) -> Sequence[Path]:
+    """Return the files that are not older than the calibration."""
     if not calibration.exists():
         return ()
     made = calibration.stat().st_mtime_ns
     return [path for path in paths if path.is_file() and path.stat().st_mtime_ns >= made]
 
 
-def _use(session: Path, folder: Path, maps: Sequence[Path], depth: float) -> str:
-    """What to do with the calibration: maps first, then pictures that they straighten."""
-    exported = next(
+def _next_command(session: Path, folder: Path, maps: Sequence[Path], depth: float) -> str:
+    """Return the next command for the calibration: first the export of maps, then the undistortion
+    of pictures.
+    """
+    depth_text = next(
         (
             path.stem.removeprefix("map_").removesuffix("m")
             for path in maps
@@ -107,7 +113,7 @@ def _use(session: Path, folder: Path, maps: Sequence[Path], depth: float) -> str
         ),
         None,
     )
-    if exported is None:
+    if depth_text is None:
         place = (folder if folder.name == UPDATED else session) / "export"
         return _command(
             "calib", "export", folder, "--format", "npz", "--depth", f"{depth:g}", "-o", place
@@ -118,7 +124,7 @@ def _use(session: Path, folder: Path, maps: Sequence[Path], depth: float) -> str
         folder,
         session / "frames",
         "--depth",
-        exported,
+        depth_text,
         "-o",
         session / "undistorted",
     )
@@ -128,5 +134,5 @@ def _command(*words: str | Path) -> str:
     return harmless(as_typed(shlex.join(map(str, words))))
 
 
-def _said(path: Path) -> str:
+def _printable(path: Path) -> str:
     return harmless(str(path))

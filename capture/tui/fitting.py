@@ -1,7 +1,7 @@
-"""The fit as the screen's child does it, for torch is never loaded in the process that draws."""
+"""The fit in the screen's child process: the process that draws never loads torch."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, SupportsFloat
 
 from calib.progress import Progress
 from capture.tui.child import LOADING
@@ -11,10 +11,10 @@ if TYPE_CHECKING:
 
 
 def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, object]:
-    """Fit and save as `calib fit` does. Returns the summary."""
+    """Fit and save as `calib fit` does. Return the summary."""
     from calib.session.session import read_session
 
-    described = read_session(session)  # what is wrong with it is said before torch is loaded
+    session_input = read_session(session)  # its errors are reported before torch is loaded
     progress.task(LOADING, 1)
     from calib.calibration import DERIVED
     from calib.fitting.fit import fit
@@ -22,7 +22,7 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
     from calib.io.file_set import FileSet
 
     with FileSet(out) as files:
-        calibration = fit(described, Settings(), progress)
+        calibration = fit(session_input, Settings(), progress)
         saved = calibration.write(files)
         files.commit(instead_of=DERIVED)
     progress.task("Verdict", 1)
@@ -30,26 +30,27 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
 
 
 def open_results(progress: Progress, place: Path) -> dict[str, object]:
-    """The summary of a calibration that is there already, by its folder.
+    """Return the summary of an existing calibration, by its folder.
 
-    Where a diagnosis of this very fit has found effects, the summary of what that made of it, and
-    under `before` the fit's own.
+    If a diagnosis of this very fit has found effects, return the summary of its result, with the
+    fit's own summary under `before`.
     """
     progress.task(LOADING, 1)
     from calib.calibration import Calibration
 
     progress.task("Verdict", 1)
-    fitted, better = Calibration.load(place), place / "diagnosed"
+    fitted = Calibration.load(place)
+    diagnosed_folder = place / "diagnosed"
     fit = summary(fitted, place / "calibration.yaml")
-    if (better / "calibration.yaml").exists():
-        diagnosed = Calibration.load(better)
+    if (diagnosed_folder / "calibration.yaml").exists():
+        diagnosed = Calibration.load(diagnosed_folder)
         if diagnosed.effects and diagnosed.stages[: len(fitted.stages)] == fitted.stages:
-            return summary(diagnosed, better / "calibration.yaml") | {"before": fit}
+            return summary(diagnosed, diagnosed_folder / "calibration.yaml") | {"before": fit}
     return fit
 
 
 def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
-    """What the results screen shows."""
+    """Return the data that the results screen shows."""
     import numpy as np
     from torch import from_numpy
 
@@ -59,24 +60,29 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     from calib.verdict.sureness import map_sigmas
 
     verdict = judge(calibration, folder=saved.parent)
-    seen = calibration.observations
+    observations = calibration.observations
     path, values = calibration.model()
     depth = path.place(
-        seen.corners, seen.with_times(values), from_numpy(calibration.poses)[seen.view]
+        observations.corners,
+        observations.with_times(values),
+        from_numpy(calibration.poses)[observations.view],
     )[:, 2]
-    near, usual, far = (
-        float(f"{edge:.2g}") for edge in (depth.min(), np.median(depth), depth.max())
-    )  # the verdict's median
-    missed = residuals(path, values, seen, from_numpy(calibration.poses))
+    near = _round_depth(depth.min())
+    median = _round_depth(np.median(depth))  # the verdict's median
+    far = _round_depth(depth.max())
+    residual = residuals(path, values, observations, from_numpy(calibration.poses))
     views = [
         {
             "file": view.name,
-            "rms_px": float((own**2).sum(-1).nanmean().sqrt()),
+            "rms_px": float((errors**2).sum(-1).nanmean().sqrt()),
             "corners": pixels.tolist(),
-            "errors": own.tolist(),
+            "errors": errors.tolist(),
         }
-        for view, own, pixels in zip(
-            calibration.views, seen.per_view(missed.image), seen.per_view(seen.pixels), strict=True
+        for view, errors, pixels in zip(
+            calibration.views,
+            observations.per_view(residual.image),
+            observations.per_view(observations.pixels),
+            strict=True,
         )
     ]
     return {
@@ -92,6 +98,11 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
         "verdict": {"word": verdict.word.value, "sentences": verdict.sentences},
         "sigma_px": [
             {"depth_m": depth, "px": px}
-            for depth, px in map_sigmas(calibration, (near, usual, far)).items()
+            for depth, px in map_sigmas(calibration, (near, median, far)).items()
         ],
     }
+
+
+def _round_depth(depth: SupportsFloat) -> float:
+    """Return a depth in m, rounded to two digits."""
+    return float(f"{float(depth):.2g}")

@@ -17,9 +17,9 @@ from calib.session.session import session_from_mapping, session_to_yaml
 from capture.session_file import Setup
 
 BOARD = {kind: tuple(key for key in keys if key != "type") for kind, keys in KEYS.items()}
-"""What there is to type of each type of board."""
-WHERE = "The set-up"
-ALONE: Mapping[str, Mapping[str, object]] = {
+"""The keys that a person types for each type of board."""
+FORM_NAME = "The set-up"
+EXAMPLE_BOARDS: Mapping[str, Mapping[str, object]] = {
     "checkerboard": {"columns": 3, "rows": 3, "square_mm": 1},
     "charuco": {
         "columns": 3,
@@ -30,8 +30,8 @@ ALONE: Mapping[str, Mapping[str, object]] = {
     },
     "aprilgrid": {"columns": 2, "rows": 2, "tag_mm": 1, "spacing": 0.3},
 }
-"""What stands beside a value that is judged by itself: it goes with any."""
-COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
+"""Valid example values for each type of board: a single value is checked together with them."""
+DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
 """A number, with its sigma or without, and perhaps with a decimal comma."""
 NUMBERS = ("one", "two", "three")
 ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
@@ -73,26 +73,26 @@ HELP = {
     "distance_mm": "Millimetres from the lens to the window's inner face.",
     "centre_mm": "x, y, z in mm from the lens to the dome's centre.",
 }
-"""What each value is, for someone who has never seen a session.yaml.
+"""The explanation of each value, for someone who has never seen a session.yaml.
 
-Its rule is said when it is broken.
+The rule of a value is stated when it is broken.
 """
 TAGS = {
     "columns": "How many tags there are along one row.",
     "rows": "How many tags there are along one column.",
 }
-"""The same of an aprilgrid, where it differs."""
+"""The explanations that differ for an aprilgrid."""
 WINDOW = {
     "tilt_deg": (
         "Degrees of its tilt, first about x (to the right), then about y (down): 0, 0 is straight."
     )
 }
-"""The same of a window."""
+"""The explanations that differ for a window."""
 
 
 @dataclass(frozen=True, slots=True)
-class Typed:
-    """Every text of the form, by the keys of session.yaml."""
+class FormTexts:
+    """All texts of the form, by the keys of session.yaml."""
 
     board: Mapping[str, str]
     shape: str
@@ -100,50 +100,53 @@ class Typed:
     kind: str = "checkerboard"
 
 
-def explained(key: str, kind: str, shape: str) -> str:
-    """What a value is, of a board of this type or a cover of this shape."""
-    others = {**(TAGS if kind == "aprilgrid" else {}), **(WINDOW if shape == "flat" else {})}
-    return others.get(key, HELP.get(key, ""))
+def explain_field(key: str, kind: str, shape: str) -> str:
+    """Return the explanation of a value, for a board of this type or a cover of this shape."""
+    special = {**(TAGS if kind == "aprilgrid" else {}), **(WINDOW if shape == "flat" else {})}
+    return special.get(key, HELP.get(key, ""))
 
 
-def problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:
-    """What is wrong with one value by itself, or None; of a field that this shape and type do not
-    have, as it is about to go, nothing.
+def find_problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:
+    """Return the error in one value by itself, or None. A field that this shape and type do not
+    have is about to disappear, so it has no error.
     """
     try:
         if key in BOARD[kind]:
             _check_point(f"board.{key}", text)
             session_from_mapping(
-                _mapping({"type": kind, **ALONE[kind], key: _value(key, text)}, {"shape": "none"}),
-                WHERE,
+                _mapping(
+                    {"type": kind, **EXAMPLE_BOARDS[kind], key: _value(key, text)},
+                    {"shape": "none"},
+                ),
+                FORM_NAME,
             )
         elif quantity := _quantity(key, shape):
-            Section(_written(quantity, text), WHERE, "cover").read(quantity)
+            Section(_to_yaml(quantity, text), FORM_NAME, "cover").read(quantity)
     except InputError as error:
         return str(error)
     return None
 
 
-def read_form(typed: Typed, camera: Camera | None = None) -> Setup:
-    """The set-up, with the camera of another session if there is one; an InputError says what to
-    write instead.
+def read_form(texts: FormTexts, camera: Camera | None = None) -> Setup:
+    """Return the set-up, with the camera of another session if there is one; an InputError says
+    what to write instead.
     """
-    for key, text in typed.board.items():
+    for key, text in texts.board.items():
         _check_point(f"board.{key}", text)
-    board = {"type": typed.kind, **{key: _value(key, text) for key, text in typed.board.items()}}
-    cover: dict[str, object] = {"shape": typed.shape}
-    for quantity in SHAPES[typed.shape]:
-        cover |= _written(quantity, typed.cover.get(quantity.key, ""))
-    return session_from_mapping(_mapping(board, cover, camera), WHERE)
+    board = {"type": texts.kind, **{key: _value(key, text) for key, text in texts.board.items()}}
+    cover: dict[str, object] = {"shape": texts.shape}
+    for quantity in SHAPES[texts.shape]:
+        cover |= _to_yaml(quantity, texts.cover.get(quantity.key, ""))
+    return session_from_mapping(_mapping(board, cover, camera), FORM_NAME)
 
 
-def write_form(board: Board, cover: Cover) -> Typed:
-    """The texts that read as this board and cover."""
+def write_form(board: Board, cover: Cover) -> FormTexts:
+    """Return the texts that read as this board and cover."""
     written = session_to_yaml(board, Camera(1, 1), cover)["board"]
     assert isinstance(written, Mapping)
     texts = {key: _text(value) for key, value in cover_to_yaml(cover).items() if key != "shape"}
     kind = str(written.get("type", "checkerboard"))
-    return Typed({key: _text(written[key]) for key in BOARD[kind]}, cover.shape, texts, kind)
+    return FormTexts({key: _text(written[key]) for key in BOARD[kind]}, cover.shape, texts, kind)
 
 
 def _mapping(
@@ -153,62 +156,69 @@ def _mapping(
         "board": board,
         "camera": camera_to_yaml(camera or Camera(1, 1)),
         "cover": cover,
-    }  # the size is the first picture's
+    }  # the size comes from the first picture
 
 
 def _quantity(key: str, shape: str) -> Quantity | None:
     return next((quantity for quantity in SHAPES[shape] if quantity.key == key), None)
 
 
-def _written(quantity: Quantity, text: str) -> dict[str, object]:
-    """As session.yaml would have it; nothing where an empty text leaves the default."""
+def _to_yaml(quantity: Quantity, text: str) -> dict[str, object]:
+    """Return the key and value as in session.yaml; nothing where an empty text leaves the
+    default.
+    """
     if not text.strip() and quantity.default is not None:
         return {}
     if not quantity.components:
         _check_point(f"cover.{quantity.key}", text)
         return {quantity.key: _number(text)}
     _check_points(f"cover.{quantity.key}", text, len(quantity.components))
-    if len(_parts(text)) != len(quantity.components):
-        first, *others = quantity.components
+    if len(_split_list(text)) != len(quantity.components):
+        first, *names_after_first = quantity.components
         raise InputError(
-            f"{WHERE}: cover.{quantity.key} is {brief(text.strip()) or 'empty'}: write"
-            f" {NUMBERS[len(others)]} numbers, {', '.join((first, *others[:-1]))} and {others[-1]},"
-            f" such as {', '.join('0' for _ in quantity.components)}."
+            f"{FORM_NAME}: cover.{quantity.key} is {brief(text.strip()) or 'empty'}: write"
+            f" {NUMBERS[len(names_after_first)]} numbers,"
+            f" {', '.join((first, *names_after_first[:-1]))} and {names_after_first[-1]}, such as"
+            f" {', '.join('0' for _ in quantity.components)}."
         )
-    return {quantity.key: [_number(part) for part in _parts(text)]}
+    return {quantity.key: [_number(component) for component in _split_list(text)]}
 
 
 def _check_point(key: str, text: str) -> None:
-    """InputError where a single number, or its sigma, has a decimal comma."""
-    if COMMA.fullmatch(_joined(text.strip())) and "," in text:
+    """Raise InputError where a single number, or its sigma, has a decimal comma."""
+    if DECIMAL_COMMA.fullmatch(_join_sigmas(text.strip())) and "," in text:
         raise InputError(
-            f"{WHERE}: {key} is {text.strip()}: write {_with_points([_joined(text.strip())])}, with"
-            " a point."
+            f"{FORM_NAME}: {key} is {text.strip()}: write"
+            f" {_with_points([_join_sigmas(text.strip())])}, with a point."
         )
 
 
 def _check_points(key: str, text: str, count: int) -> None:
-    """InputError where commas among the digits of a list of so many numbers may be decimal ones.
+    """Raise InputError where commas among the digits of a list of this length may be decimal
+    commas.
 
     `1,2,3` and `0,-30` can only be lists.
     """
-    words = [word for word in re.split(r"[;\s]+|,(?![0-9])", _joined(text).strip(" []")) if word]
-    if not any("," in word for word in words) or not all(map(COMMA.fullmatch, words)):
+    words = [
+        word for word in re.split(r"[;\s]+|,(?![0-9])", _join_sigmas(text).strip(" []")) if word
+    ]
+    if not any("," in word for word in words) or not all(map(DECIMAL_COMMA.fullmatch, words)):
         return
-    parts = _parts(text)
-    listed = (
-        f", or {', '.join(parts).replace('±', ' ± ')}, with a blank, for {count} numbers"
-        if len(parts) == count
+    components = _split_list(text)
+    alternative = (
+        f", or {', '.join(components).replace('±', ' ± ')}, with a blank, for {count} numbers"
+        if len(components) == count
         else ""
     )
     raise InputError(
-        f"{WHERE}: {key} is {text.strip()}: write {_with_points(words)}, with a point{listed}."
+        f"{FORM_NAME}: {key} is {text.strip()}: write {_with_points(words)}, with a"
+        f" point{alternative}."
     )
 
 
-def _parts(text: str) -> list[str]:
-    """Of a list, as commas, semicolons and blanks part it."""
-    return re.split(r"[,;\s]+", _joined(text).strip(" []"))
+def _split_list(text: str) -> list[str]:
+    """Return the components of a list, separated by commas, semicolons and blanks."""
+    return re.split(r"[,;\s]+", _join_sigmas(text).strip(" []"))
 
 
 def _with_points(numbers: list[str]) -> str:
@@ -216,7 +226,7 @@ def _with_points(numbers: list[str]) -> str:
 
 
 def _value(key: str, text: str) -> object:
-    """Of a board."""
+    """Return a value of a board."""
     return (
         ANSWERS.get(text.strip().lower(), text.strip())
         if key == "legacy_pattern"
@@ -225,10 +235,10 @@ def _value(key: str, text: str) -> object:
 
 
 def _number(text: str) -> object:
-    """A number, `25 ± 10` (or `25 +- 10`) as a number with its sigma, 0 for an exact one, or the
-    text itself, which the rules refuse.
+    """Return a number, `25 ± 10` (or `25 +- 10`) as a number with its sigma, 0 for an exact one, or
+    the text itself, which the rules refuse.
     """
-    value, pair, sigma = _joined(text.strip()).partition("±")
+    value, pair, sigma = _join_sigmas(text.strip()).partition("±")
     try:
         if pair:
             return {"value": float(value), "sigma": float(sigma)}
@@ -237,8 +247,8 @@ def _number(text: str) -> object:
         return text.strip() or None
 
 
-def _joined(text: str) -> str:
-    """With every number and its sigma as one word."""
+def _join_sigmas(text: str) -> str:
+    """Return the text with every number and its sigma as one word."""
     return re.sub(r"\s*(±|\+-)\s*", "±", text)
 
 

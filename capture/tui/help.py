@@ -1,4 +1,4 @@
-"""What to do, for someone who has never calibrated a camera."""
+"""The help, for someone who has never calibrated a camera."""
 
 import re
 from typing import ClassVar
@@ -41,7 +41,7 @@ DRAWN = {
         "Every key is a button."
     ),
 }
-"""What a page that draws the app for a thumb shows in place of characters."""
+"""The replacements for a page that draws the app for a thumb, which has no characters as marks."""
 
 
 class Prose(Static):
@@ -49,11 +49,11 @@ class Prose(Static):
 
     @property
     def flowing(self) -> str:
-        """The same for a page that draws it: in lines as long as its paragraphs."""
-        said = str(self.content)
-        for drawn, other in DRAWN.items():
-            said = said.replace(drawn, other)
-        joined = re.sub(r"(?<=\S)\n(?! *\n)(?!\d )\s*", " ", said)
+        """The text for a page that draws it: in lines as long as its paragraphs."""
+        text = str(self.content)
+        for phrase, replacement in DRAWN.items():
+            text = text.replace(phrase, replacement)
+        joined = re.sub(r"(?<=\S)\n(?! *\n)(?!\d )\s*", " ", text)
         return re.sub(r"(?<=\S) {2,}", ": ", joined)
 
 

@@ -1,5 +1,5 @@
-"""The lens from the pictures without the cover, as the screen's child finds it: the screen answers
-meanwhile.
+"""The lens from the pictures without the cover, computed in the screen's child process while the
+screen stays responsive.
 """
 
 from dataclasses import replace
@@ -11,16 +11,16 @@ from calib.progress import Progress
 from calib.session.camera import camera_to_yaml
 from calib.session.session import read_session
 
-ENOUGH = 10
-"""Views without the cover: from here on the lens is taken as recorded, and the screens propose to
-go on through the cover.
+ENOUGH_BARE_VIEWS = 10
+"""The number of views without the cover from which on the lens counts as recorded, and the screens
+propose to go on through the cover.
 """
 
 
 def find_lens(progress: Progress, session: Path) -> dict[str, object]:
-    """Returns `camera`: the session's, as session.yaml would have it with intrinsics."""
-    described = read_session(session)
-    assert described.bare
-    views, _ = read_views(described.bare, progress)
-    fitted = calibrate_bare(views, described.bare.board, described.camera, progress)
-    return {"camera": camera_to_yaml(replace(described.camera, intrinsics=fitted.intrinsics))}
+    """Return `camera`: the session's, as session.yaml would have it with intrinsics."""
+    session_input = read_session(session)
+    assert session_input.bare
+    views, _ = read_views(session_input.bare, progress)
+    fitted = calibrate_bare(views, session_input.bare.board, session_input.camera, progress)
+    return {"camera": camera_to_yaml(replace(session_input.camera, intrinsics=fitted.intrinsics))}

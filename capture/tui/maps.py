@@ -1,4 +1,4 @@
-"""Coverage as small maps: of shades, which need no colour, in a terminal; their numbers for a page
+"""Coverage as small maps: of shades, which need no colour, in a terminal; as numbers for a page
 that draws them.
 """
 
@@ -10,13 +10,15 @@ from capture.tui.page import Line
 SHADES = " ░▒▓█"
 
 
-def shaded(covered: NDArray[np.float64], columns: int, rows: int) -> str:
-    """(h, w) coverage, 0 to 1, in rows of columns characters; a full block is fully covered."""
+def shade_cells(covered: NDArray[np.float64], columns: int, rows: int) -> str:
+    """Return (h, w) coverage, 0 to 1, in rows of columns characters; a full block is fully
+    covered.
+    """
     height, width = covered.shape
     y = ((np.arange(rows) + 0.5) * height / rows).astype(int)
     x = ((np.arange(columns) + 0.5) * width / columns).astype(int)
     level = np.clip(np.nan_to_num(covered[np.ix_(y, x)]) * (len(SHADES) - 1), 0, len(SHADES) - 1)
-    # what is begun is never shown as empty, and only what is full as full
+    # a partly covered cell never looks empty, and only a fully covered one looks full
     index = np.where((level > 0) & (level < 1), 1, np.floor(level)).astype(int)
     return "\n".join("".join(SHADES[entry] for entry in line) for line in index)
 
@@ -24,17 +26,17 @@ def shaded(covered: NDArray[np.float64], columns: int, rows: int) -> str:
 class CoverageMap(Line):
     title = ""
     covered: NDArray[np.float64] | None = None
-    """(h, w) coverage, 0 to 1; None: there is a text alone."""
+    """(h, w) coverage, 0 to 1; None: there is only a text."""
     full = ""
-    """What it means that a place is fully covered."""
+    """The meaning of a fully covered place."""
 
-    def cover(self, title: str, covered: NDArray[np.float64], text: str, full: str) -> None:
+    def show_map(self, title: str, covered: NDArray[np.float64], text: str, full: str) -> None:
         """
         Args:
-            title: as a page calls it.
+            title: the title on a page that draws the map.
             covered: (h, w) coverage, 0 to 1.
-            text: as a terminal shows it.
-            full: what it means that a place is fully covered.
+            text: the map as a terminal shows it.
+            full: the meaning of a fully covered place.
         """
         self.title, self.covered, self.full = title, np.clip(np.nan_to_num(covered), 0, 1), full
         self.say(text)

@@ -1,7 +1,7 @@
-"""What a screen shows and takes, as plain data for a page that draws it for a thumb: texts, fields,
-lists, and its keys as buttons.
+"""The content of a screen as plain data for a page that draws it for a thumb: texts, fields, lists,
+and its keys as buttons.
 
-It is read from the screen's own widgets, so that there is one session, whatever draws it.
+It is read from the screen's own widgets, so there is one session, whatever draws it.
 """
 
 import re
@@ -21,51 +21,52 @@ from capture.tui.help import Prose
 from capture.tui.maps import CoverageMap
 from capture.tui.page import STEPS, Page
 from capture.tui.picture import Picture
-from capture.tui.touch_words import worded
-from capture.tui.working import Bar, WorkingPage
+from capture.tui.touch_wording import name_buttons
+from capture.tui.working_page import Bar, WorkingPage
 
 Block = dict[str, object]
-"""`kind`: text, map, bar, field, choice or list; `name`, by which it is spoken of; and what it
-shows.
+"""A block has a `kind` (text, map, bar, field, choice or list), a `name` by which the page refers
+to it, and its content.
 """
 
-LAID_OUT = re.compile(r"[ ]{2}|[░▒▓█]")
-"""Of a text that stands in columns."""
-SPOKEN = ("verdict", "problem", "sentence", "said", "hint", "next", "onward")
-"""Texts that say what to do: they stay in sight, whatever is scrolled."""
-MAIN = ("take", "start", "export", "use", "update", "straighten", "cover_on", "fit")
-"""What a screen is there for is the first of these actions that it has."""
-NEEDLESS = re.compile(r"app\.(focus_\w+|dots)|scroll\b.*")
-"""Actions that a page of its own has no use for."""
+COLUMNS = re.compile(r"[ ]{2}|[░▒▓█]")
+"""Matches a text in columns."""
+INSTRUCTION_IDS = ("verdict", "problem", "sentence", "said", "hint", "next", "onward")
+"""The texts that say what to do: they stay visible, whatever is scrolled."""
+MAIN_ACTIONS = ("take", "start", "export", "use", "update", "straighten", "cover_on", "fit")
+"""The main actions: a screen's main button is the first of these that it has."""
+KEYBOARD_ACTIONS = re.compile(r"app\.(focus_\w+|dots)|scroll\b.*")
+"""The actions for which the page has no use."""
 CHARACTERS = {"space": " ", "question_mark": "?"}
 
 
-def described(app: App[Any]) -> dict[str, object]:
-    """The screen in front; `focus` is the name of the field that it looks at."""
+def describe_screen(app: App[Any]) -> dict[str, object]:
+    """Return the screen in front; `focus` is the name of the field with the focus."""
     screen = app.screen
-    pages = [each for each in app.screen_stack if isinstance(each, Page)]
-    focused, bindings = screen.focused, keys(screen)
+    pages = [item for item in app.screen_stack if isinstance(item, Page)]
+    focused = screen.focused
+    bindings = visible_bindings(screen)
     labels = {
-        key: each.description for each in bindings for key in (each.key, app.get_key_display(each))
+        key: item.description for item in bindings for key in (item.key, app.get_key_display(item))
     }
     blocks = list(_blocks(screen))
     for block in blocks:
         if block["kind"] == "text" and not block["columns"]:
-            block["text"] = worded(str(block["text"]), labels)
+            block["text"] = name_buttons(str(block["text"]), labels)
     return {
-        "screen": handle(screen),
+        "screen": screen_id(screen),
         "step": pages[-1].step() if pages else "",
         "steps": list(STEPS),
         "blocks": blocks,
         "picture": bool(screen.query(Picture)),
         "focus": name_of(focused) if isinstance(focused, Input) else "",
         "keys": _buttons(app, bindings),
-        "notices": [worded(each.message, labels) for each in app._notifications],
+        "notices": [name_buttons(item.message, labels) for item in app._notifications],
     }
 
 
-def handle(screen: Screen[Any]) -> str:
-    """Tells one screen from every other that is there."""
+def screen_id(screen: Screen[Any]) -> str:
+    """Return an id that differs for all existing screens."""
     return f"{type(screen).__name__}-{id(screen)}"
 
 
@@ -73,25 +74,25 @@ def name_of(widget: Widget) -> str:
     return widget.id or widget.name or type(widget).__name__
 
 
-def named(screen: Screen[Any], name: str) -> Widget | None:
-    """The field, choice or list of that name, if it can be used now."""
-    found = (
-        each
-        for each in screen.query("Input, Select, OptionList").results(Widget)
-        if name_of(each) == name
+def find_field(screen: Screen[Any], name: str) -> Widget | None:
+    """Return the field, choice or list of that name, if it can be used now."""
+    candidates = (
+        widget
+        for widget in screen.query("Input, Select, OptionList").results(Widget)
+        if name_of(widget) == name
     )
-    return next((each for each in found if not each.disabled and each.display), None)
+    return next((widget for widget in candidates if not widget.disabled and widget.display), None)
 
 
-def keys(screen: Screen[Any]) -> list[Any]:
-    """The bindings that the screen's last line has, but for those that only a keyboard needs; one
+def visible_bindings(screen: Screen[Any]) -> list[Any]:
+    """Return the bindings of the screen's last line, without those that only a keyboard needs; one
     for each action.
     """
-    found: dict[str, Any] = {}
+    bindings: dict[str, Any] = {}
     for _, binding, enabled, _ in screen.active_bindings.values():
-        if binding.show and enabled and not NEEDLESS.fullmatch(binding.action):
-            found.setdefault(binding.action, binding)
-    return list(found.values())
+        if binding.show and enabled and not KEYBOARD_ACTIONS.fullmatch(binding.action):
+            bindings.setdefault(binding.action, binding)
+    return list(bindings.values())
 
 
 def character_of(key: str) -> str | None:
@@ -100,42 +101,42 @@ def character_of(key: str) -> str | None:
 
 def _buttons(app: App[Any], bindings: list[Any]) -> list[Block]:
     actions = {binding.action for binding in bindings}
-    main = next((action for action in MAIN if action in actions), "")
+    main = next((action for action in MAIN_ACTIONS if action in actions), "")
     return [
         {
-            "key": each.key,
-            "shown": app.get_key_display(each),
-            "label": each.description,
-            "main": each.action == main,
+            "key": binding.key,
+            "shown": app.get_key_display(binding),
+            "label": binding.description,
+            "main": binding.action == main,
         }
-        for each in bindings
+        for binding in bindings
     ]
 
 
 def _blocks(widget: Widget) -> Iterator[Block]:
-    """In the order of the screen. A label belongs to what follows it."""
+    """Yield the blocks in the order of the screen. A label belongs to the widget after it."""
     label = ""
-    for each in widget.children:
-        if not each.display or isinstance(each, Footer | Button | Picture | ToastRack):
-            continue  # a button has a key as well
-        if isinstance(each, Label):
-            label = str(each.content).lstrip("✗ ")
-        elif isinstance(each, CoverageMap) and each.covered is not None:
-            yield _map(each, each.covered)
-        elif isinstance(each, Static):
-            if each.id == "tasks" and isinstance(each.screen, WorkingPage):
-                yield from map(_bar, each.screen.bars)
+    for child in widget.children:
+        if not child.display or isinstance(child, Footer | Button | Picture | ToastRack):
+            continue  # every button has a key as well
+        if isinstance(child, Label):
+            label = str(child.content).lstrip("✗ ")
+        elif isinstance(child, CoverageMap) and child.covered is not None:
+            yield _map_block(child, child.covered)
+        elif isinstance(child, Static):
+            if child.id == "tasks" and isinstance(child.screen, WorkingPage):
+                yield from map(_bar_block, child.screen.bars)
             if (
-                text := each.flowing if isinstance(each, Prose) else str(each.content)
-            ) and not _needless(each):
-                yield _text(each, text)
-        elif block := _taken(each, label):
+                text := child.flowing if isinstance(child, Prose) else str(child.content)
+            ) and not _is_redundant(child):
+                yield _text_block(child, text)
+        elif block := _input_block(child, label):
             yield block
         else:
-            yield from _blocks(each)
+            yield from _blocks(child)
 
 
-def _needless(widget: Static) -> bool:
+def _is_redundant(widget: Static) -> bool:
     drawn = (
         isinstance(widget.screen, WorkingPage)
         and bool(widget.screen.bars)
@@ -144,7 +145,7 @@ def _needless(widget: Static) -> bool:
     return drawn or widget.id in ("steps", "small", "legend")
 
 
-def _bar(bar: Bar) -> Block:
+def _bar_block(bar: Bar) -> Block:
     return {
         "kind": "bar",
         "name": bar.title,
@@ -154,7 +155,7 @@ def _bar(bar: Bar) -> Block:
     }
 
 
-def _map(widget: CoverageMap, covered: NDArray[np.float64]) -> Block:
+def _map_block(widget: CoverageMap, covered: NDArray[np.float64]) -> Block:
     return {
         "kind": "map",
         "name": name_of(widget),
@@ -164,21 +165,21 @@ def _map(widget: CoverageMap, covered: NDArray[np.float64]) -> Block:
     }
 
 
-def _text(widget: Static, text: str) -> Block:
-    columns = not isinstance(widget, Prose) and bool(LAID_OUT.search(text.strip()))
+def _text_block(widget: Static, text: str) -> Block:
+    columns = not isinstance(widget, Prose) and bool(COLUMNS.search(text.strip()))
     return {
         "kind": "text",
         "name": name_of(widget),
         "text": text if columns else text.strip(),
         "columns": columns,
-        "spoken": widget.id in SPOKEN,
+        "spoken": widget.id in INSTRUCTION_IDS,
         "banner": widget.has_class("banner"),
     }
 
 
-def _taken(widget: Widget, label: str) -> Block | None:
-    """A field, a choice or a list."""
-    half = any(isinstance(each, Grid) for each in widget.ancestors)
+def _input_block(widget: Widget, label: str) -> Block | None:
+    """Return the block of a field, a choice or a list; None for another widget."""
+    half = any(isinstance(ancestor, Grid) for ancestor in widget.ancestors)
     about = {"name": name_of(widget), "label": label, "disabled": widget.disabled, "half": half}
     match widget:
         case Input():
@@ -208,7 +209,7 @@ def _taken(widget: Widget, label: str) -> Block | None:
             return {
                 "kind": "list",
                 **about,
-                "options": [str(each.prompt) for each in widget.options],
+                "options": [str(ancestor.prompt) for ancestor in widget.options],
                 "chosen": chosen,
             }
     return None

@@ -1,4 +1,4 @@
-"""The screen on which a finished session is opened again: its results, without another fit."""
+"""The screen that opens a finished session again: its results, without another fit."""
 
 from pathlib import Path
 from typing import ClassVar
@@ -9,7 +9,7 @@ from capture.tui.child import Event
 from capture.tui.fitting import open_results
 from capture.tui.page import HELP_AND_QUIT
 from capture.tui.results import ResultsScreen
-from capture.tui.working import WorkingPage
+from capture.tui.working_page import WorkingPage
 
 
 class OpeningScreen(WorkingPage):
@@ -18,10 +18,10 @@ class OpeningScreen(WorkingPage):
         Binding("escape", "back", "Cancel, back", key_display="esc"),
         *HELP_AND_QUIT,
     ]
-    AGAIN = "Press o to try again, or esc to go back: ^r there fits the session anew."
+    RETRY_ADVICE = "Press o to try again, or esc to go back: ^r there fits the session anew."
 
     def __init__(self, session: Path, calibration: Path) -> None:
-        """`calibration`: its folder."""
+        """`calibration` is its folder."""
         super().__init__()
         self._session = session
         self._calibration = calibration

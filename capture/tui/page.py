@@ -1,5 +1,5 @@
-"""What every screen has: a line that says where one is on the way, a line of keys, and a sentence
-where the terminal is too small.
+"""The parts of every screen: a line with the steps of the way, a line of keys, and a sentence where
+the terminal is too small.
 """
 
 import asyncio
@@ -20,32 +20,32 @@ from capture.tui.child import Child, Event
 from capture.tui.help import HelpScreen
 
 STEPS = ("Set-up", "Without cover", "Through cover", "Fit", "Results")
-SMALLEST = (80, 24)
-"""Columns and rows that every screen is drawn for."""
+MIN_SIZE = (80, 24)
+"""The columns and rows for which every screen is drawn."""
 
 HELP_AND_QUIT = (
     Binding("question_mark", "help", "Help", key_display="?"),
     Binding("q", "app.quit", "Quit"),
 )
-"""For screens on which nothing is typed."""
+"""The keys of screens without fields."""
 
 TYPING = (
     Binding("enter", "onward", show=False, priority=True),
     Binding("tab", "app.focus_next", "Next field", key_display="tab", priority=True),
     Binding("shift+tab", "app.focus_previous", show=False, priority=True),
 )
-"""For screens on which something is typed. These keys are looked at before the fields see them, so
-that what is typed after them, however fast, as over a slow connection, goes to the next field.
+"""The keys of screens with fields. The screen handles these keys before the fields do, so that text
+typed after them, however fast, as over a slow connection, goes to the next field.
 """
 
 
 DOTS = Binding("m", "app.dots", "Dots")
-"""For screens with a picture."""
+"""The key of screens with a picture."""
 
 
 class Line(Static):
-    """A text that is laid out only when it changes: what is said twenty times a second mostly stays
-    the same.
+    """A text that is laid out only when it changes: a text that is set twenty times a second mostly
+    stays the same.
     """
 
     def say(self, text: str) -> None:
@@ -54,15 +54,15 @@ class Line(Static):
 
 
 class Field(Input):
-    """A field whose editing keys work in their turn: Input's go round by the app, where letters
-    that were typed later overtake them.
+    """A field whose editing keys work in their turn. Those of Input take a detour through the app,
+    where letters typed later overtake them.
     """
 
     EDITING: ClassVar = {
-        key: each.action
-        for each in Input.BINDINGS
-        if isinstance(each, Binding)
-        for key in each.key.split(",")
+        key: binding.action
+        for binding in Input.BINDINGS
+        if isinstance(binding, Binding)
+        for key in binding.key.split(",")
     }
 
     async def on_key(self, event: Key) -> None:
@@ -72,8 +72,8 @@ class Field(Input):
             await self.run_action(action)
 
 
-class Said(Message):
-    """What a process says that a page follows; each kind of page has a subclass of its own."""
+class ChildReported(Message):
+    """An event of a process that a page follows; each kind of page has its own subclass."""
 
     def __init__(self, child: Child, event: Event) -> None:
         super().__init__()
@@ -86,19 +86,20 @@ class Page(Screen[bool]):
 
     DEFAULT_CSS = """
     Page > #steps { height: 1; background: $panel; text-style: bold; }
-    Page > #small { display: none; width: 1fr; height: 1fr; content-align: center middle; text-align: center; }
+    Page > #small { display: none; width: 1fr; height: 1fr; }
+    Page > #small { content-align: center middle; text-align: center; }
     Page.-small > * { display: none; }
     Page.-small > #small { display: block; }
-    """  # noqa: E501
+    """
 
     PART: ClassVar[str] = ""
-    """Of the step, where this is not the whole of it."""
+    """The part of the step that this page shows, if it is not the step's only page."""
 
-    _had_focus: Widget | None = None
-    """What had the focus before the terminal became too small: what is hidden loses it."""
+    _previous_focus: Widget | None = None
+    """The widget with the focus before the terminal became too small: hidden widgets lose it."""
 
     def compose(self) -> ComposeResult:
-        yield Static(self._way(), id="steps", markup=False)
+        yield Static(self._step_line(), id="steps", markup=False)
         yield from self.body()
         yield Static(id="small", markup=False)
         yield Footer(show_command_palette=False, compact=True)
@@ -109,52 +110,56 @@ class Page(Screen[bool]):
 
     @abstractmethod
     def step(self) -> str:
-        """Which of STEPS this is."""
+        """Return the name of this step, one of STEPS."""
 
-    def _way(self) -> str:
-        here = f"[{self.step().upper()}{self.PART and f': {self.PART}'}]"
-        return " " + " › ".join(here if step == self.step() else step for step in STEPS)
+    def _step_line(self) -> str:
+        current = f"[{self.step().upper()}{self.PART and f': {self.PART}'}]"
+        return " " + " › ".join(current if step == self.step() else step for step in STEPS)
 
     def action_help(self) -> None:
         self.app.push_screen(HelpScreen())
 
     @property
-    def small(self) -> bool:
-        """Whether the terminal is, so that a notice stands in the place of everything."""
+    def is_too_small(self) -> bool:
+        """True if the terminal is too small, so that a notice replaces all widgets."""
         return self.has_class("-small")
 
     @on(Resize)
     def _measure(self, event: Resize) -> None:
-        small = event.size.width < SMALLEST[0] or event.size.height < SMALLEST[1]
-        if small and not self.small:
-            self._had_focus = self.focused
-        elif self.small and not small and self._had_focus and self._had_focus.is_attached:
-            self.call_after_refresh(self._had_focus.focus)
-        self.set_class(small, "-small")
-        if small:
+        is_too_small = event.size.width < MIN_SIZE[0] or event.size.height < MIN_SIZE[1]
+        if is_too_small and not self.is_too_small:
+            self._previous_focus = self.focused
+        elif (
+            self.is_too_small
+            and not is_too_small
+            and self._previous_focus
+            and self._previous_focus.is_attached
+        ):
+            self.call_after_refresh(self._previous_focus.focus)
+        self.set_class(is_too_small, "-small")
+        if is_too_small:
             words = f"This terminal has {event.size.width} columns and {event.size.height} rows.\n"
             words += (
-                f"Enlarge it to {SMALLEST[0]} and {SMALLEST[1]}, or make its letters smaller: what"
+                f"Enlarge it to {MIN_SIZE[0]} and {MIN_SIZE[1]}, or make its letters smaller: what"
                 " runs goes on.\n"
             )
             words += "Until then no key does anything but q, which quits."
             self.query_one("#small", Static).update(words)
 
 
-def onward(screen: Screen[Any]) -> None:
-    """Enter in a field goes on to the next one; elsewhere it does what it does."""
+def focus_next_field(screen: Screen[Any]) -> None:
+    """Move from a field to the next one; elsewhere, leave enter its usual meaning."""
     if not isinstance(screen.focused, Input):
         raise SkipAction
     screen.focus_next()
 
 
-async def typed(screen: Screen[Any]) -> None:
-    """Wait until every key that was pressed before is in its field, and on its way up what the
-    screen is to hear of it.
+async def wait_for_typing(screen: Screen[Any]) -> None:
+    """Wait until every earlier key is in its field, and the screen has got the resulting messages.
 
-    A key that a screen looks at first overtakes those.
+    A key that the screen handles first overtakes those.
     """
-    for widget in reversed(list(screen.query("*"))):  # what is inside before what is around it
+    for widget in reversed(list(screen.query("*"))):  # inner widgets before outer ones
         done = asyncio.Event()
         widget.call_later(done.set)
         while widget.is_attached and not done.is_set():

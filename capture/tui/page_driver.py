@@ -1,12 +1,12 @@
-"""Textual's driver in a browser, which also carries what the page for a thumb needs; a server names
-it in TEXTUAL_DRIVER.
+"""Textual's driver in a browser, extended by the data of the page for a thumb; a server names it in
+TEXTUAL_DRIVER.
 """
 
 import json
 
 from textual.drivers.web_driver import WebDriver
 
-from capture.tui.phone import Asked
+from capture.tui.phone import PageRequest
 
 
 class PageDriver(WebDriver):
@@ -17,14 +17,14 @@ class PageDriver(WebDriver):
             super().write(data)
 
     def on_meta(self, packet_type: str, payload: dict[str, object]) -> None:
-        """In the thread that reads."""
+        """Handle a message, in the thread that reads."""
         if packet_type == "phone":
-            self._app.post_message(Asked(json.loads(str(payload["asked"]))))
+            self._app.post_message(PageRequest(json.loads(str(payload["asked"]))))
         else:
             super().on_meta(packet_type, payload)
 
-    def tell(self, said: dict[str, object]) -> None:
-        self.write_meta({"type": "phone", "said": said})
+    def send_content(self, message: dict[str, object]) -> None:
+        self.write_meta({"type": "phone", "said": message})
 
-    def show(self, jpeg: bytes) -> None:
+    def send_picture(self, jpeg: bytes) -> None:
         self.write_binary_encoded(("jpeg", jpeg))

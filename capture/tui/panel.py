@@ -1,4 +1,6 @@
-"""Beside the picture: how many views there are, what they cover, and whether they are enough."""
+"""The panel beside the picture: the number of views, their coverage, and whether they are
+enough.
+"""
 
 from collections.abc import Sequence
 
@@ -7,19 +9,23 @@ from textual.containers import Horizontal, Vertical
 from textual.reactive import reactive
 
 from capture.coverage import SessionProgress
-from capture.tui.cells import FOUND, HINT
-from capture.tui.maps import CoverageMap, shaded
+from capture.tui.cells import CORNER_MARK, HINT_MARK
+from capture.tui.maps import CoverageMap, shade_cells
 from capture.tui.page import Line
 
-MAP = (13, 5)  # columns and rows of a coverage map
-MARKS = f"{FOUND} found   {HINT} hold it here"
-COUNTED, COMPUTED = "░ ▒ ▓ some views   █ enough", "░▒▓ less sure   █ sure enough"
-"""What the shades of picture and depth say: how many views there are, and once it is computed, how
-sure the maps are.
+MAP_SIZE = (13, 5)  # columns and rows of a coverage map
+MARKS_LEGEND = f"{CORNER_MARK} found   {HINT_MARK} hold it here"
+COUNT_LEGEND = "░ ▒ ▓ some views   █ enough"
+ACCURACY_LEGEND = "░▒▓ less sure   █ sure enough"
+"""The legends of the shades of picture and depth: the number of views, and once it is computed, the
+maps' accuracy.
 """
-GLASS, NO_GLASS = "Glass crossed", "Glass\nThe patch of cover looked through: not computed yet."
-"""A plain rule takes each pixel for a point of the glass, whose map would be the picture's once
-more.
+GLASS_TITLE, GLASS_UNKNOWN = (
+    "Glass crossed",
+    "Glass\nThe patch of cover looked through: not computed yet.",
+)
+"""The plain rule takes each pixel for a point of the glass, whose map would repeat the
+picture's.
 """
 
 
@@ -37,7 +43,9 @@ class Panel(Vertical):
     progress: reactive[SessionProgress | None] = reactive(None)
 
     def __init__(self, *, covered: bool) -> None:
-        """`covered`: the camera looks through a cover, so its glass has a map of its own."""
+        """`covered` is True if the camera looks through a cover, so that its glass has its
+        own map.
+        """
         super().__init__()
         self._covered = covered
 
@@ -48,7 +56,7 @@ class Panel(Vertical):
             yield CoverageMap(id="image", markup=False)
             yield CoverageMap(id="glass", markup=False)
         yield CoverageMap(id="depth", markup=False)
-        yield Line(f"{MARKS}\n{COUNTED}", id="legend", markup=False)
+        yield Line(f"{MARKS_LEGEND}\n{COUNT_LEGEND}", id="legend", markup=False)
         yield Line(id="notes", markup=False)
 
     def count(self, views: int, *, automatic: bool) -> None:
@@ -57,7 +65,7 @@ class Panel(Vertical):
         )
 
     def say(self, remarks: Sequence[str]) -> None:
-        """What a person should know of the camera; the newest first."""
+        """Show the remarks about the camera; the newest first."""
         self.query_one("#notes", Line).say("\n".join(reversed(remarks)))
 
     def watch_progress(self, progress: SessionProgress | None) -> None:
@@ -65,18 +73,25 @@ class Panel(Vertical):
             return
         self.query_one("#enough", Line).say(progress.sentence)
         self.query_one("#legend", Line).say(
-            f"{MARKS}\n{COUNTED if progress.sigma_px is None else COMPUTED}"
+            f"{MARKS_LEGEND}\n{COUNT_LEGEND if progress.sigma_px is None else ACCURACY_LEGEND}"
         )
         full = "enough" if progress.sigma_px is None else "sure"
-        image, glass, depth = (
-            self.query_one(f"#{name}", CoverageMap) for name in ("image", "glass", "depth")
+        image = self.query_one("#image", CoverageMap)
+        glass = self.query_one("#glass", CoverageMap)
+        depth = self.query_one("#depth", CoverageMap)
+        image.show_map(
+            "Picture", progress.image, f"Picture\n{shade_cells(progress.image, *MAP_SIZE)}", full
         )
-        image.cover("Picture", progress.image, f"Picture\n{shaded(progress.image, *MAP)}", full)
         if self._covered and progress.sigma_px is None:
-            glass.say(NO_GLASS)
+            glass.say(GLASS_UNKNOWN)
         elif self._covered:
-            glass.cover(
-                "Glass", progress.glass, f"{GLASS}\n{shaded(progress.glass, *MAP)}", "enough"
+            glass.show_map(
+                "Glass",
+                progress.glass,
+                f"{GLASS_TITLE}\n{shade_cells(progress.glass, *MAP_SIZE)}",
+                "enough",
             )
         row = progress.depth[None]
-        depth.cover("Depth, near to far", row, f"Depth  near {shaded(row, 13, 1)} far", full)
+        depth.show_map(
+            "Depth, near to far", row, f"Depth  near {shade_cells(row, 13, 1)} far", full
+        )

@@ -1,16 +1,16 @@
-"""The choice of what is recorded now: as it is proposed, but what the person chose stays."""
+"""The choice of the recorded phase. The program proposes one; a person's choice stays."""
 
 from textual.widgets import Select
 
 BARE, ANEW, COVERED = "bare", "anew", "covered"
-PHASES = (("without the cover, into bare/", BARE), ("through the cover, into frames/", COVERED))
+OPTIONS = (("without the cover, into bare/", BARE), ("through the cover, into frames/", COVERED))
 
 
-class Phase(Select[str]):
+class PhaseField(Select[str]):
     def __init__(self) -> None:
-        super().__init__(PHASES, allow_blank=False, id="phase", compact=True)
+        super().__init__(OPTIONS, allow_blank=False, id="phase", compact=True)
         self._proposed: bool | None = None
-        """To record without the cover: what the program chose last. None: nothing yet."""
+        """True if the program proposed last to record without the cover. None: no proposal yet."""
 
     @property
     def bare(self) -> bool:
@@ -22,36 +22,36 @@ class Phase(Select[str]):
             self.value = BARE if bare else COVERED
 
     @property
-    def anew(self) -> bool:
-        """Without the cover, and the views that are there already are no good."""
+    def is_retake(self) -> bool:
+        """True if the phase is without the cover, and the existing views are to be replaced."""
         return self.value == ANEW
 
     @property
-    def chosen(self) -> bool | None:
-        """To record without the cover, where the person chose that."""
+    def choice(self) -> bool | None:
+        """True or False if the person chose the phase without or with the cover; else None."""
         return None if self.bare == self._proposed else self.bare
 
     @property
-    def untouched(self) -> bool:
-        """Nothing was proposed yet, nor taken up from the last time."""
+    def is_untouched(self) -> bool:
+        """True if nothing was proposed yet, nor restored from the last time."""
         return self._proposed is None
 
-    def offer(self, there: int) -> None:
-        """Of a session with so many views without the cover; not again what was chosen for the last
-        recording alone, to take them anew.
+    def offer(self, bare_views: int) -> None:
+        """Set the options for a session with this many views without the cover. The choice to take
+        them anew counts for one recording only.
         """
-        anew = (f"without the cover, anew ({there} go to bare-aside/)", ANEW)
+        is_retake = (f"without the cover, anew ({bare_views} go to bare-aside/)", ANEW)
         bare = self.bare
         with self.prevent(Select.Changed):
-            self.set_options((*PHASES, anew) if there else PHASES)
+            self.set_options((*OPTIONS, is_retake) if bare_views else OPTIONS)
             self.value = BARE if bare else COVERED
 
     def restore(self, bare: bool | None) -> None:
-        """As the person chose it the last time, if at all."""
+        """Restore the person's last choice, if there was one."""
         if bare is not None:
             self.bare = bare
             self._proposed = not bare
 
     def propose(self, bare: bool) -> None:
-        if self.untouched or self.bare == self._proposed:
+        if self.is_untouched or self.bare == self._proposed:
             self.bare = self._proposed = bare

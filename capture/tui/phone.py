@@ -1,9 +1,8 @@
-"""The app on a page for a thumb: what the screen shows goes there as data, the camera's picture as
+"""The app on a page for a thumb: the screen's content goes there as data, the camera's picture as
 JPEG, and touches come back as keys.
 
-Nothing is sent, and no picture encoded, while no such page is there. A picture is sent when the
-page has drawn the one before the last, so a slow connection gets fewer of them, and nothing waits
-for it.
+Nothing is sent, and no picture is encoded, while no such page is open. A picture is sent when the
+page has drawn the last but one, so a slow connection gets fewer pictures, and nothing waits for it.
 """
 
 import asyncio
@@ -17,82 +16,90 @@ from textual.message import Message
 from textual.widgets import Input, OptionList, Select
 
 from capture.tui.cells import Mark
-from capture.tui.mirror import character_of, described, handle, keys, named
+from capture.tui.mirror import (
+    character_of,
+    describe_screen,
+    find_field,
+    screen_id,
+    visible_bindings,
+)
 from capture.tui.picture import Picture
 
-PAUSE_S = 1 / 8  # between two looks at the screen
-QUALITY = 80  # of the JPEG: edges of squares stay clean, at a third of what 95 takes
-AHEAD = 2  # pictures on their way, at most
-LONGEST = 4096  # characters of a field
+PAUSE_S = 1 / 8  # s between two readings of the screen
+QUALITY = 80  # JPEG quality: edges of squares stay clean, at a third of the size that 95 takes
+MAX_PENDING = 2  # the maximum number of sent but undrawn pictures
+MAX_TEXT = 4096  # the maximum number of characters of a field
 
 
-class Asked(Message):
-    """The page wants something."""
+class PageRequest(Message):
+    """A request of the page."""
 
-    def __init__(self, what: object) -> None:
-        """`what`: as it came."""
+    def __init__(self, request: object) -> None:
+        """`request` is the request as received."""
         super().__init__()
-        self.what = what
+        self.request = request
 
 
-class Line(Protocol):
-    """To the page."""
+class PageConnection(Protocol):
+    """The connection to the page."""
 
     muted: bool
-    """Whether the terminal's own text is kept back."""
+    """True if the terminal's own text is held back."""
 
-    def tell(self, said: dict[str, object]) -> None: ...
+    def send_content(self, message: dict[str, object]) -> None: ...
 
-    def show(self, jpeg: bytes) -> None: ...
+    def send_picture(self, jpeg: bytes) -> None: ...
 
 
 class Phone:
-    def __init__(self, app: App[Any], line: Line) -> None:
-        self._app, self._line = app, line
-        self._told: dict[str, object] = {}
+    def __init__(self, app: App[Any], connection: PageConnection) -> None:
+        self._app, self._connection = app, connection
+        self._last_content: dict[str, object] = {}
         self._picture: tuple[int, int] = (0, -1)
-        """Which widget's picture was sent last, and which of its pictures."""
+        """The widget whose picture was sent last, and the number of that picture."""
         self._sent = self._drawn = 0
-        """Pictures."""
+        """The numbers of sent and of drawn pictures."""
 
-    def obey(self, what: object) -> None:
-        """Do what the page asks.
+    def handle_request(self, request: object) -> None:
+        """Carry out a request of the page.
 
-        What makes no sense, or is of a screen that has gone, is passed over.
+        A request that is invalid, or meant for a screen that has gone, is ignored.
         """
         screen = self._app.screen
-        match what:
+        match request:
             case {"view": bool() as shown}:
                 self._view(shown)
             case {"drawn": int() as number}:
                 self._drawn = number
-            case {"screen": str() as name} if name != handle(screen):
+            case {"screen": str() as name} if name != screen_id(screen):
                 return
-            case {"press": str() as key} if key in {binding.key for binding in keys(screen)}:
+            case {"press": str() as key} if key in {
+                binding.key for binding in visible_bindings(screen)
+            }:
                 self._app.post_message(Key(key, character_of(key)))
             case {"field": str() as name, "text": str() as text}:
-                if isinstance(field := named(screen, name), Input):
+                if isinstance(field := find_field(screen, name), Input):
                     field.value = "".join(
-                        letter for letter in text[:LONGEST] if letter.isprintable()
+                        letter for letter in text[:MAX_TEXT] if letter.isprintable()
                     )
             case {"field": str() as name, "choose": int() as place}:
-                field = named(screen, name)
+                field = find_field(screen, name)
                 if isinstance(field, Select) and 0 <= place < len(field._options):
                     field.value = field._options[place][1]
                 elif isinstance(field, OptionList) and 0 <= place < field.option_count:
                     field.highlighted = place
             case {"field": str() as name, "look": True}:
-                if field := named(screen, name):
+                if field := find_field(screen, name):
                     field.focus()
 
-    def hear(self, tone: str) -> None:
-        """Taken, refused or enough: at once, for two may follow each other closely."""
-        if self._line.muted:
-            self._line.tell({"tone": tone})
+    def send_tone(self, tone: str) -> None:
+        """Send a tone at once (taken, refused or enough): two may follow each other closely."""
+        if self._connection.muted:
+            self._connection.send_content({"tone": tone})
 
     def _view(self, shown: bool) -> None:
-        self._line.muted = shown
-        self._told, self._picture, self._sent, self._drawn = {}, (0, -1), 0, 0
+        self._connection.muted = shown
+        self._last_content, self._picture, self._sent, self._drawn = {}, (0, -1), 0, 0
         self._app.workers.cancel_group(self._app, "phone")
         if shown:
             self._app.run_worker(
@@ -103,22 +110,22 @@ class Phone:
 
     async def _follow(self) -> None:
         while True:
-            self._tell()
-            await self._show()
+            self._send_content()
+            await self._send_picture()
             await asyncio.sleep(PAUSE_S)
 
-    def _tell(self) -> None:
-        now = described(self._app)
-        if now != self._told:
-            self._told = now
-            self._line.tell(now)
+    def _send_content(self) -> None:
+        content = describe_screen(self._app)
+        if content != self._last_content:
+            self._last_content = content
+            self._connection.send_content(content)
 
-    async def _show(self) -> None:
+    async def _send_picture(self) -> None:
         screen = self._app.screen
         picture = next(iter(screen.query(Picture)), None)
         if (
             picture is None
-            or self._sent - self._drawn >= AHEAD
+            or self._sent - self._drawn >= MAX_PENDING
             or (shown := (id(picture), picture.updates)) == self._picture
         ):
             return
@@ -126,34 +133,34 @@ class Phone:
         preview, marks = picture.preview, picture.marks
         if preview is None:
             return
-        jpeg = await asyncio.to_thread(encoded, preview.image)
+        jpeg = await asyncio.to_thread(encode_jpeg, preview.image)
         self._sent += 1
         width, height = preview.size
-        over = [_drawn(mark) for mark in marks]
-        self._line.tell(
+        over = [_mark_data(mark) for mark in marks]
+        self._connection.send_content(
             {
-                "screen": handle(screen),
+                "screen": screen_id(screen),
                 "number": self._sent,
                 "width": width,
                 "height": height,
                 "marks": over,
             }
         )
-        self._line.show(jpeg)
+        self._connection.send_picture(jpeg)
 
 
-def encoded(image: np.ndarray) -> bytes:
-    """(h, w) or (h, w, 3) BGR as JPEG."""
+def encode_jpeg(image: np.ndarray) -> bytes:
+    """Encode (h, w) or (h, w, 3) BGR as JPEG."""
     done, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     assert done
     return jpeg.tobytes()
 
 
-def _drawn(mark: Mark) -> dict[str, object]:
-    seen = np.isfinite(mark.points).all(1)
+def _mark_data(mark: Mark) -> dict[str, object]:
+    visible = np.isfinite(mark.points).all(1)
     return {
         "kind": mark.character,
-        "points": np.round(mark.points[seen], 1).tolist(),
+        "points": np.round(mark.points[visible], 1).tolist(),
         "closed": mark.closed,
         "label": mark.label.strip(),
     }

@@ -14,30 +14,41 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from capture.tui.camera import Preview
-from capture.tui.cells import FOUND, HINT, LINE, WORST, Cells, Mark, draw, fit_cells
+from capture.tui.cells import (
+    CORNER_MARK,
+    HINT_MARK,
+    LINE_MARK,
+    WORST_MARK,
+    Cells,
+    Mark,
+    draw,
+    fit_cells,
+)
 
 INK = {
-    FOUND: "bold rgb(80,255,80)",
-    HINT: "bold rgb(255,210,0)",
-    WORST: "bold rgb(255,110,80)",
-    LINE: "bold rgb(100,230,250)",
+    CORNER_MARK: "bold rgb(80,255,80)",
+    HINT_MARK: "bold rgb(255,210,0)",
+    WORST_MARK: "bold rgb(255,110,80)",
+    LINE_MARK: "bold rgb(100,230,250)",
 }
-"""Colours help; the characters say it all."""
+"""The colours of the marks: they help, but the characters suffice."""
 LETTERS = "bold rgb(0,0,0) on rgb(255,210,0)"
 
 
 class Picture(Widget):
-    """Shows the newest frame, as large as its shape allows, in the middle of its place."""
+    """A widget that shows the newest frame, as large as its shape allows, in the middle of its
+    place.
+    """
 
     DEFAULT_CSS = "Picture { background: $background; }"
     dots: reactive[bool] = reactive(False)
     phone: reactive[bool] = reactive(False)
-    """A phone draws it, which wants it sharp."""
+    """True if a phone draws the picture, which needs it in more detail."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self.updates = 0
-        """How often the picture has changed."""
+        """The number of changes of the picture."""
         self.preview: Preview | None = None
         self.marks: Sequence[Mark] = ()
         self._cells: Cells | None = None
@@ -46,7 +57,7 @@ class Picture(Widget):
     def show(self, preview: Preview | None, marks: Sequence[Mark]) -> None:
         self.updates += 1
         self.preview, self.marks, self._cells = preview, marks, None
-        if not self.phone:  # which draws it itself
+        if not self.phone:  # a phone draws it itself
             self.refresh()
 
     def on_mount(self) -> None:
@@ -76,9 +87,9 @@ class Picture(Widget):
         row = y - (height - rows) // 2
         if not 0 <= row < rows:
             return blank
-        left = (width - columns) // 2
-        segments = [Segment(" " * left, self.rich_style), *_segments(self._cells, row, self.dots)]
-        return Strip([*segments, Segment(" " * (width - columns - left), self.rich_style)], width)
+        margin = (width - columns) // 2
+        segments = [Segment(" " * margin, self.rich_style), *_segments(self._cells, row, self.dots)]
+        return Strip([*segments, Segment(" " * (width - columns - margin), self.rich_style)], width)
 
 
 def _segments(cells: Cells, row: int, dots: bool) -> list[Segment]:
@@ -102,5 +113,6 @@ def _style(character: str, upper: int, lower: int) -> Style:
         return Style.parse(f"rgb({upper},{upper},{upper}) on rgb({lower},{lower},{lower})")
     if character not in INK:
         return Style.parse(LETTERS)
-    middle = int(np.mean([upper, lower])) // 2  # darkened: a mark is seen on a white square too
+    # darkened, so that a mark is visible on a white square too
+    middle = int(np.mean([upper, lower])) // 2
     return Style.parse(f"{INK[character]} on rgb({middle},{middle},{middle})")

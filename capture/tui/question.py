@@ -1,5 +1,5 @@
-"""One question over a page: a field with what is proposed, a button, and why what was typed will
-not do.
+"""One question over a page: a field with a proposed answer, a button, and the reason why an answer
+is invalid.
 """
 
 from abc import abstractmethod
@@ -13,13 +13,13 @@ from textual.screen import ModalScreen
 from textual.widgets import Button, Footer, Input, Label, Static
 
 from calib.errors import InputError, harmless
-from capture.tui.page import TYPING, Field, onward, typed
+from capture.tui.page import TYPING, Field, focus_next_field, wait_for_typing
 
 Answer = TypeVar("Answer")
 
 
-def keys(label: str) -> list[Binding]:
-    """A question's, of which the first answers it."""
+def question_bindings(label: str) -> list[Binding]:
+    """Return the bindings of a question; `label` is that of the one that answers it."""
     return [
         *TYPING,
         Binding("ctrl+s", "start", label, key_display="^s", priority=True),
@@ -28,22 +28,23 @@ def keys(label: str) -> list[Binding]:
 
 
 class Question(ModalScreen[Answer | None]):
-    """Dismissed with an answer, or with None."""
+    """A question that is dismissed with an answer, or with None."""
 
     DEFAULT_CSS = """
     Question { align: center middle; }
-    Question #box { width: 76; height: 14; border: round $primary; padding: 0 1; background: $surface; }
+    Question #box { width: 76; height: 14; padding: 0 1; }
+    Question #box { border: round $primary; background: $surface; }
     Question .row { height: 1; margin: 1 0; }
     Question .row Label { width: 18; }
     Question .row Input { width: 1fr; height: 1; }
     Question #said { height: 1fr; }
-    """  # noqa: E501
+    """
     ABOUT: ClassVar[str]
     NAME: ClassVar[str]
-    """Of the field, and the words before it."""
+    """The id of the field, and the label before it."""
     LABEL: ClassVar[str]
     START: ClassVar[str]
-    """What the button says."""
+    """The label of the button."""
 
     def __init__(self, proposed: str) -> None:
         super().__init__()
@@ -61,12 +62,12 @@ class Question(ModalScreen[Answer | None]):
 
     @abstractmethod
     async def answer(self, text: str) -> Answer:
-        """What was typed, as the answer; InputError where it is none."""
+        """Return the answer for the typed text; InputError where the text is none."""
 
     @on(Button.Pressed)
     @work(exclusive=True, group="question")
     async def action_start(self) -> None:
-        await typed(self)
+        await wait_for_typing(self)
         try:
             self.dismiss(await self.answer(self.query_one(f"#{self.NAME}", Input).value.strip()))
         except InputError as error:
@@ -74,7 +75,7 @@ class Question(ModalScreen[Answer | None]):
             self.query_one(f"#{self.NAME}", Input).focus()
 
     def action_onward(self) -> None:
-        onward(self)
+        focus_next_field(self)
 
     def action_back(self) -> None:
         self.dismiss(None)

@@ -1,6 +1,4 @@
-"""A line of a form: a label and its field. Of a field whose value is wrong, the label has a
-cross.
-"""
+"""A line of a form: a label and its field. A cross on the label marks a wrong value."""
 
 from typing import Any
 

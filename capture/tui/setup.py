@@ -1,4 +1,6 @@
-"""Set-up: the camera, the board and the cover, every value checked as it is typed."""
+"""Set-up: the screen for the camera, the board and the cover, with every value checked as it is
+typed.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,28 +16,28 @@ from textual.widgets import Button, Input, Select, Static
 
 from calib.errors import InputError, RefracalError, harmless
 from capture.session_file import board_of, read_setup
+from capture.source_folder import check_source_folder, select_pictures
 from capture.sources.registry import open_source
-from capture.tui.anew import set_bare_aside
-from capture.tui.board_and_cover import EMPTY, BoardAndCover
+from capture.tui.board_and_cover import EMPTY_FORM, BoardAndCover
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
-from capture.tui.doubts import doubts
-from capture.tui.draft import Draft, keep, kept
-from capture.tui.farewell import fitted
+from capture.tui.draft import Draft, load_draft, save_draft
+from capture.tui.farewell import calibration_folder
 from capture.tui.fit import FitScreen
-from capture.tui.form import problem, read_form, write_form
-from capture.tui.lacking import lacking
-from capture.tui.lens import ENOUGH
-from capture.tui.like import Like
-from capture.tui.named import played
+from capture.tui.fit_requirements import find_missing
+from capture.tui.form import find_problem, read_form, write_form
+from capture.tui.lens import ENOUGH_BARE_VIEWS
+from capture.tui.like_field import LikeField
 from capture.tui.opening import OpeningScreen
-from capture.tui.page import TYPING, Page, onward, typed
-from capture.tui.phase import Phase
-from capture.tui.recorded import described, state, taken
+from capture.tui.page import TYPING, Page, focus_next_field, wait_for_typing
+from capture.tui.phase import PhaseField
+from capture.tui.references import is_recorded_source
+from capture.tui.retake import set_bare_aside
 from capture.tui.row import Row
-from capture.tui.setup_words import OPENS, cover_on, help_of
-from capture.tui.source import Source
-from capture.wrong_folder import check_folder, half
+from capture.tui.session_state import count_pictures, describe_session, has_session_file
+from capture.tui.setup_texts import OPEN_LIST, cover_on_text, help_for
+from capture.tui.source import SourceField
+from capture.tui.start_warnings import find_warnings
 
 
 class SetupScreen(Page):
@@ -58,23 +60,24 @@ class SetupScreen(Page):
     def __init__(self, session: Path, source: str) -> None:
         super().__init__()
         self.session = session
-        self._named = source
-        """The source that was named when the program was started, or that was recorded from last.
+        self._last_source = source
+        """The source that was named at the start of the program, or the source of the last
+        recording.
         """
-        self._source = Source(source)
-        self._like = Like(session)
+        self._source = SourceField(source)
+        self._like = LikeField(session)
         self._form = BoardAndCover()
-        self._phase = Phase()
-        self._covered = False
-        """The person says that the cover is on now."""
+        self._phase = PhaseField()
+        self._cover_is_on = False
+        """True if the person says that the cover is on now."""
         self._wrong_board = ""
-        """What was said of a source in which there was no such board."""
-        self._doubted: set[str] = set()
-        """What was said against a start: to start once more is to mean it."""
-        self._helped = False
-        """The help has just been read: everything stands as it was typed."""
-        self._refused = ""
-        """Why a start was refused, until the field is looked at that it led to."""
+        """The message about a source without such a board."""
+        self._accepted: set[str] = set()
+        """The warnings that were shown before a start: to start again is to accept them."""
+        self._help_closed = False
+        """True if the help has just been closed: everything stays as it was typed."""
+        self._refusal = ""
+        """The reason why a start was refused, until its field gets the focus."""
 
     def step(self) -> str:
         return "Set-up"
@@ -93,93 +96,99 @@ class SetupScreen(Page):
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
         if action == "open":
-            return fitted(self.session) is not None
-        return action != "fit" or bool(described(self.session) and taken(self.session, bare=False))
+            return calibration_folder(self.session) is not None
+        return action != "fit" or bool(
+            has_session_file(self.session) and count_pictures(self.session, bare=False)
+        )
 
     def action_help(self) -> None:
-        self._helped = True
+        self._help_closed = True
         super().action_help()
 
     @work(exclusive=True, group="start")
     async def action_fit(self) -> None:
-        """A session that was recorded before needs no camera any more."""
-        await typed(self)
+        """Fit a recorded session, which needs no camera any more."""
+        await wait_for_typing(self)
         try:
-            await self._borrow()
+            await self._apply_like()
         except InputError as error:
-            await self._lead(str(error))
+            await self._show_error(str(error))
             return
-        if lack := lacking(self.session):
-            self._say(lack)
+        if lack := find_missing(self.session):
+            self._show_problem(lack)
         elif self.is_current:
             self.app.push_screen(FitScreen(self.session))
 
     def action_open(self) -> None:
-        if folder := fitted(self.session):
+        if folder := calibration_folder(self.session):
             self.app.push_screen(OpeningScreen(self.session, folder))
 
     @on(ScreenResume)
-    async def _take_up(self) -> None:
-        """What the folder says stands above what was typed."""
+    async def _resume(self) -> None:
+        """Show the folder's state above the typed texts."""
         self.refresh_bindings()
-        if self._helped:
-            self._helped = False
+        if self._help_closed:
+            self._help_closed = False
             return
-        self._say("")
-        continued = described(self.session)
+        self._show_problem("")
+        is_described = has_session_file(self.session)
         self._restore()
-        if continued:
-            await self._continue()
+        if is_described:
+            await self._show_described()
         elif not self._form.filled:
-            await self._begin_anew()
+            await self._show_new()
         source = self._source.field
-        both = half(source.value, covered=False) != source.value
-        there = taken(self.session, bare=False)
-        words = (
-            cover_on(source.value, both=both, there=there)
-            if self._covered
-            else harmless(state(self.session))
+        has_both = select_pictures(source.value, covered=False) != source.value
+        covered_views = count_pictures(self.session, bare=False)
+        text = (
+            cover_on_text(source.value, same_source=has_both, recorded_views=covered_views)
+            if self._cover_is_on
+            else harmless(describe_session(self.session))
         )
-        self.query_one("#state", Static).update(words)
-        self._form.set_locked(continued)
-        self._phase.offer(taken(self.session, bare=True))
+        self.query_one("#state", Static).update(text)
+        self._form.set_locked(is_described)
+        self._phase.offer(count_pictures(self.session, bare=True))
         self._propose()
-        if self._wrong_board and not continued:
-            self._lead_to(self._form.first, self._wrong_board)
+        if self._wrong_board and not is_described:
+            self._focus_error(self._form.first, self._wrong_board)
             self._wrong_board = ""
-        elif continued and self._named and (both or not (self._covered and played(source.value))):
+        elif (
+            is_described
+            and self._last_source
+            and (has_both or not (self._cover_is_on and is_recorded_source(source.value)))
+        ):
             self.query_one("#start").focus()
         else:
-            source.focus().action_select_all()  # what is typed replaces it
+            source.focus().action_select_all()  # typed text replaces it
 
-    async def _continue(self) -> None:
+    async def _show_described(self) -> None:
         try:
             board, _, cover = self._like.setup = read_setup(self.session / "session.yaml")
             await self._form.show(write_form(board, cover))
         except InputError as error:
-            self._say(str(error))
-        self._like.open()
+            self._show_problem(str(error))
+        self._like.enable()
 
-    async def _begin_anew(self) -> None:
-        """With what was typed when the program ended last, if anything was."""
-        draft = kept(self.session)
-        await self._form.show(draft.typed if draft else EMPTY)
+    async def _show_new(self) -> None:
+        """Show the texts that were typed before the program ended last, if there are any."""
+        draft = load_draft(self.session)
+        await self._form.show(draft.typed if draft else EMPTY_FORM)
         if draft:
             self._like.restore(draft.like)
 
     def _restore(self) -> None:
-        """Where pictures came from last, and which: neither stands in the folder."""
-        if self._phase.untouched and (draft := kept(self.session)):
+        """Restore the last source and phase: the folder contains neither."""
+        if self._phase.is_untouched and (draft := load_draft(self.session)):
             self._source.field.value = self._source.field.value or draft.source
             self._phase.restore(draft.bare)
 
     @on(Select.Changed, "#phase")
     def _keep(self) -> None:
         if self._form.filled:
-            keep(
+            save_draft(
                 self.session,
                 Draft(
-                    self._form.typed, self._source.field.value, self._like.value, self._phase.chosen
+                    self._form.typed, self._source.field.value, self._like.value, self._phase.choice
                 ),
             )
 
@@ -190,10 +199,10 @@ class SetupScreen(Page):
         self._propose()
 
     def _propose(self) -> None:
-        """What to record now; but what the person chose stays, be it by the field or by going on
+        """Propose the phase. The person's choice stays, whether made in the field or by going on
         from the bare step.
         """
-        if self._covered:
+        if self._cover_is_on:
             self._phase.bare = False
         else:
             self._phase.propose(self._bare_is_missing())
@@ -201,7 +210,7 @@ class SetupScreen(Page):
     def _bare_is_missing(self) -> bool:
         if self._form.shape == "none" or (self._like.setup and self._like.setup[1].intrinsics):
             return False
-        return taken(self.session, bare=True) < ENOUGH
+        return count_pictures(self.session, bare=True) < ENOUGH_BARE_VIEWS
 
     @on(Input.Changed)
     async def _check(self, event: Input.Changed) -> None:
@@ -209,136 +218,151 @@ class SetupScreen(Page):
         await self._mark(event.input)
 
     async def _mark(self, field: Input) -> None:
-        """Beside the field, whether it is wrong; and below, why."""
-        wrong = await self._wrong(field)
+        """Mark the field if it is wrong, and show the reason below."""
+        problem = await self._find_problem(field)
         if (
             isinstance(row := field.parent, Row) and row.is_attached
-        ):  # the field has not gone meanwhile
-            said = wrong if wrong and field.value else ""
-            row.mark(wrong=bool(said))
-            self._say(said)
+        ):  # the field is still on the screen
+            sentence = problem if problem and field.value else ""
+            row.mark(wrong=bool(sentence))
+            self._show_problem(sentence)
 
-    async def _wrong(self, field: Input) -> str | None:
+    async def _find_problem(self, field: Input) -> str | None:
         try:
             if field is self._source.field:
                 self._source.check()
             elif field is self._like:
-                await self._follow()
+                await self._follow_like()
             else:
-                return problem(field.name or "", field.value, self._form.shape, self._form.kind)
+                return find_problem(
+                    field.name or "", field.value, self._form.shape, self._form.kind
+                )
         except InputError as error:
             return str(error)
         return None
 
-    async def _follow(self) -> None:
-        """Take over what another session says."""
-        if setup := self._like.follow():
-            if not described(self.session):
+    async def _follow_like(self) -> None:
+        """Take over the values of another session."""
+        if setup := self._like.read_if_changed():
+            if not has_session_file(self.session):
                 await self._form.show(write_form(setup[0], setup[2]))
             self._propose()
 
-    async def _borrow(self) -> None:
-        """What another session gives: to one that exists, its lens."""
-        await self._follow()
-        self._like.lend()
+    async def _apply_like(self) -> None:
+        """Take over the values of another session; write its lens into an existing one."""
+        await self._follow_like()
+        self._like.transfer_lens()
 
     @on(DescendantFocus)
     async def _explain(self, event: DescendantFocus) -> None:
-        """What the field is for, and what is wrong with it: nothing of another one stays."""
+        """Explain the field and its error; nothing about another field stays."""
         widget = event.widget
         key = widget.id or widget.name or ""
-        if not key:  # the list of a choice: its hint stays
+        if not key:  # the list of a choice has no key: its hint stays
             return
-        listed = OPENS if isinstance(widget, Select) else ""
+        list_hint = OPEN_LIST if isinstance(widget, Select) else ""
         self.query_one("#hint", Static).update(
-            help_of(key, self._form.kind, self._form.shape, continued=described(self.session))
-            + listed
+            help_for(
+                key, self._form.kind, self._form.shape, continued=has_session_file(self.session)
+            )
+            + list_hint
         )
-        wrong = await self._wrong(widget) if isinstance(widget, Input) and widget.value else None
-        self._say(wrong or self._refused)
-        self._refused = ""
+        problem = (
+            await self._find_problem(widget) if isinstance(widget, Input) and widget.value else None
+        )
+        self._show_problem(problem or self._refusal)
+        self._refusal = ""
 
     def action_onward(self) -> None:
-        onward(self)
+        focus_next_field(self)
 
     @on(Button.Pressed, "#start")
     @work(exclusive=True, group="start")
     async def action_start(self) -> None:
-        await typed(self)
-        self.call_later(self._begin)
+        await wait_for_typing(self)
+        self.call_later(self._start)
 
-    async def _begin(self) -> None:
+    async def _start(self) -> None:
         try:
-            await self._borrow()
+            await self._apply_like()
             task = self._read()
         except InputError as error:
-            await self._lead(str(error))
+            await self._show_error(str(error))
             return
-        for said, field in doubts(task):
-            if said not in self._doubted:
-                self._doubted.add(said)
-                self._lead_to(self.query_one(f"#{field}"), said)
+        for sentence, field in find_warnings(task):
+            if sentence not in self._accepted:
+                self._accepted.add(sentence)
+                self._focus_error(self.query_one(f"#{field}"), sentence)
                 return
-        if not await self._source.opens(task.source):
+        if not await self._source.can_open(task.source):
             await self._mark(self._source.field)
             self._source.field.focus()
             return
-        self._named = task.source
-        if self.is_current and self._cleared():  # and not started by the same key already
+        self._last_source = task.source
+        if (
+            self.is_current and self._set_bare_aside()
+        ):  # and the same key has not started it already
             screen = CollectScreen(task)
-            self.app.push_screen(screen, lambda covered: self._back(screen, covered=bool(covered)))
+            self.app.push_screen(
+                screen, lambda covered: self._return_from_recording(screen, covered=bool(covered))
+            )
 
-    def _cleared(self) -> bool:
-        """Of what is to be taken anew; if that cannot be, the screen says why."""
+    def _set_bare_aside(self) -> bool:
+        """Set aside the pictures that are to be taken anew. Return False if that fails; the screen
+        says why.
+        """
         try:
-            if self._phase.anew:
+            if self._phase.is_retake:
                 set_bare_aside(self.session)
         except RefracalError as error:
-            self._say(str(error))
+            self._show_problem(str(error))
             return False
         return True
 
-    async def _lead(self, sentence: str) -> None:
-        """To the first field that will not do, and say why: it, or the start if that refuses what
-        each field by itself may say.
+    async def _show_error(self, sentence: str) -> None:
+        """Move to the first invalid field and show its error: its own, or that of the start if the
+        start refuses values that are valid by themselves.
         """
-        self._say(sentence)
+        self._show_problem(sentence)
         fields = [field for field in self.query(Input) if not field.disabled]
         for field in fields:
-            if wrong := await self._wrong(field):
-                self._lead_to(field, wrong)
+            if problem := await self._find_problem(field):
+                self._focus_error(field, problem)
                 return
-        if named := next(
+        if mentioned_field := next(
             (field for field in fields if field.name and f".{field.name} " in sentence), None
         ):
-            self._lead_to(named, sentence)
+            self._focus_error(mentioned_field, sentence)
 
-    def _lead_to(self, field: Widget, sentence: str) -> None:
-        self._say(sentence)
+    def _focus_error(self, field: Widget, sentence: str) -> None:
+        self._show_problem(sentence)
         if not field.has_focus:
-            # looking at a field says what is wrong with it, and of an empty one nothing
-            self._refused = sentence
+            # the focus shows a field's error, but none for an empty field
+            self._refusal = sentence
             field.focus()
 
-    def _back(self, screen: CollectScreen, *, covered: bool) -> None:
-        """From recording without the cover, perhaps to go on through it; or from a source in which
-        there was no such board.
+    def _return_from_recording(self, screen: CollectScreen, *, covered: bool) -> None:
+        """Return from a recording: without the cover, perhaps to go on through it; or from a source
+        without such a board.
         """
-        self._covered, self._wrong_board = covered, screen.wrong_board
+        self._cover_is_on, self._wrong_board = covered, screen.wrong_board
 
     def _read(self) -> Task:
         source = self._source.field.value
         open_source(source, "source")
-        if described(self.session):
-            asked = read_setup(self.session / "session.yaml")
+        if has_session_file(self.session):
+            setup = read_setup(self.session / "session.yaml")
             board_of(self.session, None)
         else:
-            asked = read_form(self._form.typed, self._like.setup[1] if self._like.setup else None)
-        task = Task(self.session, source, asked, bare=self._phase.bare)
-        if asked[2].shape == "none":
+            setup = read_form(self._form.typed, self._like.setup[1] if self._like.setup else None)
+        task = Task(self.session, source, setup, bare=self._phase.bare)
+        if setup[2].shape == "none":
             return task
-        check_folder(wanted := half(task.source, covered=task.covered), covered=task.covered)
-        return replace(task, source=wanted)
+        check_source_folder(
+            folder_source := select_pictures(task.source, covered=task.covered),
+            covered=task.covered,
+        )
+        return replace(task, source=folder_source)
 
-    def _say(self, sentence: str) -> None:
+    def _show_problem(self, sentence: str) -> None:
         self.query_one("#problem", Static).update(sentence)

@@ -1,4 +1,4 @@
-"""The field that names where pictures come from, and below it the cameras that this machine has."""
+"""The field for the source of pictures, and below it the cameras of this machine."""
 
 from asyncio import to_thread
 from collections.abc import Sequence
@@ -12,19 +12,19 @@ from textual.widgets import Static
 
 from calib.errors import InputError, harmless
 from capture.sources.registry import SCHEMES, open_source
-from capture.tui.named import cannot_be_opened, played
 from capture.tui.page import Field
+from capture.tui.references import explain_unreadable, is_recorded_source
 from capture.tui.row import Row
 
 
-class Source(Vertical):
+class SourceField(Vertical):
     DEFAULT_CSS = """
-    Source { height: auto; }
-    Source #cameras { margin: 0 0 0 19; }
+    SourceField { height: auto; }
+    SourceField #cameras { margin: 0 0 0 19; }
     """
 
-    class Found(Message):
-        """The cameras of this machine."""
+    class CamerasFound(Message):
+        """The cameras of this machine were found."""
 
         def __init__(self, sources: Sequence[str]) -> None:
             super().__init__()
@@ -33,8 +33,8 @@ class Source(Vertical):
     def __init__(self, source: str) -> None:
         super().__init__()
         self.field = Field(source, id="source", compact=True)
-        self._shut = ("", "")
-        """The source that could not be opened last, and why."""
+        self._failure = ("", "")
+        """The source that could not be opened last, and the reason."""
 
     def compose(self) -> ComposeResult:
         yield Row("source", self.field)
@@ -45,16 +45,16 @@ class Source(Vertical):
 
     @work(thread=True, exclusive=True, group="cameras")
     def _find_cameras(self) -> None:
-        found = [
+        cameras = [
             camera
             for scheme in SCHEMES
             for camera in scheme.backend().inventory().cameras
             if not camera.problem
         ]
-        self.post_message(self.Found([camera.source for camera in found]))
+        self.post_message(self.CamerasFound([camera.source for camera in cameras]))
 
-    @on(Found)
-    def _offer(self, message: Found) -> None:
+    @on(CamerasFound)
+    def _offer(self, message: CamerasFound) -> None:
         self.field.suggester = SuggestFromList(message.sources)
         words = (
             f"found here: {', '.join(message.sources)}"
@@ -66,16 +66,16 @@ class Source(Vertical):
             self.field.value = message.sources[0]
 
     def check(self) -> None:
-        """InputError where it names nothing, or what could not be opened last."""
-        open_source(self.field.value, "source")
-        if self.field.value == self._shut[0]:
-            raise InputError(self._shut[1])
-
-    async def opens(self, source: str) -> bool:
-        """Whether these pictures, which the field stands for, can be opened; of a camera it is not
-        asked.
+        """Raise InputError where the field names no source, or one that could not be opened
+        last.
         """
-        if played(source) and (shut := await to_thread(cannot_be_opened, source)):
-            self._shut = self.field.value, shut
+        open_source(self.field.value, "source")
+        if self.field.value == self._failure[0]:
+            raise InputError(self._failure[1])
+
+    async def can_open(self, source: str) -> bool:
+        """Return True if the pictures of this source can be opened; a camera is not tried."""
+        if is_recorded_source(source) and (reason := await to_thread(explain_unreadable, source)):
+            self._failure = self.field.value, reason
             return False
         return True

@@ -1,6 +1,6 @@
-// The one websocket, which Textual's terminal opens: what is for the page for a thumb is taken out of it, and what is touched is sent.
+// The one websocket, which Textual's terminal opens. Messages for the page for a thumb are taken out of it, and touches are sent through it.
 
-const JPEG = 0xff; // no text begins with it
+const JPEG = 0xff; // the first byte of a JPEG: no text begins with it
 let socket = null;
 const heard = {said: () => {}, picture: () => {}, opened: () => {}};
 

@@ -1,4 +1,4 @@
-// Which view: a narrow window in portrait gets the page for a thumb, any other the terminal; two buttons change between them.
+// The choice of the view: a narrow window in portrait gets the page for a thumb, any other window the terminal; two buttons switch between them.
 
 import {listen, send} from "./link.js";
 import {drawScreen, follow} from "./thumb.js";
@@ -7,7 +7,7 @@ import {hear, speak} from "./sound.js";
 
 const byId = (name) => document.getElementById(name);
 const terminal = byId("terminal");
-const fits = Math.min(innerWidth / 80 / 0.61, innerHeight / 24 / 1.3); // letters that leave room for 80 columns and 24 rows
+const fits = Math.min(innerWidth / 80 / 0.61, innerHeight / 24 / 1.3); // the size of letters at which 80 columns and 24 rows fit
 terminal.dataset.fontSize = Math.max(6, Math.min(16, Math.floor(fits)));
 
 let thumb = matchMedia("(max-width: 600px) and (orientation: portrait)").matches;
@@ -21,7 +21,7 @@ function show(asThumb) {
 }
 
 function focusTerminal() {
-  const waiting = setInterval(() => { // it takes keys without a click
+  const waiting = setInterval(() => { // so that the terminal takes keys without a click
     const keys = document.querySelector(".xterm-helper-textarea");
     if (thumb || (keys && document.activeElement === keys)) clearInterval(waiting);
     else keys?.focus();
@@ -42,7 +42,7 @@ listen({
   },
   picture: drawPicture,
 });
-new MutationObserver((_, watching) => { // Textual's terminal says so when it has something to show
+new MutationObserver((_, watching) => { // Textual's terminal sets this class when it has something to show
   if (!document.body.classList.contains("-first-byte")) return;
   watching.disconnect();
   if (!thumb) document.body.classList.add("-shown");
@@ -51,7 +51,7 @@ new MutationObserver((_, watching) => { // Textual's terminal says so when it ha
 byId("to-thumb").onclick = () => show(true);
 byId("to-terminal").onclick = () => show(false);
 byId("again").onclick = () => location.reload();
-const fill = () => document.documentElement.style.setProperty("--height", `${visualViewport.height}px`); // a keyboard takes its part
+const fill = () => document.documentElement.style.setProperty("--height", `${visualViewport.height}px`); // a keyboard takes a part of the height
 visualViewport?.addEventListener("resize", fill);
 fill();
 follow();

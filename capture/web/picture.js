@@ -1,4 +1,4 @@
-// The camera's picture, and over it as lines where the board was found and where to hold it next.
+// The camera's picture, with lines over it: the detected board, and the place to hold it next.
 
 import {send} from "./link.js";
 
@@ -7,12 +7,12 @@ const KINDS = {"+": "found", "▒": "hint", "◆": "worst", "·": "line"};
 const box = document.getElementById("picture"), image = box.querySelector("img"), over = box.querySelector("svg");
 let coming = null, drawnFor = "", screen = "";
 
-/** What belongs to the picture that comes next. */
+/** Remember the data of the next picture. */
 export function expect(said) {
   coming = said;
 }
 
-/** Show the picture on no screen but its own. */
+/** Show the picture only on the screen that it belongs to. */
 export function pictureOf(said) {
   screen = said.picture ? said.screen : "";
   box.hidden = !screen || drawnFor !== screen;

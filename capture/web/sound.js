@@ -1,20 +1,20 @@
-// What is heard: a tone for a view that was taken, one for a board that is refused, one for enough; and, where asked for, what to do, spoken.
+// The sounds: a tone for a taken view, one for a refused board, one for enough views; and spoken instructions if the person wants them.
 
-const TONES = { // Hz and s of each note: up, a low one twice, and a chord one after the other
+const TONES = { // Hz and s of each note: two rising notes, two low ones, and a chord note by note
   taken: [[660, 0.09], [990, 0.14]],
   refused: [[196, 0.12], [165, 0.2]],
   enough: [[523, 0.14], [659, 0.14], [784, 0.14], [1047, 0.4]],
 };
-const REST_MS = 2000; // between two refusals
+const REST_MS = 2000; // ms between two tones of refusal
 const SPOKEN = ["verdict", "next", "problem", "sentence", "said"];
-const SETTLED_MS = 1200; // for which a sentence stands before it is spoken: a board that is moved has many
+const SETTLED_MS = 1200; // ms for which a sentence must stay before it is spoken: it changes often while a board moves
 const toneButton = document.getElementById("sound"), voiceButton = document.getElementById("voice");
 const picture = document.getElementById("picture");
 const on = (button) => button.getAttribute("aria-pressed") === "true";
 
 let audio = null, refusedAt = -REST_MS, before = new Map(), coming = before, waiting = 0, latest = [];
 
-/** One of TONES; the picture's frame says the same. */
+/** Play one of TONES; the picture's frame shows the same by its colour. */
 export function hear(name) {
   if (name === "refused") {
     if (performance.now() - refusedAt < REST_MS) return;
@@ -22,7 +22,7 @@ export function hear(name) {
   }
   picture.className = name;
   setTimeout(() => { if (picture.className === name) picture.className = ""; }, 700);
-  picture.dataset.heard = `${picture.dataset.heard ?? ""} ${name}`.trim().slice(-200); // for those who look on
+  picture.dataset.heard = `${picture.dataset.heard ?? ""} ${name}`.trim().slice(-200); // a record for tests
   if (!on(toneButton) || audio?.state !== "running") return;
   let at = audio.currentTime;
   for (const [pitch, length] of TONES[name]) {
@@ -43,7 +43,7 @@ function note(pitch, at, length) {
   tone.stop(at + length);
 }
 
-/** What is new among what the screen says, where spoken hints are wanted. */
+/** Speak the new sentences of the screen if the person wants spoken hints. */
 export function speak(blocks) {
   latest = blocks;
   if (!on(voiceButton)) return;
@@ -71,7 +71,7 @@ for (const button of [toneButton, voiceButton]) {
   });
 }
 voiceButton.hidden = !("speechSynthesis" in window);
-addEventListener("click", () => { // a browser lets nothing sound before it was touched
+addEventListener("click", () => { // a browser plays no sound before the first touch
   audio ??= new AudioContext();
   audio.resume();
 }, {capture: true});

@@ -1,14 +1,14 @@
-// The screen for a thumb: blocks that the app describes, drawn anew only where they are others, and touches sent back.
+// The screen for a thumb: it draws the blocks that the app describes, again only where they have changed, and sends touches back.
 
 import {send} from "./link.js";
 
 const byId = (name) => document.getElementById(name);
 const page = byId("thumb"), main = page.querySelector("main"), dock = byId("dock"), nav = page.querySelector("nav");
-const ASIDE = {question_mark: "help", f1: "help", q: "quit"}; // keys that have their place above
-const DENSE = 0.605; // the width of a letter of a fixed pitch, in heights
-const SMALLEST = 9; // px of a letter that can still be read
-const SETTLE_MS = 300; // for a touch to end where it began: nothing may move under the finger
-const LONG = 200; // letters, from which on a sentence is read and no call
+const ASIDE = {question_mark: "help", f1: "help", q: "quit"}; // keys with a button at the top
+const DENSE = 0.605; // the width of a letter in a font of fixed pitch, in units of its height
+const SMALLEST = 9; // px, the smallest readable letter
+const SETTLE_MS = 300; // ms for a touch to end where it began: no widget may move under the finger
+const LONG = 200; // letters, from which on a sentence is a text to read and not a short call
 let screen = "", shape = "", focused = "";
 
 function make(tag, about = {}, ...inside) {
@@ -115,7 +115,7 @@ function drawMap() {
   return make("figure", {className: "map"}, make("figcaption", {}, make("b"), make("small")), picture);
 }
 
-/** Dark where nothing is covered, the brighter the more, and of the colour of what is good where it is fully. */
+/** Draw a map: dark where nothing is covered, brighter for more coverage, green for full coverage. */
 function renewMap(box, block) {
   const [title, picture] = box.children, cells = block.cells.flat();
   if (box.dataset.cells === String(cells)) return;
@@ -132,7 +132,7 @@ function renewMap(box, block) {
   });
 }
 
-/** Letters of a table so small that its rows fit; what else is in it wraps. */
+/** Return a font size at which the rows of a table fit; its other lines wrap. */
 function fitted(text) {
   const rows = text.split("\n").filter((row) => /\S {2}|[█░]/.test(row)).map((row) => row.trimEnd().length);
   const size = (innerWidth - 26) / DENSE / Math.max(1, ...rows);
@@ -185,7 +185,7 @@ function renew(box, block) {
   list.replaceChildren(...made);
 }
 
-/** What does not ask the app: the menu, and room while something is typed. */
+/** Handle what needs no answer of the app: the menu, and the room for a keyboard. */
 export function follow() {
   const menu = byId("menu"), more = byId("more");
   addEventListener("click", (event) => {

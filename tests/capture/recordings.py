@@ -1,4 +1,4 @@
-"""Small recordings for the tests, and the command in a process of its own."""
+"""Small recordings for the tests, and the command in a separate process."""
 
 import subprocess
 import sys
@@ -17,7 +17,7 @@ BOARD_FLAGS = ("--board", "9x9", "--square-mm", "20")
 
 
 def noise(count: int, width: int = 160, height: int = 120) -> list[NDArray[np.uint8]]:
-    """(height, width) pictures that no two are alike."""
+    """Return (height, width) pictures that all differ."""
     rng = np.random.default_rng(5)
     return [rng.integers(0, 256, (height, width), np.uint8) for _ in range(count)]
 
@@ -26,23 +26,23 @@ def write_recording(
     folder: Path,
     pictures: Sequence[NDArray[np.uint8]],
     interval_s: float | None = None,
-    more: str = "",
+    gains: str = "",
 ) -> Path:
-    """A session's frames/, and frames.csv if there is an interval; `more` is one further cell,
-    named gain.
+    """Write a session's frames/, and frames.csv if there is an interval; `gains` is one more
+    column, named gain.
     """
     (folder / "frames").mkdir(parents=True)
     rows = ["file,time_s,sequence,gain"]
     for index, picture in enumerate(pictures):
         cv2.imwrite(str(folder / "frames" / f"{index:04d}.png"), picture)
-        rows.append(f"{index:04d}.png,{1000 + index * (interval_s or 0)},{index},{more}")
+        rows.append(f"{index:04d}.png,{1000 + index * (interval_s or 0)},{index},{gains}")
     if interval_s is not None:
         (folder / "frames.csv").write_text("\n".join(rows) + "\n")
     return folder
 
 
 def read_pictures(folder: Path) -> list[NDArray[np.uint8]]:
-    """Every picture of a folder, in order; each must be whole."""
+    """Return every picture of a folder, in order; each must be complete."""
     read = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in sorted(folder.glob("*.png"))]
     assert all(picture is not None for picture in read)
     return [np.asarray(picture, np.uint8) for picture in read]
@@ -51,7 +51,7 @@ def read_pictures(folder: Path) -> list[NDArray[np.uint8]]:
 def capture(
     *arguments: object, timeout: float = 60, **options: object
 ) -> subprocess.CompletedProcess[str]:
-    """`capture ARGUMENTS`, as a person runs it."""
+    """Run `capture ARGUMENTS` as a person does."""
     command = [sys.executable, "-m", "capture", *map(str, arguments)]
     options = {"capture_output": True, "text": True, "timeout": timeout, **options}
     return subprocess.run(command, check=False, **options)  # type: ignore[call-overload, no-any-return]

@@ -1,4 +1,6 @@
-"""The command as a person runs it: what is kept, exit codes, sentences, and no traceback ever."""
+"""The command as a person runs it: the kept pictures, exit codes and sentences, and never a
+traceback.
+"""
 
 import json
 import shutil
@@ -16,7 +18,7 @@ from calib.io.frames_table import read_table
 from calib.io.images import read_image
 from calib.session.session import read_session
 from capture.cli import main
-from capture.gate import KNOWN, MOVING, SOFT, WAIT
+from capture.gate import HOLD_STILL, KNOWN_VIEW, MOVING, OUT_OF_FOCUS
 from tests.capture.recordings import (
     BOARD_FLAGS,
     FIXTURE,
@@ -31,8 +33,8 @@ POSES, REPEATS = (0, 1, 2, 3), 4
 
 @pytest.fixture(scope="module")
 def still_poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A board that is held still in one pose after another: each of the fixture's pictures four
-    times, 0.1 s apart.
+    """Write a recording of a board that stands still in one pose after another: each of the
+    fixture's pictures four times, 0.1 s apart.
     """
     folder = tmp_path_factory.mktemp("still")
     (folder / "frames").mkdir()
@@ -48,7 +50,7 @@ def still_poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def pose_of(picture: np.ndarray) -> int:
-    """Which of the fixture's pictures this is, bit for bit."""
+    """Return the name of the fixture's picture that equals this one, bit for bit."""
     for pose in POSES:
         if np.array_equal(picture, read_image(FIXTURE / "frames" / f"{pose:04d}.jpg")):
             return pose
@@ -80,17 +82,17 @@ def test_record_keeps_each_pose_once_and_says_so(still_poses: Path, tmp_path: Pa
         " cover is another." in sentences
     )
     assert len(sentences) <= 1 + 2 * len(POSES)  # a verdict is told when it changes
-    described, given = read_session(session), read_session(FIXTURE)
+    described, expected = read_session(session), read_session(FIXTURE)
     assert (described.board, described.camera, described.cover) == (
-        given.board,
-        given.camera,
-        given.cover,
+        expected.board,
+        expected.camera,
+        expected.cover,
     )
     assert [row["exposure_us"] for row in read_table(session / "frames.csv")] == ["8000.0"] * 4
 
-    again = capture("record", session, "--source", f"folder:{still_poses}?speed=max")
-    assert again.returncode == 3
-    assert again.stderr.splitlines()[-1].startswith(
+    second_run = capture("record", session, "--source", f"folder:{still_poses}?speed=max")
+    assert second_run.returncode == 3
+    assert second_run.stderr.splitlines()[-1].startswith(
         f"capture: No frame of folder:{still_poses}?speed=max was kept: "
     )
     assert len(read_pictures(session / "frames")) == 4
@@ -111,8 +113,8 @@ def test_a_burst_is_of_one_pose_and_the_views_end_it(still_poses: Path, tmp_path
         "--json",
     )
     assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
-    assert list(said) == [
+    document = json.loads(done.stdout)
+    assert list(document) == [
         *(
             "session",
             "pictures",
@@ -124,8 +126,8 @@ def test_a_burst_is_of_one_pose_and_the_views_end_it(still_poses: Path, tmp_path
             "ended",
         ),
     ]
-    assert said["pictures"] == [f"frames/{number:04d}.png" for number in range(6)]
-    assert (said["views"], said["ended"], said["frames_passed_over"]) == (3, "views", 0)
+    assert document["pictures"] == [f"frames/{number:04d}.png" for number in range(6)]
+    assert (document["views"], document["ended"], document["frames_passed_over"]) == (3, "views", 0)
     assert [pose_of(picture) for picture in read_pictures(tmp_path / "frames")] == [
         0,
         0,
@@ -146,14 +148,14 @@ def test_a_burst_is_of_one_pose_and_the_views_end_it(still_poses: Path, tmp_path
 
 @pytest.mark.parametrize("interval_s", [None, 0.0, 1.0], ids=["no times", "one time", "far apart"])
 def test_photographs_are_judged_each_by_itself(tmp_path: Path, interval_s: float | None) -> None:
-    """Between them, nothing tells whether the board was still: what is spoiled is left out, and
-    none is part of another's burst.
+    """Nothing shows whether the board was still between two photographs: a spoiled one is left out,
+    and none belongs to another's burst.
     """
     photographs = [read_image(FIXTURE / "frames" / f"{pose:04d}.jpg") for pose in (0, 1, 1, 2)]
     photographs[1] = np.asarray(cv2.GaussianBlur(photographs[1], (0, 0), 4), np.uint8)
     source = write_recording(
         tmp_path / "source",
-        [np.asarray(each, np.uint8) for each in (*photographs, photographs[0])],
+        [np.asarray(photograph, np.uint8) for photograph in (*photographs, photographs[0])],
         interval_s,
     )
     session = tmp_path / "session"
@@ -163,8 +165,8 @@ def test_photographs_are_judged_each_by_itself(tmp_path: Path, interval_s: float
     assert done.returncode == 0, done.stderr
     assert [pose_of(picture) for picture in read_pictures(session / "frames")] == [0, 1, 2]
     assert [row["sequence"] for row in read_table(session / "frames.csv")] == ["0", "2", "3"]
-    assert f"0001.png: {SOFT}" in done.stderr.splitlines()
-    assert f"0004.png: {KNOWN}" in done.stderr.splitlines()
+    assert f"0001.png: {OUT_OF_FOCUS}" in done.stderr.splitlines()
+    assert f"0004.png: {KNOWN_VIEW}" in done.stderr.splitlines()
 
 
 def test_pictures_that_are_near_in_time_are_no_photographs(tmp_path: Path) -> None:
@@ -176,7 +178,7 @@ def test_pictures_that_are_near_in_time_are_no_photographs(tmp_path: Path) -> No
         "record", tmp_path / "session", "--source", f"folder:{source}?speed=max", *BOARD_FLAGS
     )
     assert done.returncode == 3
-    assert done.stderr.splitlines()[:2] == [WAIT, MOVING]
+    assert done.stderr.splitlines()[:2] == [HOLD_STILL, MOVING]
 
 
 def test_every_spaces_the_views(still_poses: Path, tmp_path: Path) -> None:
@@ -210,14 +212,14 @@ def test_all_keeps_every_frame_without_looking(tmp_path: Path) -> None:
         "--bare",
     )
     assert done.returncode == 0, done.stderr
-    kept = read_pictures(tmp_path / "session" / "bare")
-    assert all(np.array_equal(a, b) for a, b in zip(kept, pictures[:4], strict=True))
+    pictures_kept = read_pictures(tmp_path / "session" / "bare")
+    assert all(np.array_equal(a, b) for a, b in zip(pictures_kept, pictures[:4], strict=True))
 
 
 def test_a_covered_folder_recorded_without_cover_is_remarked_on(tmp_path: Path) -> None:
     source = write_recording(tmp_path / "source", noise(2))
     shutil.copy(FIXTURE / "session.yaml", source)
-    asked = (
+    arguments = (
         "record",
         tmp_path / "session",
         "--source",
@@ -226,14 +228,14 @@ def test_a_covered_folder_recorded_without_cover_is_remarked_on(tmp_path: Path) 
         "--all",
         "--bare",
     )
-    done = capture(*asked)
+    done = capture(*arguments)
     assert done.returncode == 0
     assert (
         "says that its pictures have a cover, a cone, where those without the cover are wanted."
         in done.stderr
     )
     (source / "bare").mkdir()
-    done = capture(*asked)
+    done = capture(*arguments)
     assert done.returncode == 2
     assert f"for those without, write folder:{source / 'bare'}." in done.stderr
 
@@ -258,11 +260,11 @@ def test_ctrl_c_ends_with_a_summary(tmp_path: Path, number: signal.Signals) -> N
         assert process.stdout
         assert process.stderr
         assert process.stdout.readline().endswith("view 1\n")
-        begun = time.monotonic()
+        start_s = time.monotonic()
         process.send_signal(number)
         out, err = process.communicate(timeout=10)
         assert process.returncode == 0, err
-        assert time.monotonic() - begun < 3
+        assert time.monotonic() - start_s < 3
     assert out.startswith("1 view with 1 picture (1 frame taken)")
     assert "Traceback" not in err
     assert len(read_table(tmp_path / "session" / "frames.csv")) == 1
@@ -290,12 +292,14 @@ def test_no_torch_is_loaded_by_a_recording(still_poses: Path, tmp_path: Path) ->
 
 
 def test_help_is_quick() -> None:
-    """Torch would take 1.5 s, OpenCV 0.15 s; the best of five, as this machine may be busy."""
+    """Importing torch would take 1.5 s, OpenCV 0.15 s; the best of five runs counts, because the
+    machine may be busy.
+    """
     times = []
     for _ in range(5):
-        begun = time.monotonic()
+        start_s = time.monotonic()
         done = capture("--help")
-        times.append(time.monotonic() - begun)
+        times.append(time.monotonic() - start_s)
         assert done.returncode == 0
         assert "stdout carries the result" in done.stdout
     assert min(times) < 0.3
@@ -433,7 +437,7 @@ def test_without_a_word_a_folder_is_asked_for(capsys: pytest.CaptureFixture[str]
 
 
 def test_the_screen_needs_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Anything that is no other command's name is a session for it. pytest has no terminal."""
+    """A word that is not the name of a command is a session. pytest has no terminal."""
     assert main([str(tmp_path / "show")]) == 2
     assert "There is no terminal" in capsys.readouterr().err
     assert not (tmp_path / "show").exists()
@@ -453,10 +457,10 @@ def test_sources_says_what_there_is_and_what_is_missing(
         "rpicam: rpicam-apps is not installed: on Raspberry Pi OS, run sudo apt install"
         " rpicam-apps." in done.stdout
     )
-    said = json.loads(capture("sources", "--json").stdout)
-    assert list(said) == ["cameras", "missing"]
-    assert {"libcamera", "rpicam"} <= {one["scheme"] for one in said["missing"]}
-    assert all(list(one) == ["source", "name", "modes", "problem"] for one in said["cameras"])
+    document = json.loads(capture("sources", "--json").stdout)
+    assert list(document) == ["cameras", "missing"]
+    assert {"libcamera", "rpicam"} <= {item["scheme"] for item in document["missing"]}
+    assert all(list(item) == ["source", "name", "modes", "problem"] for item in document["cameras"])
 
 
 def test_a_folder_that_may_not_be_read_is_said_before_the_screen(

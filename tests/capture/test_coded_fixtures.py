@@ -1,4 +1,4 @@
-"""The rendered boards with markers, a third of which reach out of the picture, recorded from their
+"""The rendered boards with markers, of which a third reach out of the picture, recorded from their
 own frames.
 """
 
@@ -19,7 +19,7 @@ each_session = pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
 
 
 def described(folder: Path, name: str) -> Path:
-    """A new session of the fixture's board, camera and cover, without pictures."""
+    """Make a new session with the fixture's board, camera and cover, without pictures."""
     folder.mkdir()
     shutil.copy(FIXTURES / name / "session.yaml", folder)
     return folder
@@ -28,8 +28,8 @@ def described(folder: Path, name: str) -> Path:
 @pytest.mark.slow
 @each_session
 def test_every_view_is_recorded(name: str, tmp_path: Path) -> None:
-    """Each is a pose of its own, sharp and well lit: the gate has no reason to leave one out, those
-    that reach out least of all.
+    """Every picture shows a different pose, sharp and well lit: the gate has no reason to leave one
+    out, least of all those that reach out of the picture.
     """
     session = described(tmp_path / name, name)
     done = capture(

@@ -1,4 +1,4 @@
-"""Boards with markers in the live picture: found as far as it shows them, judged, recorded, and
+"""Boards with markers in the live picture: detected as far as it shows them, judged, recorded, and
 refused in a sentence where they are not the declared ones.
 """
 
@@ -17,10 +17,20 @@ from calib.corners.find import find_board
 from calib.session.board import Board
 from calib.session.session import read_session
 from capture.coded_finder import CodedFinder
-from capture.find import finder_of
+from capture.finders import make_finder
 from capture.frames import Frame
-from capture.gate import DARK, GLARE, GOOD, KNOWN, MOVING, SOFT, STREAKED, WAIT, judge
-from capture.sighting import Sighting
+from capture.gate import (
+    DARK,
+    GLARE,
+    GOOD_VIEW,
+    HOLD_STILL,
+    KNOWN_VIEW,
+    MOTION_BLUR,
+    MOVING,
+    OUT_OF_FOCUS,
+    judge_frame,
+)
+from capture.live_detection import LiveDetection
 from fixtures.coded_boards import CHARUCO, GRID, KINDS, LEGACY, LENS, PARTIAL, WHOLE
 from fixtures.coded_pictures import Lens
 from tests.capture.recordings import capture
@@ -33,27 +43,28 @@ POSES = {"whole": WHOLE, "partial": PARTIAL}
 
 
 def drawn(name: str, pose: str = "whole") -> tuple[Grey, NDArray[np.float64]]:
-    """The picture and its corners, px."""
+    """Return the picture and its corners, px."""
     view = KINDS[name].view(POSES[pose])
     return view.picture, view.corners
 
 
-def look(pixels: Grey, board: Board, time_s: float = 1.0) -> Sighting:
-    return finder_of(board).look(Frame(pixels, 0, time_s))
+def look(pixels: Grey, board: Board, time_s: float = 1.0) -> LiveDetection:
+    return make_finder(board).look(Frame(pixels, 0, time_s))
 
 
 def sentence(pixels: Grey, board: Board) -> str:
-    """The verdict on a board that is held still, in a new session."""
-    finder = finder_of(board)
-    before, now = (finder.look(Frame(pixels, 0, time_s)) for time_s in (0.9, 1.0))
-    return judge(now, before, ()).sentence
+    """Return the decision on a board that stands still, in a new session."""
+    finder = make_finder(board)
+    previous = finder.look(Frame(pixels, 0, 0.9))
+    current = finder.look(Frame(pixels, 0, 1.0))
+    return judge_frame(current, previous, ()).sentence
 
 
-def off(found: NDArray[np.float64] | None, truth: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) px, of the corners that were found."""
-    assert found is not None
-    apart = np.linalg.norm(found - truth, axis=1)
-    return np.asarray(apart[np.isfinite(apart)])
+def off(corners: NDArray[np.float64] | None, truth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (n,) px, the errors of the detected corners."""
+    assert corners is not None
+    distances = np.linalg.norm(corners - truth, axis=1)
+    return np.asarray(distances[np.isfinite(distances)])
 
 
 def enlarged(
@@ -75,35 +86,37 @@ def moved(pixels: Grey, x: float, y: float) -> Grey:
 @each_kind
 @each_pose
 def test_corners_are_where_they_are_and_none_is_made_up(name: str, pose: str) -> None:
-    """To some tenths of a pixel, from markers and edges alone; those that calib would find in the
-    picture, but for a few.
+    """The finder's corners are accurate to some tenths of a pixel, from markers and edges alone,
+    and it finds nearly all that calib would find in the picture.
     """
     picture, truth = drawn(name, pose)
-    seen = look(picture, KINDS[name].board)
-    errors = off(seen.corners, truth)
+    detected = look(picture, KINDS[name].board)
+    errors = off(detected.corners, truth)
     assert np.sqrt((errors**2).mean()) < 0.2
     assert errors.max() < 1
-    whole = find_board(picture, KINDS[name].board)
-    assert isinstance(whole, Detection)
-    assert len(errors) >= 0.95 * np.isfinite(whole.corners[:, 0]).sum()
+    full = find_board(picture, KINDS[name].board)
+    assert isinstance(full, Detection)
+    assert len(errors) >= 0.95 * np.isfinite(full.corners[:, 0]).sum()
 
 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
 @each_pose
 def test_large_pictures_are_searched_reduced_and_refined_in_full(name: str, pose: str) -> None:
-    """Three times the picture's width is two blocks of pixels by two: markers are read in these."""
+    """At three times the picture's width, the finder reads the markers in blocks of two by two
+    pixels.
+    """
     picture, truth = enlarged(*drawn(name, pose), 3)
-    finder = finder_of(KINDS[name].board)
+    finder = make_finder(KINDS[name].board)
     frame = Frame(picture, 0, 1.0)
-    seen = finder.look(frame)
-    assert np.sqrt((off(seen.corners, truth) ** 2).mean()) < 0.5, "px of the whole picture"
-    refined = off(finder.refine(frame, seen), truth)
+    detected = finder.look(frame)
+    assert np.sqrt((off(detected.corners, truth) ** 2).mean()) < 0.5, "px of the whole picture"
+    refined = off(finder.refine(frame, detected), truth)
     assert np.sqrt((refined**2).mean()) < 0.3, "px; the picture was enlarged, and its grain with it"
-    assert len(refined) >= len(off(seen.corners, truth)) - 2
+    assert len(refined) >= len(off(detected.corners, truth)) - 2
 
 
 def test_markers_too_small_for_the_reduced_picture_are_read_in_a_finer_one() -> None:
-    """Of 22 px, cells of 1.8 px in blocks of two by two."""
+    """The markers of 22 px have cells of 1.8 px in blocks of two by two."""
     view = CHARUCO.view(
         np.array([0.2, 0.3, -0.5, 0.0, 0.0, 0.7]), lens=Lens(width=1000, height=300, focal=1000.0)
     )
@@ -118,16 +131,16 @@ def test_blur_is_measured_in_px(name: str, added: float) -> None:
     square.
     """
     picture = enlarged(*drawn(name), 1)[0]
-    seen = look(
+    detected = look(
         np.asarray(cv2.GaussianBlur(picture, (0, 0), added), np.uint8) if added else picture,
         KINDS[name].board,
     )
-    if seen.corners is None:
+    if detected.corners is None:
         assert added > 1, "its markers cannot be read any more"
         return
-    assert seen.blur
-    assert seen.blur.sigma == pytest.approx((0.7**2 + 1 / 12 + added**2) ** 0.5, abs=0.1)
-    assert seen.blur.streak < 1.5
+    assert detected.blur
+    assert detected.blur.sigma == pytest.approx((0.7**2 + 1 / 12 + added**2) ** 0.5, abs=0.1)
+    assert detected.blur.streak < 1.5
 
 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
@@ -139,10 +152,10 @@ def test_a_streak_is_measured_in_any_direction(name: str, angle: float) -> None:
         for step in np.linspace(-0.5, 0.5, 21)
     ]
     streaked = np.asarray(np.mean(passing, 0).round(), np.uint8)
-    seen = look(streaked, KINDS[name].board)
-    assert seen.blur
-    assert seen.blur.streak == pytest.approx(4.0, abs=1.0)  # its spread is no normal blur's
-    assert sentence(streaked, KINDS[name].board) == STREAKED
+    detected = look(streaked, KINDS[name].board)
+    assert detected.blur
+    assert detected.blur.streak == pytest.approx(4.0, abs=1.0)  # its spread is no normal blur's
+    assert sentence(streaked, KINDS[name].board) == MOTION_BLUR
 
 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
@@ -150,27 +163,27 @@ def test_a_streak_is_measured_in_any_direction(name: str, angle: float) -> None:
 def test_the_gate_keeps_a_good_view_once(name: str, pose: str) -> None:
     picture, _ = drawn(name, pose)
     board = KINDS[name].board
-    now, before = look(picture, board), look(picture, board, 0.9)
-    assert judge(now, before, ()).sentence == GOOD
-    assert judge(now, None, ()).sentence == WAIT
-    assert judge(look(moved(picture, 2.5, 0), board), before, ()).sentence == MOVING
-    assert now.corners is not None
-    assert judge(now, before, [now.corners]).sentence == KNOWN
-    other, _ = drawn(name, "partial" if pose == "whole" else "whole")
-    elsewhere = look(other, board).corners
+    current, previous = look(picture, board), look(picture, board, 0.9)
+    assert judge_frame(current, previous, ()).sentence == GOOD_VIEW
+    assert judge_frame(current, None, ()).sentence == HOLD_STILL
+    assert judge_frame(look(moved(picture, 2.5, 0), board), previous, ()).sentence == MOVING
+    assert current.corners is not None
+    assert judge_frame(current, previous, [current.corners]).sentence == KNOWN_VIEW
+    second, _ = drawn(name, "partial" if pose == "whole" else "whole")
+    elsewhere = look(second, board).corners
     assert elsewhere is not None
-    assert judge(now, before, [elsewhere]).sentence == GOOD
+    assert judge_frame(current, previous, [elsewhere]).sentence == GOOD_VIEW
 
 
 def test_a_view_that_shows_what_a_hand_hid_is_new() -> None:
     picture, truth = drawn("charuco")
     hidden = picture.copy()
     hidden[:, int(truth[:, 0].mean()) :] = 120
-    half, whole = look(hidden, CHARUCO.board), look(picture, CHARUCO.board)
+    half, full = look(hidden, CHARUCO.board), look(picture, CHARUCO.board)
     assert half.corners is not None
-    assert whole.corners is not None
-    assert judge(whole, whole, [half.corners]).sentence != KNOWN
-    assert judge(half, half, [whole.corners]).sentence == KNOWN
+    assert full.corners is not None
+    assert judge_frame(full, full, [half.corners]).sentence != KNOWN_VIEW
+    assert judge_frame(half, half, [full.corners]).sentence == KNOWN_VIEW
 
 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
@@ -180,9 +193,9 @@ def test_light_and_focus_are_judged(name: str) -> None:
     assert sentence(np.asarray(np.minimum(picture * 1.6, 255), np.uint8), board) == GLARE
     assert sentence(np.asarray(picture * 0.15, np.uint8), board) == DARK
     large, _ = enlarged(picture, truth_of(name), 3)
-    assert sentence(np.asarray(cv2.GaussianBlur(large, (0, 0), 1.0), np.uint8), board) == SOFT, (
-        "2.1 px of its own, enlarged, and more"
-    )
+    assert (
+        sentence(np.asarray(cv2.GaussianBlur(large, (0, 0), 1.0), np.uint8), board) == OUT_OF_FOCUS
+    ), "2.1 px of its own, enlarged, and more"
 
 
 def truth_of(name: str) -> NDArray[np.float64]:
@@ -190,20 +203,20 @@ def truth_of(name: str) -> NDArray[np.float64]:
 
 
 def test_too_little_of_a_board_is_said() -> None:
-    """Two markers and the corners around them."""
+    """Return two markers and the corners around them."""
     picture, truth = drawn("charuco")
     grid = truth.reshape(6, 9, 2)
     covered = np.full_like(picture, 120)
     low, high = grid[:2, :2].reshape(-1, 2).min(0), grid[:2, :2].reshape(-1, 2).max(0)
     around = (high - low).max()
-    (left, top), (right, bottom) = (
+    (x_min, top), (right, bottom) = (
         (low - 1.2 * around).astype(int),
         (high + 0.3 * around).astype(int),
     )
-    area = np.s_[max(top, 0) : bottom, max(left, 0) : right]
+    area = np.s_[max(top, 0) : bottom, max(x_min, 0) : right]
     covered[area] = picture[area]
-    said = sentence(covered, CHARUCO.board)
-    assert "show more of" in said
+    text = sentence(covered, CHARUCO.board)
+    assert "show more of" in text
 
 
 MISTAKES: dict[str, tuple[str, Callable[[Board], Board], str]] = {
@@ -243,11 +256,11 @@ def test_another_board_than_the_declared_one_is_named(
     mistake: tuple[str, Callable[[Board], Board], str],
 ) -> None:
     name, change, says = mistake
-    said = sentence(drawn(name)[0], change(KINDS[name].board))
-    assert says in said
-    assert said[0].isupper()
-    assert said.endswith(".")
-    assert not said.endswith("..")
+    text = sentence(drawn(name)[0], change(KINDS[name].board))
+    assert says in text
+    assert text[0].isupper()
+    assert text.endswith(".")
+    assert not text.endswith("..")
 
 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
@@ -258,19 +271,19 @@ def test_a_mirrored_board_is_told(name: str) -> None:
 
 
 def test_two_boards_and_a_marker_twice_are_told() -> None:
-    away = np.array([0, 0, 0, 0, 0, 0.38])
-    both = np.hstack([CHARUCO.view(away).picture, CHARUCO.view(away, seed=2).picture])
-    assert "is seen twice: show one board alone" in sentence(both, CHARUCO.board)
-    parts = np.hstack(
-        [both[:, :240], np.full((360, 100), 150, np.uint8), both[:, 720:]]
+    pose = np.array([0, 0, 0, 0, 0, 0.38])
+    pair = np.hstack([CHARUCO.view(pose).picture, CHARUCO.view(pose, seed=2).picture])
+    assert "is seen twice: show one board alone" in sentence(pair, CHARUCO.board)
+    pieces = np.hstack(
+        [pair[:, :240], np.full((360, 100), 150, np.uint8), pair[:, 720:]]
     )  # of no marker two
-    assert "do not lie as on one 9x6 ChArUco board" in sentence(parts, CHARUCO.board)
+    assert "lie not as on one 9x6 ChArUco board" in sentence(pieces, CHARUCO.board)
 
 
 def test_what_the_picture_shows_instead_is_said_until_it_shows_the_board(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The search for it rests meanwhile: it takes as long as many frames."""
+    """The search for another board rests meanwhile: it takes as long as many frames."""
     searches = []
 
     def other(*_: object) -> str:
@@ -278,7 +291,7 @@ def test_what_the_picture_shows_instead_is_said_until_it_shows_the_board(
         return "They are others."
 
     monkeypatch.setattr("capture.coded_finder.other_coding", other)
-    monkeypatch.setattr("capture.coded_finder.RESTS", 1e9)
+    monkeypatch.setattr("capture.coded_finder.REST_RATIO", 1e9)
     finder, wall = CodedFinder(CHARUCO.board), np.full((360, 480), 120, np.uint8)
     for _ in range(3):
         assert finder.look(Frame(wall, 0, 1.0)).problem == "They are others"
@@ -291,9 +304,9 @@ def test_what_the_picture_shows_instead_is_said_until_it_shows_the_board(
 @pytest.mark.parametrize("shape", [(1, 1), (5, 7), (3, 2000), (480, 640), (481, 643, 3)])
 @pytest.mark.parametrize("level", [0, 255])
 def test_pictures_of_nothing(name: str, shape: tuple[int, ...], level: int) -> None:
-    seen = look(np.full(shape, level, np.uint8), KINDS[name].board)
-    assert seen.corners is None
-    assert "no marker of" in seen.problem
+    detected = look(np.full(shape, level, np.uint8), KINDS[name].board)
+    assert detected.corners is None
+    assert "no marker of" in detected.problem
 
 
 ASKED = {
@@ -329,8 +342,8 @@ ASKED = {
 
 
 def recording(folder: Path, name: str) -> Path:
-    """Photographs of three poses, two of them of a board that reaches out of the picture, the first
-    one twice.
+    """Photographs of three poses, of which two show a board that reaches out of the picture; the
+    first is there twice.
     """
     folder.mkdir()
     for pose in ("whole", "partial"):
@@ -349,14 +362,14 @@ def test_photographs_of_a_board_with_markers_are_recorded(name: str, tmp_path: P
     session = tmp_path / "session"
     done = capture("record", session, "--source", f"folder:{source}", *ASKED[name])
     assert done.returncode == 0, done.stderr
-    found = read_session(session)
-    assert str(found.board) == str(KINDS[name].board)
-    assert found.board.points() == pytest.approx(KINDS[name].board.points())
+    session_read = read_session(session)
+    assert str(session_read.board) == str(KINDS[name].board)
+    assert session_read.board.points() == pytest.approx(KINDS[name].board.points())
     assert (name == "legacy") == ("legacy_pattern: true" in (session / "session.yaml").read_text())
-    assert len(found.frames) == 4, done.stderr
+    assert len(session_read.frames) == 4, done.stderr
     assert "This view is already there" in done.stderr
-    again = capture("record", session, "--source", f"folder:{source}")
-    assert again.returncode == 3, (
+    second_run = capture("record", session, "--source", f"folder:{source}")
+    assert second_run.returncode == 3, (
         "the session goes on, with its own board, and has all of these views"
     )
     wrong = capture(
@@ -395,6 +408,6 @@ def test_a_board_that_is_half_described_is_refused(
 
 def test_every_kind_has_its_finder() -> None:
     for kind in KINDS.values():
-        assert isinstance(finder_of(kind.board), CodedFinder)
-    assert not isinstance(finder_of(Board(9, 6, 0.02)), CodedFinder)
+        assert isinstance(make_finder(kind.board), CodedFinder)
+    assert not isinstance(make_finder(Board(9, 6, 0.02)), CodedFinder)
     assert LENS.width < 960, "drawn pictures are not reduced"

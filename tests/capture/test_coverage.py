@@ -1,4 +1,4 @@
-"""Where to hold the board next, and when it is enough."""
+"""The guides: where to hold the board next, and when the views are enough."""
 
 from dataclasses import replace
 from itertools import product
@@ -16,8 +16,15 @@ from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import Charuco
 from calib.session.schema import Number
-from capture.coverage import CELLS, InformedGuide, PlainGuide, SeenView, covered_cells, upright
-from capture.find import finder_of
+from capture.coverage import (
+    COVERAGE_CELLS,
+    InformedGuide,
+    KeptView,
+    PlainGuide,
+    covered_cells,
+    upright,
+)
+from capture.finders import make_finder
 from capture.frames import Frame
 from fixtures.coded_boards import CHARUCO, GRID, LENS, Kind
 
@@ -50,19 +57,21 @@ each_camera = pytest.mark.parametrize(
 
 @each_camera
 def test_every_pose_of_the_bank_is_within_reach_and_picture(camera: Camera) -> None:
-    found = bank(BOARD, camera, REACH)
-    assert 200 < len(found.poses) < 500
-    assert (found.corners > 10).all()
-    assert (found.corners < np.array(SIZE) - 11).all()
-    assert (found.poses[:, 5] >= 0.4 - 1e-9).all()
-    assert (found.poses[:, 5] <= 1.0 + 1e-9).all()
+    candidates = bank(BOARD, camera, REACH)
+    assert 200 < len(candidates.poses) < 500
+    assert (candidates.corners > 10).all()
+    assert (candidates.corners < np.array(SIZE) - 11).all()
+    assert (candidates.poses[:, 5] >= 0.4 - 1e-9).all()
+    assert (candidates.poses[:, 5] <= 1.0 + 1e-9).all()
 
 
 @each_camera
 def test_the_bank_reaches_into_every_corner_of_the_picture(camera: Camera) -> None:
-    found = bank(BOARD, camera, REACH)
+    candidates = bank(BOARD, camera, REACH)
     for corner in product((0, SIZE[0]), (0, SIZE[1])):
-        assert np.linalg.norm(found.corners.reshape(-1, 2) - corner, axis=1).min() < 0.1 * SIZE[0]
+        assert (
+            np.linalg.norm(candidates.corners.reshape(-1, 2) - corner, axis=1).min() < 0.1 * SIZE[0]
+        )
 
 
 def test_a_board_that_never_fits_is_said() -> None:
@@ -76,8 +85,8 @@ def test_a_board_that_never_fits_is_said() -> None:
 def test_the_reach_of_a_board_lets_it_fill_the_picture_and_a_quarter() -> None:
     reach = Reach.of(BOARD, CAMERA)
     for depth, share in ((reach.near, 0.75), (reach.far, 0.25)):
-        seen = seen_bare(BOARD, CAMERA, np.array([0, 0, 0, 0, 0, depth]))
-        assert np.ptp(seen[:, 0]) == pytest.approx(share * SIZE[1])
+        visible = seen_bare(BOARD, CAMERA, np.array([0, 0, 0, 0, 0, depth]))
+        assert np.ptp(visible[:, 0]) == pytest.approx(share * SIZE[1])
 
 
 def test_the_outline_goes_once_around() -> None:
@@ -91,27 +100,29 @@ def test_the_outline_goes_once_around() -> None:
 
 def test_a_pose_is_found_from_its_corners() -> None:
     pose = np.array([0.3, -0.2, 0.1, 0.05, -0.02, 0.6])
-    found = bare_pose(BOARD, BARREL, seen_bare(BOARD, BARREL, pose))
-    assert found == pytest.approx(pose, abs=1e-4)
+    estimate = bare_pose(BOARD, BARREL, seen_bare(BOARD, BARREL, pose))
+    assert estimate == pytest.approx(pose, abs=1e-4)
 
 
 @pytest.mark.parametrize("in_plane", [0, 90, 180, 270])
-@pytest.mark.parametrize(("across", "down"), list(product((-1, 0, 1), repeat=2)))
-def test_the_side_that_is_said_to_be_away_is_away(across: int, down: int, in_plane: int) -> None:
+@pytest.mark.parametrize(("horizontal", "vertical"), list(product((-1, 0, 1), repeat=2)))
+def test_the_side_that_is_said_to_be_away_is_away(
+    horizontal: int, vertical: int, in_plane: int
+) -> None:
     """Oracle: the depths of points on the board, to the left and right of its middle and above and
     below it in the picture.
     """
-    tilt = cv2.Rodrigues(np.radians(25) * np.array([down, -across, 0.0]))[0]
+    tilt = cv2.Rodrigues(np.radians(25) * np.array([vertical, -horizontal, 0.0]))[0]
     turn = tilt @ cv2.Rodrigues(np.radians(in_plane) * np.array([0, 0, 1.0]))[0]
     pose = np.concatenate([cv2.Rodrigues(turn)[0].ravel(), [0, 0, 0.6]])
     points = BOARD.points() @ turn[:, :2].T
-    away = points[:, 2] > 0.01
-    said = words(pose, seen_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
-    assert ("right" in said) == bool(across and points[away][:, 0].mean() > 0)
-    assert ("left" in said) == bool(across and points[away][:, 0].mean() < 0)
-    assert ("bottom" in said) == bool(down and points[away][:, 1].mean() > 0)
-    assert ("top" in said) == bool(down and points[away][:, 1].mean() < 0)
-    assert ("facing the camera" in said) == (not across and not down)
+    is_far = points[:, 2] > 0.01
+    text = words(pose, seen_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
+    assert ("right" in text) == bool(horizontal and points[is_far][:, 0].mean() > 0)
+    assert ("left" in text) == bool(horizontal and points[is_far][:, 0].mean() < 0)
+    assert ("bottom" in text) == bool(vertical and points[is_far][:, 1].mean() > 0)
+    assert ("top" in text) == bool(vertical and points[is_far][:, 1].mean() < 0)
+    assert ("facing the camera" in text) == (not horizontal and not vertical)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +140,9 @@ def test_the_place_is_named(x: float, y: float, place: str) -> None:
 
 
 def test_distance_is_said_as_from_where_the_board_is() -> None:
-    pose, near, far = (np.array([0, 0, 0, 0, 0, depth]) for depth in (0.6, 0.4, 1.0))
+    pose = np.array([0, 0, 0, 0, 0, 0.6])
+    near = np.array([0, 0, 0, 0, 0, 0.4])
+    far = np.array([0, 0, 0, 0, 0, 1.0])
     outline = seen_bare(BOARD, CAMERA, pose)
     assert words(pose, outline, SIZE, far, (0.4, 1.0)) == "closer, in the middle, facing the camera"
     assert (
@@ -151,7 +164,7 @@ def test_distance_is_said_as_from_where_the_board_is() -> None:
 )
 def test_a_board_that_reaches_out_is_named_so(x: float, y: float, place: str) -> None:
     pose = np.array([0, 0, 0, x, y, 0.5])
-    """What is outside is where the rest of the board has it."""
+    """The corners outside the picture are where the other corners of the board put them."""
     around = outline(seen_bare(CODED, CAMERA, pose), CODED)
     assert place in words(pose, around, SIZE, None, (0.4, 1.0))
     plain = seen_bare(BOARD, CAMERA, pose)[rim(BOARD)]
@@ -161,7 +174,7 @@ def test_a_board_that_reaches_out_is_named_so(x: float, y: float, place: str) ->
 
 
 def test_a_lens_that_folds_back_shows_no_corner_that_is_outside() -> None:
-    """This polynomial turns back at 0.9 from the middle, and would put what is at 1.5 into the
+    """This polynomial turns back at 0.9 from the middle, and would map a point at 1.5 into the
     picture again.
     """
     lens = Intrinsics(
@@ -172,41 +185,42 @@ def test_a_lens_that_folds_back_shows_no_corner_that_is_outside() -> None:
         tuple(map(Number, (-0.4, 0, 0, 0))),
     )
     folding = replace(CAMERA, intrinsics=lens)
-    seen = seen_bare(CODED, folding, np.array([0, 0, 0, 0.75, 0, 0.5]))
-    assert np.isnan(seen).all()
+    visible = seen_bare(CODED, folding, np.array([0, 0, 0, 0.75, 0, 0.5]))
+    assert np.isnan(visible).all()
+
+
+def _distances_to_ends(corners: Array) -> list[float]:
+    """Return px, the distance of the nearest corner to each of the picture's corners."""
+    points = corners.reshape(-1, 2)
+    visible = points[~np.isnan(points[:, 0])]
+    return [float(np.linalg.norm(visible - end, axis=1).min()) for end in ENDS]
 
 
 @each_camera
 def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Camera) -> None:
-    """All that a checkerboard has, and others; of each, so much is in the picture as is worth
-    asking for.
+    """The bank of a board with markers has all poses of a checkerboard's, and others that reach out
+    of the picture by useful amounts.
     """
-    found, plain = bank(CODED, camera, REACH), bank(BOARD, camera, REACH)
-    seen = np.isfinite(found.corners[..., 0])
-    assert len(found.poses) > 1.4 * len(plain.poses)
-    assert seen.mean(1).min() >= 0.4
-    reaching = ~seen.all(1)
+    candidates, plain = bank(CODED, camera, REACH), bank(BOARD, camera, REACH)
+    visible = np.isfinite(candidates.corners[..., 0])
+    assert len(candidates.poses) > 1.4 * len(plain.poses)
+    assert visible.mean(1).min() >= 0.4
+    reaching = ~visible.all(1)
     assert 0.25 < reaching.mean() < 0.7
-    inside = found.corners[seen]
-    assert (inside > 0).all()
-    assert (inside < np.array(SIZE) - 1).all()
-    nearest, whole = (
-        [
-            np.linalg.norm(
-                each.corners.reshape(-1, 2)[~np.isnan(each.corners.reshape(-1, 2)[:, 0])] - corner,
-                axis=1,
-            ).min()
-            for corner in ENDS
-        ]
-        for each in (found, plain)
+    interior = candidates.corners[visible]
+    assert (interior > 0).all()
+    assert (interior < np.array(SIZE) - 1).all()
+    nearest = _distances_to_ends(candidates.corners)
+    complete = _distances_to_ends(plain.corners)
+    assert max(nearest) < 0.5 * min(complete), (
+        "px: a cover bends most in the corners of the picture"
     )
-    assert max(nearest) < 0.5 * min(whole), "px: a cover bends most in the corners of the picture"
 
 
 @pytest.mark.parametrize("kind", [CHARUCO, GRID], ids=["charuco", "aprilgrid"])
 def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
     """Poses of the bank that reach out of the picture, drawn small and so not tilted about both
-    axes: the live finder sees most corners that the bank counts on, where they are.
+    axes: the live finder sees most corners that the bank counts on, where the bank has them.
     """
     k, board = LENS.matrix, kind.board
     lens = Intrinsics(
@@ -217,63 +231,60 @@ def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
         tuple(map(Number, LENS.distortion[:4])),
     )
     camera = Camera(LENS.width, LENS.height, intrinsics=lens)
-    found = bank(board, camera, Reach.of(board, camera))
+    candidates = bank(board, camera, Reach.of(board, camera))
     near, simple = (
-        found.poses[:, 5] < np.median(found.poses[:, 5]),
-        (found.poses[:, :2] != 0).sum(1) < 2,
+        candidates.poses[:, 5] < np.median(candidates.poses[:, 5]),
+        (candidates.poses[:, :2] != 0).sum(1) < 2,
     )
-    reaching = np.flatnonzero(np.isnan(found.corners[..., 0]).any(1) & near & simple)
-    counted, apart = 0, []
+    reaching = np.flatnonzero(np.isnan(candidates.corners[..., 0]).any(1) & near & simple)
+    counted, distances = 0, []
     for pose in np.random.default_rng(4).choice(reaching, 4, replace=False):
-        sighting = finder_of(board).look(Frame(kind.view(found.poses[pose]).picture, 0, 1.0))
+        sighting = make_finder(board).look(Frame(kind.view(candidates.poses[pose]).picture, 0, 1.0))
         assert sighting.corners is not None, sighting.problem
-        off = np.linalg.norm(sighting.corners - found.corners[pose], axis=1)
-        counted += int(np.isfinite(found.corners[pose, :, 0]).sum())
-        apart.append(off[np.isfinite(off)])
-    every = np.concatenate(apart)
-    assert len(every) > 0.6 * counted
-    assert np.mean(every < 0.3) > 0.95, (
+        error = np.linalg.norm(sighting.corners - candidates.corners[pose], axis=1)
+        counted += int(np.isfinite(candidates.corners[pose, :, 0]).sum())
+        distances.append(error[np.isfinite(error)])
+    errors = np.concatenate(distances)
+    assert len(errors) > 0.6 * counted
+    assert np.mean(errors < 0.3) > 0.95, (
         "px; a tag of 25 px at the border is outlined wrongly now and then"
     )
 
 
 def test_the_plain_rule_asks_for_the_borders_where_markers_allow() -> None:
     guide = PlainGuide(CODED, CAMERA, REACH)
-    views: list[SeenView] = []
-    said = []
+    views: list[KeptView] = []
+    text = []
     while (hint := guide.next_pose(views)) is not None:
-        views.append(SeenView(seen_bare(CODED, CAMERA, hint.pose)))
-        said.append(hint.words)
+        views.append(KeptView(seen_bare(CODED, CAMERA, hint.pose)))
+        text.append(hint.instruction)
         assert len(views) < 40
     for side in ("left", "right", "top", "bottom"):
         assert (
-            sum("a part outside" in words and side in words.split(" (a")[0] for words in said) >= 2
+            sum("a part outside" in words and side in words.split(" (a")[0] for words in text) >= 2
         )
-    assert guide.progress(views).enough
-    whole = [view for view in views if np.isfinite(view.corners).all()]
-    assert whole
-    assert not guide.progress(whole).enough
-    assert guide.progress(whole).image.min() < guide.progress(views).image.min(), (
+    assert guide.progress(views).is_enough
+    complete = [view for view in views if np.isfinite(view.corners).all()]
+    assert complete
+    assert not guide.progress(complete).is_enough
+    assert guide.progress(complete).image.min() < guide.progress(views).image.min(), (
         "the outermost cells"
     )
 
 
 def test_the_informed_guide_knows_views_of_a_part() -> None:
-    """Two poses at which half of the board is seen: what was seen at one tells of the other
-    nothing.
-    """
-    found = bank(CODED, CAMERA, REACH)
-    left, right = (
-        int(np.argmin(((found.poses[:, :3] ** 2).sum(1) > 0) + np.abs(found.poses[:, 3] - x)))
-        for x in (-1, 1)
-    )
-    corners = found.corners[[left, right]]
+    """Two poses show one half of the board each: the view at one says nothing about the other."""
+    candidates = bank(CODED, CAMERA, REACH)
+    tilted = (candidates.poses[:, :3] ** 2).sum(1) > 0
+    leftmost = int(np.argmin(tilted + np.abs(candidates.poses[:, 3] + 1)))
+    rightmost = int(np.argmin(tilted + np.abs(candidates.poses[:, 3] - 1)))
+    corners = candidates.corners[[leftmost, rightmost]]
     assert np.isnan(corners).any((1, 2)).all()
-    glass = np.zeros((*CELLS, 2))
-    spread = np.ones((*CELLS, 2, 2, 2))
+    glass = np.zeros((*COVERAGE_CELLS, 2))
+    spread = np.ones((*COVERAGE_CELLS, 2, 2, 2))
     information = np.array([np.diag([50.0, 0.0]), np.diag([0.0, 50.0])])
     design = Design(
-        found.poses[[left, right]],
+        candidates.poses[[leftmost, rightmost]],
         corners,
         information,
         np.zeros((2, 2)),
@@ -283,19 +294,19 @@ def test_the_informed_guide_knows_views_of_a_part() -> None:
         glass,
     )
     guide = InformedGuide(CODED, CAMERA, REACH, design)
-    first = SeenView(corners[0])
+    first = KeptView(corners[0])
     hint = guide.next_pose([first])
     assert hint
     assert hint.pose == pytest.approx(design.poses[1])
     assert np.isfinite(hint.outline).all()
     assert hint.outline[:, 0].max() > SIZE[0], "the frame goes on where the picture ends"
-    assert guide.next_pose([first, SeenView(corners[1])]) is None
+    assert guide.next_pose([first, KeptView(corners[1])]) is None
 
 
 def test_covered_cells_are_the_outlines_area() -> None:
     box = np.array([[100.0, 200], [900, 200], [900, 1000], [100, 1000]])
     cells = covered_cells(box, CAMERA)
-    assert cells.shape == CELLS
+    assert cells.shape == COVERAGE_CELLS
     assert cells.mean() == pytest.approx(800 * 800 / (1640 * 1232), rel=0.03)
     assert cells[:, -4:].max() == 0
 
@@ -310,9 +321,9 @@ def test_a_square_board_held_upside_down_is_the_same_view(quarters: int) -> None
 
 def test_the_plain_rule_ends_and_repeats_no_view() -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
-    views: list[SeenView] = []
+    views: list[KeptView] = []
     first = guide.progress(views)
-    assert not first.enough
+    assert not first.is_enough
     assert first.sigma_px is None
     while (hint := guide.next_pose(views)) is not None:
         assert (
@@ -320,10 +331,10 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
             if first.views_needed
             else 0
         )
-        views.append(SeenView(seen_bare(BOARD, CAMERA, hint.pose), hint.pose))
+        views.append(KeptView(seen_bare(BOARD, CAMERA, hint.pose), hint.pose))
         assert len(views) < 40
     last = guide.progress(views)
-    assert last.enough
+    assert last.is_enough
     assert last.views_needed == 0
     assert last.depth.min() == 1
     assert len({tuple(np.round(view.corners.ravel())) for view in views}) == len(views)
@@ -331,12 +342,12 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
 
 def test_the_plain_rule_needs_no_poses() -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
-    found = bank(BOARD, CAMERA, REACH)
+    candidates = bank(BOARD, CAMERA, REACH)
     posed = [
-        SeenView(corners, pose)
-        for corners, pose in zip(found.corners[::40], found.poses[::40], strict=True)
+        KeptView(corners, pose)
+        for corners, pose in zip(candidates.corners[::40], candidates.poses[::40], strict=True)
     ]
-    unposed = [SeenView(view.corners) for view in posed]
+    unposed = [KeptView(view.corners) for view in posed]
     assert guide.progress(posed).views_needed == guide.progress(unposed).views_needed
 
 
@@ -344,25 +355,27 @@ def test_the_plain_rule_needs_no_poses() -> None:
 def test_the_same_view_again_and_again_is_never_enough(pose: tuple[float, ...]) -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
     corners = seen_bare(BOARD, CAMERA, np.array(pose, float))
-    progress = guide.progress([SeenView(corners)] * 50)
-    assert not progress.enough
+    progress = guide.progress([KeptView(corners)] * 50)
+    assert not progress.is_enough
     assert progress.image.mean() < 0.5
     assert sorted(progress.depth)[:2] == [0, 0]
 
 
 def made_design(information: Array, spread: Array, views: int = 0) -> Design:
-    """Over a bank of this many poses, with the maps' derivatives at one depth, the same for both
-    axes' pixels.
+    """Return a design over a bank of this many poses, with the maps' derivatives at one depth, the
+    same for both axes' pixels.
     """
-    found = bank(BOARD, CAMERA, REACH)
-    chosen = np.linspace(0, len(found.poses) - 1, len(information)).astype(int)
+    candidates = bank(BOARD, CAMERA, REACH)
+    chosen = np.linspace(0, len(candidates.poses) - 1, len(information)).astype(int)
     modes = information.shape[-1]
-    at = np.zeros((*CELLS, 2, 2, modes))
+    at = np.zeros((*COVERAGE_CELLS, 2, 2, modes))
     at[..., 0, 0, :] = spread
-    glass = np.stack(np.meshgrid(*(np.linspace(0.2, 0.8, n) for n in CELLS), indexing="ij"), -1)
+    glass = np.stack(
+        np.meshgrid(*(np.linspace(0.2, 0.8, n) for n in COVERAGE_CELLS), indexing="ij"), -1
+    )
     return Design(
-        found.poses[chosen],
-        found.corners[chosen],
+        candidates.poses[chosen],
+        candidates.corners[chosen],
         information,
         np.zeros((modes, modes)),
         views,
@@ -373,9 +386,8 @@ def made_design(information: Array, spread: Array, views: int = 0) -> Design:
 
 
 def test_the_informed_guide_asks_for_what_the_maps_lack() -> None:
-    """Two modes: the first hardly moves the maps.
-
-    One pose tells much of the first, another a little of the second.
+    """Of two modes, the first hardly moves the maps. One pose informs much about the first, another
+    a little about the second.
     """
     design = made_design(
         np.array([np.diag([1e4, 0.0]), np.diag([0.0, 10.0]), np.diag([0.0, 5.0])]),
@@ -392,7 +404,7 @@ def test_the_predicted_error_is_the_one_of_the_linear_model() -> None:
     design = made_design(np.array([np.diag([3.0, 8.0])]), np.array([0.5, 2.0]))
     guide = InformedGuide(BOARD, CAMERA, REACH, design)
     assert guide.progress([]).sigma_px == pytest.approx(np.sqrt(0.5**2 + 2**2))
-    once = guide.progress([SeenView(design.corners[0])])
+    once = guide.progress([KeptView(design.corners[0])])
     assert once.sigma_px == pytest.approx(np.sqrt(0.5**2 / 4 + 2**2 / 9))
 
 
@@ -401,32 +413,32 @@ def test_as_many_views_are_needed_as_are_then_taken() -> None:
     rows = rng.normal(size=(60, 3, 8))
     design = made_design(10 * rows.transpose(0, 2, 1) @ rows, rng.normal(size=8))
     guide = InformedGuide(BOARD, CAMERA, REACH, design, target_px=0.1, folds_agree=True)
-    views: list[SeenView] = []
+    views: list[KeptView] = []
     needed = guide.progress(views).views_needed
     assert needed
     assert 1 < needed < MOST
-    for left in range(needed, 0, -1):
+    for remaining in range(needed, 0, -1):
         progress = guide.progress(views)
-        assert progress.views_needed == left
-        assert not progress.enough
+        assert progress.views_needed == remaining
+        assert not progress.is_enough
         hint = guide.next_pose(views)
         assert hint
-        views.append(SeenView(seen_bare(BOARD, CAMERA, hint.pose)))
-    assert guide.progress(views).enough
+        views.append(KeptView(seen_bare(BOARD, CAMERA, hint.pose)))
+    assert guide.progress(views).is_enough
     assert len({tuple(np.round(view.corners.ravel())) for view in views}) == needed
 
 
 @pytest.mark.parametrize(
-    ("agree", "enough", "said"),
+    ("agree", "enough", "text"),
     [(None, False, "being computed"), (False, False, "do not agree"), (True, True, "Enough")],
 )
 def test_sure_maps_are_enough_only_where_folds_agree(
-    agree: bool | None, enough: bool, said: str
+    agree: bool | None, enough: bool, text: str
 ) -> None:
     design = made_design(np.array([[[1.0]]]), np.array([0.05]))
     progress = InformedGuide(BOARD, CAMERA, REACH, design, folds_agree=agree).progress([])
-    assert progress.enough is enough
-    assert said in progress.sentence
+    assert progress.is_enough is enough
+    assert text in progress.sentence
     assert progress.image.min() == 1
 
 
@@ -434,15 +446,15 @@ def test_a_target_out_of_reach_is_said() -> None:
     design = made_design(np.array([[[1e-9]]]), np.array([5.0]))
     progress = InformedGuide(BOARD, CAMERA, REACH, design, folds_agree=True).progress([])
     assert progress.views_needed is None
-    assert not progress.enough
+    assert not progress.is_enough
     assert "would not reach" in progress.sentence
 
 
 def test_coverage_maps_stay_between_none_and_all() -> None:
     design = made_design(np.array([[[1.0]], [[2.0]]]), np.array([0.3]))
-    progress = InformedGuide(BOARD, CAMERA, REACH, design).progress([SeenView(design.corners[0])])
-    for part in (progress.image, progress.depth, progress.glass):
-        assert part.min() >= 0
-        assert part.max() <= 1
+    progress = InformedGuide(BOARD, CAMERA, REACH, design).progress([KeptView(design.corners[0])])
+    for piece in (progress.image, progress.depth, progress.glass):
+        assert piece.min() >= 0
+        assert piece.max() <= 1
     assert 0 < progress.glass.mean() < 0.5
     assert progress.glass[0].max() == 0  # the patch reaches beyond what the picture sees

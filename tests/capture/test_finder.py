@@ -1,5 +1,5 @@
-"""The live finder on rendered views: it agrees with the detector that calibrates, and looks at
-pictures of any kind without harm.
+"""The live finder on rendered views: it agrees with the detector of the calibration, and survives
+pictures of any kind.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ from calib.io.images import list_images, read_grey
 from calib.session.board import Board
 from capture.finder import Finder
 from capture.frames import Frame
-from capture.sighting import Sighting
+from capture.live_detection import LiveDetection
 from tests.corners.test_detect import Scene, rms
 
 BOARD = Board(9, 9, 0.02)
@@ -25,7 +25,7 @@ def frame(pixels: NDArray[np.uint8]) -> Frame:
     return Frame(pixels, 7, 2.5)
 
 
-def look(pixels: NDArray[np.uint8], board: Board = BOARD) -> Sighting:
+def look(pixels: NDArray[np.uint8], board: Board = BOARD) -> LiveDetection:
     return Finder(board).look(frame(pixels))
 
 
@@ -37,18 +37,18 @@ def test_corners_are_those_of_the_full_detector(folder: str) -> None:
     pictures = list_images(FIXTURES / folder)[::4]
     assert len(pictures) >= 3
     for path in pictures:
-        seen = frame(np.asarray(read_grey(path), np.uint8))
-        whole = find_corners(seen.pixels, BOARD)
-        sighting = finder.look(seen)
-        refined = finder.refine(seen, sighting)
-        assert whole is not None
-        assert sighting.corners is not None, path
+        detected = frame(np.asarray(read_grey(path), np.uint8))
+        full = find_corners(detected.pixels, BOARD)
+        detection = finder.look(detected)
+        refined = finder.refine(detected, detection)
+        assert full is not None
+        assert detection.corners is not None, path
         assert refined is not None, path
-        assert rms(sighting.corners, whole.corners) < 0.2, path
-        assert rms(refined, refine(seen.pixels, whole.corners, BOARD)) < 0.02, (
+        assert rms(detection.corners, full.corners) < 0.2, path
+        assert rms(refined, refine(detected.pixels, full.corners, BOARD)) < 0.02, (
             path
         )  # what a calibration's own measurement starts from
-        assert (sighting.width, sighting.height, sighting.time_s) == (*seen.size, 2.5)
+        assert (detection.width, detection.height, detection.time_s) == (*detected.size, 2.5)
 
 
 def test_every_rendered_board_is_found() -> None:
@@ -77,8 +77,8 @@ def test_every_rendered_board_is_found() -> None:
 def test_drawn_boards(scene: Scene) -> None:
     picture, truth = scene.draw()
     finder = Finder(scene.board)
-    sighting = finder.look(frame(picture))
-    refined = finder.refine(frame(picture), sighting)
+    detection = finder.look(frame(picture))
+    refined = finder.refine(frame(picture), detection)
     assert refined is not None
     assert min(rms(refined, truth), rms(refined, truth[::-1])) < 0.1
 
@@ -86,19 +86,19 @@ def test_drawn_boards(scene: Scene) -> None:
 def test_colour_is_seen_as_grey() -> None:
     grey, _ = Scene().draw()
     board = Scene().board
-    one, other = look(grey, board).corners, look(np.repeat(grey[..., None], 3, 2), board).corners
-    assert one is not None
-    assert other is not None
-    assert rms(one, other) == 0
+    item, second = look(grey, board).corners, look(np.repeat(grey[..., None], 3, 2), board).corners
+    assert item is not None
+    assert second is not None
+    assert rms(item, second) == 0
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (5, 7), (3, 2000), (480, 640), (481, 643, 3)])
 @pytest.mark.parametrize("level", [0, 128, 255])
 def test_pictures_of_nothing(shape: tuple[int, ...], level: int) -> None:
-    sighting = look(np.full(shape, level, np.uint8))
-    assert sighting.corners is None
-    assert sighting.part is None
-    assert Finder(BOARD).refine(frame(np.full(shape, level, np.uint8)), sighting) is None
+    detection = look(np.full(shape, level, np.uint8))
+    assert detection.corners is None
+    assert detection.partial_corners is None
+    assert Finder(BOARD).refine(frame(np.full(shape, level, np.uint8)), detection) is None
 
 
 def test_blur_is_measured_in_px() -> None:

@@ -1,5 +1,5 @@
-"""A function in a process of its own: what it inherits, what nobody sees of it, and what is left
-when it has ended.
+"""A function in a separate process: what it inherits, what stays hidden, and what is left after its
+end.
 """
 
 import os
@@ -12,7 +12,7 @@ from threading import Thread
 
 import pytest
 
-from capture.process import NICENESS, Process, prepare
+from capture.process import NICENESS, Process, prepare_processes
 
 
 def echo(connection: Connection) -> None:
@@ -53,7 +53,7 @@ def test_messages_go_both_ways() -> None:
 
 
 def test_it_gives_way_to_the_screen_and_has_nothing_loaded() -> None:
-    """Even where this process, as one that tests, has torch."""
+    """The child loads no torch even if this test process has it."""
     pytest.importorskip("torch")
     with Process(tell) as process:
         assert process.receive() == (min(os.nice(0) + NICENESS, 19), False)
@@ -64,7 +64,7 @@ def test_nothing_that_it_prints_reaches_the_terminal(capfd: pytest.CaptureFixtur
         assert process.receive() == "done"
         with pytest.raises(EOFError):
             process.receive()
-        assert process.end().words == "a library's complaint"
+        assert process.end().reason == "a library's complaint"
     assert capfd.readouterr() == ("", "")
 
 
@@ -73,7 +73,7 @@ def test_what_it_died_of_is_said(capfd: pytest.CaptureFixture[str]) -> None:
         with pytest.raises(EOFError):
             process.receive()
         ending = process.end()
-    assert (ending.by_signal, ending.words) == (False, "ValueError: odd")
+    assert (ending.by_signal, ending.reason) == (False, "ValueError: odd")
     assert capfd.readouterr() == ("", "")
 
 
@@ -85,7 +85,7 @@ def test_killed_while_another_thread_waits_it_leaves_no_zombie() -> None:
             process.receive()
         ending = process.end()
         assert ending.by_signal
-        assert ending.words.startswith("SIGKILL")
+        assert ending.reason.startswith("SIGKILL")
         process.kill()  # which is too late, and does no harm
     assert not runs(process.pid)
 
@@ -98,11 +98,11 @@ def test_one_that_was_killed_from_outside_takes_messages_until_its_end_is_read()
         process.send("a question" * 100_000)
         with pytest.raises(EOFError):
             process.receive()
-        assert process.end().words == "SIGTERM"
+        assert process.end().reason == "SIGTERM"
 
 
 class Screen:
-    """As sys.stderr is within a Textual app: there is no file behind it."""
+    """A replacement like the sys.stderr of a Textual app: there is no file behind it."""
 
     def write(self, text: str) -> int:
         return len(text)
@@ -115,8 +115,10 @@ class Screen:
 
 
 def one_behind_a_screen() -> None:
-    """In a fresh interpreter, for what `prepare` prepares lasts as long as that."""
-    prepare()
+    """Run in a fresh interpreter, because the effect of `prepare_processes` lasts as long as the
+    process.
+    """
+    prepare_processes()
     sys.stderr = Screen()
     with Process(tell) as process:
         process.receive()
@@ -144,7 +146,7 @@ def test_the_end_of_the_program_is_its_end() -> None:
 
 
 def runs(pid: int) -> bool:
-    """Or waits as a zombie to be collected."""
+    """Return True if the process has ended, perhaps as a zombie that waits to be collected."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -1,4 +1,4 @@
-"""The code in the terminal, as a camera reads it: drawn by its letters and colours, and read by
+"""The code in the terminal, as a camera reads it: drawn from its letters and colours, and read by
 OpenCV.
 """
 
@@ -25,7 +25,7 @@ MODULE = 8  # px
 
 
 def seen(lines: list[str]) -> NDArray[np.uint8]:
-    """What a terminal of any colours shows of these lines: their ink is black, their ground
+    """Draw these lines as a terminal of any colours does: their ink is black, their ground
     white.
     """
     assert all(line.startswith(INK) and line.endswith(PLAIN) for line in lines)
@@ -73,10 +73,10 @@ def test_serving_a_phone_shows_the_code_of_the_printed_address(tmp_path: Path) -
         os.close(theirs)
         assert process.stdout
         address = process.stdout.readline().strip()
-        said = ""
-        while "Ctrl-C ends it." not in said:
-            said += os.read(ours, 1 << 16).decode(errors="replace")
+        text = ""
+        while "Ctrl-C ends it." not in text:
+            text += os.read(ours, 1 << 16).decode(errors="replace")
         process.terminate()
     os.close(ours)
-    lines = [line for line in re.split(r"\r?\n", said) if line.startswith(INK)]
+    lines = [line for line in re.split(r"\r?\n", text) if line.startswith(INK)]
     assert cv2.QRCodeDetector().detectAndDecode(seen(lines))[0] == address

@@ -11,7 +11,7 @@ import pytest
 
 from calib.errors import InputError
 from capture.frames import Frame
-from capture.narrator import Waits
+from capture.narrator import SilenceRemarks
 from capture.reader import SILENT_S, Reader
 from capture.sources.folder import FolderSource
 from tests.capture.recordings import noise, write_recording
@@ -23,15 +23,15 @@ SLACK = 0.15
 
 
 def worst_age(frames: Iterable[Frame], detection: float) -> float:
-    """s, by which the oldest picture exceeds one detection and one frame at the moment of its
-    verdict.
+    """Return the seconds by which the oldest picture exceeds one detection and one frame at the
+    moment of its decision.
     """
     worst = -np.inf
     for frame in frames:
-        begun = time.monotonic()
+        start_s = time.monotonic()
         time.sleep(detection)
         judged = time.monotonic()
-        worst = max(worst, judged - frame.time_s - (judged - begun) - INTERVAL)
+        worst = max(worst, judged - frame.time_s - (judged - start_s) - INTERVAL)
     return float(worst)
 
 
@@ -47,7 +47,7 @@ def test_the_picture_judged_is_never_older_than_one_detection_plus_one_frame(
     with Reader(FolderSource(recorded, 1.0)) as reader:
         assert worst_age(reader, slower * DETECTION) < SLACK
     assert reader.lost == 0
-    assert (reader.unseen > 30) == (slower == 10)
+    assert (reader.skipped > 30) == (slower == 10)
 
 
 def test_without_the_reader_pictures_grow_old(recorded: Path) -> None:
@@ -60,12 +60,12 @@ def test_without_the_reader_pictures_grow_old(recorded: Path) -> None:
 
 def test_a_recording_waits_for_its_reader(recorded: Path) -> None:
     with Reader(FolderSource(recorded, None)) as reader:
-        seen = []
+        frames_seen = []
         for frame in reader:
             time.sleep(0.002)
-            seen.append(frame.sequence)
-    assert seen == list(range(60))
-    assert reader.unseen == reader.lost == 0
+            frames_seen.append(frame.sequence)
+    assert frames_seen == list(range(60))
+    assert reader.skipped == reader.lost == 0
 
 
 def test_gaps_in_the_counter_are_counted(tmp_path: Path) -> None:
@@ -98,12 +98,12 @@ def test_what_goes_wrong_in_the_thread_is_raised_after_the_good_frames(tmp_path:
 
 def test_who_waits_for_a_slow_camera_is_told_so(tmp_path: Path) -> None:
     write_recording(tmp_path, noise(3, 64, 48), 2.5)
-    told: list[float] = []
-    with Reader(FolderSource(tmp_path, 1.0), told.append) as reader:
+    silences: list[float] = []
+    with Reader(FolderSource(tmp_path, 1.0), silences.append) as reader:
         assert len(list(reader)) == 3
-    assert len(told) >= 2, "once before each of two frames, at the least"
-    assert min(told) >= SILENT_S
-    assert min(told) < 2 * SILENT_S, "the seconds are counted from the last frame"
+    assert len(silences) >= 2, "once before each of two frames, at the least"
+    assert min(silences) >= SILENT_S
+    assert min(silences) < 2 * SILENT_S, "the seconds are counted from the last frame"
 
 
 def test_who_waits_for_a_camera_to_open_is_told_so(
@@ -111,28 +111,28 @@ def test_who_waits_for_a_camera_to_open_is_told_so(
 ) -> None:
     class Slow(FolderSource):
         def __enter__(self) -> Self:
-            assert said.wait(60), "nothing was said"
+            assert reported.wait(60), "nothing was said"
             return super().__enter__()
 
-    said = threading.Event()
+    reported = threading.Event()
     monkeypatch.setattr("capture.reader.OPENING_S", 0.1)
     write_recording(tmp_path, noise(1, 64, 48))
-    with Reader(Slow(tmp_path, None), lambda _: said.set()) as reader:
+    with Reader(Slow(tmp_path, None), lambda _: reported.set()) as reader:
         assert len(list(reader)) == 1
 
 
 def test_nothing_is_said_of_a_recording_that_waits_for_its_reader(tmp_path: Path) -> None:
     write_recording(tmp_path, noise(3, 64, 48), 2.5)
-    told: list[float] = []
-    with Reader(FolderSource(tmp_path, None), told.append) as reader:
+    silences: list[float] = []
+    with Reader(FolderSource(tmp_path, None), silences.append) as reader:
         assert len(list(reader)) == 3
-    assert told == []
+    assert silences == []
 
 
 def test_the_console_says_a_silence_again_when_it_is_twice_as_long(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    waits = Waits()
+    waits = SilenceRemarks()
     for seconds in (1.0, 1.1, 1.9, 1.2, 2.1, 3.0, 4.3):
         waits(seconds)
     lines = capsys.readouterr().err.splitlines()
@@ -146,8 +146,8 @@ def test_close_ends_the_iteration_from_another_thread(tmp_path: Path) -> None:
     with Reader(FolderSource(tmp_path, 1.0)) as reader:
         timer = threading.Timer(0.2, reader.close)
         timer.start()
-        begun = time.monotonic()
+        start_s = time.monotonic()
         assert len(list(reader)) == 1
-        assert time.monotonic() - begun < 2
+        assert time.monotonic() - start_s < 2
         timer.join()
     assert not [thread for thread in threading.enumerate() if thread.name == "camera"]

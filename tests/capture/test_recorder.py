@@ -42,7 +42,7 @@ PICTURES = noise(8)
 
 
 def keep(session: Path, pictures: list[NDArray[np.uint8]], **options: object) -> list[str]:
-    """Record pictures as a camera's frames; the recorder's remarks."""
+    """Record pictures as a camera's frames, and return the recorder's remarks."""
     with Recorder(session, BOARD, **options) as recorder:  # type: ignore[arg-type]
         for index, picture in enumerate(pictures):
             recorder.keep(Frame(picture, index, time.monotonic(), {"gain": 2.0}))
@@ -57,7 +57,7 @@ def same(ours: list[NDArray[np.uint8]], theirs: list[NDArray[np.uint8]]) -> bool
 
 def test_pictures_are_kept_bit_for_bit_and_calib_reads_the_session(tmp_path: Path) -> None:
     colour = np.dstack([PICTURES[0], PICTURES[1], PICTURES[2]])
-    before = time.time()
+    start_s = time.time()
     remarks = keep(tmp_path, [*PICTURES, colour])
     assert same(read_pictures(tmp_path / "frames"), [*PICTURES, colour])
     session = read_session(tmp_path)
@@ -71,7 +71,7 @@ def test_pictures_are_kept_bit_for_bit_and_calib_reads_the_session(tmp_path: Pat
         == [row["sequence"] for row in rows]
         == [str(i) for i in range(9)]
     )
-    assert all(before - 1 < float(row["time_s"]) < time.time() + 1 for row in rows)
+    assert all(start_s - 1 < float(row["time_s"]) < time.time() + 1 for row in rows)
     assert {row["gain"] for row in rows} == {"2.0"}
     assert len(remarks) == 1
     assert "cover.shape none" in remarks[0]
@@ -103,8 +103,8 @@ def test_numbers_go_on_after_pictures_of_any_kind_and_name(tmp_path: Path) -> No
 def test_what_a_kill_leaves_is_mended(tmp_path: Path) -> None:
     keep(tmp_path, PICTURES[:4])
     table = tmp_path / "frames.csv"
-    whole = table.read_bytes().splitlines(keepends=True)
-    table.write_bytes(b"".join(whole[:3]) + whole[3][:9])  # 0002 lacks its end, 0003 its row
+    lines_ = table.read_bytes().splitlines(keepends=True)
+    table.write_bytes(b"".join(lines_[:3]) + lines_[3][:9])  # 0002 lacks its end, 0003 its row
     (tmp_path / "frames" / "0000.png").unlink()  # by its owner
     (tmp_path / "frames" / ".0123456789abcdef.tmp").write_bytes(b"half a picture")
     keep(tmp_path, PICTURES[4:5])
@@ -123,7 +123,7 @@ def test_what_a_kill_leaves_beside_the_table_is_removed_and_nothing_else(tmp_pat
 
 
 def test_a_table_by_hand_keeps_its_last_row(tmp_path: Path) -> None:
-    """Only what a recorder wrote is known to end in a line break."""
+    """Only a file that a recorder wrote surely ends in a line break."""
     write_recording(tmp_path, PICTURES[:2])
     (tmp_path / "frames.csv").write_text("file,time_s,gain\n0000.png,1.5,2\n0001.png,2.5,2")
     keep(tmp_path, PICTURES[2:3])
@@ -139,7 +139,7 @@ def test_a_table_of_other_pictures_is_refused_not_emptied(tmp_path: Path) -> Non
     table.write_text("file,time_s\nframes/0000.png,1.5\n")
     with pytest.raises(
         InputError,
-        match=r"tells of frames/0000\.png and of no picture in .*: write names such as 0000\.png",
+        match=r"lists frames/0000\.png and no picture in .*: write names such as 0000\.png",
     ):
         keep(tmp_path, PICTURES[1:2])
     assert table.read_text() == "file,time_s\nframes/0000.png,1.5\n"
@@ -247,7 +247,7 @@ def test_a_board_with_markers_is_described_as_any_other(tmp_path: Path) -> None:
     (tmp_path / "session.yaml").write_text(yaml.safe_dump(described))
     board = Board(12, 12, 0.024, coding=AprilGrid(0.3))
     assert board_of(tmp_path, None) == board_of(tmp_path, board) == board
-    for other, words in (
+    for board_, words in (
         (Board(12, 12, 0.024), "12x12 corners and 24 mm"),
         (Board(12, 12, 0.024, coding=AprilGrid(0.2)), "6x6 AprilGrid, 24 mm, spacing 0.2"),
         (
@@ -262,7 +262,7 @@ def test_a_board_with_markers_is_described_as_any_other(tmp_path: Path) -> None:
                 " asked for"
             ),
         ):
-            board_of(tmp_path, other)
+            board_of(tmp_path, board_)
 
 
 def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:
@@ -305,11 +305,11 @@ def test_a_full_disk_ends_with_one_sentence_and_a_readable_session(
         "cannot be written (No space left on device): free some space there, or choose another"
         " disk."
     )
-    kept = read_pictures(session / "frames")
-    assert 1 <= len(kept) < len(PICTURES)
-    assert same(kept, PICTURES[: len(kept)])
-    assert len(read_session(session).frames) == len(kept)
-    assert f"{len(kept)} pictures" in done.stderr
+    pictures_kept = read_pictures(session / "frames")
+    assert 1 <= len(pictures_kept) < len(PICTURES)
+    assert same(pictures_kept, PICTURES[: len(pictures_kept)])
+    assert len(read_session(session).frames) == len(pictures_kept)
+    assert f"{len(pictures_kept)} pictures" in done.stderr
     assert not list(session.rglob("*.tmp"))
     subprocess.run(["mount", "-o", "remount,size=1m", small_disk], check=True)
     done = capture("record", session, "--source", f"folder:{source}", "--all")
@@ -317,7 +317,7 @@ def test_a_full_disk_ends_with_one_sentence_and_a_readable_session(
     assert (
         len(read_pictures(session / "frames"))
         == len(read_table(session / "frames.csv"))
-        == len(kept) + len(PICTURES)
+        == len(pictures_kept) + len(PICTURES)
     )
 
 
@@ -340,15 +340,15 @@ def test_a_file_that_may_not_grow_leaves_what_was_whole(tmp_path: Path, limit: i
     assert done.returncode == 4, done.stderr
     assert "File too large" in done.stderr
     assert "Traceback" not in done.stderr
-    kept = len(read_pictures(session / "frames"))
+    pictures_kept = len(read_pictures(session / "frames"))
     rows = read_table(session / "frames.csv")
     assert (session / "frames.csv").read_bytes().endswith(b"\n")
-    assert kept - 1 <= len(rows) <= kept
+    assert pictures_kept - 1 <= len(rows) <= pictures_kept
     keep(session, noise(1, size, size))
     assert (
         len(read_table(session / "frames.csv"))
         == len(read_pictures(session / "frames"))
-        == kept + 1
+        == pictures_kept + 1
     )
 
 
@@ -376,7 +376,7 @@ for line in sys.stdin:
     os.waitpid(child, 0)
     print("ended", flush=True)
 """
-"""Forks a recording for each line, so that none pays for Python's start."""
+"""Fork a recording for each line, so that none pays for Python's start."""
 
 
 def kill_and_continue(tmp_path: Path, times: int) -> None:
@@ -410,25 +410,27 @@ def kill_and_continue(tmp_path: Path, times: int) -> None:
             with suppress(ProcessLookupError):  # it was quicker
                 os.kill(child, signal.SIGKILL)
             assert server.stdout.readline() == "ended\n"
-            kept = read_pictures(session / "frames")
-            cut_short += len(kept) < len(pictures)
-            assert same(kept, pictures[: len(kept)])
-            assert len(kept) >= len(reported.read_text().splitlines())
+            pictures_kept = read_pictures(session / "frames")
+            cut_short += len(pictures_kept) < len(pictures)
+            assert same(pictures_kept, pictures[: len(pictures_kept)])
+            assert len(pictures_kept) >= len(reported.read_text().splitlines())
             rows = [row["file"] for row in read_table(session / "frames.csv")]
             assert rows == [f"{index:04d}.png" for index in range(len(rows))]
-            assert len(kept) - 1 <= len(rows) <= len(kept)
-            if kept:
-                assert len(read_session(session).frames) == len(kept)
+            assert len(pictures_kept) - 1 <= len(rows) <= len(pictures_kept)
+            if pictures_kept:
+                assert len(read_session(session).frames) == len(pictures_kept)
             keep(session, pictures[:1])
-            assert same(read_pictures(session / "frames"), [*pictures[: len(kept)], pictures[0]])
-            assert len(read_table(session / "frames.csv")) == len(kept) + 1
+            assert same(
+                read_pictures(session / "frames"), [*pictures[: len(pictures_kept)], pictures[0]]
+            )
+            assert len(read_table(session / "frames.csv")) == len(pictures_kept) + 1
         server.stdin.close()
     assert cut_short > 0.8 * times, f"only {cut_short} of {times} kills came in time"
 
 
 @pytest.mark.parametrize("link", ["symbolic", "hard", "pipe"])
 def test_a_strangers_session_cannot_have_another_file_changed(link: str, tmp_path: Path) -> None:
-    """By a link where the recorder has a file of its own, which it changes in its place."""
+    """The stranger's folder has a link where the recorder has a file that it changes in place."""
     victim = tmp_path / "victim"
     victim.write_text("precious")
     for name in (".recording", "frames.csv"):
@@ -442,7 +444,10 @@ def test_a_strangers_session_cannot_have_another_file_changed(link: str, tmp_pat
             case "pipe":
                 os.mkfifo(place)
         with (
-            pytest.raises(InputError, match="leads elsewhere: remove it, or record elsewhere"),
+            pytest.raises(
+                InputError,
+                match="the recorder cannot use it: remove it, or record elsewhere",
+            ),
             ExitStack() as held,
         ):
             (
@@ -456,6 +461,6 @@ def test_a_strangers_session_cannot_have_another_file_changed(link: str, tmp_pat
 
 def test_a_lock_that_would_be_made_elsewhere_is_not(tmp_path: Path) -> None:
     (tmp_path / ".recording").symlink_to(tmp_path / "made")
-    with pytest.raises(InputError, match="leads elsewhere"), locked(tmp_path):
+    with pytest.raises(InputError, match="is a link or not a regular file"), locked(tmp_path):
         pass
     assert not (tmp_path / "made").exists()

@@ -56,7 +56,7 @@ for word in script:
         time.sleep(60)
     sys.stdout.flush()
 """  # noqa: E501
-"""Does what its script says: sends pictures by number, half of one, fails, hangs."""
+"""A stand-in that follows its script: it sends pictures by number, half of one, fails, or hangs."""
 
 WIDTH, HEIGHT = 100, 48
 PICTURES = noise(3, WIDTH, HEIGHT)
@@ -131,7 +131,7 @@ def test_the_shutter_of_the_sensor_that_the_program_names_is_written(
 
 def test_everything_is_locked_from_the_start(program: Path) -> None:
     frames_of(program, "0")
-    said = (program / "arguments").read_text()
+    text = (program / "arguments").read_text()
     for option in (
         "--nopreview --timeout 0 --camera 0 --codec yuv420 --flush",
         f"--width {WIDTH} --height {HEIGHT} --framerate 20",
@@ -140,7 +140,7 @@ def test_everything_is_locked_from_the_start(program: Path) -> None:
             " --denoise off --output -"
         ),
     ):
-        assert option in said
+        assert option in text
     (program / "script").write_text("0")
     with open_source(SOURCE + "&mode=3280:2464:10:P"):
         pass
@@ -167,10 +167,10 @@ def test_a_truncated_last_frame_is_dropped(program: Path) -> None:
 def test_what_goes_wrong_is_told_with_the_program_s_own_words(
     program: Path, script: str, says: str
 ) -> None:
-    begun = time.monotonic()
+    start_s = time.monotonic()
     with pytest.raises(CaptureError, match=says):
         frames_of(program, script)
-    assert time.monotonic() - begun < 4
+    assert time.monotonic() - start_s < 4
 
 
 @pytest.mark.parametrize("script", ["0 1 hang", "stubborn 0 1 hang"])
@@ -199,9 +199,9 @@ def test_a_recording_through_the_command(program: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 4
     assert "no cameras available" in done.stderr.splitlines()[-1]
-    kept = read_pictures(tmp_path / "session" / "frames")
-    assert 1 <= len(kept) <= 3
-    assert all(any(np.array_equal(picture, p) for p in PICTURES) for picture in kept)
+    recorded = read_pictures(tmp_path / "session" / "frames")
+    assert 1 <= len(recorded) <= 3
+    assert all(any(np.array_equal(picture, p) for p in PICTURES) for picture in recorded)
     assert "Safe in" in done.stderr
 
 

@@ -43,7 +43,7 @@ def test_shutters() -> None:
 
 
 def recorded(session: Path, shutter: Shutter | None) -> list[str]:
-    """What is remarked of a recording."""
+    """Return the remarks of a recording."""
     with Recorder(session, BOARD, shutter=shutter) as recorder:
         recorder.keep(Frame(np.zeros((48, 64), np.uint8), 0, 0.0, {}))
         return recorder.remarks
@@ -61,10 +61,10 @@ def test_a_session_gets_the_shutter_that_the_driver_tells(tmp_path: Path) -> Non
 
 
 def test_a_session_that_says_nothing_or_another_is_asked_to_be_corrected(tmp_path: Path) -> None:
-    """What a person has written is not rewritten."""
+    """A value that a person has written is not rewritten."""
     recorded(tmp_path, None)
-    (said,) = recorded(tmp_path, Shutter(rolling=True))
-    assert said.startswith(
+    (text,) = recorded(tmp_path, Shutter(rolling=True))
+    assert text.startswith(
         "The camera's sensor has a rolling shutter: write camera.shutter: {type: rolling} in "
     )
     file = tmp_path / "session.yaml"
@@ -74,5 +74,5 @@ def test_a_session_that_says_nothing_or_another_is_asked_to_be_corrected(tmp_pat
         )
     )
     assert recorded(tmp_path, Shutter(rolling=True)) == []
-    (said,) = recorded(tmp_path, Shutter(rolling=False))
-    assert said.endswith("(it says rolling).")
+    (text,) = recorded(tmp_path, Shutter(rolling=False))
+    assert text.endswith("(it says rolling).")

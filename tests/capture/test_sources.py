@@ -1,4 +1,4 @@
-"""Where frames come from: what each source gives, and the sentence of each that cannot give any."""
+"""The sources of frames: the frames of each, and the sentence of each that can give none."""
 
 import os
 import stat
@@ -28,8 +28,8 @@ from tests.capture.recordings import FIXTURE, noise, write_recording
         ("/dev/video0", "did you mean v4l2?"),
         ("vl42:/dev/video0", "did you mean v4l2?"),
         ("folders:x", "did you mean folder?"),
-        ("folder:", "does not say where: write it like folder:PATH"),
-        ("v4l2:?size=1x1", "does not say where"),
+        ("folder:", "does not say which one: write it like folder:PATH"),
+        ("v4l2:?size=1x1", "does not say which one"),
         ("folder:x?sped=2", "sped is not a known option (did you mean speed?)"),
         ("folder:x?speed=fast", 'speed is the text "fast": write a number from 0.01 to 1000'),
         ("folder:x?speed=0", "write a number from 0.01 to 1000"),
@@ -97,10 +97,10 @@ def test_every_example_is_understood_and_opens_nothing(scheme: Scheme) -> None:
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
 def test_every_backend_says_what_there_is(scheme: Scheme) -> None:
-    found = scheme.backend().inventory()
-    assert found.missing == "" or found.missing.endswith(".")
-    assert not (found.missing and found.cameras)
-    for camera in found.cameras:
+    result = scheme.backend().inventory()
+    assert result.missing == "" or result.missing.endswith(".")
+    assert not (result.missing and result.cameras)
+    for camera in result.cameras:
         assert camera.source.startswith(f"{scheme.name}:")
         open_source(camera.source)
 
@@ -109,11 +109,11 @@ def test_a_recorded_session_is_given_again_with_times_and_state(tmp_path: Path) 
     pictures = noise(5)
     write_recording(tmp_path, pictures, 0.05, "2.5")
     for speed, seconds in (("", 0.2), ("?speed=4", 0.05)):
-        begun = time.monotonic()
+        start_s = time.monotonic()
         with open_source(f"folder:{tmp_path}{speed}") as source:
             assert source.live
             frames = list(source)
-        assert seconds < time.monotonic() - begun < seconds + 0.3
+        assert seconds < time.monotonic() - start_s < seconds + 0.3
         assert all(
             np.array_equal(frame.pixels, picture)
             for frame, picture in zip(frames, pictures, strict=True)
@@ -121,7 +121,7 @@ def test_a_recorded_session_is_given_again_with_times_and_state(tmp_path: Path) 
         assert np.allclose(
             np.diff([frame.time_s for frame in frames]), 0.05
         )  # else a fast replay would be a board in fast motion
-        assert begun <= frames[0].time_s <= time.monotonic()
+        assert start_s <= frames[0].time_s <= time.monotonic()
     assert [frame.sequence for frame in frames] == [0, 1, 2, 3, 4]
     assert [frame.metadata for frame in frames] == [{"gain": 2.5}] * 5
     assert frames[3].name == "0003.png"
@@ -129,11 +129,11 @@ def test_a_recorded_session_is_given_again_with_times_and_state(tmp_path: Path) 
 
 def test_a_recording_as_fast_as_it_is_read_keeps_its_times(tmp_path: Path) -> None:
     write_recording(tmp_path, noise(3), 5.0)
-    begun = time.monotonic()
+    start_s = time.monotonic()
     with open_source(f"folder:{tmp_path}?speed=max") as source:
         assert not source.live
         frames = list(source)
-    assert time.monotonic() - begun < 2
+    assert time.monotonic() - start_s < 2
     assert np.allclose(np.diff([frame.time_s for frame in frames]), 5.0)
 
 
@@ -154,7 +154,7 @@ def test_a_first_picture_without_a_time_does_not_shift_the_others(tmp_path: Path
     table.write_text(table.read_text().replace("0000.png,1000.0", "0000.png,"))
     with open_source(f"folder:{tmp_path}") as source:
         frames = list(source)
-    assert [frame.alone for frame in frames] == [True, False, False]
+    assert [frame.isolated for frame in frames] == [True, False, False]
     assert np.ptp([frame.time_s for frame in frames]) < 1
 
 
@@ -206,7 +206,7 @@ def test_a_video_that_breaks_off_gives_what_is_whole_and_says_so(tmp_path: Path)
         (
             "v4l2:/dev/null",
             CaptureError,
-            "/dev/null is not a camera: `capture sources` lists those there are",
+            "/dev/null is not a camera: `capture sources` lists the cameras",
         ),
         ("v4l2:{}/gone", CaptureError, "gone is not connected any more: plug the camera in again"),
         (
@@ -241,7 +241,7 @@ def test_what_cannot_be_opened_gets_its_sentence(
 
 
 def make_node(path: Path) -> None:
-    """A device node that no driver stands behind."""
+    """A device node without a driver."""
     try:
         os.mknod(path, 0o600 | stat.S_IFCHR, os.makedev(81, 63))
         os.close(os.open(path, os.O_RDWR))

@@ -1,4 +1,4 @@
-"""What a V4L2 driver says of its pictures, with the driver faked at the system call."""
+"""The answers of a V4L2 driver about its pictures, with the driver faked at the system call."""
 
 import errno
 import os
@@ -27,9 +27,9 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("pixels", "row", "whole", "added"), CASES)
+@pytest.mark.parametrize(("pixels", "row", "total", "added"), CASES)
 def test_padded_rows_are_told_from_packed_ones(
-    monkeypatch: pytest.MonkeyPatch, pixels: str, row: int, whole: int, added: int
+    monkeypatch: pytest.MonkeyPatch, pixels: str, row: int, total: int, added: int
 ) -> None:
     """Pictures of 322x250 px."""
 
@@ -44,7 +44,7 @@ def test_padded_rows_are_told_from_packed_ones(
             int.from_bytes(pixels.encode(), "little"),
             1,
             row,
-            whole,
+            total,
         )
 
     monkeypatch.setattr(device, "ioctl", ioctl)
@@ -66,8 +66,8 @@ def test_every_format_but_jpeg_has_rows() -> None:
 
 
 class Camera:
-    """A driver with one mode, 64x48 grey, and OpenCV's way of reading it: a wait that ends without
-    a picture is no error.
+    """A driver with one mode, 64x48 grey, and OpenCV's way to read it: a wait that ends without a
+    picture is not an error.
     """
 
     def __init__(self, interval: float) -> None:
@@ -134,10 +134,10 @@ def test_a_camera_that_falls_silent_is_given_up_after_what_was_asked_for(camera:
     with open_source("v4l2:/dev/null?patience_s=1") as source:
         frames = iter(source)
         next(frames)
-        begun = time.monotonic()
+        start_s = time.monotonic()
         with pytest.raises(CaptureError, match="sends no more pictures"):
             next(frames)
-    assert 1 <= time.monotonic() - begun < 9, "the default is 10 s"
+    assert 1 <= time.monotonic() - start_s < 9, "the default is 10 s"
 
 
 def test_an_unplugged_camera_is_told_at_once(camera: Camera) -> None:

@@ -10,9 +10,9 @@ from calib.corners.find import find_board
 from calib.corners.saddle_grid import find_grid
 from calib.corners.saddles import find_saddles
 from calib.session.board import Board
-from capture.find import finder_of
+from capture.finders import make_finder
 from capture.frames import Frame
-from capture.gate import judge
+from capture.gate import judge_frame
 from fixtures import corner_pictures
 from fixtures.corner_pictures import draw
 from tests.corners.test_detect import BOARD, Scene
@@ -75,9 +75,9 @@ def test_two_boards_in_one_picture_are_told() -> None:
     assert isinstance(found, NotFound)
     assert found.reason == "two 9x6 boards are seen: show one board alone"
     frames = [Frame(both, 0, time_s) for time_s in (0.9, 1.0)]
-    before, now = map(finder_of(BOARD).look, frames)
-    assert judge(now, before, ()).sentence == "Two 9x6 boards are seen: show one board alone."
+    before, now = map(make_finder(BOARD).look, frames)
+    assert judge_frame(now, before, ()).sentence == "Two 9x6 boards are seen: show one board alone."
     other = draw(corner_pictures.Scene(board=Board(7, 5, 1.0)), np.random.default_rng(0)).picture
     for alone in (beside(one, other), beside(one, one[:, : one.shape[1] // 2])):
         assert isinstance(find_board(alone, BOARD), Detection)
-        assert finder_of(BOARD).look(Frame(alone, 0, 1.0)).corners is not None
+        assert make_finder(BOARD).look(Frame(alone, 0, 1.0)).corners is not None

@@ -27,7 +27,7 @@ from calib.session.camera import Camera
 from calib.session.coding import Charuco
 from calib.session.cover import Cover
 from calib.session.freeing import free_parameters
-from capture.coverage import CELLS, InformedGuide, SeenView
+from capture.coverage import COVERAGE_CELLS, InformedGuide, KeptView
 from capture.guidance import Guidance, GuidanceError, Request, answers
 from fixtures.calibrated import CAMERA, GLASS, calibrate
 from fixtures.synthetic import INTRINSICS, Scene, scene
@@ -138,12 +138,12 @@ def test_the_predicted_sigma_is_the_calibrations_own(made: Scene) -> None:
     where it hides some more: with twelve views at random, a sixth.
     """
     setup = Setup(made.board, CAMERA, INTRINSICS, GLASS)
-    design = estimate(setup, made.views, GRID).design(setup, some_poses(), CELLS, DEPTHS)
+    design = estimate(setup, made.views, GRID).design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
     field = predicted_sigma(calibrate(made, Settings(grid=GRID)))
     assert field
     x, y = (
         (np.arange(n) + 0.5) / n * length - 0.5
-        for n, length in zip(CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True)
+        for n, length in zip(COVERAGE_CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True)
     )
     theirs = np.stack([field.at(*np.meshgrid(x, y), depth) for depth in DEPTHS], -1)
     ours = np.sqrt(design.variance(design.known()))
@@ -152,7 +152,7 @@ def test_the_predicted_sigma_is_the_calibrations_own(made: Scene) -> None:
 
 def test_modes_that_are_left_out_change_nothing(few: PlanningFit, setup: Setup) -> None:
     """Oracle: the covariance of all shared parameters, without modes."""
-    surveyed_design = few.design(setup, some_poses(), CELLS, DEPTHS)
+    surveyed_design = few.design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
     model = few.model
     information = view_information(model, few.observations, few.poses).sum(0) / few.sigma**2
     fixed = [
@@ -167,7 +167,7 @@ def test_modes_that_are_left_out_change_nothing(few: PlanningFit, setup: Setup) 
     covariance = np.linalg.inv(information + precision)
     x, y = (
         (np.arange(n) + 0.5) / n * length - 0.5
-        for n, length in zip(CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True)
+        for n, length in zip(COVERAGE_CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True)
     )
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     jacobian, motions, _ = undistorted_jacobian(model.path, model.parameters, pixels)
@@ -188,7 +188,7 @@ def test_poses_that_the_cover_pushes_out_of_the_picture_are_dropped(
     few: PlanningFit, setup: Setup
 ) -> None:
     poses = np.array([[0, 0, 0, 0, 0, 0.8], [0, 0, 0, 0.6, 0, 0.8]])
-    design = few.design(setup, poses, CELLS, DEPTHS)
+    design = few.design(setup, poses, COVERAGE_CELLS, DEPTHS)
     assert design.poses == pytest.approx(poses[:1])
 
 
@@ -199,9 +199,14 @@ def test_of_a_board_with_markers_what_is_seen_counts(few: PlanningFit, made: Sce
     """
     board = replace(made.board, coding=Charuco(0.75 * made.board.square, "DICT_4X4_250"))
     half_out, far_out = np.array([0.1, -0.2, 0, 0.5, 0, 0.8]), np.array([0, 0, 0, 0.62, 0.46, 0.8])
-    found = survey(few.model, board, CAMERA, np.array([half_out, far_out]), CELLS, DEPTHS)
+    found = survey(few.model, board, CAMERA, np.array([half_out, far_out]), COVERAGE_CELLS, DEPTHS)
     assert (
-        len(survey(few.model, made.board, CAMERA, np.array([half_out]), CELLS, DEPTHS).poses) == 0
+        len(
+            survey(
+                few.model, made.board, CAMERA, np.array([half_out]), COVERAGE_CELLS, DEPTHS
+            ).poses
+        )
+        == 0
     )
     assert found.poses == pytest.approx(half_out[None])
     seen = np.isfinite(found.corners[0, :, 0])
@@ -218,20 +223,20 @@ def test_of_a_board_with_markers_what_is_seen_counts(few: PlanningFit, made: Sce
 def test_the_bank_knows_what_views_in_its_poses_tell(setup: Setup) -> None:
     """A view taken exactly where the guide asked lowers sigma as the plan foresaw."""
     nominal = estimate(setup, (), GRID)
-    design = nominal.design(setup, some_poses(), CELLS, DEPTHS)
+    design = nominal.design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
     first = design.plan(design.known(), np.zeros(len(design.poses), bool), 0.0, most=3)
     assert len(set(first)) == 3
     foreseen = design.sigma(design.known(design.information[first].sum(0)))
     views = tuple(
         View(str(pose), design.corners[pose], np.ones(setup.board.count)) for pose in first
     )
-    taken = estimate(setup, views, GRID).design(setup, some_poses(), CELLS, DEPTHS)
+    taken = estimate(setup, views, GRID).design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
     assert taken.sigma(taken.known()) == pytest.approx(foreseen, rel=0.01)
     assert foreseen < 0.1 * design.sigma(design.known())
 
 
 def test_planned_views_beat_others(setup: Setup) -> None:
-    design = estimate(setup, (), GRID).design(setup, some_poses(), CELLS, DEPTHS)
+    design = estimate(setup, (), GRID).design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
     planned = design.plan(design.known(), np.zeros(len(design.poses), bool), 0.0, most=8)
     best = design.sigma(design.known(design.information[planned].sum(0)))
     rng = np.random.default_rng(0)
@@ -249,7 +254,7 @@ def test_a_rougher_prior_and_more_noise_make_maps_less_sure(few: PlanningFit, se
         changed = PlanningFit(
             few.model, few.poses, few.observations, Smoothness(height, 0.4), noise
         )
-        design = changed.design(setup, some_poses()[:3], CELLS, DEPTHS)
+        design = changed.design(setup, some_poses()[:3], COVERAGE_CELLS, DEPTHS)
         return design.sigma(design.known())
 
     assert sigma(1e-5, 0.1) < sigma(3e-5, 0.1)
@@ -294,7 +299,7 @@ def test_the_process_starts_again_after_it_was_killed(guidance: Guidance) -> Non
 
 @pytest.mark.slow
 def test_a_later_question_ends_an_earlier_one(guidance: Guidance, made: Scene) -> None:
-    views = [SeenView(view.corners) for view in made.views[:6]]
+    views = [KeptView(view.corners) for view in made.views[:6]]
     earlier = guidance.guides(views)
     assert "being computed" in next(earlier).progress(views).sentence
     (later,) = guidance.guides([])  # and not the earlier one's folds
@@ -314,7 +319,7 @@ def test_a_later_question_ends_an_earlier_one(guidance: Guidance, made: Scene) -
 def test_folds_are_tried_once_the_maps_are_sure_enough(
     target: float, words: list[str], made: Scene
 ) -> None:
-    views = [SeenView(view.corners) for view in made.views[:6]]
+    views = [KeptView(view.corners) for view in made.views[:6]]
     guides = guidance_of(made, 6, target)
     assert [
         word in guide.progress(views).sentence for guide, word in zip(guides, words, strict=True)

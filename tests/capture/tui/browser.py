@@ -1,5 +1,5 @@
-"""Chromium without a window, driven over its DevTools protocol: keys in, the terminal's text and
-pictures of it out.
+"""Chromium without a window, driven over its DevTools protocol: keys go in, the terminal's text and
+pictures come out.
 """
 
 import asyncio
@@ -33,7 +33,9 @@ Object.defineProperty(Object.prototype, "fitAddon", {configurable: true, set(add
   Object.defineProperty(this, "fitAddon", {value: addon, writable: true});
 }});
 """
-"""Keeps hold of the page's terminal, which is drawn and has no text in the document."""
+"""A script that keeps a reference to the page's terminal, which is drawn and has no text in the
+document.
+"""
 TEXT = """
 (() => {
   const buffer = window.served?.terminal.buffer.active;
@@ -50,7 +52,7 @@ class Browser:
 
     def __init__(self, socket: ClientWebSocketResponse) -> None:
         self.complaints: list[str] = []
-        """What its console warned of, and what it threw."""
+        """The warnings and errors of the page's console."""
         self._socket = socket
         self._asked = 0
 
@@ -58,14 +60,14 @@ class Browser:
         self._asked += 1
         await self._socket.send_json({"id": self._asked, "method": method, "params": parameters})
         while True:
-            said = await self._socket.receive_json(timeout=60)
-            if said.get("method") == "Runtime.exceptionThrown" or said.get("params", {}).get(
+            message = await self._socket.receive_json(timeout=60)
+            if message.get("method") == "Runtime.exceptionThrown" or message.get("params", {}).get(
                 "type"
             ) in ("error", "warning"):
-                self.complaints.append(str(said["params"]))
-            if said.get("id") == self._asked:
-                assert "error" not in said, said
-                result: dict[str, Any] = said["result"]
+                self.complaints.append(str(message["params"]))
+            if message.get("id") == self._asked:
+                assert "error" not in message, message
+                result: dict[str, Any] = message["result"]
                 return result
 
     async def open(self, address: str) -> None:
@@ -75,56 +77,56 @@ class Browser:
         return (await self.do("Runtime.evaluate", expression=script))["result"].get("value")
 
     async def arrive(self, address: str, ready: str) -> None:
-        """Open a page, and wait until this holds on it."""
+        """Open a page, and wait until this condition holds on it."""
         await self.do("Runtime.enable")
         await self.do("Page.enable")
         await self.do("Page.addScriptToEvaluateOnNewDocument", source=HOOK)
         await self.do("Page.navigate", url=address)
-        begun = time.monotonic()
+        start_s = time.monotonic()
         while not await self.evaluate(ready):
-            assert time.monotonic() - begun < 240, f"{address} never got so far: {ready}"
+            assert time.monotonic() - start_s < 240, f"{address} never got so far: {ready}"
             await asyncio.sleep(0.1)
 
     async def shown(self) -> str:
         return str(await self.evaluate(TEXT))
 
     async def see(self, words: str) -> None:
-        begun = time.monotonic()
+        start_s = time.monotonic()
         while words not in " ".join((await self.shown()).split()):
-            assert time.monotonic() - begun < HANGS_S, (
+            assert time.monotonic() - start_s < HANGS_S, (
                 f"{words!r} never came:\n{await self.shown()}"
             )
             await asyncio.sleep(0.2)
 
     async def press(self, *keys: str) -> None:
-        """A letter, a name of CODES, or ^ and a letter."""
+        """Press a key: a letter, a name of CODES, or ^ and a letter."""
         for key in keys:
             if key in CODES:
-                named = {"key": key, "code": key, "windowsVirtualKeyCode": CODES[key]}
+                fields = {"key": key, "code": key, "windowsVirtualKeyCode": CODES[key]}
             elif len(key) == 2 and key[0] == "^":
-                named = {
+                fields = {
                     "key": key[1],
                     "code": f"Key{key[1].upper()}",
                     "windowsVirtualKeyCode": ord(key[1].upper()),
                     "modifiers": CONTROL,
                 }
             else:
-                named = {"key": key, "text": key}
-            await self.do("Input.dispatchKeyEvent", type="keyDown", **named)
-            await self.do("Input.dispatchKeyEvent", type="keyUp", **named)
+                fields = {"key": key, "text": key}
+            await self.do("Input.dispatchKeyEvent", type="keyDown", **fields)
+            await self.do("Input.dispatchKeyEvent", type="keyUp", **fields)
 
     async def write(self, text: str) -> None:
-        """Type over what stands in the field, and go on to the next."""
+        """Replace the text of the field, and go on to the next."""
         await self.press("^u", "^k", *text, "Enter")
 
     async def picture(self, file: Path) -> None:
-        said = await self.do("Page.captureScreenshot", format="png")
-        file.write_bytes(base64.b64decode(said["data"]))
+        message = await self.do("Page.captureScreenshot", format="png")
+        file.write_bytes(base64.b64decode(message["data"]))
 
 
 @asynccontextmanager
 async def browsing(address: str, profile: Path, size: tuple[int, int]) -> AsyncIterator[Browser]:
-    """A page with this address in a window of this size, px."""
+    """Open a page with this address in a window of this size, px."""
     async with connected(profile) as socket:
         browser = Browser(socket)
         await browser.do(
@@ -140,7 +142,7 @@ async def browsing(address: str, profile: Path, size: tuple[int, int]) -> AsyncI
 
 @asynccontextmanager
 async def connected(profile: Path, *flags: str) -> AsyncIterator[ClientWebSocketResponse]:
-    """The DevTools of an empty page."""
+    """Return the DevTools of an empty page."""
     assert CHROMIUM
     command = [CHROMIUM, *FLAGS, *flags, f"--user-data-dir={profile}", "about:blank"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -153,7 +155,7 @@ async def connected(profile: Path, *flags: str) -> AsyncIterator[ClientWebSocket
         host = f"http://127.0.0.1:{port.read_text().split()[0]}"
         async with ClientSession() as session:
             async with session.get(f"{host}/json") as answer:
-                page = next(each for each in await answer.json() if each["type"] == "page")
+                page = next(item for item in await answer.json() if item["type"] == "page")
             async with session.ws_connect(page["webSocketDebuggerUrl"], max_msg_size=0) as socket:
                 yield socket
     finally:

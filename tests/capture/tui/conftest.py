@@ -1,4 +1,4 @@
-"""What several files of these tests begin with."""
+"""The fixtures that several files of these tests share."""
 
 import shutil
 from pathlib import Path
@@ -11,7 +11,7 @@ from tests.capture.tui.test_session import FIXTURE
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """With a calibration of eight of its views."""
+    """A session with a calibration from eight of its views."""
     folder = tmp_path_factory.mktemp("session") / "s"
     shutil.copytree(FIXTURE, folder)
     for picture in sorted((folder / "frames").glob("*.jpg"))[8:]:

@@ -1,4 +1,4 @@
-"""Driving the app by keys, and reading what stands on its screen."""
+"""Driving the app by keys, and reading its screen."""
 
 import asyncio
 import time
@@ -14,7 +14,7 @@ from textual.pilot import Pilot
 from capture.tui.app import CaptureApp
 
 HANGS_S = 900.0
-"""After which nothing comes any more, however busy the machine is."""
+"""The time in s after which a test gives up, however busy the machine is."""
 SIZES = ((80, 24), (120, 40))
 CONE = ("41.95", "-0.105", "0, -30", "0, 0", "3", "1.5", "1")
 """The fixtures' cover, in the order of the form."""
@@ -28,7 +28,7 @@ def drive(story: Coroutine[Any, Any, None]) -> None:
 async def running(
     session: Path, source: str = "", size: tuple[int, int] = (80, 24), *, notices: bool = False
 ) -> AsyncIterator[Pilot[None]]:
-    """`notices`: those that come and go over the screen are drawn."""
+    """Run the app. With `notices`, the passing notices over the screen are drawn."""
     app = CaptureApp(session, source)
     app.dots = False  # no terminal tells what it can
     async with app.run_test(size=size, notifications=notices) as pilot:
@@ -37,32 +37,31 @@ async def running(
 
 
 def shown(pilot: Pilot[None]) -> str:
-    """The lines of the screen, as a terminal without colours has them."""
+    """Return the lines of the screen, as a terminal without colours has them."""
     visible_screen_stack.set(pilot.app._background_screens)
     return "\n".join(line.text.rstrip() for line in pilot.app.screen._compositor.render_strips())
 
 
 async def see(pilot: Pilot[None], words: str) -> None:
-    """Wait until these words stand on the screen, wherever its lines break."""
+    """Wait until these words are on the screen, wherever its lines break."""
     await until(pilot, lambda: words in " ".join(shown(pilot).split()))
 
 
 async def until(pilot: Pilot[None], holds: Callable[[], bool]) -> None:
-    """Looks again after a twentieth of the time that it waited, for a process that fits needs the
-    processor more.
+    """Wait until a condition holds. It is checked again after a twentieth of the time waited so
+    far, because a process that fits needs the processor more.
     """
-    begun = time.monotonic()
+    start_s = time.monotonic()
     while not holds():
-        waited = time.monotonic() - begun
+        waited = time.monotonic() - start_s
         assert waited < HANGS_S, f"it never came:\n{shown(pilot)}"
         await pilot.pause(min(0.02 + waited / 20, 0.2))
     await pilot.pause()
 
 
 async def write(pilot: Pilot[None], text: str) -> None:
-    """Type over what stands in the field, and go on to the next.
-
-    After every key that it presses, a pilot waits for an idle app.
+    """Replace the text of the field, and go on to the next. After every key that it presses, a
+    pilot waits for an idle app.
     """
     burst(pilot, "<ctrl+u>", "<ctrl+k>", *text, "<enter>")
     await pilot.pause()
@@ -81,9 +80,8 @@ async def describe(pilot: Pilot[None], source: str) -> None:
 
 
 def burst(pilot: Pilot[None], *texts: str) -> None:
-    """As over a slow connection: fields and keys arrive at once, before any is looked at.
-
-    A text of one word in < > is a key.
+    """Type as over a slow connection: fields and keys arrive at once, before any is handled. A word
+    in < > is a key.
     """
     for text in texts:
         if text.startswith("<"):

@@ -24,22 +24,24 @@ from tests.capture.tui import driving, test_session
 from tests.capture.tui.driving import SIZES
 
 CELL = (8, 16)
-"""px, of a letter."""
+"""The size of a letter, px."""
 FONT = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSansMono.ttf"
 PAPER, INK = (18, 18, 18), (224, 224, 224)
 EVERY_S = 0.15
 SHORTEST_MS, LONGEST_MS, LAST_MS = 300, 1500, 4000
-"""Of what stands still: a key pressed is seen, a fit does not bore."""
+"""The limits for the duration of a still picture: a pressed key is visible, and a fit does not
+bore.
+"""
 COLOURS = 48
 Cells = list[list[Segment]]
 
 
 class Camera:
-    """Looks at the screen of an app, whichever is running, and keeps what changed."""
+    """A camera on the screen of whichever app is running; it keeps the changes."""
 
     def __init__(self) -> None:
         self.taken: list[tuple[Cells, int]] = []
-        """Cells, and how often they were seen one after the other."""
+        """The screens' cells, and how often each was seen in a row."""
 
     async def film(self, app: App[None]) -> None:
         while True:
@@ -90,7 +92,7 @@ def rgb(colour: Color | None, usual: tuple[int, int, int]) -> tuple[int, int, in
 
 
 def save(taken: list[tuple[Cells, int]], size: tuple[int, int], file: Path) -> None:
-    """As a GIF of one palette, so that what does not change costs nothing."""
+    """Write a GIF with one palette, so that unchanged pixels cost nothing."""
     images = [draw(cells, size) for cells, _ in taken]
     sheet = Image.new("RGB", (images[0].width, images[0].height * len(images[::4])))
     for index, image in enumerate(images[::4]):

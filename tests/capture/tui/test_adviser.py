@@ -1,4 +1,4 @@
-"""Why the maps' sureness is not computed, in words that say what is known."""
+"""The reason why the maps' accuracy is not computed, in words that say what is known."""
 
 from pathlib import Path
 
@@ -11,27 +11,27 @@ from tests.capture.tui.test_session import FIXTURE
 
 
 @pytest.mark.parametrize(
-    ("like", "said"),
+    ("like", "sentence"),
     [
         (
             "clean",
             (
-                "cannot be computed: the lens that is known is of pictures of 1640x1232 px, and"
-                " these are 820x616."
+                "cannot be computed: the known lens is for pictures of 1640x1232 px, and these"
+                " have 820x616."
             ),
         ),
         ("covered-bare", "cannot be computed: the lens is not known."),
     ],
 )
 def test_before_the_first_view_it_is_said_what_of_the_lens_is_missing(
-    tmp_path: Path, like: str, said: str
+    tmp_path: Path, like: str, sentence: str
 ) -> None:
     adviser = Adviser(
         Task(tmp_path, "", read_setup(FIXTURE.parent / like / "session.yaml"), bare=False),
         (820, 616),
     )
     assert len(list(adviser.improve([]))) == 1
-    assert adviser.remark.endswith(said)
+    assert adviser.remark.endswith(sentence)
     adviser.close()
 
 

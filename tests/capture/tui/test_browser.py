@@ -21,7 +21,7 @@ from tests.capture.tui.test_session import FIXTURE
 
 BOW = FIXTURE.parent / "bow"
 PAGES = ((790, 500), (1170, 740))
-"""px: for 80 x 24 cells and a few rows more, and for 120 x 40."""
+"""The window sizes in px: for 80 x 24 cells and a few more rows, and for 120 x 40."""
 
 pytestmark = [
     pytest.mark.slow,

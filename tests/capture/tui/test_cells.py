@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from capture.tui.camera import PREVIEW, Preview
-from capture.tui.cells import FOUND, HINT, Mark, draw, fit_cells
-from capture.tui.maps import shaded
+from capture.tui.camera import PREVIEW_SIDE, Preview
+from capture.tui.cells import CORNER_MARK, HINT_MARK, Mark, draw, fit_cells
+from capture.tui.maps import shade_cells
 
 SIZE = (160, 96)
 
@@ -38,14 +38,14 @@ def test_marks_stand_where_they_are(dots: bool) -> None:
     """Cells of 20 x 24 px: the corner at (50, 30) is in column 2, row 1."""
     grey = np.full((96, 160), 90, np.uint8)
     frame = Mark(
-        HINT, np.array([[0.0, 0.0], [159, 0], [159, 95], [0, 95]]), closed=True, label="HERE"
+        HINT_MARK, np.array([[0.0, 0.0], [159, 0], [159, 95], [0, 95]]), closed=True, label="HERE"
     )
     cells = draw(
         grey,
         SIZE,
         8,
         4,
-        [frame, Mark(FOUND, np.array([[50.0, 30.0], [500.0, 30.0], [np.nan, 1.0]]))],
+        [frame, Mark(CORNER_MARK, np.array([[50.0, 30.0], [500.0, 30.0], [np.nan, 1.0]]))],
         dots=dots,
     )
     rows = [
@@ -60,11 +60,11 @@ def test_marks_stand_where_they_are(dots: bool) -> None:
 
 def test_a_preview_is_small_and_grey() -> None:
     preview = Preview.of(np.zeros((1232, 1640, 3), np.uint8))
-    assert preview.grey.shape == (round(1232 * PREVIEW / 1640), PREVIEW)
+    assert preview.grey.shape == (round(1232 * PREVIEW_SIDE / 1640), PREVIEW_SIDE)
     assert preview.size == (1640, 1232)
 
 
 def test_shades_rise_with_coverage_and_full_means_enough() -> None:
-    assert shaded(np.array([[0.0, 0.01, 0.3, 0.6, 0.8, 0.99, 1.0]]), 7, 1) == " ░░▒▓▓█"
-    assert shaded(np.array([[0.0, 1.0], [1.0, 0.0]]), 4, 2) == "  ██\n██  "
-    assert shaded(np.array([[np.nan]]), 2, 1) == "  "
+    assert shade_cells(np.array([[0.0, 0.01, 0.3, 0.6, 0.8, 0.99, 1.0]]), 7, 1) == " ░░▒▓▓█"
+    assert shade_cells(np.array([[0.0, 1.0], [1.0, 0.0]]), 4, 2) == "  ██\n██  "
+    assert shade_cells(np.array([[np.nan]]), 2, 1) == "  "

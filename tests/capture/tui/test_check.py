@@ -1,5 +1,5 @@
-"""From the results to a check of them: with pictures that are there, and with some that are taken
-for it.
+"""From the results to a check of them: with existing pictures, and with pictures that are taken for
+it.
 """
 
 import shutil
@@ -25,7 +25,7 @@ from tests.capture.tui.test_session import FIXTURE
 
 @pytest.fixture
 def later(tmp_path: Path) -> Path:
-    """A folder of four pictures that the calibration has not seen."""
+    """A folder of four pictures that the calibration has not used."""
     folder = tmp_path / "later"
     folder.mkdir()
     for picture in sorted((FIXTURE / "frames").glob("*.jpg"))[8:]:
@@ -50,7 +50,7 @@ def test_pictures_that_are_there_are_asked_at_once(session: Path, later: Path) -
 async def _asked(session: Path, later: Path) -> None:
     async with results(session) as pilot:
         await pilot.press("c")
-        await see(pilot, "Whether the calibration still holds")
+        await see(pilot, "Three to five pictures of the board")
         await write(pilot, f"folder:{later / 'nowhere'}")
         await pilot.press("ctrl+s")
         await see(pilot, "(No such file or directory)")
@@ -147,7 +147,7 @@ async def _few(session: Path, later: Path, folder: Path) -> None:
 def test_pictures_that_cannot_bring_it_up_to_date_are_not_offered_to(
     session: Path, later: Path
 ) -> None:
-    """And of the calibration's own it is said that they are."""
+    """The screen says so if the pictures are the calibration's own."""
     drive(_useless(session, later))
 
 

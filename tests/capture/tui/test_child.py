@@ -1,4 +1,4 @@
-"""Work in a process of its own: what it says, and how its end is told apart from its death."""
+"""Work in a separate process: its events, and how its end differs from its death."""
 
 import os
 import signal
@@ -57,7 +57,7 @@ def slow(progress: Progress) -> dict[str, object]:
         (ended_by, (signal.SIGKILL,), "ended from outside (SIGKILL, perhaps for want of memory)"),
         (ended_by, (signal.SIGTERM,), "ended from outside (SIGTERM)"),
         (a_bug, (), "which is a bug in capture (ValueError: odd)"),
-        (silent, (), "which is a bug in capture (it said nothing)"),
+        (silent, (), "which is a bug in capture (it printed nothing)"),
     ],
 )
 def test_every_end_is_a_sentence(work: Work, arguments: tuple[object, ...], sentence: str) -> None:

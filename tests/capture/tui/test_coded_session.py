@@ -1,6 +1,4 @@
-"""The rendered boards with markers, by the screens: collected, fitted, and asked what the model
-lacks.
-"""
+"""The rendered boards with markers on the screens: collected, fitted and diagnosed."""
 
 import shutil
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""While collecting: a source without the board, what is recorded when, and a source that has
+"""The collecting screen: a source without the board, the choice of the phase, and a source that has
 ended.
 """
 
@@ -23,7 +23,7 @@ from tests.capture.tui.test_session import FIXTURE
 
 @pytest.fixture
 def empty(tmp_path: Path) -> Path:
-    """A folder of three pictures in which there is no board."""
+    """A folder of three pictures without a board."""
     folder = tmp_path / "camera"
     folder.mkdir()
     for number in range(3):
@@ -34,7 +34,7 @@ def empty(tmp_path: Path) -> Path:
 def test_a_source_without_the_board_says_what_was_looked_for(
     tmp_path: Path, empty: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(collect, "LACKING_S", 0.3)
+    monkeypatch.setattr(collect, "REASON_S", 0.3)
     drive(_without(tmp_path / "session", empty))
 
 
@@ -64,7 +64,7 @@ def test_what_to_record_stays_as_it_was_chosen(tmp_path: Path, empty: Path) -> N
 
 
 async def _chosen(session: Path, empty: Path) -> None:
-    """Through the cover although no view without it is there."""
+    """The phase is through the cover although there is no view without it."""
     async with running(session, f"folder:{empty}") as pilot:
         await see(pilot, "a new session")
         burst(pilot, "<enter>", str(FIXTURE))
@@ -99,10 +99,10 @@ async def _before_the_first(session: Path, empty: Path) -> None:
         await see(pilot, "No board of 9x9")
         screen = pilot.app.screen
         assert isinstance(screen, CollectScreen)
-        await until(pilot, lambda: screen._improved_with == 0 and not screen._improving)
+        await until(pilot, lambda: screen._improved_views == 0 and not screen._improving)
         assert screen._adviser
         assert (
-            screen._adviser.remark == "How sure the maps would be is computed after the first view."
+            screen._adviser.remark == "The accuracy of the maps is computed after the first view."
         )
 
 
@@ -123,9 +123,9 @@ async def _pressed(session: Path) -> None:
         await pilot.press("space", "space")
         await pilot.pause(0.2)
         await see(pilot, "no more pictures. Press f to fit, o to look through it again")
-        before = pilot.app.screen.query_one(Picture).updates
+        updates = pilot.app.screen.query_one(Picture).updates
         await pilot.press("o")
-        await until(pilot, lambda: pilot.app.screen.query_one(Picture).updates >= before + 2)
+        await until(pilot, lambda: pilot.app.screen.query_one(Picture).updates >= updates + 2)
         await see(pilot, "no more pictures. Press f to fit, o to look through it again")
         assert "2 views" in shown(pilot)
 
@@ -142,7 +142,7 @@ def test_a_fit_before_there_are_enough_views_is_doubted_once(
 
 
 async def _too_few(session: Path, slow: Path) -> None:
-    """While pictures are coming."""
+    """The case in which pictures still arrive."""
     async with running(session, f"folder:{slow}") as pilot:
         await see(pilot, "continued")
         await pilot.press("ctrl+s")

@@ -1,4 +1,4 @@
-"""What a diagnosis says on the screen, and how one goes on with what it found."""
+"""The text of a diagnosis on the screen, and how the person goes on with the effects."""
 
 import shutil
 from dataclasses import replace
@@ -70,7 +70,9 @@ def test_what_was_found_with_the_error_before_and_after() -> None:
 def test_people_are_told_in_plain_words_and_programs_as_ever() -> None:
     assert FOCAL.outcome == "the fit imitates it"
     assert [
-        one["verdict"] for one in FINDING.as_json()["candidates"] if one["effect"] == "focal"
+        candidate["verdict"]
+        for candidate in FINDING.as_json()["candidates"]
+        if candidate["effect"] == "focal"
     ] == ["absorbed"]
 
 
@@ -91,8 +93,8 @@ def test_a_hidden_bow_is_found_and_exported(tmp_path: Path) -> None:
     drive(_bow(session))
     drive(_again(session))
     diagnosed = Calibration.load(session / "calibration" / "diagnosed")
-    other = replace(diagnosed.stages[0], rms_px=2 * diagnosed.stages[0].rms_px)
-    replace(diagnosed, stages=(other, *diagnosed.stages[1:])).save(
+    other_stage = replace(diagnosed.stages[0], rms_px=2 * diagnosed.stages[0].rms_px)
+    replace(diagnosed, stages=(other_stage, *diagnosed.stages[1:])).save(
         session / "calibration" / "diagnosed"
     )
     opened = open_results(Silent(), session / "calibration")  # of another fit, as it were
@@ -126,7 +128,7 @@ async def _bow(session: Path) -> None:
 
 
 async def _again(session: Path) -> None:
-    """What was found is there when the session is opened again."""
+    """The effects are there when the session is opened again."""
     async with running(session) as pilot:
         await see(pilot, "^o opens its results")
         await pilot.press("ctrl+o")
@@ -138,4 +140,4 @@ async def _again(session: Path) -> None:
 
 def _numbers(pilot: Pilot[None], words: str) -> list[float]:
     line = next(line for line in shown(pilot).splitlines() if line.strip().startswith(words))
-    return [float(part) for part in line.split() if part[0].isdigit()]
+    return [float(piece) for piece in line.split() if piece[0].isdigit()]

@@ -1,5 +1,5 @@
-"""What the export screen takes, what it says was written, and that it may be left while that goes
-on.
+"""The export screen: its inputs, its message about the files, and leaving it while the
+export runs.
 """
 
 import argparse
@@ -13,28 +13,28 @@ import pytest
 from textual.pilot import Pilot
 
 from calib.export.formats import BRIEF, FORMATS
-from capture.tui.command import Done
-from capture.tui.export import ExportScreen, depths, far_off
+from capture.tui.command import CommandResult
+from capture.tui.export import ExportScreen, parse_depths, warn_of_distance
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 
 
 def test_who_leaves_while_it_writes_is_told_when_it_is_done(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    left = Event()
-    asked: list[Sequence[str]] = []
+    leave = Event()
+    calls: list[Sequence[str]] = []
 
-    def slow(arguments: Sequence[str]) -> Done:
-        asked.append(arguments)
-        assert left.wait(60)
-        return Done(0, f"{tmp_path / 'export' / 'map_1m.npz'}\n", "", ())
+    def slow(arguments: Sequence[str]) -> CommandResult:
+        calls.append(arguments)
+        assert leave.wait(60)
+        return CommandResult(0, f"{tmp_path / 'export' / 'map_1m.npz'}\n", "", ())
 
     monkeypatch.setattr("capture.tui.export.calib", slow)
-    drive(_leave(tmp_path, left))
-    assert [words[0] for words in asked] == ["export"]
+    drive(_leave(tmp_path, leave))
+    assert [words[0] for words in calls] == ["export"]
 
 
-async def _leave(session: Path, left: Event) -> None:
+async def _leave(session: Path, leave: Event) -> None:
     calibration = session / "calibration"
     calibration.mkdir()
     (calibration / "calibration.yaml").touch()
@@ -46,7 +46,7 @@ async def _leave(session: Path, left: Event) -> None:
         await pilot.press("escape")
         await see(pilot, "Where pictures come from")
         assert "Wrote" not in shown(pilot)
-        left.set()
+        leave.set()
         await see(pilot, "Wrote map_1m.npz")
         assert f"Exported {session / 'export' / 'map_1m.npz'}" in pilot.app.farewell  # type: ignore[attr-defined]
 
@@ -62,7 +62,7 @@ async def _leave(session: Path, left: Event) -> None:
     ],
 )
 def test_depths_are_a_list(text: str, read: list[str]) -> None:
-    assert depths(text) == read
+    assert parse_depths(text) == read
 
 
 @pytest.mark.parametrize(
@@ -78,11 +78,11 @@ def test_depths_are_a_list(text: str, read: list[str]) -> None:
 )
 def test_what_may_be_a_decimal_comma_is_asked_about(text: str, advice: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match=re.escape(advice)):
-        depths(text)
+        parse_depths(text)
 
 
 @pytest.mark.parametrize(
-    ("listed", "said"),
+    ("listed", "text"),
     [
         ([], ""),
         (["0.5", "3.3", "0.084"], ""),
@@ -102,24 +102,24 @@ def test_what_may_be_a_decimal_comma_is_asked_about(text: str, advice: str) -> N
         ),
     ],
 )
-def test_depths_far_from_every_board_are_told(listed: list[str], said: str) -> None:
-    assert far_off(listed, (0.25, 1.1)) == said
+def test_depths_far_from_every_board_are_told(listed: list[str], text: str) -> None:
+    assert warn_of_distance(listed, (0.25, 1.1)) == text
 
 
 def test_a_depth_far_from_every_board_is_asked_about_once(
-    tmp_path: Path, asked: list[Sequence[str]]
+    tmp_path: Path, calls: list[Sequence[str]]
 ) -> None:
-    drive(_far(tmp_path, asked))
+    drive(_far(tmp_path, calls))
 
 
-async def _far(session: Path, asked: list[Sequence[str]]) -> None:
+async def _far(session: Path, calls: list[Sequence[str]]) -> None:
     async with running(session) as pilot:
         pilot.app.push_screen(ExportScreen(session, session / "calibration", 1.0, (0.25, 1.1)))
         await see(pilot, "depths in metres")
         await write(pilot, "50")
         await pilot.press("ctrl+s")
         await see(pilot, "50 m is far from your boards, which were 0.25 to 1.10 m away")
-        assert not asked
+        assert not calls
         await pilot.press("ctrl+s")
         await see(pilot, "Wrote rays.npz map_50m.npz")
 
@@ -138,17 +138,15 @@ async def exporting(session: Path, *, notices: bool = False) -> AsyncIterator[Pi
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
-    """What is asked of `calib`, which is a command of its own, and writes here as it says it
-    would.
-    """
-    asked: list[Sequence[str]] = []
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
+    """The arguments for `calib`, which is a separate command and writes here what it reports."""
+    calls: list[Sequence[str]] = []
 
-    def export(arguments: Sequence[str]) -> Done:
-        asked.append(arguments)
+    def export(arguments: Sequence[str]) -> CommandResult:
+        calls.append(arguments)
         folder = Path(arguments[arguments.index("-o") + 1])
         at = arguments[arguments.index("--depth") + 1 :] if "--depth" in arguments else []
-        return Done(
+        return CommandResult(
             0,
             "\n".join(
                 map(str, [folder / "rays.npz", *(folder / f"map_{depth}m.npz" for depth in at)])
@@ -158,12 +156,12 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
         )
 
     monkeypatch.setattr("capture.tui.export.calib", export)
-    return asked
+    return calls
 
 
-def test_of_what_will_not_do_nothing_is_written(tmp_path: Path, asked: list[Sequence[str]]) -> None:
+def test_of_what_will_not_do_nothing_is_written(tmp_path: Path, calls: list[Sequence[str]]) -> None:
     drive(_refuse(tmp_path))
-    assert not asked
+    assert not calls
 
 
 async def _refuse(session: Path) -> None:
@@ -180,15 +178,15 @@ async def _refuse(session: Path) -> None:
         await pilot.press("shift+tab")
         await write(pilot, "~nobody-by-this-name/maps")
         await pilot.press("ctrl+s")
-        await see(pilot, "write the whole path")
+        await see(pilot, "write the full path")
 
 
 def test_a_home_is_found_and_the_whole_folder_named(
-    tmp_path: Path, asked: list[Sequence[str]], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, calls: list[Sequence[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HOME", "/home/of-me")
     drive(_at_home(tmp_path))
-    (words,) = asked
+    (words,) = calls
     assert words[words.index("-o") + 1] == "/home/of-me/maps"
 
 
@@ -204,10 +202,10 @@ async def _at_home(session: Path) -> None:
 
 
 def test_without_a_depth_it_is_said_that_there_is_no_map(
-    tmp_path: Path, asked: list[Sequence[str]]
+    tmp_path: Path, calls: list[Sequence[str]]
 ) -> None:
     drive(_no_depth(tmp_path))
-    assert "--depth" not in asked[0]
+    assert "--depth" not in calls[0]
 
 
 async def _no_depth(session: Path) -> None:
@@ -224,10 +222,10 @@ def test_a_late_success_leaves_what_is_wrong_now(
 ) -> None:
     changed = Event()
 
-    def slow(arguments: Sequence[str]) -> Done:
+    def slow(arguments: Sequence[str]) -> CommandResult:
         del arguments
         assert changed.wait(60)
-        return Done(0, f"{tmp_path / 'map_1m.npz'}\n", "", ())
+        return CommandResult(0, f"{tmp_path / 'map_1m.npz'}\n", "", ())
 
     monkeypatch.setattr("capture.tui.export.calib", slow)
     drive(_late(tmp_path, changed))
@@ -242,16 +240,16 @@ async def _late(session: Path, changed: Event) -> None:
         changed.set()
         await until(
             pilot,
-            lambda: any("Wrote map_1m.npz" in each.message for each in pilot.app._notifications),
+            lambda: any("Wrote map_1m.npz" in item.message for item in pilot.app._notifications),
         )
         assert "'1m' is not a depth" in shown(pilot)
 
 
 def test_the_last_export_is_the_one_that_is_told_of(
-    tmp_path: Path, asked: list[Sequence[str]]
+    tmp_path: Path, calls: list[Sequence[str]]
 ) -> None:
     drive(_twice(tmp_path))
-    assert len(asked) == 2
+    assert len(calls) == 2
 
 
 async def _twice(session: Path) -> None:
@@ -262,8 +260,8 @@ async def _twice(session: Path) -> None:
             await write(pilot, depths)
             await pilot.press("shift+tab", "ctrl+s")
             await see(pilot, f"map_{depths.split()[-1]}m.npz")
-        *told, following = pilot.app.farewell  # type: ignore[attr-defined]
-    assert [Path(line.split()[-1]).name for line in told[1:]] == [
+        *lines, following = pilot.app.farewell  # type: ignore[attr-defined]
+    assert [Path(line.split()[-1]).name for line in lines[1:]] == [
         "rays.npz",
         "map_0.5m.npz",
         "map_1m.npz",

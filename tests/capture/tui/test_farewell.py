@@ -1,4 +1,4 @@
-"""What the terminal says when the screen has gone: paths that are there, and commands that can be
+"""The terminal's last lines after the screen has gone: existing paths, and commands that can be
 typed.
 """
 
@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from calib.cli import main
-from capture.tui.farewell import farewell
+from capture.tui.farewell import farewell_lines
 from tests.capture.tui.test_session import FIXTURE
 
 
 def test_of_nothing_it_says_how_to_go_on(tmp_path: Path) -> None:
-    assert list(farewell(tmp_path / "my s", None, [])) == [
+    assert list(farewell_lines(tmp_path / "my s", None, [])) == [
         f"Nothing is recorded in {tmp_path / 'my s'} yet; what was typed is kept.",
         f"To go on: capture '{tmp_path / 'my s'}'",
     ]
@@ -21,7 +21,7 @@ def test_of_nothing_it_says_how_to_go_on(tmp_path: Path) -> None:
 
 def test_of_pictures_it_counts_them(tmp_path: Path) -> None:
     session = shutil.copytree(FIXTURE, tmp_path / "s")
-    assert list(farewell(session, None, [])) == [
+    assert list(farewell_lines(session, None, [])) == [
         (
             f"{session} has 12 pictures without the cover and 12 through it; it has no calibration"
             " yet."
@@ -34,14 +34,14 @@ def test_of_pictures_it_counts_them(tmp_path: Path) -> None:
 def test_what_it_says_to_type_goes_from_a_calibration_to_straight_pictures(tmp_path: Path) -> None:
     session = shutil.copytree(FIXTURE, tmp_path / "s")
     assert main(["fit", str(session), "--grid", "5x5"]) == 0
-    where, export = farewell(session, None, [])
+    where, export = farewell_lines(session, None, [])
     assert where == f"The calibration is in {session / 'calibration'}"
     assert main(export.split()[2:]) == 0
     maps = sorted((session / "export").iterdir())
-    *told, undistort = farewell(session, session / "calibration" / "calibration.yaml", maps)
-    assert told == [where, *(f"Exported {path}" for path in maps)]
-    assert list(farewell(session, None, [])) == [
-        *told,
+    *lines, undistort = farewell_lines(session, session / "calibration" / "calibration.yaml", maps)
+    assert lines == [where, *(f"Exported {path}" for path in maps)]
+    assert list(farewell_lines(session, None, [])) == [
+        *lines,
         undistort,
     ], "of a session that is opened another day"
     assert main(undistort.split()[2:]) == 0
@@ -49,12 +49,12 @@ def test_what_it_says_to_type_goes_from_a_calibration_to_straight_pictures(tmp_p
     (
         session / "calibration" / "calibration.yaml"
     ).touch()  # a later fit, of which nothing is exported
-    assert list(farewell(session, None, [])) == [where, export]
+    assert list(farewell_lines(session, None, [])) == [where, export]
 
 
 def test_of_a_doubtful_calibration_the_report_comes_next(tmp_path: Path) -> None:
     shown = tmp_path / "s" / "calibration" / "calibration.yaml"
-    *_, why, following = farewell(
+    *_, why, following = farewell_lines(
         tmp_path / "s", shown, [tmp_path / "map_1m.npz"], doubt="Take care before you trust it."
     )
     assert why == "Take care before you trust it. The report says why, and what to do."
@@ -63,12 +63,12 @@ def test_of_a_doubtful_calibration_the_report_comes_next(tmp_path: Path) -> None
 
 def test_of_a_refit_that_was_cut_short_it_says_whose_the_calibration_is(tmp_path: Path) -> None:
     shown = tmp_path / "calibration" / "calibration.yaml"
-    first, *rest = farewell(tmp_path, shown, [], cut_short=True)
-    assert (
-        first
-        == "The last fit was ended before it had a result: the calibration is the one of before."
+    first, *remainder = farewell_lines(tmp_path, shown, [], was_cancelled=True)
+    assert first == (
+        "The last fit was ended before it had a result: the calibration is still the previous one."
     )
-    assert rest == list(farewell(tmp_path, shown, []))
+    assert remainder == list(farewell_lines(tmp_path, shown, []))
     assert not any(
-        "of before" in line for line in farewell(tmp_path / "without one", None, [], cut_short=True)
+        "of before" in line
+        for line in farewell_lines(tmp_path / "without one", None, [], was_cancelled=True)
     )

@@ -1,4 +1,4 @@
-"""What goes wrong leaves the app running, with a sentence that says what to do."""
+"""Faults leave the app running, with a sentence that says what to do."""
 
 import os
 import resource
@@ -17,7 +17,7 @@ from capture.disk import locked
 from capture.recorder import Recorder
 from capture.tui.collect import CollectScreen
 from capture.tui.picture import Picture
-from capture.tui.working import WorkingPage
+from capture.tui.working_page import WorkingPage
 from tests.capture.recordings import BOARD, noise, write_recording
 from tests.capture.test_rpicam import HEIGHT, PICTURES, SOURCE, STAND_IN, WIDTH
 from tests.capture.tui.driving import drive, running, see, shown, until
@@ -33,7 +33,7 @@ cover: {{shape: none}}
 
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
-    """One that goes on through the cover, and can be fitted."""
+    """A session that continues through the cover, and can be fitted."""
     folder = tmp_path / "session"
     shutil.copytree(FIXTURE, folder, ignore=shutil.ignore_patterns("truth.npz"))
     return folder
@@ -64,11 +64,11 @@ async def _unplugged(session: Path, camera: Path) -> None:
         await pilot.press("ctrl+s")
         await see(pilot, "It is tried again every 3 s.")
         assert "no cameras available" in shown(pilot)
-        before = pilot.app.screen.query_one(Picture).updates
-        assert before > 0
+        updates = pilot.app.screen.query_one(Picture).updates
+        assert updates > 0
         (camera / "script").write_text(" ".join("012" * 20) + " hang")
         await see(pilot, "No board in view")
-        assert pilot.app.screen.query_one(Picture).updates > before
+        assert pilot.app.screen.query_one(Picture).updates > updates
 
 
 def test_a_slow_camera_is_said_to_be_waited_for(tmp_path: Path) -> None:
@@ -182,9 +182,8 @@ async def _too_little(session: Path) -> None:
 
 @pytest.fixture
 def full_disk(session: Path) -> Iterator[Path]:
-    """A session of three views.
-
-    No file may grow beyond 20 kB: to a writer, the same as a disk that is full. No picture fits.
+    """A session of three views. No file may grow beyond 20 kB, which for a writer is the same as a
+    full disk. No picture fits.
     """
     for picture in sorted((session / "frames").glob("*.jpg"))[3:]:
         picture.unlink()

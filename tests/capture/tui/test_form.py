@@ -1,4 +1,4 @@
-"""What is typed is judged by the session's own rules, and reads as what was meant."""
+"""Typed texts are checked by the session's own rules, and read as the person meant them."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from calib.errors import InputError
 from calib.session.cover import SHAPES, Cover
 from calib.session.schema import Number
 from capture.session_file import read_setup
-from capture.tui.form import HELP, Typed, explained, problem, read_form, write_form
+from capture.tui.form import HELP, FormTexts, explain_field, find_problem, read_form, write_form
 from tests.capture.recordings import FIXTURE
 
 SETUP = read_setup(FIXTURE / "session.yaml")
@@ -38,7 +38,7 @@ def test_what_is_written_reads_the_same() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("0, 0, 5", None),
         ("1,2,3", None),
@@ -47,13 +47,13 @@ def test_what_is_written_reads_the_same() -> None:
         ("0, 5", "write three numbers, x, y and z, such as 0, 0, 0."),
     ],
 )
-def test_of_three_numbers(text: str, said: str | None) -> None:
-    found = problem("centre_mm", text, "dome")
-    assert found is None if said is None else said in str(found)
+def test_of_three_numbers(text: str, expected: str | None) -> None:
+    message = find_problem("centre_mm", text, "dome")
+    assert message is None if expected is None else expected in str(message)
 
 
 @pytest.mark.parametrize(
-    ("key", "text", "said"),
+    ("key", "text", "expected"),
     [
         ("columns", "9", None),
         ("columns", "2", "write a whole number from 3 to 1000"),
@@ -105,9 +105,9 @@ def test_of_three_numbers(text: str, said: str | None) -> None:
         ("refractive_index", "0.5", "from 1 to 3"),
     ],
 )
-def test_a_value_by_itself(key: str, text: str, said: str | None) -> None:
-    found = problem(key, text, "cone")
-    assert found is None if said is None else found is not None and said in found
+def test_a_value_by_itself(key: str, text: str, expected: str | None) -> None:
+    message = find_problem(key, text, "cone")
+    assert message is None if expected is None else message is not None and expected in message
 
 
 def test_values_that_do_not_go_together() -> None:
@@ -122,18 +122,18 @@ def test_every_number_is_explained() -> None:
 
 def test_the_order_of_the_tilts_is_said() -> None:
     orders = {
-        shape: one.components
+        shape: quantity.components
         for shape, quantities in SHAPES.items()
-        for one in quantities
-        if one.key == "tilt_deg"
+        for quantity in quantities
+        if quantity.key == "tilt_deg"
     }
     assert len(orders) == 3
     for shape, (first, second) in orders.items():
-        said = explained("tilt_deg", "checkerboard", shape)
-        assert said.index(f"about {first}") < said.index(f"about {second}")
+        text = explain_field("tilt_deg", "checkerboard", shape)
+        assert text.index(f"about {first}") < text.index(f"about {second}")
 
 
 def test_no_cover_has_no_numbers() -> None:
-    assert read_form(Typed({"columns": "9", "rows": "6", "square_mm": "25"}, "none", {}))[
+    assert read_form(FormTexts({"columns": "9", "rows": "6", "square_mm": "25"}, "none", {}))[
         2
     ] == Cover("none", {})

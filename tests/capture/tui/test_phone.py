@@ -40,7 +40,7 @@ OUTSIDE = """
   return width && !each.closest("svg") && (left < -0.5 || right > innerWidth + 0.5);
 }).map((each) => each.outerHTML.slice(0, 80)).join("\\n")
 """
-"""What the page's width does not hold."""
+"""The elements that do not fit into the page's width."""
 PICTURE = 'document.querySelector("#picture img").naturalWidth'
 LISTEN = """
 window.notes = [];
@@ -53,7 +53,7 @@ AudioContext.prototype.createOscillator = function () {
 };
 speechSynthesis.speak = (each) => spoken.push(each.text);
 """
-"""What would be heard is written down."""
+"""A script that records the spoken texts."""
 OUTLINE = 'document.querySelector("#picture .hint:not(.halo)")?.getAttribute("d") ?? ""'
 
 pytestmark = pytest.mark.skipif(
@@ -106,13 +106,13 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await phone.see("Touch Fit to fit")
         await phone.see("Enough")
         maps = json.loads(str(await phone.evaluate(MAPS)))
-        assert [(one["name"], one["size"]) for one in maps] == [
+        assert [(entry["name"], entry["size"]) for entry in maps] == [
             ("image", [12, 9]),
             ("glass", [12, 9]),
             ("depth", [3, 1]),
         ]
-        assert [one["said"].split(" % ")[1] for one in maps] == ["sure", "enough", "sure"]
-        assert all(one["colours"] > 1 for one in maps[:2]), "covered and not"
+        assert [entry["said"].split(" % ")[1] for entry in maps] == ["sure", "enough", "sure"]
+        assert all(entry["colours"] > 1 for entry in maps[:2]), "covered and not"
         await _keep(phone, "4-through-cover")
         await phone.evaluate(
             "document.querySelector('[data-name=depth]').scrollIntoView({block: 'end'})"
@@ -160,7 +160,7 @@ async def _from_nothing(address: str, folder: Path) -> None:
 
 @pytest.mark.slow
 def test_the_ghost_board_is_an_outline_over_the_live_picture(tmp_path: Path) -> None:
-    """And what is refused is heard once; what was typed on another screen goes nowhere."""
+    """A refusal is heard once; text typed on another screen goes nowhere."""
     picture = cv2.imread(str(next(iter(sorted((FIXTURE / "frames").glob("*.jpg"))))))
     assert picture is not None
     board = np.asarray(picture, np.uint8)
@@ -197,7 +197,7 @@ async def _ghost(address: str, folder: Path) -> None:
             f"({TERMINAL}).includes('[WITHOUT COVER]') && ({TERMINAL}).includes('auto ON')"
         )
         await _keep(phone, "terminal")
-        await phone.tap("document.getElementById('to-thumb')", least=18)
+        await phone.tap("document.getElementById('to-thumb')", minimum=18)
         await phone.see("auto ON")
         assert phone.complaints == []
 
@@ -215,7 +215,7 @@ Array.from({length: served.terminal.rows}, (_, row) => served.terminal.buffer.ac
 
 
 async def _keep(phone: Telephone, name: str) -> None:
-    """Nothing is cut off at the sides; and a picture of it, where one is wanted."""
+    """Check that nothing is cut off at the sides; keep a picture of it if one is wanted."""
     assert await phone.evaluate(OUTSIDE) == "", name
     if folder := os.environ.get("REFRACAL_PICTURES"):
         await asyncio.sleep(0.5)  # the last change is drawn

@@ -1,5 +1,5 @@
-"""What goes between the app and a page for a thumb: nothing before it asks, pictures as fast as it
-draws them, and no nonsense back.
+"""The link between the app and a page for a thumb: nothing is sent before the page asks, pictures
+come as fast as it draws them, and invalid requests do nothing.
 """
 
 import asyncio
@@ -17,7 +17,7 @@ pytest.importorskip("textual_serve", reason="the extra `serve` is not installed"
 
 from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType
 
-from capture.tui.phone import AHEAD
+from capture.tui.phone import MAX_PENDING
 from tests.capture.recordings import noise, write_recording
 from tests.capture.tui.test_serve import Served
 from tests.capture.tui.test_session import FIXTURE
@@ -48,15 +48,15 @@ class Page:
                         self.terminal += message.data
                     continue
                 assert message.type is WSMsgType.TEXT, message
-                kind, said = json.loads(message.data)
+                kind, text = json.loads(message.data)
                 if kind != "phone":
                     continue
-                if "tone" in said:
-                    self.tones.append(said["tone"])
-                elif "marks" in said:
-                    self.frames.append(said)
+                if "tone" in text:
+                    self.tones.append(text["tone"])
+                elif "marks" in text:
+                    self.frames.append(text)
                 else:
-                    self.screen = said
+                    self.screen = text
 
     async def see(self, words: str) -> None:
         await self.hear(
@@ -151,15 +151,15 @@ def test_pictures_come_as_fast_as_they_are_drawn(tmp_path: Path) -> None:
         await page.see("continued")
         assert not page.jpegs
         await page.ask(screen=page.screen["screen"], press="ctrl+s")
-        await page.hear(lambda: len(page.jpegs) == AHEAD)
+        await page.hear(lambda: len(page.jpegs) == MAX_PENDING)
         await page.ask(screen=page.screen["screen"], press="a")
         await page.see("auto OFF")
-        assert len(page.jpegs) == AHEAD, "none is sent to a page that draws none"
+        assert len(page.jpegs) == MAX_PENDING, "none is sent to a page that draws none"
         picture = cv2.imdecode(np.frombuffer(page.jpegs[-1], np.uint8), cv2.IMREAD_UNCHANGED)
         assert picture is not None
         assert picture.shape[:2] == (616, 820)
         assert (page.frames[-1]["width"], page.frames[-1]["height"]) == (1640, 1232)
-        for number in range(AHEAD, AHEAD + 3):
+        for number in range(MAX_PENDING, MAX_PENDING + 3):
             await page.ask(drawn=number)
             await page.hear(lambda number=number: len(page.jpegs) > number)  # type: ignore[misc]
         assert [frame["number"] for frame in page.frames] == list(range(1, len(page.frames) + 1))

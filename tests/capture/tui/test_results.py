@@ -1,4 +1,4 @@
-"""The results of a session that was left and is opened again, and what stays on their screen."""
+"""The results of a session that is opened again, and the contents of their screen that last."""
 
 import shutil
 import time
@@ -14,8 +14,8 @@ from textual.widgets import Input
 from calib.progress import Progress
 from capture.tui.app import CaptureApp
 from capture.tui.child import LOADING
-from capture.tui.command import Done
-from capture.tui.drop import Dropped, drop, take_back
+from capture.tui.command import CommandResult
+from capture.tui.drop import DroppedPicture, drop_picture, restore_picture
 from capture.tui.fit import FitScreen
 from capture.tui.help import HelpScreen
 from capture.tui.results import ResultsScreen
@@ -31,7 +31,7 @@ BEFORE = {
 
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
-    """Whose first two views were set aside by a program that has ended."""
+    """A session whose first two views were set aside by a program that has ended."""
     (tmp_path / "frames" / "dropped").mkdir(parents=True)
     shutil.copy(FIXTURE / "session.yaml", tmp_path)
     for number, view in enumerate(RESULT["views"]):  # type: ignore[arg-type, var-annotated]
@@ -116,7 +116,7 @@ async def _gone(session: Path) -> None:
     async with results(session) as pilot:
         await see(pilot, "cannot be read any more")
         await pilot.press("d")
-        await see(pilot, "0001.jpg is not there any more")
+        await see(pilot, "0001.jpg is missing")
 
 
 def test_a_second_picture_of_that_name_is_the_one_that_comes_back(session: Path) -> None:
@@ -139,9 +139,9 @@ def test_what_a_fit_went_on_without_comes_back_the_last_one_first(session: Path)
     views = [view for view in RESULT["views"] if view["file"] not in ("0001.jpg", "0002.jpg")]  # type: ignore[attr-defined]
     frames = session / "frames"
     for file in ("0002.jpg", "0001.jpg"):  # which was set aside last
-        take_back(Dropped(file, frames / "dropped" / file))
+        restore_picture(DroppedPicture(file, frames / "dropped" / file))
         time.sleep(0.02)
-        drop(session, file)
+        drop_picture(session, file)
     drive(_earlier(session, {**RESULT, "views": views}))
     assert not list((frames / "dropped").iterdir())
     assert (frames / "0001.jpg").exists()
@@ -164,7 +164,8 @@ def test_the_verdict_stays_beside_the_report(
     session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "capture.tui.results.calib", lambda _: Done(0, "s/calibration/report.html\n", "", ())
+        "capture.tui.results.calib",
+        lambda _: CommandResult(0, "s/calibration/report.html\n", "", ()),
     )
     drive(_report(session))
 
@@ -173,40 +174,40 @@ async def _report(session: Path) -> None:
     async with results(session) as pilot:
         await pilot.press("r")
         await see(pilot, "The report is s/calibration/report.html")
-        said = " ".join(shown(pilot).split())
+        text = " ".join(shown(pilot).split())
         assert (
             "To be trusted where it has corners. Press r for the report, x to export maps, e to"
-            " look for what the model lacks." in said
+            " look for what the model lacks." in text
         )
 
 
 def test_a_report_that_is_there_is_said_to_be_written_anew(
     session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = Event()
+    started = Event()
 
-    def slow(_: Sequence[str]) -> Done:
-        assert asked.wait(60)
-        return Done(0, "s/calibration/report.html\n", "", ())
+    def slow(_: Sequence[str]) -> CommandResult:
+        assert started.wait(60)
+        return CommandResult(0, "s/calibration/report.html\n", "", ())
 
     monkeypatch.setattr("capture.tui.results.calib", slow)
     monkeypatch.chdir(session)
-    drive(_anew(session, asked))
+    drive(_anew(session, started))
 
 
-async def _anew(session: Path, asked: Event) -> None:
+async def _anew(session: Path, started: Event) -> None:
     async with results(session) as pilot:
         await pilot.press("r")
         await see(pilot, "The report is being written, which takes some seconds.")
-        asked.set()
+        started.set()
         await see(pilot, "The report is s/calibration/report.html")
-        asked.clear()
+        started.clear()
         report = Path(str(RESULT["calibration"])).parent / "report.html"
         report.parent.mkdir(parents=True)
         report.touch()
         await pilot.press("r")
         await see(pilot, "The report is being written anew, in place of the one that is there")
-        asked.set()
+        started.set()
         await see(pilot, "The report is s/calibration/report.html")
 
 
@@ -216,7 +217,7 @@ def test_back_from_an_export_it_is_said_what_was_written(
     out = session / "maps"
     monkeypatch.setattr(
         "capture.tui.export.calib",
-        lambda _: Done(0, f"{out / 'rays.npz'}\n{out / 'map_1m.npz'}\n", "", ()),
+        lambda _: CommandResult(0, f"{out / 'rays.npz'}\n{out / 'map_1m.npz'}\n", "", ()),
     )
     drive(_back_from_export(session, out))
 
@@ -318,8 +319,8 @@ def when_told(progress: Progress, session: Path, _out: Path) -> dict[str, object
 def test_a_fit_that_ends_behind_the_help_gives_its_results_when_that_is_closed(
     session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The results took the place of the help, and the fit's screen stayed behind them, with nothing
-    that ran.
+    """The results replaced the help, and the fit's screen stayed behind them, with nothing
+    running.
     """
     monkeypatch.setattr("capture.tui.fit.fit_session", when_told)
     drive(_behind_help(session))
@@ -346,16 +347,16 @@ async def _behind_help(session: Path) -> None:
 def test_beside_what_a_diagnosis_found_no_same_numbers_stand(
     session: Path, of_an_effect: bool
 ) -> None:
-    """Effects go on from the fit that was diagnosed, so its stages are theirs; another fit is
-    compared with.
+    """Effects continue the diagnosed fit, so its stages are theirs; another fit is compared
+    with.
     """
     stages = list(RESULT["stages"])  # type: ignore[call-overload]
-    before = {**RESULT, "stages": stages[:-1] if of_an_effect else stages}
-    drive(_compare(session, before, of_an_effect))
+    previous_result = {**RESULT, "stages": stages[:-1] if of_an_effect else stages}
+    drive(_compare(session, previous_result, of_an_effect))
 
 
-async def _compare(session: Path, before: dict[str, object], alone: bool) -> None:
+async def _compare(session: Path, previous_result: dict[str, object], alone: bool) -> None:
     async with running(session) as pilot:
-        pilot.app.push_screen(ResultsScreen(session, RESULT, before))
+        pilot.app.push_screen(ResultsScreen(session, RESULT, previous_result))
         await see(pilot, "x to export maps")
         assert ("on board before" not in shown(pilot)) == alone

@@ -1,6 +1,4 @@
-"""Who may reach the screen in a browser: this machine by its own name, others by the token
-alone.
-"""
+"""Access to the screen in a browser: this machine by its own name, others only by the token."""
 
 import http.client
 import re
@@ -32,7 +30,7 @@ def free_port() -> int:
 
 
 class Served:
-    """`capture SESSION --serve` in a process of its own."""
+    """Run `capture SESSION --serve` in a separate process."""
 
     def __init__(self, session: Path, *options: str) -> None:
         self.port = free_port()
@@ -117,11 +115,11 @@ def test_without_the_token_nothing_is_served(open_to_all: Served, path: str) -> 
 
 
 def test_the_token_opens_page_and_websocket_and_is_printed_once(open_to_all: Served) -> None:
-    found = re.fullmatch(
+    result = re.fullmatch(
         rf"http://([\w.-]+):{open_to_all.port}/\?token=([\w-]{{32}})", open_to_all.address
     )
-    assert found
-    host, token = found.groups()
+    assert result
+    host, token = result.groups()
     assert host != "0.0.0.0"
     with socket.create_connection((host, open_to_all.port), timeout=20):
         pass  # what is printed can be opened
@@ -227,13 +225,13 @@ def test_odd_requests_are_answered_and_no_news(open_to_all: Served) -> None:
 
 
 def apps_of(server: int) -> list[int]:
-    """The processes that a server has started."""
-    found = []
+    """Return the processes that a server has started."""
+    result = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError, ValueError):
             if int(stat.read_text().rpartition(")")[2].split()[1]) == server:
-                found.append(int(stat.parent.name))
-    return found
+                result.append(int(stat.parent.name))
+    return result
 
 
 def opened(served: Served) -> socket.socket:
@@ -260,12 +258,12 @@ def test_a_second_window_ends_the_first_and_a_killed_server_ends_both(local: Ser
     (app,) = apps_of(local.process.pid)
     with first, opened(local):
         wait_for(lambda: app not in apps_of(local.process.pid))
-        (other,) = apps_of(local.process.pid)
+        (second,) = apps_of(local.process.pid)
         local.process.kill()
         wait_for(
             lambda: (
-                not Path(f"/proc/{other}").exists()
-                or " Z " in Path(f"/proc/{other}/stat").read_text()
+                not Path(f"/proc/{second}").exists()
+                or " Z " in Path(f"/proc/{second}/stat").read_text()
             )
         )
 
@@ -291,7 +289,7 @@ def test_messages_of_any_kind_end_with_their_window(local: Served) -> None:
 
 
 def frame(payload: bytes) -> bytes:
-    """As a browser sends it: masked, here by zeros."""
+    """Encode a message as a browser sends it: masked, here by zeros."""
     length = (
         bytes([0x80 | len(payload)])
         if len(payload) < 126
@@ -312,9 +310,9 @@ def test_what_a_window_asks_for_is_within_what_a_window_can_be() -> None:
 def test_an_address_of_one_interface_is_printed_as_it_is_and_without_a_network_the_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from capture.serve import _own_address
+    from capture.serve import _reachable_address
 
-    assert [_own_address(host) for host in ("192.168.1.5", "fe80::1", "pi.local")] == [
+    assert [_reachable_address(host) for host in ("192.168.1.5", "fe80::1", "pi.local")] == [
         "192.168.1.5",
         "fe80::1",
         "pi.local",
@@ -324,4 +322,4 @@ def test_an_address_of_one_interface_is_printed_as_it_is_and_without_a_network_t
         raise OSError("Network is unreachable")
 
     monkeypatch.setattr(socket.socket, "connect", unreachable)
-    assert _own_address("0.0.0.0") == socket.gethostname()
+    assert _reachable_address("0.0.0.0") == socket.gethostname()

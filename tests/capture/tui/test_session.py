@@ -37,8 +37,8 @@ async def _whole_session(size: tuple[int, int], session: Path) -> None:
         await see(pilot, "[THROUGH COVER]")
         await see(pilot, "The source has no more pictures. Press f to fit")
         assert len(read_table(session / "frames.csv")) == 12
-        described, given = read_session(session), read_session(FIXTURE)
-        assert (described.board, described.cover) == (given.board, given.cover)
+        described, declared = read_session(session), read_session(FIXTURE)
+        assert (described.board, described.cover) == (declared.board, declared.cover)
 
         await pilot.press("f")
         await see(pilot, "[RESULTS]")

@@ -1,5 +1,5 @@
-"""The set-up: what is typed counts, however fast the next key follows, and each field has its own
-words.
+"""The set-up: typed texts count, however fast the next key follows, and each field has its own
+help.
 """
 
 import asyncio
@@ -25,7 +25,7 @@ async def _fast(session: Path, brief: Path) -> None:
     async with running(session, f"folder:{brief / 'bare'}") as pilot:
         await see(pilot, "a new session")
         fields = [*("9", "9", "20"), *CONE]
-        keys = [part for text in fields for part in ("<ctrl+u>", "<ctrl+k>", text, "<enter>")]
+        keys = [piece for text in fields for piece in ("<ctrl+u>", "<ctrl+k>", text, "<enter>")]
         burst(pilot, "<enter>", "<enter>", "<tab>", *keys[:12], "<tab>", *keys[12:-1], "<ctrl+s>")
         await see(pilot, "[WITHOUT COVER]")
         await see(pilot, "no more pictures")
@@ -43,9 +43,9 @@ async def _refused(session: Path, source: str) -> None:
         await see(pilot, "a new session")
         await describe(pilot, source)
         square = next(
-            one
-            for one in pilot.app.screen.query("#board Input").results(Input)
-            if one.name == "square_mm"
+            field
+            for field in pilot.app.screen.query("#board Input").results(Input)
+            if field.name == "square_mm"
         )
         square.value = ""
         await pilot.press("ctrl+s")

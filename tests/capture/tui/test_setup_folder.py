@@ -1,5 +1,5 @@
-"""The set-up of a session that was there before: fitted from its folder, and with what was typed
-the last time.
+"""The set-up of an existing session: fitted from its folder, and with the texts that were typed the
+last time.
 """
 
 import shutil
@@ -14,7 +14,7 @@ from calib.cli import main
 from calib.io.images import list_images
 from capture.tui.app import CaptureApp
 from capture.tui.fit import FitScreen
-from capture.tui.lacking import no_lens
+from capture.tui.fit_requirements import no_lens_advice
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 
@@ -57,10 +57,10 @@ async def _nothing(session: Path) -> None:
         assert "f Fit" not in shown(pilot)
         shutil.copytree(FIXTURE / "frames", session / "frames", dirs_exist_ok=True)
         await pilot.press("f")
-        await see(pilot, no_lens(session).split(str(session))[0].strip())
+        await see(pilot, no_lens_advice(session).split(str(session))[0].strip())
         await pilot.press("escape", "ctrl+r")
         await see(pilot, "[SET-UP]")
-        await see(pilot, no_lens(session).split(str(session))[0].strip())
+        await see(pilot, no_lens_advice(session).split(str(session))[0].strip())
         for picture in (session / "frames").iterdir():
             picture.unlink()
         (session / "bare").mkdir()
@@ -90,7 +90,7 @@ async def _finished(session: Path) -> None:
         await pilot.press("ctrl+o")
         await see(pilot, "[RESULTS]")
         await see(pilot, "To be trusted where it has corners. The error fell from 0.4")
-        await see(pilot, "The maps are sure to")
+        await see(pilot, "The maps are accurate to")
         await see(pilot, "e Diagnose c Check r Report x Export")
         await pilot.press("r")
         await see(pilot, "The report is ")
@@ -144,17 +144,21 @@ def test_views_without_the_cover_can_be_taken_anew(tmp_path: Path, brief: Path) 
 
 
 async def _anew(session: Path, source: str) -> None:
-    there = {picture.name: picture.read_bytes() for picture in list_images(session / "bare")}
+    pictures_before = {
+        picture.name: picture.read_bytes() for picture in list_images(session / "bare")
+    }
     async with running(session, source) as pilot:
-        await see(pilot, f"continued, {len(there)} views without cover")
+        await see(pilot, f"continued, {len(pictures_before)} views without cover")
         pilot.app.screen.query_one("#phase", Select).value = "anew"
-        await see(pilot, f"record now without the cover, anew ({len(there)} go to bare-aside/)")
+        await see(
+            pilot, f"record now without the cover, anew ({len(pictures_before)} go to bare-aside/)"
+        )
         await pilot.press("ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
         await see(pilot, "The source has no more pictures")
         assert {
             picture.name: picture.read_bytes() for picture in list_images(session / "bare-aside")
-        } == there
+        } == pictures_before
         taken = len(list_images(session / "bare"))
         assert taken
         await pilot.press("escape")

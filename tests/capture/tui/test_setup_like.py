@@ -1,5 +1,5 @@
-"""Another session, named in the set-up: what is taken over from it, and what stays as it was
-typed.
+"""Another session, named in the set-up: the values that are taken over from it, and those that stay
+as typed.
 """
 
 from pathlib import Path

@@ -75,7 +75,7 @@ async def _failed(session: Path) -> None:
 
 
 def test_a_covered_folder_for_bare_pictures_is_doubted_once(tmp_path: Path) -> None:
-    """Its session.yaml says cone, and it has no bare/ to name instead."""
+    """The session.yaml describes a cone, and the session has no bare/ to name instead."""
     session = tmp_path / "session"
     drive(_doubted(session))
     assert len(list((session / "bare").glob("*.png"))) == 3

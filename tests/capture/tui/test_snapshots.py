@@ -26,8 +26,8 @@ from calib.planning.pose_bank import Reach, seen_bare
 from calib.session.camera import Camera
 from calib.session.cover import Cover
 from calib.session.session import session_to_yaml
-from capture.coverage import Hint, SeenView, SessionProgress, hint
-from capture.find import finder_of
+from capture.coverage import Hint, KeptView, SessionProgress, make_hint
+from capture.finders import make_finder
 from capture.frames import Frame
 from capture.session_file import read_setup
 from capture.tui.child import LOADING, Child
@@ -37,14 +37,14 @@ from capture.tui.effects import EffectsScreen
 from capture.tui.fit import FitScreen
 from capture.tui.fitting import fit_session
 from capture.tui.results import ResultsScreen
-from capture.tui.working import WorkingPage
+from capture.tui.working_page import WorkingPage
 from fixtures.coded_boards import CHARUCO, LENS
 from tests.capture.tui.driving import SIZES, describe, drive, running, see, shown, until
 from tests.capture.tui.test_effects import FINDING, NUMBERS, WORDS
 from tests.capture.tui.test_session import FIXTURE
 
 CAMERA = "v4l2:/dev/video0"
-"""Which may give more views, unlike a folder that has ended."""
+"""A source that may give more views, unlike a folder that has ended."""
 FOLDER = Path(__file__).parent / "snapshots"
 HINT = Hint(
     np.array([[60.0, 150.0], [330, 120], [350, 420], [40, 450]]),
@@ -52,7 +52,7 @@ HINT = Hint(
     "closer, to the left edge, tilt the right side away",
 )
 PROGRESS = SessionProgress(
-    enough=False,
+    is_enough=False,
     sentence="The maps would be 0.31 px off; 0.10 px is wanted: about 6 more views.",
     sigma_px=0.31,
     views_needed=6,
@@ -147,12 +147,12 @@ async def collect(pilot: Pilot[None], _: Path) -> None:
         pilot, lambda: screen._adviser is not None and "cannot be" in screen._adviser.remark
     )  # it has said all that it will
     await pilot.pause(0.5)
-    screen.post_message(CollectScreen.Advised(3, HINT, PROGRESS))
-    await see(pilot, "More views would make it surer: they can come from another source.")
-    assert HINT.words not in shown(pilot)
+    screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
+    await see(pilot, "More views would improve the result: they can come from another source.")
+    assert HINT.instruction not in shown(pilot)
     screen.plan = replace(screen.plan, source=CAMERA)
-    screen.post_message(CollectScreen.Advised(3, HINT, PROGRESS))
-    await see(pilot, f"Next: {HINT.words}.")
+    screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
+    await see(pilot, f"Next: {HINT.instruction}.")
 
 
 async def collect_enough(pilot: Pilot[None], session: Path) -> None:
@@ -166,13 +166,13 @@ async def collect_enough(pilot: Pilot[None], session: Path) -> None:
         PROGRESS.depth,
         PROGRESS.glass,
     )
-    pilot.app.screen.post_message(CollectScreen.Advised(3, None, done))
+    pilot.app.screen.post_message(CollectScreen.AdviceReady(3, None, done))
     await pilot.press("a")
     await see(pilot, "ENOUGH")
 
 
 async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
-    """A board over the left edge, and wanted over the right one."""
+    """A board over the left edge, and a hint over the right one."""
     await see(pilot, "continued")
     await pilot.press("ctrl+s")
     await see(pilot, "no more pictures")
@@ -182,30 +182,30 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
     await until(pilot, lambda: screen._adviser is not None and not screen._improving)
     await pilot.pause(0.5)
     board, camera, _ = read_setup(session / "session.yaml")
-    screen._found = (
-        finder_of(board)
+    screen._corners = (
+        make_finder(board)
         .look(Frame(eight_bits(read_grey(session / "frames" / "0000.png")), 0, 1.0))
         .corners
     )
-    assert screen._found is not None
+    assert screen._corners is not None
     pose = np.array([0.0, -0.5, 0.0, 0.15, 0.0, 0.25])
-    outside = hint(
+    hint = make_hint(
         pose,
         seen_bare(board, camera, pose),
-        [SeenView(screen._found)],
+        [KeptView(screen._corners)],
         board,
         camera,
         Reach.of(board, camera),
     )
     screen.plan = replace(screen.plan, source=CAMERA)
-    screen.post_message(CollectScreen.Advised(1, outside, PROGRESS))
+    screen.post_message(CollectScreen.AdviceReady(1, hint, PROGRESS))
     await see(pilot, "over the right edge (a part outside)")
     await see(pilot, "The maps would be 0.31 px")
 
 
 def take_over(screen: WorkingPage) -> Child:
-    """The process that the screen has started is ended, and this, which never starts, is in its
-    place: the story says what it says.
+    """End the process that the screen has started, and put this one, which never starts, in its
+    place: the story gives its events.
     """
     screen.cancel()
     screen._tasks.clear()
@@ -224,13 +224,13 @@ async def fit(pilot: Pilot[None], session: Path) -> None:
     ]
     for title, total, done, words in events:
         screen.post_message(
-            FitScreen.Followed(child, {"event": "task", "title": title, "total": total})
+            FitScreen.ProcessReported(child, {"event": "task", "title": title, "total": total})
         )
         screen.post_message(
-            FitScreen.Followed(child, {"event": "step", "done": done, "words": words})
+            FitScreen.ProcessReported(child, {"event": "step", "done": done, "words": words})
         )
     screen.post_message(
-        FitScreen.Followed(child, {"event": "step", "done": 7, "words": "0.084 px"})
+        FitScreen.ProcessReported(child, {"event": "step", "done": 7, "words": "0.084 px"})
     )
     await see(pilot, "0.084 px")
 
@@ -253,7 +253,7 @@ async def results_dropped(pilot: Pilot[None], session: Path) -> None:
 
 
 async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
-    """As much to be said as there may be."""
+    """The longest possible text."""
     reasons = [
         (
             "0.227 px are left where the corners' noise is about 0.047 px: it may be board_shape,"
@@ -301,10 +301,12 @@ async def effects_working(pilot: Pilot[None], session: Path) -> None:
     await see(pilot, "esc cancels")
     child = take_over(screen)
     screen.post_message(
-        EffectsScreen.Followed(child, {"event": "task", "title": "Diagnosis", "total": 20})
+        EffectsScreen.ProcessReported(child, {"event": "task", "title": "Diagnosis", "total": 20})
     )
     screen.post_message(
-        EffectsScreen.Followed(child, {"event": "step", "done": 4, "words": "fit with board_shape"})
+        EffectsScreen.ProcessReported(
+            child, {"event": "step", "done": 4, "words": "fit with board_shape"}
+        )
     )
     await see(pilot, "fit with board_shape")
     await see(pilot, "esc Back ? Help")
@@ -370,7 +372,7 @@ async def _compare(story: Story, size: tuple[int, int]) -> None:
     source = "" if story in NEW else "folder:camera"
     async with running(Path("session"), source, size) as pilot:
         await story(pilot, Path("session"))
-        seen = shown(pilot) + "\n"
+        text = shown(pilot) + "\n"
         if folder := os.environ.get("REFRACAL_PICTURES"):
             (Path(folder) / f"{story.__name__}-{size[0]}.svg").write_text(
                 pilot.app.export_screenshot()
@@ -378,5 +380,5 @@ async def _compare(story: Story, size: tuple[int, int]) -> None:
     file = FOLDER / f"{story.__name__}-{size[0]}x{size[1]}.txt"
     if os.environ.get("REFRACAL_SNAPSHOTS") == "write":
         FOLDER.mkdir(exist_ok=True)
-        file.write_text(seen)
-    assert seen == file.read_text()
+        file.write_text(text)
+    assert text == file.read_text()

@@ -61,9 +61,9 @@ def test_a_file_in_the_place_of_the_session_is_refused_before_the_screen_opens(
 def test_the_help_names_it(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--help"])
-    said = " ".join(capsys.readouterr().out.split())
-    assert "`capture SESSION` is short for it" in said
-    assert "capture SESSION --serve the same in a browser" in said
+    text = " ".join(capsys.readouterr().out.split())
+    assert "`capture SESSION` is short for it" in text
+    assert "capture SESSION --serve the same in a browser" in text
 
 
 @pytest.mark.parametrize("installed", [True, False])
@@ -73,6 +73,6 @@ def test_the_extra_is_named_where_it_is_missing(
     monkeypatch.setattr("capture.commands.ui.find_spec", lambda _: installed or None)
     with pytest.raises(SystemExit):
         main(["ui", "--help"])
-    said = " ".join(capsys.readouterr().out.split())
-    assert "in a browser instead of this terminal" in said
-    assert ("first install what it names" in said) is not installed
+    text = " ".join(capsys.readouterr().out.split())
+    assert "in a browser instead of this terminal" in text
+    assert ("first install what it names" in text) is not installed

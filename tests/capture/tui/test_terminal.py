@@ -19,7 +19,7 @@ if not shutil.which("tmux"):
 
 
 class Tmux:
-    """A terminal of its own, in a server of its own."""
+    """A separate terminal, in a separate server."""
 
     def __init__(self, socket: Path, command: list[str]) -> None:
         self._tmux = ["tmux", "-S", str(socket), "-f", "/dev/null"]
@@ -48,17 +48,19 @@ class Tmux:
         self._do("send-keys", "Enter")
 
     def shown(self) -> str:
-        """A line that the terminal broke is one; what scrolled out at the top is there, too."""
+        """Return the text of the terminal. A line that the terminal broke is one line; lines that
+        scrolled out at the top are included.
+        """
         return self._do("capture-pane", "-p", "-J", "-S", "-")
 
     def see(self, words: str) -> None:
-        begun = time.monotonic()
+        start_s = time.monotonic()
         while words not in " ".join(self.shown().split()):
-            assert time.monotonic() - begun < HANGS_S, f"{words!r} never came:\n{self.shown()}"
+            assert time.monotonic() - start_s < HANGS_S, f"{words!r} never came:\n{self.shown()}"
             time.sleep(0.2)
 
     def hang_up(self) -> None:
-        """As when a connection is lost."""
+        """Kill the terminal, as when a connection is lost."""
         subprocess.run([*self._tmux, "kill-server"], check=False, capture_output=True)
 
     def _do(self, *arguments: str) -> str:

@@ -1,5 +1,5 @@
-"""Chromium as a telephone of 390 x 844 points, driven by nothing but touches and what its own
-keyboard would write.
+"""Chromium as a telephone of 390 x 844 points, driven by nothing but touches and the input of its
+own keyboard.
 """
 
 import asyncio
@@ -13,11 +13,11 @@ from tests.capture.tui.browser import Browser, connected
 from tests.capture.tui.driving import HANGS_S
 
 SIZE = (390, 844)
-"""Points, as most telephones have, in portrait."""
+"""The size of most telephones in portrait, points."""
 DENSE = "--force-device-scale-factor=2"
-"""px a point. An emulated density would not do: a canvas is told of the real one."""
+"""The pixels per point. An emulated density would not do: a canvas is told of the real one."""
 LEAST = 44
-"""Points: a finger hits nothing smaller."""
+"""The smallest size that a finger can hit, points."""
 PLACE = """
 (() => {
   const box = %s;
@@ -28,16 +28,18 @@ PLACE = """
   return hit && (box === hit || box.contains(hit)) ? {x, y, width, height} : null;
 })()
 """
-"""Where a finger would have to touch it; null while it is not there, or something lies over it."""
+"""A script that gives the place for a finger; null while the element is absent, or something lies
+over it.
+"""
 WORDS = 'document.getElementById("thumb").hidden ? "" : document.getElementById("thumb").innerText'
 
 
 class Telephone(Browser):
     async def see(self, words: str) -> None:
         """Wait until the page shows these words."""
-        begun = time.monotonic()
+        start_s = time.monotonic()
         while words not in " ".join((await self.words()).split()):
-            assert time.monotonic() - begun < HANGS_S, (
+            assert time.monotonic() - start_s < HANGS_S, (
                 f"{words!r} never came:\n{await self.words()}"
             )
             await asyncio.sleep(0.1)
@@ -46,25 +48,29 @@ class Telephone(Browser):
         return str(await self.evaluate(WORDS))
 
     async def until(self, holds: str) -> None:
-        """Wait until this script says yes."""
-        begun = time.monotonic()
+        """Wait until this script returns true."""
+        start_s = time.monotonic()
         while not await self.evaluate(holds):
-            assert time.monotonic() - begun < HANGS_S, f"{holds} never came:\n{await self.words()}"
+            assert time.monotonic() - start_s < HANGS_S, (
+                f"{holds} never came:\n{await self.words()}"
+            )
             await asyncio.sleep(0.1)
 
     async def let_go(self) -> None:
-        """Put the keyboard away, as its own key for that does."""
+        """Close the keyboard, as its own key does."""
         await self.evaluate("document.activeElement.blur()")
 
-    async def tap(self, what: str, least: float = LEAST) -> None:
-        """Touch what this script finds, once it can be touched; it is `least` points wide and
-        high.
+    async def tap(self, what: str, minimum: float = LEAST) -> None:
+        """Touch the element that this script finds, once it can be touched; it is at least
+        `minimum` points wide and high.
         """
-        begun = time.monotonic()
+        start_s = time.monotonic()
         while (place := await self.evaluate_json(PLACE % what)) is None:
-            assert time.monotonic() - begun < 60, f"nothing to touch: {what}\n{await self.words()}"
+            assert time.monotonic() - start_s < 60, (
+                f"nothing to touch: {what}\n{await self.words()}"
+            )
             await asyncio.sleep(0.1)
-        assert min(place["width"], place["height"]) >= least, (
+        assert min(place["width"], place["height"]) >= minimum, (
             f"{what} is smaller than a finger: {place}"
         )
         touched = [{"x": place["x"], "y": place["y"]}]
@@ -72,41 +78,41 @@ class Telephone(Browser):
         await self.do("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
 
     async def press(self, *keys: str) -> None:
-        """The large buttons that stand for these keys of the app."""
+        """Touch the large buttons of these keys of the app."""
         for key in keys:
             await self.tap(f"document.querySelector('nav [data-key={json.dumps(key)}]')")
 
     async def fill(self, label: str, text: str) -> None:
-        """Touch a field and write: the first touch chooses what stands in it. A list above that has
-        just closed may have moved it away
-        from under the finger: who sees that touches it again.
+        """Touch a field and write: the first touch selects its text. A list above that has just
+        closed may have moved it away from under the finger: a person who sees that touches it
+        again.
         """
         field = f"document.getElementById({json.dumps(f'field-{label}')})"
-        begun = time.monotonic()
+        start_s = time.monotonic()
         while not await self.evaluate(f"document.activeElement === {field}"):
-            assert time.monotonic() - begun < 60, f"{label} takes no letters"
+            assert time.monotonic() - start_s < 60, f"{label} takes no letters"
             await self.tap(field)
             await asyncio.sleep(0.1)
         await self.do("Input.insertText", text=text)
 
     async def choose(self, label: str, option: str) -> None:
-        """Open a choice, and take the option that begins so."""
+        """Open a choice, and take the option that begins with this text."""
         choice = f"document.getElementById({json.dumps(f'choice-{label}')})"
         await self.tap(choice)
-        inside = f"[...{choice}.parentElement.querySelectorAll('li button')]"
+        options = f"[...{choice}.parentElement.querySelectorAll('li button')]"
         await self.tap(
-            f"{inside}.find((each) => each.textContent.startsWith({json.dumps(option)}))"
+            f"{options}.find((each) => each.textContent.startsWith({json.dumps(option)}))"
         )
 
     async def evaluate_json(self, script: str) -> dict[str, float] | None:
-        said = await self.evaluate(f"JSON.stringify({script.strip()})")
-        found: dict[str, float] | None = json.loads(said)
-        return found
+        text = await self.evaluate(f"JSON.stringify({script.strip()})")
+        result: dict[str, float] | None = json.loads(text)
+        return result
 
 
 @asynccontextmanager
 async def telephone(address: str, profile: Path) -> AsyncIterator[Telephone]:
-    """One that shows this address."""
+    """Open a page that shows this address."""
     async with connected(profile, DENSE) as socket:
         phone = Telephone(socket)
         await phone.do(

@@ -1,6 +1,6 @@
-"""Waiting for a process that calculates: what it is doing, how far it is, and how the error falls.
+"""The page of a process that calculates: its task, its progress, and how the error falls.
 
-The screen answers meanwhile.
+The screen stays responsive meanwhile.
 """
 
 import re
@@ -15,10 +15,10 @@ from textual.events import ScreenResume
 from textual.widgets import Static
 
 from capture.tui.child import Child, Event, Work
-from capture.tui.page import Page, Said
+from capture.tui.page import ChildReported, Page
 
-BAR = 24  # columns
-LEFT = "Error left (rms, weighted: surer corners count more than in the results):"
+BAR_COLUMNS = 24  # columns
+ERRORS_HEADING = "Error left (rms, weighted: surer corners count more than in the results):"
 
 
 class Bar(NamedTuple):
@@ -29,9 +29,9 @@ class Bar(NamedTuple):
 
 
 class WorkingPage(Page):
-    """Follows one process at a time.
+    """A page that follows one process at a time.
 
-    A subclass starts it by `follow`, and says what its result is for.
+    A subclass starts it by `follow`, and uses its result.
     """
 
     DEFAULT_CSS = """
@@ -40,26 +40,26 @@ class WorkingPage(Page):
     WorkingPage #errors { height: auto; margin: 1 0 0 0; }
     WorkingPage #sentence { height: 3; }
     """
-    AGAIN: ClassVar[str]
-    """What to press after a failure."""
+    RETRY_ADVICE: ClassVar[str]
+    """The advice after a failure: which key to press."""
 
-    class Followed(Said):
-        """The process says something."""
+    class ProcessReported(ChildReported):
+        """The process has sent an event."""
 
     def __init__(self) -> None:
         super().__init__()
         self.child: Child | None = None
-        """The process that runs now."""
+        """The running process."""
         self._tasks: list[tuple[str, int, int, str]] = []  # title, done, total, words
-        self._errors: list[tuple[str, float]] = []  # of which task, px
+        self._errors: list[tuple[str, float]] = []  # the task, and the error in px
         self.bars: Sequence[Bar] = ()
-        """What the bars on the screen say."""
+        """The bars on the screen."""
         self._result: Event | None = None
-        """What came while the help stood before this screen."""
+        """The result that came while the help covered this screen."""
 
     @abstractmethod
     def finished(self, result: Event) -> None:
-        """The process has ended well."""
+        """Use the result of a process that has succeeded."""
 
     def body(self) -> ComposeResult:
         with VerticalScroll(can_focus=False):
@@ -76,7 +76,7 @@ class WorkingPage(Page):
 
     @abstractmethod
     def action_again(self) -> None:
-        """Start, or start anew."""
+        """Start, or start again."""
 
     def follow(self, work: Work, *arguments: object) -> None:
         self._tasks, self._errors = [], []
@@ -87,32 +87,32 @@ class WorkingPage(Page):
     @work(thread=True, group="child")
     def _listen(self, child: Child) -> None:
         for event in child.events():
-            self.post_message(self.Followed(child, event))
+            self.post_message(self.ProcessReported(child, event))
 
-    @on(Followed)
-    def _hear(self, message: Followed) -> None:
+    @on(ProcessReported)
+    def _hear(self, message: ProcessReported) -> None:
         if message.child is not self.child:
             return
         match message.event:
             case {"event": "task", "title": title, "total": total}:
-                if self._tasks:  # the one before has ended
+                if self._tasks:  # the task before has ended
                     name, _, length, words = self._tasks[-1]
                     self._tasks[-1] = name, length, length, words
                 self._tasks.append((title, 0, total, ""))
             case {"event": "step", "done": done, "words": words}:
-                title, _, total, said = self._tasks[-1]
-                self._tasks[-1] = title, done, total, words or said
+                title, _, total, last_words = self._tasks[-1]
+                self._tasks[-1] = title, done, total, words or last_words
                 if number := re.fullmatch(r"([\d.]+) px", words):
                     self._errors.append((title, float(number[1])))
             case {"event": "error", "sentence": sentence}:
-                self._ended()
-                self.say(f"{sentence} {self.AGAIN}")
+                self._clear_child()
+                self.say(f"{sentence} {self.RETRY_ADVICE}")
             case {"event": "result"} as result:
-                self._ended()
+                self._clear_child()
                 if self.app.screen is self:
                     self.finished(result)
                     return
-                self._result = result  # the app changes the screen in front, which is not this one
+                self._result = result  # the app changes the front screen, which is not this one
         self._draw()
 
     @on(ScreenResume)
@@ -121,7 +121,7 @@ class WorkingPage(Page):
             result, self._result = self._result, None
             self.finished(result)
 
-    def _ended(self) -> None:
+    def _clear_child(self) -> None:
         self.child = None
         self.refresh_bindings()
 
@@ -130,20 +130,20 @@ class WorkingPage(Page):
             Bar(title, done / max(total, 1), f"{done:>3}/{total:<4} {words}")
             for title, done, total, words in self._tasks
         ]
-        most = max((error for _, error in self._errors), default=1.0)
+        maximum = max((error for _, error in self._errors), default=1.0)
         falling = [
-            Bar(title, error / most, f"{error:.3f} px") for title, error in self._errors[-8:]
+            Bar(title, error / maximum, f"{error:.3f} px") for title, error in self._errors[-8:]
         ]
-        width = max([20, *(len(each.title) + 1 for each in tasks)])
-        left = [each._replace(title=f"Error left, {each.title}") for each in falling]
+        width = max([20, *(len(bar.title) + 1 for bar in tasks)])
+        error_bars = [bar._replace(title=f"Error left, {bar.title}") for bar in falling]
         self.show(
-            _drawn(tasks, width),
-            "\n".join([LEFT, _drawn(falling, width)] if falling else []),
-            bars=[*tasks, *left],
+            _draw_bars(tasks, width),
+            "\n".join([ERRORS_HEADING, _draw_bars(falling, width)] if falling else []),
+            bars=[*tasks, *error_bars],
         )
 
     def show(self, above: str, below: str = "", bars: Sequence[Bar] = ()) -> None:
-        """Two texts; `bars`: what they draw."""
+        """Show two texts; `bars` are the bars that they draw."""
         self.bars = bars
         self.query_one("#tasks", Static).update(above)
         self.query_one("#errors", Static).update(below)
@@ -160,9 +160,11 @@ class WorkingPage(Page):
         self.cancel()
 
 
-def _drawn(bars: Sequence[Bar], width: int) -> str:
-    """A line each, its title in so many columns."""
-    return "\n".join(f"{title:<{width}}{_bar(share, BAR)} {words}" for title, share, words in bars)
+def _draw_bars(bars: Sequence[Bar], width: int) -> str:
+    """Return one line per bar, with its title in this many columns."""
+    return "\n".join(
+        f"{title:<{width}}{_bar(share, BAR_COLUMNS)} {words}" for title, share, words in bars
+    )
 
 
 def _bar(share: float, width: int) -> str:

@@ -1,4 +1,4 @@
-"""Views without the cover that are set aside, to be taken anew."""
+"""Views without the cover that are set aside, to be taken again."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import pytest
 
 from calib.errors import InputError
 from capture.disk import locked
-from capture.tui.anew import set_bare_aside
+from capture.tui.retake import set_bare_aside
 
 
 def test_all_that_is_in_the_folder_goes_aside_and_nothing_is_overwritten(tmp_path: Path) -> None:

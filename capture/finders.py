@@ -1,10 +1,10 @@
-"""The live finder of a board, of whatever kind."""
+"""The choice of the live finder for a board."""
 
 from calib.session.board import Board
 from capture.coded_finder import CodedFinder
 from capture.finder import Finder
-from capture.sighting import LiveFinder
+from capture.live_detection import LiveFinder
 
 
-def finder_of(board: Board) -> LiveFinder:
+def make_finder(board: Board) -> LiveFinder:
     return CodedFinder(board) if board.coding else Finder(board)

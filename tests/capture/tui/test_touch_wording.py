@@ -1,8 +1,8 @@
-"""What a page for a thumb says where a terminal names keys."""
+"""The sentences of a page for a thumb, where a terminal names keys."""
 
 import pytest
 
-from capture.tui.touch_words import worded
+from capture.tui.touch_wording import name_buttons
 
 LABELS = {
     "f": "Fit",
@@ -17,7 +17,7 @@ LABELS = {
 
 
 @pytest.mark.parametrize(
-    ("said", "wanted"),
+    ("sentence", "wanted"),
     [
         ("Press f to fit again, esc to go back.", "Touch Fit to fit again, Back to go back."),
         ("press f to fit", "touch Fit to fit"),
@@ -31,9 +31,9 @@ LABELS = {
         ("The focus is f, as before: expressed in px.", "The focus is f, as before: expressed in px."),  # noqa: E501
     ],
 )  # fmt: skip
-def test_keys_are_called_by_their_buttons(said: str, wanted: str) -> None:
-    assert worded(said, LABELS) == wanted
+def test_keys_are_called_by_their_buttons(sentence: str, wanted: str) -> None:
+    assert name_buttons(sentence, LABELS) == wanted
 
 
 def test_without_buttons_nothing_changes() -> None:
-    assert worded("Press f to fit.", {}) == "Press f to fit."
+    assert name_buttons("Press f to fit.", {}) == "Press f to fit."

@@ -1,5 +1,5 @@
-"""A session through its cover without a lens: it is asked about before it is recorded, and another
-session can lend its lens later.
+"""A session through its cover without a lens: the screen warns before the recording, and another
+session can give its lens later.
 """
 
 import shutil
@@ -10,13 +10,13 @@ from textual.widgets import Input
 
 from calib.errors import InputError
 from capture.session_file import read_setup
-from capture.tui.lacking import no_lens
-from capture.tui.lent_lens import lend_lens, lens_of
+from capture.tui.fit_requirements import no_lens_advice
+from capture.tui.lens_transfer import read_lens, write_lens
 from tests.capture.tui.driving import describe, drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 
 KNOWN = FIXTURE.parent / "tilted"
-"""A session that knows its lens, of pictures of the same size."""
+"""A session that knows its lens, for pictures of the same size."""
 LARGE = FIXTURE.parent / "bumps"
 
 
@@ -98,30 +98,30 @@ def test_what_else_session_yaml_says_stays_as_it_was_written(tmp_path: Path) -> 
     shutil.copy(FIXTURE / "session.yaml", tmp_path)
     file = tmp_path / "session.yaml"
     file.write_text("# mine\n" + file.read_text())
-    before, setup = file.read_text(), read_setup(file)
-    named = lens_of(tmp_path, str(KNOWN))
-    assert named
-    lend_lens(tmp_path, named)
-    assert all(line in file.read_text().splitlines() for line in before.splitlines())
-    after = read_setup(file)
-    assert (after[0], after[2]) == (setup[0], setup[2])
-    assert after[1].intrinsics == named[1].intrinsics
+    original, setup = file.read_text(), read_setup(file)
+    named_setup = read_lens(tmp_path, str(KNOWN))
+    assert named_setup
+    write_lens(tmp_path, named_setup)
+    assert all(line in file.read_text().splitlines() for line in original.splitlines())
+    updated = read_setup(file)
+    assert (updated[0], updated[2]) == (setup[0], setup[2])
+    assert updated[1].intrinsics == named_setup[1].intrinsics
 
 
 def test_a_session_that_was_fitted_lends_the_lens_that_its_fit_found(tmp_path: Path) -> None:
-    other, own = tmp_path / "other", tmp_path / "own"
-    for folder in (other, own):
+    other_session, own_session = tmp_path / "other", tmp_path / "own"
+    for folder in (other_session, own_session):
         folder.mkdir()
         shutil.copy(FIXTURE / "session.yaml", folder)
     with pytest.raises(InputError, match="does not know its lens either"):
-        lens_of(own, str(other))
-    (other / "calibration").mkdir()
-    found = KNOWN / "session.yaml"  # the part that counts is written alike
-    shutil.copy(found, other / "calibration" / "calibration.yaml")
-    named = lens_of(own, str(other))
-    assert named
-    assert named[1].intrinsics == read_setup(found)[1].intrinsics
-    assert named[2] == read_setup(other / "session.yaml")[2]
+        read_lens(own_session, str(other_session))
+    (other_session / "calibration").mkdir()
+    file_found = KNOWN / "session.yaml"  # the part that counts is written alike
+    shutil.copy(file_found, other_session / "calibration" / "calibration.yaml")
+    named_setup = read_lens(own_session, str(other_session))
+    assert named_setup
+    assert named_setup[1].intrinsics == read_setup(file_found)[1].intrinsics
+    assert named_setup[2] == read_setup(other_session / "session.yaml")[2]
 
 
 def test_a_camera_in_one_line_gets_its_lens_as_well(tmp_path: Path) -> None:
@@ -130,15 +130,15 @@ def test_a_camera_in_one_line_gets_its_lens_as_well(tmp_path: Path) -> None:
         "format: 1\nboard: {columns: 9, rows: 9, square_mm: 20}\ncamera: {width: 820, height:"
         " 616}\ncover: {shape: none}\n"
     )
-    named = lens_of(tmp_path, str(KNOWN))
-    assert named
-    lend_lens(tmp_path, named)
-    assert read_setup(file)[1].intrinsics == named[1].intrinsics
+    named_setup = read_lens(tmp_path, str(KNOWN))
+    assert named_setup
+    write_lens(tmp_path, named_setup)
+    assert read_setup(file)[1].intrinsics == named_setup[1].intrinsics
 
 
 def test_a_lens_of_larger_pictures_is_refused(tmp_path: Path) -> None:
     shutil.copy(FIXTURE / "session.yaml", tmp_path)
-    assert lens_of(tmp_path, "") is None
+    assert read_lens(tmp_path, "") is None
     with pytest.raises(InputError, match="1640x1232 px, and these are 820x616"):
-        lens_of(tmp_path, str(LARGE))
-    assert "camera.intrinsics into" in no_lens(tmp_path)
+        read_lens(tmp_path, str(LARGE))
+    assert "camera.intrinsics into" in no_lens_advice(tmp_path)

@@ -1,9 +1,9 @@
-"""A page whose process ends with an answer in words, longer than the screen at times."""
+"""A page whose process ends with an answer in words, which may be longer than the screen."""
 
 from textual.binding import Binding
 
 from capture.tui.child import Event
-from capture.tui.working import WorkingPage
+from capture.tui.working_page import WorkingPage
 
 SCROLL = (
     Binding("up", "scroll(-1)", "Up", key_display="↑"),
@@ -12,7 +12,7 @@ SCROLL = (
 
 
 class AnswerPage(WorkingPage):
-    """Shows the `text` of what its process gives, and begins again until there is one.
+    """A page that shows the `text` of its process's result, and can start again until there is one.
 
     A subclass binds SCROLL among its keys.
     """
@@ -20,7 +20,7 @@ class AnswerPage(WorkingPage):
     def __init__(self) -> None:
         super().__init__()
         self.result: Event = {}
-        """As the process gives it; empty until then."""
+        """The result of the process; empty until it has ended."""
 
     def step(self) -> str:
         return "Results"

@@ -1,4 +1,4 @@
-"""What is said while a process calculates."""
+"""The text on the screen while a process calculates."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import pytest
 from capture.tui.child import Child
 from capture.tui.fit import FitScreen
 from capture.tui.fitting import fit_session
-from capture.tui.mirror import described
+from capture.tui.mirror import describe_screen
 from tests.capture.tui.driving import drive, running, see
 
 
@@ -25,15 +25,19 @@ async def _steps(session: Path) -> None:
         screen.child = Child(fit_session)
         for title, words in (("Intrinsics", "0.150 px"), ("Joint fit", "0.075 px")):
             screen.post_message(
-                FitScreen.Followed(screen.child, {"event": "task", "title": title, "total": 12})
+                FitScreen.ProcessReported(
+                    screen.child, {"event": "task", "title": title, "total": 12}
+                )
             )
             screen.post_message(
-                FitScreen.Followed(screen.child, {"event": "step", "done": 1, "words": words})
+                FitScreen.ProcessReported(
+                    screen.child, {"event": "step", "done": 1, "words": words}
+                )
             )
         await see(pilot, f"Intrinsics {'█' * 24} 0.150 px Joint fit {'█' * 12}{'░' * 12} 0.075 px")
         bars = [
             (block["label"], block["text"])
-            for block in described(pilot.app)["blocks"]  # type: ignore[attr-defined]
+            for block in describe_screen(pilot.app)["blocks"]  # type: ignore[attr-defined]
             if block["kind"] == "bar"
         ]
         assert bars[2:] == [

@@ -1,5 +1,5 @@
-"""The live picture straightened: against the library's own undistorter, on a board whose rows are
-bent by a cover; and by keys.
+"""The undistorted live picture: compared with the library's own undistorter on a board whose rows a
+cover bends, and operated by keys.
 """
 
 import shutil
@@ -14,12 +14,17 @@ from calib import Calibration, Undistorter
 from calib.io.images import read_grey
 from calib.progress import Silent
 from calib.session.board import Board
-from capture.find import finder_of
+from capture.finders import make_finder
 from capture.frames import Frame
 from capture.tui.camera import Preview
-from capture.tui.cells import FOUND, LINE, Mark
+from capture.tui.cells import CORNER_MARK, LINE_MARK, Mark
 from capture.tui.collect import CollectScreen
-from capture.tui.straight import GRID, Straight, along, straighten
+from capture.tui.live_undistortion import (
+    GRID_DIVISIONS,
+    LiveUndistortion,
+    board_lines,
+    make_undistortion,
+)
 from tests.capture.tui.driving import drive, running, see, shown, write
 from tests.capture.tui.test_session import FIXTURE
 
@@ -28,9 +33,9 @@ DEPTH = 0.5
 
 
 @pytest.fixture(scope="module")
-def straight(session: Path) -> Straight:
-    made = straighten(Silent(), session / "calibration", DEPTH)["straight"]
-    assert isinstance(made, Straight)
+def straight(session: Path) -> LiveUndistortion:
+    made = make_undistortion(Silent(), session / "calibration", DEPTH)["straight"]
+    assert isinstance(made, LiveUndistortion)
     return made
 
 
@@ -41,24 +46,24 @@ def pictures(session: Path) -> list[NDArray[np.uint8]]:
 
 
 def bend(corners: NDArray[np.float64]) -> float:
-    """px, RMS of the corners' distance from the straight line through the ends of their row or
-    column.
+    """Return the RMS distance in px of the corners from the straight line through the ends of their
+    row or column.
     """
     grid = corners.reshape(9, 9, 2)
-    apart = []
+    differences = []
     for line in [*grid, *grid.transpose(1, 0, 2)]:
         ahead = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
-        apart.append(
+        differences.append(
             np.abs(np.cross(np.append(ahead, 0), np.pad(line - line[0], ((0, 0), (0, 1))))[:, 2])
         )
-    return float(np.sqrt(np.mean(np.square(apart))))
+    return float(np.sqrt(np.mean(np.square(differences))))
 
 
 def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(
-    session: Path, straight: Straight
+    session: Path, straight: LiveUndistortion
 ) -> None:
     undistorter = Undistorter(Calibration.load(session / "calibration"), DEPTH)
-    finder, before, after = finder_of(BOARD), [], []
+    finder, bent, straightened = make_finder(BOARD), [], []
     for picture in pictures(session):
         corners = finder.look(Frame(picture, 0, 0.0)).corners
         assert corners is not None
@@ -66,52 +71,54 @@ def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(
         assert (
             np.abs(moved - undistorter.undistort_points(corners)).max() < 0.2
         )  # px: bilinear between nodes 13 px apart
-        before.append(bend(corners))
-        after.append(bend(moved))
-    assert np.mean(after) < 0.3
-    assert np.mean(before) > 3 * np.mean(after)  # the control
+        bent.append(bend(corners))
+        straightened.append(bend(moved))
+    assert np.mean(straightened) < 0.3
+    assert np.mean(bent) > 3 * np.mean(straightened)  # the control
 
 
-def test_points_that_are_not_seen_or_outside_stay_away(straight: Straight) -> None:
-    there = straight.points(
+def test_points_that_are_not_seen_or_outside_stay_away(straight: LiveUndistortion) -> None:
+    mapped = straight.points(
         np.array([[410.0, 308.0], [np.nan, np.nan], [-40.0, 10.0], [10.0, 700.0]])
     )
-    assert np.isfinite(there[0]).all()
-    assert np.isnan(there[1:]).all()
+    assert np.isfinite(mapped[0]).all()
+    assert np.isnan(mapped[1:]).all()
 
 
-def test_the_picture_is_the_undistorters(session: Path, straight: Straight) -> None:
-    """Both reduced alike; what differs is that one is reduced before it is straightened."""
+def test_the_picture_is_the_undistorters(session: Path, straight: LiveUndistortion) -> None:
+    """Both pictures are reduced alike; the difference is that one is reduced before it is
+    undistorted.
+    """
     picture = pictures(session)[0]
-    seen = straight.preview(Preview.of(picture, sharp=True)).image
+    undistorted = straight.preview(Preview.of(picture, sharp=True)).image
     wanted = cv2.resize(
         Undistorter(Calibration.load(session / "calibration"), DEPTH).undistort(picture),
-        seen.shape[::-1],
+        undistorted.shape[::-1],
         interpolation=cv2.INTER_AREA,
     )
-    assert seen.shape == (616, 820)
-    apart = np.abs(seen.astype(float) - np.asarray(wanted, float))
+    assert undistorted.shape == (616, 820)
+    differences = np.abs(undistorted.astype(float) - np.asarray(wanted, float))
     untouched = np.abs(
         Preview.of(picture, sharp=True).image.astype(float) - np.asarray(wanted, float)
     )
-    assert np.mean(apart) < 1.5
-    assert np.mean(apart) < np.mean(untouched) / 3  # the control
+    assert np.mean(differences) < 1.5
+    assert np.mean(differences) < np.mean(untouched) / 3  # the control
 
 
 def test_lines_run_along_the_board_or_else_across_the_picture(
-    session: Path, straight: Straight
+    session: Path, straight: LiveUndistortion
 ) -> None:
-    corners = finder_of(BOARD).look(Frame(pictures(session)[0], 0, 0.0)).corners
+    corners = make_finder(BOARD).look(Frame(pictures(session)[0], 0, 0.0)).corners
     assert corners is not None
-    marks = straight.marks([Mark(FOUND, corners)], BOARD)
-    lines = [mark for mark in marks if mark.character == LINE]
+    marks = straight.marks([Mark(CORNER_MARK, corners)], BOARD)
+    lines = [mark for mark in marks if mark.character == LINE_MARK]
     assert len(lines) == 18
     assert np.allclose(lines[0].points, straight.points(corners)[[0, 8]])
-    assert len([mark for mark in straight.marks([], BOARD) if mark.character == LINE]) == 2 * (
-        GRID - 1
+    assert len([mark for mark in straight.marks([], BOARD) if mark.character == LINE_MARK]) == 2 * (
+        GRID_DIVISIONS - 1
     )
     corners[:9] = np.nan  # a row that is hidden has none
-    assert len(along(corners, BOARD)) == 17
+    assert len(board_lines(corners, BOARD)) == 17
 
 
 @pytest.mark.slow
@@ -136,7 +143,7 @@ async def _asked(session: Path) -> None:
         screen = pilot.app.screen
         assert isinstance(screen, CollectScreen)
         assert screen._preview is not None
-        before = screen._preview.image.copy()
+        bent = screen._preview.image.copy()
         await pilot.press("u")
         await see(pilot, "depth in metres")
         await write(pilot, "-1")
@@ -145,11 +152,11 @@ async def _asked(session: Path) -> None:
         await write(pilot, "0.5")
         await pilot.press("ctrl+s")
         await see(pilot, "Undistorted for 0.5 m")
-        assert np.abs(screen._preview.image.astype(float) - before).mean() > 1
-        await see(pilot, LINE)
+        assert np.abs(screen._preview.image.astype(float) - bent).mean() > 1
+        await see(pilot, LINE_MARK)
         await pilot.press("u")
         await pilot.pause()
-        assert (screen._preview.image == before).all()
+        assert (screen._preview.image == bent).all()
         await pilot.press("ctrl+o")
         await see(pilot, "The error fell from")
         await pilot.press("escape")

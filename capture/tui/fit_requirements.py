@@ -1,4 +1,4 @@
-"""What a fit would lack, said before torch is loaded for it."""
+"""The requirements of a fit, checked before torch is loaded for it."""
 
 from pathlib import Path
 
@@ -9,8 +9,8 @@ from capture.session_file import Setup, read_setup
 from capture.tui.camera import Task
 
 
-def no_lens(session: Path) -> str:
-    """How the lens becomes known."""
+def no_lens_advice(session: Path) -> str:
+    """Return the advice on how to make the lens known."""
     return (
         "The lens is not known yet. In the set-up, choose record now: without the cover, and name"
         " those pictures as the source; or name a session that knows it beside like; or write"
@@ -18,52 +18,53 @@ def no_lens(session: Path) -> str:
     )
 
 
-def none_found(task: Task, pictures: int, where: str = "esc corrects the board") -> str:
-    """Of a source in whose pictures there was no board: what to look after.
+def no_board_advice(task: Task, pictures: int, where: str = "esc corrects the board") -> str:
+    """Return the advice about a source whose pictures show no board.
 
-    `where`: a board is corrected that no file describes yet.
+    `where` says where to correct a board that no file describes yet.
     """
-    board, file = task.asked[0], task.session / "session.yaml"
-    first = (
+    board, file = task.setup[0], task.session / "session.yaml"
+    subject = (
         f"No board of {board} inner corners"
         if board.coding is None
         else f"No board as described, {board},"
     )
-    count = (
+    hint = (
         "count the inner corners"
         if board.coding is None
         else "compare its type, its columns and rows, and its dictionary"
     )
-    among = f"in any of the {pictures} pictures" if pictures > 1 else "in the picture"
+    count_text = f"in any of the {pictures} pictures" if pictures > 1 else "in the picture"
     return (
-        f"{first} {among}: {count}; {f'correct the board in {file}' if file.exists() else where}."
+        f"{subject} {count_text}: {hint};"
+        f" {f'correct the board in {file}' if file.exists() else where}."
     )
 
 
 def has_bare(session: Path) -> bool:
-    """Whether there are views without the cover, which tell the lens."""
+    """Return True if there are views without the cover, which determine the lens."""
     bare = session / "bare"
     return bare.is_dir() and ((bare / "session.yaml").exists() or bool(list_images(bare)))
 
 
-def lens_known(session: Path, setup: Setup) -> bool:
-    """Whether a fit has where to take the lens from; without a cover, it finds it itself."""
+def is_lens_known(session: Path, setup: Setup) -> bool:
+    """Return True if a fit can get the lens; without a cover, it estimates the lens itself."""
     _, camera, cover = setup
     return cover.shape == "none" or camera.intrinsics is not None or has_bare(session)
 
 
-def lens_missing(session: Path) -> bool:
-    """Whether a session that is described lacks it.
+def is_lens_missing(session: Path) -> bool:
+    """Return True if a described session has no lens.
 
     Raises:
-        InputError: its session.yaml cannot be read.
+        InputError: session.yaml cannot be read.
     """
     file = session / "session.yaml"
-    return file.exists() and not lens_known(session, read_setup(file))
+    return file.exists() and not is_lens_known(session, read_setup(file))
 
 
-def lacking(session: Path) -> str:
-    """A sentence; empty where a fit can begin."""
+def find_missing(session: Path) -> str:
+    """Return a sentence about a missing requirement; empty where a fit can begin."""
     frames = session / "frames"
     if not (frames.is_dir() and list_images(frames)):
         return (
@@ -71,13 +72,13 @@ def lacking(session: Path) -> str:
             " or by space."
         )
     try:
-        if lens_missing(session):
-            return no_lens(session)
+        if is_lens_missing(session):
+            return no_lens_advice(session)
         if (count := len(list_images(frames))) < MIN_FIT_VIEWS:
-            more = f"{MIN_FIT_VIEWS - count} more view{'s' * (MIN_FIT_VIEWS - count > 1)}"
+            shortage = f"{MIN_FIT_VIEWS - count} more view{'s' * (MIN_FIT_VIEWS - count > 1)}"
             return (
                 f"A fit needs {MIN_FIT_VIEWS} views and there {'is' if count == 1 else 'are'}"
-                f" {count}: take {more}."
+                f" {count}: take {shortage}."
             )
         read_session(session)
     except InputError as error:

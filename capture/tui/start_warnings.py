@@ -1,0 +1,33 @@
+"""Warnings before a start or a fit, each shown once: the person may intend it, and an error would
+show only after the recording.
+"""
+
+from collections.abc import Iterator
+
+from capture.coverage import SessionProgress
+from capture.source_folder import describe_mismatch
+from capture.tui.camera import Task
+from capture.tui.fit_requirements import is_lens_known
+
+NO_LENS_YET = (
+    "The lens is not known yet: choose record now: without the cover, or name a session that knows"
+    " it beside like. Start once more to record through the cover first."
+)
+
+
+def find_warnings(task: Task) -> Iterator[tuple[str, str]]:
+    """Yield the warnings, each with the field that it concerns."""
+    if mismatch := describe_mismatch(task.source, covered=task.covered):
+        other_phase = "without the cover" if task.covered else "through the cover"
+        yield (
+            f"{mismatch} Set record now to {other_phase}, or start once more if they are right all"
+            " the same.",
+            "phase",
+        )
+    if task.covered and not is_lens_known(task.session, task.setup):
+        yield NO_LENS_YET, "like"
+
+
+def too_few_views(progress: SessionProgress) -> str:
+    """Return the warning about a fit that has too few views."""
+    return f"{progress.sentence} Press f again to fit all the same."

@@ -1,0 +1,42 @@
+"""Sentences that name keys, rewritten for a page with buttons: "press f to fit" becomes "touch Fit
+to fit" where f's button has that label.
+"""
+
+import re
+from collections.abc import Mapping
+
+ARTICLES = "a", "i"
+"""Keys that are words as well: they count as keys only after "press"."""
+AFTER_KEY = r"(?= (?:to|again|for|goes|leaves|then)\b|[,.]|$)"
+"""The text that follows a key without "press" before it."""
+
+
+def name_buttons(text: str, labels: Mapping[str, str]) -> str:
+    """
+    Args:
+        text: one sentence or more.
+        labels: the labels of the buttons, by their keys as sentences name them; keys without a
+            label stay.
+    """
+    pressed = re.sub(
+        rf"\b(P|p)ress ({_alternatives(labels)})(?!\w)",
+        lambda match: f"{_touch_verb(match[1])} {labels[match[2]]}",
+        text,
+    )
+    keys = [key for key in labels if key not in ARTICLES]
+    in_brackets = re.sub(
+        rf"\(({_alternatives(keys)})\)", lambda match: f"({labels[match[1]]})", pressed
+    )
+    return re.sub(
+        rf"(^|, | or |; |\. )({_alternatives(keys)}){AFTER_KEY}",
+        lambda match: match[1] + labels[match[2]],
+        in_brackets,
+    )
+
+
+def _alternatives(keys: Mapping[str, str] | list[str]) -> str:
+    return "|".join(map(re.escape, sorted(keys, key=len, reverse=True))) or r"(?!)"
+
+
+def _touch_verb(letter: str) -> str:
+    return "Touch" if letter == "P" else "touch"
