@@ -365,7 +365,7 @@ def _is_hidden_set(hidden: Path) -> bool:
         return _is_folder(hidden) and all(
             _is_folder(path) and not any(map(_is_folder, path.iterdir()))
             if path.name in (OLD, NEW)
-            else path.name in (CURRENT, NEXT) and not _is_folder(path)
+            else (path.name in (CURRENT, NEXT) or path.suffix == ".tmp") and not _is_folder(path)
             for path in hidden.iterdir()
         )
     except OSError:  # gone meanwhile, or not to be read
