@@ -6,6 +6,7 @@ to frames.csv. So at every moment the folder is a session, and a recording that 
 continued by recording again.
 """
 
+import os
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -119,7 +120,7 @@ class Recorder:
         self.check(frame)
         if self._size is None:
             self._describe(frame.size)
-        picture = self._folder / f"{self._next:04d}.png"
+        picture = self._free_picture()
         write_durably(picture, cv2.imencode(".png", frame.pixels, PNG)[1].data)
         self._next += 1
         self._view += not same_view
@@ -132,6 +133,12 @@ class Recorder:
                 **{key: str(value) for key, value in frame.metadata.items()},
             }
         )
+        return picture
+
+    def _free_picture(self) -> Path:
+        """Return the path of the next picture, where nothing is: no file is ever replaced."""
+        while os.path.lexists(picture := self._folder / f"{self._next:04d}.png"):
+            self._next += 1
         return picture
 
     def _note(self, row: Row) -> None:

@@ -11,6 +11,8 @@ A session names it in session.yaml, from its folder on: prior: ../prior.yaml
 import argparse
 from pathlib import Path
 
+from calib.commands.arguments import add_overwrite
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -24,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PRIOR",
         help="the file to write, such as prior.yaml",
     )
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -31,12 +34,20 @@ def run(args: argparse.Namespace) -> None:
     from calib.commands.fleet_prior_lines import print_prior, prior_json
     from calib.commands.printing import print_json
     from calib.fleet.prior import fleet_prior
-    from calib.io.files import write_atomically
+    from calib.fleet.result import fleet_files
+    from calib.io.output_folder import ANOTHER_FILE, OutputFolder
     from calib.session.fleet_prior import fleet_prior_yaml
     from calib.version import VERSION
 
+    output = OutputFolder(
+        args.output.parent,
+        overwrite=args.overwrite,
+        inputs=fleet_files(args.fleet),
+        elsewhere=ANOTHER_FILE,
+    )
+    output.check([args.output.name])
     prior = fleet_prior(args.fleet)
-    write_atomically(args.output, fleet_prior_yaml(prior, VERSION))
+    output.write(args.output.name, fleet_prior_yaml(prior, VERSION))
     if args.json:
         print_json(prior_json(prior, args.output))
     else:

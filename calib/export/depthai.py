@@ -43,12 +43,18 @@ def write_mesh(field: RayField, depth: float, files: FileSet, said: str) -> tupl
     points = mesh(field, depth, steps)
     rms, worst = misfit(field, depth, points)
     across, down = steps
-    path = files.write(f"mesh_{said}m_{across}x{down}.calib", points[..., ::-1].tobytes())
+    name = f"mesh_{said}m_{mesh_name(field.width, field.height)}.calib"
+    path = files.write(name, points[..., ::-1].tobytes())
     told = (
         f"setMeshStep({across}, {down}); between the points it is off by {rms:.4f} px RMS,"
         f" {worst:.4f} px at worst, at {depth:g} m."
     )
     return path, told
+
+
+def mesh_name(width: int, height: int) -> str:
+    """Return what the file's name says of the mesh of a picture of this size in px."""
+    return f"{mesh_step(width)}x{mesh_step(height)}"
 
 
 def mesh_step(size: int) -> int:

@@ -57,6 +57,10 @@ class Format:
     """
     lacking: str = ""
     """What to do where that is absent."""
+    files: tuple[str, ...] = ()
+    """Names of its files: with {depth}, one for each depth; {axes} is of a ray image, {mesh} of a
+    warp mesh. They are refused before the work where a file that calib did not write has the name.
+    """
     brief: str = ""
     """The summary of no more than BRIEF characters, where it is longer than that."""
 
@@ -111,6 +115,7 @@ FORMATS: tuple[Format, ...] = (
         ),
         needs_depth=False,
         brief="maps for cv2.remap, and every ray",
+        files=("rays.npz", "map_{depth}m.npz"),
     ),
     Format(
         *(
@@ -120,17 +125,25 @@ FORMATS: tuple[Format, ...] = (
             OPENCV,
         ),
         brief="FileStorage YAML, and maps as TIFF",
+        files=("camera_{depth}m.yaml", "map_x_{depth}m.tiff", "map_y_{depth}m.tiff"),
     ),
-    Format("opencv-xml", "opencv", "the same with FileStorage XML", OPENCV),
-    Format("ros", "ros", "camera_info", ROS),
+    Format(
+        "opencv-xml",
+        "opencv",
+        "the same with FileStorage XML",
+        OPENCV,
+        files=("camera_{depth}m.xml", "map_x_{depth}m.tiff", "map_y_{depth}m.tiff"),
+    ),
+    Format("ros", "ros", "camera_info", ROS, files=("camera_info_{depth}m.yaml",)),
     Format(
         "kalibr",
         "kalibr",
         "camchain",
         (ExportLens("radtan", 4), ExportLens("equidistant", 4, fisheye=True)),
+        files=("camchain_{depth}m.yaml",),
     ),
-    Format("colmap", "colmap", "cameras.txt", COLMAP),
-    Format("mrcal", "mrcal", ".cameramodel", MRCAL),
+    Format("colmap", "colmap", "cameras.txt", COLMAP, files=("cameras_{depth}m.txt",)),
+    Format("mrcal", "mrcal", ".cameramodel", MRCAL, files=("camera_{depth}m.cameramodel",)),
     Format(
         *(
             "windshield",
@@ -139,8 +152,11 @@ FORMATS: tuple[Format, ...] = (
             WINDSHIELD,
         ),
         brief="of NVIDIA NCore and gsplat",
+        files=("windshield_{depth}m.json",),
     ),
-    Format("depthai", "depthai", "warp mesh of Luxonis cameras"),
+    Format(
+        "depthai", "depthai", "warp mesh of Luxonis cameras", files=("mesh_{depth}m_{mesh}.calib",)
+    ),
     Format(
         *(
             "generic",
@@ -152,6 +168,7 @@ FORMATS: tuple[Format, ...] = (
         ),
         needs_depth=False,
         brief="a line for every pixel, puzzlepaint's",
+        files=("intrinsics0.yaml",),
     ),
     Format(
         *(
@@ -162,6 +179,7 @@ FORMATS: tuple[Format, ...] = (
         ),
         needs_depth=False,
         brief="flat port or dome, also for COLMAP",
+        files=("calibmar.yaml",),
     ),
     Format(
         *(
@@ -174,10 +192,12 @@ FORMATS: tuple[Format, ...] = (
         ),
         needs_depth=False,
         brief="every pixel's ray, for ray tracers",
+        files=("ray_image{axes}.npy",),
     ),
     Format(
         *("stmap", "stmap", "for compositing programs: undistort and redistort, 32-bit float TIFF"),
         brief="for compositing programs, as TIFF",
+        files=("stmap_undistort_{depth}m.tiff", "stmap_redistort_{depth}m.tiff"),
     ),
     Format(
         *("stmap-exr", "stmap", "the same as OpenEXR"),
@@ -186,6 +206,7 @@ FORMATS: tuple[Format, ...] = (
             f"OpenEXR is not installed: {how_to_install('exr')}, or use --format stmap, which"
             " writes TIFF."
         ),
+        files=("stmap_undistort_{depth}m.exr", "stmap_redistort_{depth}m.exr"),
     ),
 )
 """In the order of the help. A new format is a module of this package and a line here."""

@@ -52,6 +52,11 @@ def write_npz(
     return written
 
 
+def file_names(depths: Sequence[float]) -> list[str]:
+    """Return the names of the files that `write_npz` writes."""
+    return ["rays.npz", *(f"map_{depth_text(depth)}m.npz" for depth in depths)]
+
+
 def read_field(path: Path) -> RayField:
     """The field of a rays.npz; InputError where the calibration.npz beside it is another's."""
     with np.load(in_force(path), allow_pickle=False) as file:

@@ -32,7 +32,7 @@ from typing import Self
 
 from calib.errors import InputError
 from calib.io.files import Written, check_writable, make_folder, read_file, unwritable
-from calib.io.output_folder import ANOTHER_FOLDER, Content, OutputFolder
+from calib.io.output_folder import ANOTHER_FOLDER, LEDGER, Content, OutputFolder
 
 try:
     import fcntl
@@ -82,12 +82,14 @@ class FileSet:
         overwrite: bool = False,
         inputs: Iterable[Path] = (),
         elsewhere: str = ANOTHER_FOLDER,
+        flag: str = "--overwrite",
     ) -> None:
         """The arguments are those of OutputFolder."""
         self.folder = folder
         self._overwrite = overwrite
         self._inputs = tuple(inputs)
         self._elsewhere = elsewhere
+        self._flag = flag
         self._unnamed: dict[str, Written] = {}
         self._contents: dict[str, Content] = {}
         self._stack = ExitStack()
@@ -181,6 +183,7 @@ class FileSet:
             overwrite=self._overwrite,
             inputs=self._inputs,
             elsewhere=self._elsewhere,
+            flag=self._flag,
         )
 
     def _name(self) -> None:
@@ -198,6 +201,21 @@ class FileSet:
             written.close()
         with suppress(OSError):
             _settle(self.folder)
+
+
+def remove_set(folder: Path) -> None:
+    """Remove the files of a folder that are ours, and the folder if nothing else is in it; OSError
+    where that cannot be.
+    """
+    if folder.is_symlink() or not folder.is_dir():
+        return
+    settle(folder)
+    output = OutputFolder(folder)
+    for name in output.owned():
+        (folder / name).unlink()
+    if [path.name for path in folder.iterdir()] == [LEDGER]:
+        (folder / LEDGER).unlink()
+        folder.rmdir()
 
 
 def in_force(path: Path) -> Path:

@@ -24,6 +24,8 @@ from calib.io.files import BINARY, read_file, reading, unwritable, write_atomica
 LEDGER = ".refracal-files.jsonl"
 ANOTHER_FOLDER = "give another folder with -o"
 ANOTHER_FILE = "give another file with -o"
+BESIDE = "../"
+"""Begins the name of a file beside the folder that belongs to it."""
 NAMED = 4
 """Foreign files that one sentence names."""
 
@@ -59,6 +61,7 @@ class OutputFolder:
         overwrite: bool = False,
         inputs: Iterable[Path] = (),
         elsewhere: str = ANOTHER_FOLDER,
+        flag: str = "--overwrite",
     ) -> None:
         """Read the list of the folder, which need not exist yet.
 
@@ -66,6 +69,7 @@ class OutputFolder:
             overwrite: foreign files may be replaced.
             inputs: files that the command reads, which are never replaced.
             elsewhere: what a person can do who wants to keep a foreign file.
+            flag: how a person says that it may be replaced; empty where there is no such way.
 
         Raises:
             InputError: the list cannot be read, or is another program's file.
@@ -74,13 +78,27 @@ class OutputFolder:
         self._overwrite = overwrite
         self._inputs = tuple(inputs)
         self._elsewhere = elsewhere
+        self._flag = flag
         self._listed = _read_ledger(path / LEDGER)
 
-    def check(self, names: Iterable[str]) -> None:
-        """Refuse the names that may not be written; InputError names what is in the way."""
+    def place(self, name: str) -> Path:
+        """Return the path of a file of the folder, or with BESIDE before its name, of one beside
+        the folder, which need not exist.
+        """
+        if name.startswith(BESIDE):
+            return self.path.parent / name.removeprefix(BESIDE)
+        return self.path / name
+
+    def check(self, names: Iterable[str], *, by_size: bool = False) -> None:
+        """Refuse the names that may not be written; InputError names what is in the way.
+
+        Args:
+            by_size: a file on the list that has the size of ours is taken for ours, unread: for
+                very many files, each of which is checked again before it is written.
+        """
         foreign = []
         for name in dict.fromkeys(names):
-            place = self.path / name
+            place = self.place(name)
             if place.is_symlink():
                 raise InputError(
                     f"{place} is a symbolic link, and nothing is written through one: remove it, or"
@@ -97,19 +115,27 @@ class OutputFolder:
                 raise InputError(
                     f"{place} would be overwritten, and this command reads it: {self._elsewhere}."
                 )
-            if not (self._overwrite or self.owns(name)):
+            if not (self._overwrite or self.owns(name, by_size=by_size)):
                 foreign.append(name)
         if foreign:
             raise InputError(self._refusal(foreign))
 
-    def owns(self, name: str) -> bool:
-        """True if the folder has a file of that name, and its content is on the list."""
-        place = self.path / name
+    def owns(self, name: str, *, by_size: bool = False) -> bool:
+        """True if the folder has a file of that name, and its content is on the list; `by_size` is
+        as in `check`.
+        """
+        place = self.place(name)
         listed = self._listed.get(name, set())
         if place.is_symlink() or not place.is_file():
             return False
         size = place.stat().st_size
-        return any(one.size == size for one in listed) and Content.of_file(place) in listed
+        if not any(content.size == size for content in listed):
+            return False
+        return by_size or Content.of_file(place) in listed
+
+    def owned(self) -> list[str]:
+        """Return the names in the folder whose files are ours."""
+        return [name for name in self._listed if Path(name).name == name and self.owns(name)]
 
     def add(self, contents: Mapping[str, Content]) -> None:
         """Put the contents on the list, before their files get their names; OSError where the list
@@ -129,7 +155,7 @@ class OutputFolder:
         """Write one file, text as UTF-8, and return its path; InputError where it cannot be, or may
         not be.
         """
-        place = self.path / name
+        place = self.place(name)
         self.check([name])
         try:
             self.add({name: Content.of(data)})
@@ -151,7 +177,7 @@ class OutputFolder:
         shown = ", ".join(brief(name) for name in foreign[:NAMED])
         more = f" and {len(foreign) - NAMED} more" if len(foreign) > NAMED else ""
         if len(foreign) == 1:
-            file, verb, them = str(self.path / foreign[0]), "is", "it"
+            file, verb, them = str(self.place(foreign[0])), "is", "it"
         else:
             file, verb, them = f"{self.path} has {shown}{more}, which", "are", "them"
         changed = all(name in self._listed for name in foreign)
@@ -160,7 +186,8 @@ class OutputFolder:
             if changed
             else f"{verb} not calib's own"
         )
-        return f"{file} {reason}: {self._elsewhere}, or replace {them} with --overwrite."
+        replace = f", or replace {them} with {self._flag}" if self._flag else ""
+        return f"{file} {reason}: {self._elsewhere}{replace}."
 
 
 def check_no_link(place: Path) -> Path:

@@ -5,7 +5,7 @@ process that draws.
 from pathlib import Path
 
 from calib.progress import Progress
-from capture.tui.child import LOADING
+from capture.tui.child import LOADING, MOVE_IT
 
 
 def check_calibration(
@@ -25,6 +25,7 @@ def check_calibration(
     from calib.checking.update import Moved, carries, update
     from calib.commands.check_lines import answer_lines
     from calib.io.file_set import FileSet
+    from calib.io.output_folder import check_no_link
 
     calibration = Calibration.load(place)
     found = read_pictures([pictures], calibration, progress)
@@ -34,7 +35,7 @@ def check_calibration(
     written = ""
     if updated:
         better, moved = update(calibration, checker.known, answer, found)
-        with FileSet(updated) as files:
+        with FileSet(check_no_link(updated), elsewhere=MOVE_IT, flag="") as files:
             written = str(better.write(files))
             files.commit(instead_of=DERIVED)
     text = "\n\n".join(answer_lines(answer, moved))

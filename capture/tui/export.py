@@ -1,6 +1,7 @@
 """Export: at which depths, in which form, where to; then `calib export` does it."""
 
 import argparse
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
@@ -26,6 +27,8 @@ ABOUT = (
     " takes them."
 )
 DONE = "That is all: esc goes back to the results, and q there ends the program."
+WITHOUT_FLAG = re.compile(r", or replace (?:it|them) with --overwrite")
+"""The screen has no such flag: a person who wants that uses the command line."""
 NO_MAP = (
     "No map, as no depth was named. rays.npz holds the ray of every pixel: name a depth here for a"
     " map, and press ^s again, or esc goes back."
@@ -158,7 +161,7 @@ class ExportScreen(ModalScreen[str]):
         done = calib(arguments)
         written = [Path(line) for line in done.stdout.splitlines()]
         said = (
-            done.sentence.replace("with -o", "above")
+            WITHOUT_FLAG.sub("", done.sentence.replace("with -o", "above"))
             if done.returncode
             else _told(written, done.remarks)
         )

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.progress import Progress
-from capture.tui.child import LOADING
+from capture.tui.child import LOADING, MOVE_IT
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -16,12 +16,15 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
 
     described = read_session(session)  # what is wrong with it is said before torch is loaded
     progress.task(LOADING, 1)
-    from calib.calibration import DERIVED
+    from calib.calibration import DERIVED, FILES
     from calib.fitting.fit import fit
     from calib.fitting.stages import Settings
     from calib.io.file_set import FileSet
+    from calib.io.output_folder import check_no_link
 
-    with FileSet(out) as files:
+    output = FileSet(check_no_link(out), inputs=described.files, elsewhere=MOVE_IT, flag="")
+    with output as files:
+        files.reserve(FILES)
         calibration = fit(described, Settings(), progress)
         saved = calibration.write(files)
         files.commit(instead_of=DERIVED)
