@@ -9,6 +9,7 @@ continued by recording again.
 import os
 import time
 from contextlib import ExitStack
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 
@@ -16,7 +17,16 @@ import cv2
 
 from calib.errors import InputError
 from calib.io.files import reading
-from calib.io.frames_table import NAME, Row, columns, last_view, mended, read_table, to_csv
+from calib.io.frames_table import (
+    NAME,
+    Row,
+    columns,
+    is_by_hand,
+    last_view,
+    mended,
+    read_table,
+    to_csv,
+)
 from calib.io.images import list_images
 from calib.session.board import Board
 from calib.session.shutter import Shutter, shutter_to_yaml
@@ -33,6 +43,8 @@ PNG = (
 )
 """The fastest, and on noisy pictures the smallest: filters and repeats find nothing in noise."""
 
+BY_HAND = "frames-by-hand"
+"""Keeps a table that a person made, where the recorder goes on with it in its own form."""
 DROPPED = "dropped"
 """The folder in that of the pictures, of those that were set aside."""
 
@@ -86,6 +98,12 @@ class Recorder:
                 f"{self._folder} is a session of its own: record into it by capture record"
                 f" {self._folder}, without --bare."
             )
+        for place in (self._folder, self._table):
+            if place.is_symlink():
+                raise InputError(
+                    f"{place} is a symbolic link, and nothing is recorded through one: put what it"
+                    " leads to in its place, or record elsewhere."
+                )
         with writing(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)
         with ExitStack() as held:
@@ -155,7 +173,7 @@ class Recorder:
         with reading(self._folder):
             for folder in (self._folder, self._table.parent):
                 for stale in folder.glob(
-                    f".{16 * '[0-9a-f]'}.tmp"
+                    f".refracal-{16 * '[0-9a-f]'}.tmp"
                 ):  # whoever wrote it is gone: the session is ours
                     stale.unlink()
         if (self.session / "session.yaml").exists():
@@ -182,13 +200,36 @@ class Recorder:
             self._columns = columns(self._rows)
             whole = to_csv(self._rows, self._columns)
             if not self._table.exists() or self._table.read_text(errors="replace") != whole:
+                self._keep_table_by_hand()
                 write_durably(self._table, whole)
         self._next = 1 + max(
             (int(picture.stem) for picture in pictures if picture.stem.isdecimal()), default=-1
         )
         self._view = last_view(self._rows)
 
+    def _keep_table_by_hand(self) -> None:
+        """Copy a person's table beside itself, before the recorder writes it in its own form."""
+        if not is_by_hand(self._table):
+            return
+        copy = next(
+            place
+            for number in count()
+            if not os.path.lexists(
+                place := self._table.with_name(f"{BY_HAND}{f'-{number}' if number else ''}.csv")
+            )
+        )
+        write_durably(copy, self._table.read_bytes())
+        self.remarks.append(
+            f"{self._table} was made by hand: a copy stays as {copy.name}, for the recorder goes on"
+            " with the table in its own form."
+        )
+
     def _describe(self, size: tuple[int, int]) -> None:
+        if (self.session / "session.yaml").is_symlink():
+            raise InputError(
+                f"{self.session / 'session.yaml'} is a symbolic link that leads nowhere: remove it,"
+                " or record elsewhere."
+            )
         cover = write_setup(self.session, self._board, size, self._like, self._shutter)
         self._size = size
         file = self.session / "session.yaml"

@@ -31,6 +31,8 @@ from calib.session.board import Board
 from calib.session.board_section import board_to_yaml
 
 KEPT = ".detections.json"
+BEGINNING = b'{"settings": '
+"""Of that file, however little of it a full disk has; another one of its name is not replaced."""
 FEWEST = 3
 """Views, of however many: with fewer, no calibration is possible."""
 SMALLEST_PART = 0.2
@@ -212,8 +214,13 @@ class _Store:
             self._settings["board"] = board_to_yaml(board)
         self._files: dict[str, Any] = {}
         self._changed = False
+        self._is_ours = not os.path.lexists(self._path)
         with suppress(InputError, ValueError, KeyError, TypeError, RecursionError):
-            kept = json.loads(read_file(self._path))
+            data = read_file(self._path)
+            self._is_ours = not self._path.is_symlink() and BEGINNING.startswith(
+                data[: len(BEGINNING)]
+            )
+            kept = json.loads(data)
             if kept["settings"] == self._settings and isinstance(kept["files"], dict):
                 self._files = kept["files"]
 
@@ -248,7 +255,7 @@ class _Store:
             )
 
     def save(self) -> None:
-        if self._changed:
+        if self._changed and self._is_ours:
             with suppress(InputError):  # a folder that cannot be written does without
                 write_atomically(
                     self._path,

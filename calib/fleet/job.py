@@ -28,7 +28,7 @@ from calib.fleet.identity import Asked, Identity
 from calib.fleet.manifest import Entry
 from calib.fleet.numbers import USUAL_DEPTH, moved, numbers
 from calib.fleet.places import at_hand, is_remote
-from calib.fleet.result import CAMERAS, Result, State, read_result
+from calib.fleet.result import CAMERAS, Result, State, read_result, result_name
 from calib.io.file_set import BusyError, FileSet, remove_set
 from calib.io.files import read_file
 from calib.io.json_text import json_text
@@ -122,7 +122,7 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
     entry, wanted, folder = job.entry, job.asked, files.folder
     with at_hand(entry.session) as session_folder:
         session = read_session(session_folder)
-        files.reserve(camera_files(wanted.depths))
+        files.reserve([*camera_files(wanted.depths), result_name(entry.id)])
         for stale in (DIAGNOSED, *(form.name for form in FORMATS)):
             with suppress(OSError):
                 remove_set(folder / stale)

@@ -30,6 +30,10 @@ def drop(session: Path, file: str) -> Dropped:
             " program."
         )
     aside = frames / DROPPED
+    if aside.is_symlink():
+        raise InputError(
+            f"{aside} is a symbolic link, and no picture is moved through one: remove it first."
+        )
     with writing(aside):
         aside.mkdir(exist_ok=True)
         place = next(place for place in places(aside, file) if not place.exists())

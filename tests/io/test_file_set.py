@@ -205,7 +205,7 @@ def test_a_strangers_hidden_folders_reach_nothing_outside(tmp_path: Path) -> Non
     (folder / HIDDEN).rmdir()
     entry = {"size": 5, "sha256": Content.of("old a").sha256, "removed": True}
     names = ("../victim/a", "..", ".", "", "a/../../victim/b")
-    for decision in ({name: entry for name in names}, ["a"], {"a": 1}, "a"):
+    for decision in (dict.fromkeys(names, entry), ["a"], {"a": 1}, "a"):
         (folder / HIDDEN / NEW).mkdir(parents=True)
         (folder / HIDDEN / CURRENT).write_text(json.dumps(decision))
         settle(folder)
