@@ -14,9 +14,9 @@ from calib.fleet.findings import Fleet, judge_fleet
 from calib.fleet.identity import Asked
 from calib.fleet.job import Job
 from calib.fleet.manifest import Entry
-from calib.fleet.output import PAGES, check_output
+from calib.fleet.output import check_output
 from calib.fleet.page import fleet_page
-from calib.fleet.result import Result, State
+from calib.fleet.result import PAGES, Result, State
 from calib.fleet.run import run_jobs
 from calib.fleet.table import fleet_csv
 from calib.io.file_set import FileSet

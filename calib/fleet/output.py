@@ -12,11 +12,9 @@ from calib.fleet.identity import Asked
 from calib.fleet.job import DIAGNOSED, camera_files
 from calib.fleet.manifest import Entry
 from calib.fleet.places import is_remote
-from calib.fleet.result import CAMERAS, result_name
+from calib.fleet.result import CAMERAS, PAGES, result_name
 from calib.io.output_folder import OutputFolder, check_no_link
 from calib.report.write import NAME
-
-PAGES = ("fleet.html", "fleet.csv")
 
 
 def check_output(

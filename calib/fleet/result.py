@@ -17,6 +17,7 @@ from calib.io.json_text import json_text
 from calib.io.output_folder import BESIDE, OutputFolder
 from calib.version import VERSION
 
+PAGES = ("fleet.html", "fleet.csv")
 CAMERAS = "cameras"
 """The folder in a fleet's folder that holds one folder and one JSON for each camera."""
 
@@ -104,8 +105,9 @@ class Result:
 
 
 def fleet_files(fleet: Path) -> list[Path]:
-    """Return every file of a fleet's folder that a batch wrote or may have written."""
-    return [path for path in (*fleet.glob("*"), *(fleet / CAMERAS).rglob("*")) if path.is_file()]
+    """Return the files of a batch in its folder, which no output may replace."""
+    pages = [fleet / page for page in PAGES]
+    return [*pages, *(path for path in (fleet / CAMERAS).rglob("*") if path.is_file())]
 
 
 def result_name(camera: str) -> str:
