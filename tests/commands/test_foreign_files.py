@@ -79,7 +79,7 @@ COMMANDS = {
     ),
     "measure": Command(("measure", "fitted", "points.csv", "--depth", "0.5")),
     "pose": Command(
-        words("pose fitted tag.png --tags DICT_4X4_50 --size-mm 50 -o OUT/poses.csv"),
+        words("pose tagged tag.png --tags DICT_4X4_50 --size-mm 50 -o OUT/poses.csv"),
         ("poses.csv",),
     ),
     "immerse": Command(
@@ -113,15 +113,18 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert (
         main(["fit", str(folder / "session"), "--grid", "2x2", "-o", str(folder / "fitted")]) == 0
     )
-    known(scene(1, views=1, grid=(4, 4), amplitude=3e-5), 64, 48).save(folder / "small")
+    true = scene(1, views=1, grid=(4, 4), amplitude=3e-5)
+    known(true, 64, 48).save(folder / "small")
+    known(true, 3280, 2464).save(folder / "tagged")
     (folder / "pictures").mkdir()
     for number in range(2):
         picture = np.full((48, 64), 50 * number, np.uint8)
         cv2.imwrite(str(folder / "pictures" / f"{number}.png"), picture)
     (folder / "points.csv").write_text("x,y\n1600,1200\n1700,1300\n")
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    sheet = np.full((2464, 3280), 255, np.uint8)
-    sheet[1000:1600, 1400:2000] = cv2.aruco.generateImageMarker(dictionary, 3, 600)
+    marker = cv2.aruco.generateImageMarker(dictionary, 3, 600)
+    sheet = np.full((2464, 3280), 225, np.uint8)
+    sheet[1000:1600, 1400:2000] = np.where(marker, 225, 30)
     cv2.imwrite(str(folder / "tag.png"), sheet)
     (folder / "fleet.csv").write_text("id,session\na,session\n")
     calibration = Calibration.load(folder / "fitted")
