@@ -1,4 +1,4 @@
-"""What a batch would write over, asked before any camera is done."""
+"""The check of a fleet's folder, before any camera is done."""
 
 import os
 from collections.abc import Sequence

@@ -58,7 +58,7 @@ class BusyError(InputError):
 
 
 class State(Enum):
-    """How far a change of the folder went."""
+    """The progress of a change of the folder."""
 
     NONE = "none"
     """No name of the folder has changed."""
@@ -362,10 +362,10 @@ def _decision(path: Path) -> tuple[dict[str, Content], dict[str, Content]]:
     replaced: dict[str, Content] = {}
     removed: dict[str, Content] = {}
     with suppress(InputError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
-        for name, said in json.loads(read_file(path)).items():
+        for name, entry in json.loads(read_file(path)).items():
             if Path(name).name == name:
-                content = Content(int(said["size"]), str(said["sha256"]))
-                (removed if said["removed"] else replaced)[name] = content
+                content = Content(int(entry["size"]), str(entry["sha256"]))
+                (removed if entry["removed"] else replaced)[name] = content
     return replaced, removed
 
 

@@ -32,7 +32,7 @@ NAMED = 4
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """What tells the content of a file from every other one."""
+    """The size and digest of a file's content: no two contents have the same."""
 
     size: int
     sha256: str
@@ -174,20 +174,17 @@ class OutputFolder:
         return made.replace(place)
 
     def _refusal(self, foreign: list[str]) -> str:
-        shown = ", ".join(brief(name) for name in foreign[:NAMED])
-        more = f" and {len(foreign) - NAMED} more" if len(foreign) > NAMED else ""
+        is_changed = all(name in self._listed for name in foreign)
+        replace = f", or replace what is there with {self._flag}" if self._flag else ""
+        advice = f"{self._elsewhere}{replace}"
         if len(foreign) == 1:
-            file, verb, them = str(self.place(foreign[0])), "is", "it"
-        else:
-            file, verb, them = f"{self.path} has {shown}{more}, which", "are", "them"
-        changed = all(name in self._listed for name in foreign)
-        reason = (
-            f"{'has' if verb == 'is' else 'have'} changed since calib wrote {them}"
-            if changed
-            else f"{verb} not calib's own"
-        )
-        replace = f", or replace {them} with {self._flag}" if self._flag else ""
-        return f"{file} {reason}: {self._elsewhere}{replace}."
+            reason = "has changed since calib wrote it" if is_changed else "is not calib's own"
+            return f"{self.place(foreign[0])} {reason}: {advice}."
+        names = ", ".join(brief(name) for name in foreign[:NAMED])
+        if len(foreign) > NAMED:
+            names += f" and {len(foreign) - NAMED} more"
+        reason = "have changed since calib wrote them" if is_changed else "are not calib's own"
+        return f"{self.path} has {names}, which {reason}: {advice}."
 
 
 def check_no_link(place: Path) -> Path:
@@ -232,9 +229,9 @@ def _read_ledger(path: Path) -> dict[str, set[Content]]:
 
 def _entry(line: bytes) -> tuple[str, Content] | None:
     with suppress(ValueError, LookupError, TypeError, RecursionError):
-        said = json.loads(line)
-        if said["refracal"] == 1:
-            return str(said["name"]), Content(int(said["size"]), str(said["sha256"]))
+        entry = json.loads(line)
+        if entry["refracal"] == 1:
+            return str(entry["name"]), Content(int(entry["size"]), str(entry["sha256"]))
     return None
 
 

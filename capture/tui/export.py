@@ -1,7 +1,6 @@
 """Export: at which depths, in which form, where to; then `calib export` does it."""
 
 import argparse
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
@@ -27,7 +26,7 @@ ABOUT = (
     " takes them."
 )
 DONE = "That is all: esc goes back to the results, and q there ends the program."
-WITHOUT_FLAG = re.compile(r", or replace (?:it|them) with --overwrite")
+FLAG = ", or replace what is there with --overwrite"
 """The screen has no such flag: a person who wants that uses the command line."""
 NO_MAP = (
     "No map, as no depth was named. rays.npz holds the ray of every pixel: name a depth here for a"
@@ -161,7 +160,7 @@ class ExportScreen(ModalScreen[str]):
         done = calib(arguments)
         written = [Path(line) for line in done.stdout.splitlines()]
         said = (
-            WITHOUT_FLAG.sub("", done.sentence.replace("with -o", "above"))
+            done.sentence.replace("with -o", "above").replace(FLAG, "")
             if done.returncode
             else _told(written, done.remarks)
         )
