@@ -46,6 +46,7 @@ from calib.undistortion.ray_field import RayField, ray_field
 from calib.version import VERSION
 
 FORMAT = 2
+FILES = ("calibration.yaml", "calibration.npz")
 DERIVED = ("rays.npz", "map_*m.npz", "report.html")
 """What lies beside a calibration and is made from it."""
 LOOKS = 2
@@ -247,16 +248,28 @@ class Calibration:
         made = self.ray_field().map_at(depth)
         return made.x, made.y
 
-    def save(self, folder: str | FilePath) -> FilePath:
+    def save(self, folder: str | FilePath, *, overwrite: bool = False) -> FilePath:
         """Write calibration.yaml and calibration.npz into a folder, and return the first's path.
 
         They change together; what the folder has of an earlier calibration, its rays, maps and
         report, goes with that.
 
+        Args:
+            folder: is made where it does not exist.
+            overwrite: replace files of these names that Refracal did not write, or that were
+                changed since.
+
         Raises:
+            InputError: such a file is there, and `overwrite` is false; nothing is written then.
             NotEnoughDataError: it has numbers that could not be read back; nothing is written then.
         """
-        with FileSet(FilePath(folder)) as files:
+        output = FileSet(
+            FilePath(folder),
+            overwrite=overwrite,
+            elsewhere="save into another folder",
+            flag="overwrite=True",
+        )
+        with output as files:
             path = self.write(files)
             files.commit(instead_of=DERIVED)
         return path

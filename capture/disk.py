@@ -5,6 +5,7 @@ and one recorder holds a folder.
 import errno
 import fcntl
 import os
+import re
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -114,6 +115,12 @@ def locked(folder: Path) -> Iterator[None]:
                     f"Another recorder (process {holder}) writes to {folder}: end it first, or"
                     " record elsewhere."
                 ) from None
+            before = os.pread(handle, 21, 0)
+            if before and not re.fullmatch(rb"[0-9]{1,20}\n?", before):
+                raise InputError(
+                    f"{folder / '.recording'} is not a file of the recorder's own: remove it, or"
+                    " record elsewhere."
+                )
             os.ftruncate(handle, 0)
             os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
         yield

@@ -6,8 +6,10 @@ to frames.csv. So the folder is a valid session at every moment, and a recording
 continues with the next recording.
 """
 
+import os
 import time
 from contextlib import ExitStack
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 
@@ -15,7 +17,16 @@ import cv2
 
 from calib.errors import InputError
 from calib.io.files import reading
-from calib.io.frames_table import NAME, Row, columns, last_view, mended, read_table, to_csv
+from calib.io.frames_table import (
+    NAME,
+    Row,
+    columns,
+    is_by_hand,
+    last_view,
+    mended,
+    read_table,
+    to_csv,
+)
 from calib.io.images import list_images
 from calib.session.board import Board
 from calib.session.shutter import Shutter, shutter_to_yaml
@@ -34,6 +45,8 @@ PNG = (
 noise.
 """
 
+BY_HAND = "frames-by-hand"
+"""Keeps a table that a person made, where the recorder goes on with it in its own form."""
 DROPPED = "dropped"
 """The subfolder for pictures that a person has set aside."""
 
@@ -91,6 +104,12 @@ class Recorder:
                 f"{self._folder} is a session of its own: record into it by capture record"
                 f" {self._folder}, without --bare."
             )
+        for place in (self._folder, self._table):
+            if place.is_symlink():
+                raise InputError(
+                    f"{place} is a symbolic link, and nothing is recorded through one: put what it"
+                    " leads to in its place, or record elsewhere."
+                )
         with writing(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:
@@ -127,7 +146,7 @@ class Recorder:
         self.check(frame)
         if self._size is None:
             self._describe(frame.size)
-        picture = self._folder / f"{self._next:04d}.png"
+        picture = self._free_picture()
         write_durably(picture, cv2.imencode(".png", frame.pixels, PNG)[1].data)
         self._next += 1
         self._view += not same_view
@@ -140,6 +159,12 @@ class Recorder:
                 **{key: str(value) for key, value in frame.metadata.items()},
             }
         )
+        return picture
+
+    def _free_picture(self) -> Path:
+        """Return the path of the next picture, where nothing exists: no file is ever replaced."""
+        while os.path.lexists(picture := self._folder / f"{self._next:04d}.png"):
+            self._next += 1
         return picture
 
     def _append_row(self, row: Row) -> None:
@@ -156,7 +181,7 @@ class Recorder:
         with reading(self._folder):
             for folder in (self._folder, self._table.parent):
                 for stale in folder.glob(
-                    f".{16 * '[0-9a-f]'}.tmp"
+                    f".refracal-{16 * '[0-9a-f]'}.tmp"
                 ):  # its writer has ended: the session is ours
                     stale.unlink()
         if (self.session / "session.yaml").exists():
@@ -183,13 +208,36 @@ class Recorder:
             self._columns = columns(self._rows)
             text = to_csv(self._rows, self._columns)
             if not self._table.exists() or self._table.read_text(errors="replace") != text:
+                self._keep_table_by_hand()
                 write_durably(self._table, text)
         self._next = 1 + max(
             (int(picture.stem) for picture in pictures if picture.stem.isdecimal()), default=-1
         )
         self._view = last_view(self._rows)
 
+    def _keep_table_by_hand(self) -> None:
+        """Copy a person's table beside itself, before the recorder writes it in its own form."""
+        if not is_by_hand(self._table):
+            return
+        copy = next(
+            place
+            for number in count()
+            if not os.path.lexists(
+                place := self._table.with_name(f"{BY_HAND}{f'-{number}' if number else ''}.csv")
+            )
+        )
+        write_durably(copy, self._table.read_bytes())
+        self.remarks.append(
+            f"{self._table} was made by hand: a copy stays as {copy.name}, for the recorder goes on"
+            " with the table in its own form."
+        )
+
     def _describe(self, size: tuple[int, int]) -> None:
+        if (self.session / "session.yaml").is_symlink():
+            raise InputError(
+                f"{self.session / 'session.yaml'} is a symbolic link that leads nowhere: remove it,"
+                " or record elsewhere."
+            )
         cover = write_setup(self.session, self._board, size, self._like, self._shutter)
         self._size = size
         file = self.session / "session.yaml"

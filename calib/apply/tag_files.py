@@ -47,6 +47,17 @@ class Refused:
     sentence: str
 
 
+def pictures_of(given: Sequence[Path]) -> list[Path]:
+    """Return pictures, and those of folders; InputError where there are none."""
+    paths: list[Path] = []
+    for one in given:
+        with reading(one):
+            paths += list_images(one) if stat.S_ISDIR(one.stat().st_mode) else (one,)
+    if not paths:
+        raise InputError(f"{given[0]} holds no picture: give pictures, or folders of them.")
+    return paths
+
+
 def locate_in_files(
     locator: TagLocator, given: Sequence[Path], progress: Progress
 ) -> tuple[list[Picture], list[Refused]]:
@@ -57,12 +68,7 @@ def locate_in_files(
         InputError: none can be looked at, or a path that is given is not there.
         NotEnoughDataError: no picture shows a tag that can be placed.
     """
-    paths: list[Path] = []
-    for one in given:
-        with reading(one):
-            paths += list_images(one) if stat.S_ISDIR(one.stat().st_mode) else (one,)
-    if not paths:
-        raise InputError(f"{given[0]} holds no picture: give pictures, or folders of them.")
+    paths = pictures_of(given)
     advance = progress.task("Tags", len(paths))
     pictures, refused = [], []
     for done, path in enumerate(paths):

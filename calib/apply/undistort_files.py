@@ -16,8 +16,9 @@ from calib.apply.video import VIDEOS, list_videos, straighten_video
 from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.io.depth_image import depth_image_for
-from calib.io.files import make_folder, reading, write_atomically
+from calib.io.files import make_folder, reading
 from calib.io.images import SIXTEEN_BIT, SUFFIXES, list_images, read_image
+from calib.io.output_folder import OutputFolder
 from calib.progress import Progress
 
 ENCODING = {".jpg": [cv2.IMWRITE_JPEG_QUALITY, 97], ".jpeg": [cv2.IMWRITE_JPEG_QUALITY, 97]}
@@ -42,15 +43,22 @@ def undistort_files(
     calibration: Calibration,
     given: Sequence[Path],
     wanted: Wanted,
-    folder: Path,
+    output: OutputFolder,
     progress: Progress,
 ) -> list[Path]:
-    """Straighten pictures and videos into `folder`; returns what was written."""
+    """Straighten pictures and videos into a folder, and return the paths of the new files.
+
+    Raises:
+        InputError: a file cannot be read or written, or a foreign file has the name of a new one;
+            the latter before anything is written.
+    """
     paths: list[Path] = []
     for one in given:
         with reading(one):
             paths += (*list_images(one), *list_videos(one)) if one.is_dir() else (one,)
-    _check_names(paths, folder)
+    _check_names(paths, output.path)
+    _check_depth_images(paths, wanted.depth, output.path)
+    output.check(path.name for path in paths)
     first = (
         wanted.depth
         if not isinstance(wanted.depth, Path)
@@ -59,19 +67,18 @@ def undistort_files(
     undistorter = Undistorter(
         calibration, first, crop=wanted.crop, size=wanted.size, near=wanted.near
     )
-    make_folder(folder)
+    make_folder(output.path)
     advance = progress.task("Undistort", len(paths))
     written = []
     for done, path in enumerate(paths):
         advance(done, path.name)
         if isinstance(wanted.depth, Path) and wanted.depth.is_dir() and done:
             undistorter = undistorter.at(depth_image_for(path, wanted.depth))
-        target = folder / path.name
         if path.suffix.lower() in VIDEOS:
-            straighten_video(path, target, undistorter, progress)
+            written.append(straighten_video(path, output, undistorter, progress))
         else:
-            write_atomically(target, _encoded(_straightened(path, undistorter), path))
-        written.append(target)
+            image = _encoded(_straightened(path, undistorter), path)
+            written.append(output.write(path.name, image))
     advance(len(paths), "")
     return written
 
@@ -108,6 +115,19 @@ def _check_names(paths: Sequence[Path], folder: Path) -> None:
         seen[path.name] = path
         if there in (os.path.realpath(path.parent), str(Path(os.path.realpath(path)).parent)):
             raise InputError(f"{path} would be overwritten: give another folder with -o.")
+
+
+def _check_depth_images(paths: Sequence[Path], depth: Depth | Path, folder: Path) -> None:
+    """Refuse to write over a depth image, which has the name of its picture or another suffix."""
+    if not isinstance(depth, Path):
+        return
+    depths = depth if depth.is_dir() else depth.parent
+    if os.path.realpath(depths) == os.path.realpath(folder) and (
+        depth.is_dir() or depth.name in {path.name for path in paths}
+    ):
+        raise InputError(
+            f"{folder} has the depth images that this command reads: give another folder with -o."
+        )
 
 
 def _encoded(image: Image, path: Path) -> bytes:

@@ -10,6 +10,7 @@ import numpy as np
 from calib.apply.undistorter import Undistorter
 from calib.errors import InputError
 from calib.io.files import check_regular
+from calib.io.output_folder import OutputFolder
 from calib.progress import Progress
 
 VIDEOS = {".avi": "MJPG", ".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v"}
@@ -28,16 +29,18 @@ def list_videos(folder: Path) -> tuple[Path, ...]:
 
 
 def straighten_video(
-    path: Path, target: Path, undistorter: Undistorter, progress: Progress
-) -> None:
-    """Write the undistorted video, with the frame rate of the original.
+    path: Path, output: OutputFolder, undistorter: Undistorter, progress: Progress
+) -> Path:
+    """Write the undistorted video under its own name, with the frame rate of the original, and
+    return its path.
 
-    What was at `target` stays whole until the last frame.
+    An earlier file of that name stays whole until the last frame.
     """
+    target = output.path / path.name
     check_regular(path)
     capture = cv2.VideoCapture(str(path))
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # the calibration is of frames as stored
-    temporary = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
+    temporary = target.with_name(f".refracal-{secrets.token_hex(8)}{target.suffix}")
     width, height = undistorter.size
     writer = cv2.VideoWriter()
     straight = np.empty((height, width, 3), np.uint8)
@@ -73,7 +76,7 @@ def straighten_video(
                 f"{path} holds no frame that can be decoded: convert it to mp4 or avi, or"
                 " replace it."
             )
-        temporary.replace(target)
+        return output.take(temporary, target.name)
     except OSError as error:
         raise InputError(
             f"{target} cannot be written ({error.strerror}): choose another folder."

@@ -111,6 +111,20 @@ def add_output(parser: argparse.ArgumentParser, help_text: str, *, required: boo
     )
 
 
+def add_overwrite(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--overwrite",
+        action="store_true",
+        help="replace files that calib did not write, or that were changed since",
+    )
+
+
+def calibration_files(calibration: Path) -> tuple[Path, Path]:
+    """Return both files of a calibration that is given as its file or as its folder."""
+    file = calibration / "calibration.yaml" if calibration.is_dir() else calibration
+    return file, file.with_suffix(".npz")
+
+
 def grid(text: str) -> tuple[int, int] | None:
     """Centres of the relief, such as 12x12; None for `auto`."""
     if text == "auto":

@@ -2,8 +2,9 @@
 
 import argparse
 import re
+from pathlib import Path
 
-from calib.commands.arguments import add_depths, add_output, quoted
+from calib.commands.arguments import add_depths, add_output, add_overwrite, quoted
 from calib.commands.fit_options import add_fit_options, settings_of
 from calib.errors import InputError, NotEnoughDataError
 from calib.export.formats import FORMATS
@@ -39,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(
         parser, "where the fleet's results go: a folder that every worker sees", required=True
     )
+    add_overwrite(parser)
     add_fit_options(parser, usual_folds=FOLDS)
     add_depths(parser, required=False)
     parser.add_argument(
@@ -106,6 +108,8 @@ def run(args: argparse.Namespace) -> None:
             place,
             bars,
             lambda line: print(line, file=sys.stderr),
+            [path for path in map(Path, args.manifest) if path.is_file()],
+            overwrite=args.overwrite,
         )
     if args.json:
         print_json(fleet_json(fleet, written))

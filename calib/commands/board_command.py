@@ -5,7 +5,7 @@ import math
 import sys
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_output, millimetres, quoted, whole_size
+from calib.commands.arguments import add_output, add_overwrite, millimetres, quoted, whole_size
 from calib.errors import InputError
 from calib.session.coding import DICTIONARIES, SPACING_LIMITS, TYPES
 
@@ -77,11 +77,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=whole_size, default=(1640, 1232), metavar="WxH", help=size)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_output(parser, "where the files go: the folder of a new session", required=True)
+    add_overwrite(parser)
 
 
 def run(args: argparse.Namespace) -> None:
     from calib.commands.printing import print_json, print_paths
-    from calib.io.files import check_writable, reading, write_atomically
+    from calib.io.file_set import FileSet
+    from calib.io.files import reading
     from calib.sheet.layout import lay_out
     from calib.sheet.pdf import to_pdf
     from calib.sheet.starting_session import starting_session
@@ -89,18 +91,21 @@ def run(args: argparse.Namespace) -> None:
 
     session = args.output / "session.yaml"
     with reading(session):
-        if session.exists():
+        if session.exists() and not args.overwrite:
             raise InputError(
                 f"{session} is there already, and no session is overwritten: give another folder"
-                " with -o."
+                " with -o, or replace its session.yaml with --overwrite."
             )
     pattern = _pattern(args)
     sheet = lay_out(pattern, args.paper, args.square_mm or args.tag_mm)
-    check_writable(args.output)
-    written = (args.output / "board.pdf", args.output / "board.svg", session)
-    write_atomically(written[0], to_pdf(sheet))
-    write_atomically(written[1], to_svg(sheet))
-    write_atomically(session, starting_session(pattern, sheet, args.size))
+    with FileSet(args.output, overwrite=args.overwrite) as files:
+        files.reserve(["board.pdf", "board.svg", "session.yaml"])
+        written = (
+            files.write("board.pdf", to_pdf(sheet)),
+            files.write("board.svg", to_svg(sheet)),
+            files.write("session.yaml", starting_session(pattern, sheet, args.size)),
+        )
+        files.commit()
     if args.json:
         print_json(
             _as_mapping(args.type, pattern, sheet) | {"written": [str(path) for path in written]}

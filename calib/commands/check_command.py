@@ -3,7 +3,13 @@
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import add_calibration, add_output, folder_of
+from calib.commands.arguments import (
+    add_calibration,
+    add_output,
+    add_overwrite,
+    calibration_files,
+    folder_of,
+)
 from calib.commands.loading import quickly
 
 SUMMARY = "Check with a few pictures whether a calibration still holds, and find what changed."
@@ -37,12 +43,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(
         parser, "where the updated calibration goes (default: updated/ beside it)", required=False
     )
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
     with quickly():
-        from calib.calibration import DERIVED, Calibration
+        from calib.calibration import DERIVED, FILES, Calibration
         from calib.checking.check import Checker
         from calib.checking.pictures import read_pictures
         from calib.checking.result import CheckStatus
@@ -52,12 +59,17 @@ def run(args: argparse.Namespace) -> int:
         from calib.commands.printing import print_json
         from calib.errors import InputError
         from calib.io.file_set import FileSet
+        from calib.io.output_folder import OutputFolder, check_no_link
 
     if args.output and not args.update:
         raise InputError(
             "-o says where an updated calibration goes: write --update with it, or leave it out."
         )
     calibration = Calibration.load(args.calibration)
+    if args.update:
+        output = args.output or check_no_link(folder_of(args.calibration) / "updated")
+        inputs = calibration_files(args.calibration)
+        OutputFolder(output, overwrite=args.overwrite, inputs=inputs).check(FILES)
     with Bars() as bars:
         pictures = read_pictures(args.pictures, calibration, bars)
         checker = Checker.of(calibration)
@@ -65,9 +77,8 @@ def run(args: argparse.Namespace) -> int:
     numbers: tuple[NumberUpdate, ...] = ()
     written: list[Path] = []
     if args.update:
-        output = args.output or folder_of(args.calibration) / "updated"
         updated, numbers = update(calibration, checker.prior, result, pictures)
-        with FileSet(output) as files:
+        with FileSet(output, overwrite=args.overwrite, inputs=inputs) as files:
             written = [updated.write(files)]
             files.commit(instead_of=DERIVED)
     following = next_command(

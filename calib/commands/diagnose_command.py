@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import add_output, folder_of
+from calib.commands.arguments import add_output, add_overwrite, calibration_files, folder_of
 from calib.commands.effect_names import effects_help
 from calib.commands.loading import quickly
 
@@ -32,13 +32,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "where the diagnosed calibration goes (default: diagnosed/ beside it)",
         required=False,
     )
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.epilog = effects_help()
 
 
 def run(args: argparse.Namespace) -> None:
     with quickly():
-        from calib.calibration import DERIVED, Calibration
+        from calib.calibration import DERIVED, FILES, Calibration
         from calib.commands.console import Bars
         from calib.commands.diagnosis_table import print_diagnosis
         from calib.commands.printing import print_json, told
@@ -46,14 +47,17 @@ def run(args: argparse.Namespace) -> None:
         from calib.diagnosis.diagnose import diagnose
         from calib.fitting.provenance import diagnosed
         from calib.io.file_set import FileSet
-        from calib.report.write import write_report
+        from calib.io.output_folder import check_no_link
+        from calib.report.write import NAME, write_report
         from calib.session.session import read_session
         from calib.verdict.judge import judge
 
     calibration = Calibration.load(args.calibration)
     holdout = read_session(args.holdout) if args.holdout else None
-    output = args.output or folder_of(args.calibration) / "diagnosed"
-    with FileSet(output) as files:
+    output = args.output or check_no_link(folder_of(args.calibration) / "diagnosed")
+    inputs = [*calibration_files(args.calibration), *(holdout.files if holdout else ())]
+    with FileSet(output, overwrite=args.overwrite, inputs=inputs) as files:
+        files.reserve([*FILES, NAME])
         with Bars() as bars:
             better, finding = diagnose(calibration, bars, holdout)
             better = diagnosed(better, folder_of(args.calibration), args.holdout)

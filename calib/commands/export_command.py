@@ -5,7 +5,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_calibration, add_depths, add_output
+from calib.commands.arguments import (
+    add_calibration,
+    add_depths,
+    add_output,
+    add_overwrite,
+    calibration_files,
+)
 from calib.commands.loading import quickly
 from calib.errors import InputError, harmless
 from calib.export.formats import AXES, FORMATS, ExportLens, Format
@@ -48,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--axes", choices=AXES, help=axes)
     add_output(parser, "where the files go", required=True)
+    add_overwrite(parser)
     kinds = (("maps", lambda form: not form.lenses), ("central cameras", lambda form: form.lenses))
     parser.epilog = "\n".join(
         f"{title}:\n"
@@ -78,26 +85,21 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
         from calib.export.export import ExportRequest, export
+        from calib.export.file_names import file_names
         from calib.export.outdated_files import find_outdated_files
         from calib.io.file_set import FileSet
 
     calibration = Calibration.load(args.calibration)
-    with Bars() as bars, FileSet(args.output) as files:
-        exported = export(
-            ExportRequest(
-                calibration,
-                form,
-                lenses,
-                tuple(dict.fromkeys(args.depth)),
-                files,
-                bars,
-                args.axes or AXES[0],
-            )
-        )
+    inputs = calibration_files(args.calibration)
+    with Bars() as bars, FileSet(args.output, overwrite=args.overwrite, inputs=inputs) as files:
+        camera = calibration.camera
+        depths = tuple(dict.fromkeys(args.depth))
+        axes = args.axes or AXES[0]
+        files.reserve(file_names(form, depths, (camera.width, camera.height), axes))
+        exported = export(ExportRequest(calibration, form, lenses, depths, files, bars, axes))
         files.commit()
     print_paths(exported.paths)
-    file = args.calibration / "calibration.yaml" if args.calibration.is_dir() else args.calibration
-    _say(exported, find_outdated_files(exported.paths, file))
+    _say(exported, find_outdated_files(exported.paths, inputs[0]))
 
 
 def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_depths, add_output, effects
+from calib.commands.arguments import add_depths, add_output, add_overwrite, effects
 from calib.commands.effect_names import effects_help
 from calib.commands.fit_options import add_fit_options, settings_of
 from calib.commands.loading import quickly
@@ -23,6 +23,7 @@ it.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder")
     add_output(parser, "where the results go (default: SESSION/calibration)", required=False)
+    add_overwrite(parser)
     add_fit_options(parser)
     parser.add_argument(
         "--effects",
@@ -43,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
     import time
 
     with quickly():
-        from calib.calibration import DERIVED
+        from calib.calibration import DERIVED, FILES
         from calib.commands.console import Bars, print_fit
         from calib.commands.diagnosis_table import print_diagnosis
         from calib.commands.printing import print_json, told
@@ -51,21 +52,23 @@ def run(args: argparse.Namespace) -> None:
         from calib.diagnosis.diagnose import diagnose
         from calib.diagnosis.possible_effects import check_possible
         from calib.diagnosis.requested_effects import with_requested
-        from calib.export.npz import write_npz
+        from calib.export.npz import file_names, write_npz
         from calib.fitting.fit import fit
         from calib.fitting.provenance import asked
         from calib.io.file_set import FileSet
-        from calib.report.write import write_report
+        from calib.io.output_folder import check_no_link
+        from calib.report.write import NAME, write_report
         from calib.session.session import read_session
         from calib.verdict.judge import judge
 
     begun = time.monotonic()
     session = read_session(args.session)
-    output = args.output or args.session / "calibration"
+    output = args.output or check_no_link(args.session / "calibration")
     settings = settings_of(args)
     if args.effects != ("auto",):
         check_possible(session, settings, args.effects)
-    with FileSet(output) as files:
+    with FileSet(output, overwrite=args.overwrite, inputs=session.files) as files:
+        files.reserve([*FILES, *file_names(args.depth), NAME])
         with Bars() as bars:
             calibration = fit(session, settings, bars)
             finding = None

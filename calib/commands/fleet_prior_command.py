@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+from calib.commands.arguments import add_overwrite
+
 SUMMARY = "Make a prior for the next camera of a make, so that it needs fewer pictures."
 DESCRIPTION = """
 FLEET is a folder that calib batch wrote. The prior holds every number of camera and cover that its
@@ -26,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PRIOR",
         help="the file to write, such as prior.yaml",
     )
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -33,12 +36,20 @@ def run(args: argparse.Namespace) -> None:
     from calib.commands.fleet_prior_lines import print_prior, prior_json
     from calib.commands.printing import print_json
     from calib.fleet.prior import fleet_prior
-    from calib.io.files import write_atomically
+    from calib.fleet.result import fleet_files
+    from calib.io.output_folder import ANOTHER_FILE, OutputFolder
     from calib.session.fleet_prior import fleet_prior_yaml
     from calib.version import VERSION
 
+    output = OutputFolder(
+        args.output.parent,
+        overwrite=args.overwrite,
+        inputs=fleet_files(args.fleet),
+        elsewhere=ANOTHER_FILE,
+    )
+    output.check([args.output.name])
     prior = fleet_prior(args.fleet)
-    write_atomically(args.output, fleet_prior_yaml(prior, VERSION))
+    output.write(args.output.name, fleet_prior_yaml(prior, VERSION))
     if args.json:
         print_json(prior_json(prior, args.output))
     else:

@@ -5,7 +5,15 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from calib.apply.water import GREEN, SALINITY, TEMPERATURE, WAVELENGTH, index_of_water
-from calib.commands.arguments import add_calibration, add_depths, add_output, folder_of, quoted
+from calib.commands.arguments import (
+    add_calibration,
+    add_depths,
+    add_output,
+    add_overwrite,
+    calibration_files,
+    folder_of,
+    quoted,
+)
 from calib.commands.loading import quickly
 from calib.errors import InputError
 
@@ -67,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(
         parser, "where the calibration goes, by default immersed in its folder", required=False
     )
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -75,21 +84,24 @@ def run(args: argparse.Namespace) -> None:
 
     with quickly():
         from calib.apply.immerse import DEPTHS, immerse
-        from calib.calibration import DERIVED, Calibration
+        from calib.calibration import DERIVED, FILES, Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_json
         from calib.diagnosis.all_free import all_free
-        from calib.export.npz import write_npz
+        from calib.export.npz import file_names, write_npz
         from calib.io.file_set import FileSet
+        from calib.io.output_folder import check_no_link
         from calib.session.schema import Number
         from calib.session.tolerances import WATER_INDEX
 
     sigma = args.index_sigma if args.index_sigma is not None else WATER_INDEX.sigma * (index > AIRY)
     calibration = Calibration.load(args.calibration)
     depths = tuple(dict.fromkeys(args.depth))
-    immersion = immerse(all_free(calibration), Number(index, sigma), depths or DEPTHS)
-    output = args.output or folder_of(args.calibration) / "immersed"
-    with Bars() as bars, FileSet(output) as files:
+    output = args.output or check_no_link(folder_of(args.calibration) / "immersed")
+    inputs = calibration_files(args.calibration)
+    with Bars() as bars, FileSet(output, overwrite=args.overwrite, inputs=inputs) as files:
+        files.reserve([*FILES, *file_names(depths)])
+        immersion = immerse(all_free(calibration), Number(index, sigma), depths or DEPTHS)
         written = [
             immersion.calibration.write(files),
             *write_npz(immersion.calibration, depths, files, bars),

@@ -7,7 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_calibration, millimetres, positive_or_zero
+from calib.commands.arguments import (
+    add_calibration,
+    add_overwrite,
+    calibration_files,
+    millimetres,
+    positive_or_zero,
+)
 from calib.commands.loading import quickly
 from calib.errors import brief, harmless
 
@@ -59,31 +65,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="a CSV table of all poses, with their covariances",
     )
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> None:
     with quickly():
-        from calib.apply.tag_files import as_table, locate_in_files
+        from calib.apply.tag_files import as_table, locate_in_files, pictures_of
         from calib.apply.tags import TagLocator
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_json, print_paths
-        from calib.io.files import check_writable, write_atomically
+        from calib.io.files import check_writable
+        from calib.io.output_folder import ANOTHER_FILE, OutputFolder
 
     sigma = None if args.size_sigma_mm is None else args.size_sigma_mm / 1000
     locator = TagLocator(
         Calibration.load(args.calibration), args.tags, args.size_mm / 1000, sigma, args.border
     )
+    paths = pictures_of(args.pictures)
     if args.output:
         check_writable(args.output.parent)
+        output = OutputFolder(
+            args.output.parent,
+            overwrite=args.overwrite,
+            inputs=[*calibration_files(args.calibration), *paths],
+            elsewhere=ANOTHER_FILE,
+        )
+        output.check([args.output.name])
     with Bars() as bars:
-        pictures, refused = locate_in_files(locator, args.pictures, bars)
+        pictures, refused = locate_in_files(locator, paths, bars)
     for one in refused:
         print(f"calib: left out: {one.sentence}", file=sys.stderr)
     written = [args.output] if args.output else []
     if args.output:
-        write_atomically(args.output, as_table(pictures))
+        output.write(args.output.name, as_table(pictures))
     if args.json:
         print_json(_as_mapping(locator, pictures, refused, written))
     else:

@@ -3,7 +3,13 @@
 import argparse
 from collections.abc import Mapping
 
-from calib.commands.arguments import add_calibration, add_depths, folder_of
+from calib.commands.arguments import (
+    add_calibration,
+    add_depths,
+    add_overwrite,
+    calibration_files,
+    folder_of,
+)
 from calib.commands.loading import quickly
 
 SUMMARY = "Write report.html for a calibration and open it in a browser."
@@ -16,6 +22,7 @@ path and opens nothing.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
     add_depths(parser, required=False)
+    add_overwrite(parser)
     parser.add_argument("--no-open", action="store_true", help="only write it, and print its path")
 
 
@@ -29,10 +36,17 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
         from calib.io.file_set import FileSet
-        from calib.report.write import write_report
+        from calib.report.write import NAME, write_report
 
     calibration = Calibration.load(args.calibration)
-    with Bars() as bars, FileSet(folder_of(args.calibration)) as files:
+    output = FileSet(
+        folder_of(args.calibration),
+        overwrite=args.overwrite,
+        inputs=calibration_files(args.calibration),
+        elsewhere="move it elsewhere",
+    )
+    with Bars() as bars, output as files:
+        files.reserve([NAME])
         path = write_report(calibration, files, bars, args.depth)
         files.commit()
     print_paths([path])

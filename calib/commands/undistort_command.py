@@ -3,7 +3,14 @@
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import add_calibration, add_output, depth, quoted
+from calib.commands.arguments import (
+    add_calibration,
+    add_output,
+    add_overwrite,
+    calibration_files,
+    depth,
+    quoted,
+)
 from calib.commands.loading import quickly
 
 SUMMARY = "Undistort pictures and videos: remove the distortion of cover and lens."
@@ -55,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of the straightened pictures, in px; by default the camera's",
     )
     add_output(parser, "where the straightened files go, under their own names", required=True)
+    add_overwrite(parser)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -63,13 +71,17 @@ def run(args: argparse.Namespace) -> None:
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
+        from calib.io.output_folder import OutputFolder
 
     calibration = Calibration.load(args.calibration)
     wanted = Wanted(
         args.depth if args.depth is not None else args.depth_image, args.crop, args.size, args.near
     )
+    output = OutputFolder(
+        args.output, overwrite=args.overwrite, inputs=calibration_files(args.calibration)
+    )
     with Bars() as bars:
-        written = undistort_files(calibration, args.images, wanted, args.output, bars)
+        written = undistort_files(calibration, args.images, wanted, output, bars)
     print_paths(written)
 
 

@@ -31,6 +31,10 @@ from calib.session.board import Board
 from calib.session.board_section import board_to_yaml
 
 DETECTIONS_FILE = ".detections.json"
+FILE_START = b'{"settings": '
+"""The first bytes of that file, however little of it a full disk holds. A file of another kind is
+not replaced.
+"""
 MIN_VIEWS = 3
 """Views that a calibration needs, however many pictures there are."""
 MIN_FRACTION = 0.2
@@ -227,8 +231,13 @@ class _Store:
             self._settings["board"] = board_to_yaml(board)
         self._files: dict[str, Any] = {}
         self._changed = False
+        self._is_ours = not os.path.lexists(self._path)
         with suppress(InputError, ValueError, KeyError, TypeError, RecursionError):
-            document = json.loads(read_file(self._path))
+            data = read_file(self._path)
+            self._is_ours = not self._path.is_symlink() and FILE_START.startswith(
+                data[: len(FILE_START)]
+            )
+            document = json.loads(data)
             if document["settings"] == self._settings and isinstance(document["files"], dict):
                 self._files = document["files"]
 
@@ -263,7 +272,7 @@ class _Store:
             )
 
     def save(self) -> None:
-        if self._changed:
+        if self._changed and self._is_ours:
             with suppress(InputError):  # a folder that is not writable gets no file
                 write_atomically(
                     self._path,

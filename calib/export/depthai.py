@@ -43,12 +43,18 @@ def write_mesh(field: RayField, depth: float, files: FileSet, depth_name: str) -
     step_y = mesh_step(field.height)
     points = mesh(field, depth, (step_x, step_y))
     rms, worst = misfit(field, depth, points)
-    path = files.write(f"mesh_{depth_name}m_{step_x}x{step_y}.calib", points[..., ::-1].tobytes())
+    name = f"mesh_{depth_name}m_{mesh_name(field.width, field.height)}.calib"
+    path = files.write(name, points[..., ::-1].tobytes())
     remark = (
         f"setMeshStep({step_x}, {step_y}); between the points it is off by {rms:.4f} px RMS,"
         f" {worst:.4f} px at worst, at {depth:g} m."
     )
     return path, remark
+
+
+def mesh_name(width: int, height: int) -> str:
+    """Return what the file's name says of the mesh of a picture of this size in px."""
+    return f"{mesh_step(width)}x{mesh_step(height)}"
 
 
 def mesh_step(size: int) -> int:

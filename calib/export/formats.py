@@ -58,6 +58,11 @@ class Format:
     """
     lacking: str = ""
     """The sentence that says what to do if that library is missing."""
+    files: tuple[str, ...] = ()
+    """Names of its files. {depth} stands for each depth, {axes} for those of a ray image, {mesh}
+    for the steps of a warp mesh. A file of one of these names that calib did not write is refused
+    before the work.
+    """
     brief: str = ""
     """A summary of at most BRIEF characters, if `summary` is longer."""
 
@@ -109,6 +114,7 @@ FORMATS: tuple[Format, ...] = (
         " every --depth",
         needs_depth=False,
         brief="maps for cv2.remap, and every ray",
+        files=("rays.npz", "map_{depth}m.npz"),
     ),
     Format(
         "opencv",
@@ -116,25 +122,36 @@ FORMATS: tuple[Format, ...] = (
         "FileStorage YAML, and the exact maps of cv2.remap as float TIFF",
         OPENCV,
         brief="FileStorage YAML, and maps as TIFF",
+        files=("camera_{depth}m.yaml", "map_x_{depth}m.tiff", "map_y_{depth}m.tiff"),
     ),
-    Format("opencv-xml", "opencv", "the same with FileStorage XML", OPENCV),
-    Format("ros", "ros", "camera_info", ROS),
+    Format(
+        "opencv-xml",
+        "opencv",
+        "the same with FileStorage XML",
+        OPENCV,
+        files=("camera_{depth}m.xml", "map_x_{depth}m.tiff", "map_y_{depth}m.tiff"),
+    ),
+    Format("ros", "ros", "camera_info", ROS, files=("camera_info_{depth}m.yaml",)),
     Format(
         "kalibr",
         "kalibr",
         "camchain",
         (ExportLens("radtan", 4), ExportLens("equidistant", 4, fisheye=True)),
+        files=("camchain_{depth}m.yaml",),
     ),
-    Format("colmap", "colmap", "cameras.txt", COLMAP),
-    Format("mrcal", "mrcal", ".cameramodel", MRCAL),
+    Format("colmap", "colmap", "cameras.txt", COLMAP, files=("cameras_{depth}m.txt",)),
+    Format("mrcal", "mrcal", ".cameramodel", MRCAL, files=("camera_{depth}m.cameramodel",)),
     Format(
         "windshield",
         "windshield",
         "the windshield model of NVIDIA NCore and gsplat",
         WINDSHIELD,
         brief="of NVIDIA NCore and gsplat",
+        files=("windshield_{depth}m.json",),
     ),
-    Format("depthai", "depthai", "warp mesh of Luxonis cameras"),
+    Format(
+        "depthai", "depthai", "warp mesh of Luxonis cameras", files=("mesh_{depth}m_{mesh}.calib",)
+    ),
     Format(
         "generic",
         "generic",
@@ -142,6 +159,7 @@ FORMATS: tuple[Format, ...] = (
         " every depth",
         needs_depth=False,
         brief="a line for every pixel, puzzlepaint's",
+        files=("intrinsics0.yaml",),
     ),
     Format(
         "calibmar",
@@ -150,6 +168,7 @@ FORMATS: tuple[Format, ...] = (
         COLMAP,
         needs_depth=False,
         brief="flat port or dome, also for COLMAP",
+        files=("calibmar.yaml",),
     ),
     Format(
         "ray-image",
@@ -157,12 +176,14 @@ FORMATS: tuple[Format, ...] = (
         "origin and direction of every pixel's ray, for ray tracers: (height, width, 2, 3) float32",
         needs_depth=False,
         brief="every pixel's ray, for ray tracers",
+        files=("ray_image{axes}.npy",),
     ),
     Format(
         "stmap",
         "stmap",
         "for compositing programs: undistort and redistort, 32-bit float TIFF",
         brief="for compositing programs, as TIFF",
+        files=("stmap_undistort_{depth}m.tiff", "stmap_redistort_{depth}m.tiff"),
     ),
     Format(
         "stmap-exr",
@@ -173,6 +194,7 @@ FORMATS: tuple[Format, ...] = (
             f"OpenEXR is not installed: {how_to_install('exr')}, or use --format stmap, which"
             " writes TIFF."
         ),
+        files=("stmap_undistort_{depth}m.exr", "stmap_redistort_{depth}m.exr"),
     ),
 )
 """All formats, in the order of the help. A new format is a module of this package and a line

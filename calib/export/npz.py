@@ -55,6 +55,11 @@ def write_npz(
     return written
 
 
+def file_names(depths: Sequence[float]) -> list[str]:
+    """Return the names of the files that `write_npz` writes."""
+    return ["rays.npz", *(f"map_{depth_text(depth)}m.npz" for depth in depths)]
+
+
 def read_field(path: Path) -> RayField:
     """Return the field of a rays.npz; raise InputError if the calibration.npz beside it is another
     one.

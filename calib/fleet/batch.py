@@ -14,8 +14,9 @@ from calib.fleet.findings import Fleet, judge_fleet
 from calib.fleet.identity import Asked
 from calib.fleet.job import Job
 from calib.fleet.manifest import Entry
+from calib.fleet.output import check_output
 from calib.fleet.page import fleet_page
-from calib.fleet.result import Result, State
+from calib.fleet.result import PAGES, Result, State
 from calib.fleet.run import run_jobs
 from calib.fleet.table import fleet_csv
 from calib.io.file_set import FileSet
@@ -29,6 +30,9 @@ def calibrate_fleet(
     place: Place,
     progress: Progress,
     say: Callable[[str], None],
+    inputs: Sequence[Path] = (),
+    *,
+    overwrite: bool = False,
 ) -> tuple[Fleet, list[Path]]:
     """Every camera's result in `output`/cameras, fleet.html and fleet.csv; what lies there already
     and is still true is kept.
@@ -36,16 +40,20 @@ def calibrate_fleet(
     Args:
         output: an absolute path that every worker sees.
         say: is told where the cluster can be watched, and what it waits for.
+        inputs: the manifest, and other files that are read and never replaced.
+        overwrite: files that calib did not write may be replaced.
 
     Returns:
         What stands out, and the paths of the page and the table.
 
     Raises:
         FleetError: the cluster is gone; the same call goes on from there.
-        InputError: there is no such cluster, or `output` cannot be written or is in use by another.
+        InputError: there is no such cluster, or `output` cannot be written or is in use by another,
+            or a result would replace what is not calib's own; nothing is written then.
     """
     results: dict[str, Result] = {}
-    with FileSet(output) as files:
+    check_output(entries, asked, output, inputs, overwrite=overwrite)
+    with FileSet(output, overwrite=overwrite, inputs=inputs) as files:
         with client_of(place, output) as client:
             if find_spec("bokeh"):  # without it, Dask has no pages to show
                 say(f"Dask's dashboard: {client.dashboard_link}")
@@ -55,13 +63,15 @@ def calibrate_fleet(
                     " --nthreads 1'."
                 )
             advance = progress.task("Cameras", len(entries))
-            for result in run_jobs(client, [Job(entry, asked, str(output)) for entry in entries]):
+            for result in run_jobs(
+                client, [Job(entry, asked, str(output), overwrite) for entry in entries]
+            ):
                 results[result.id] = result
                 advance(len(results), _words(results))
         fleet = judge_fleet(entries, results)
         written = [
-            files.write("fleet.html", fleet_page(fleet, output.name)),
-            files.write("fleet.csv", fleet_csv(fleet)),
+            files.write(PAGES[0], fleet_page(fleet, output.name)),
+            files.write(PAGES[1], fleet_csv(fleet)),
         ]
         files.commit()
     return fleet, written

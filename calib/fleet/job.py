@@ -6,15 +6,14 @@ folder.
 from __future__ import annotations
 
 import json
-import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from calib.calibration import DERIVED, Calibration
+from calib.calibration import DERIVED, FILES, Calibration
 from calib.checking.check import check
 from calib.checking.pictures import read_pictures
 from calib.checking.result import CheckResult
@@ -22,19 +21,20 @@ from calib.diagnosis.diagnose import diagnose
 from calib.errors import InputError, NotEnoughDataError, RefracalError, brief
 from calib.export.export import ExportRequest, export
 from calib.export.formats import FORMATS
-from calib.export.npz import write_npz
+from calib.export.npz import file_names, write_npz
 from calib.fitting.fit import fit
 from calib.fitting.provenance import KEY, asked, diagnosed
 from calib.fleet.identity import Asked, Identity
 from calib.fleet.manifest import Entry
 from calib.fleet.numbers import USUAL_DEPTH, moved, numbers
 from calib.fleet.places import at_hand, is_remote
-from calib.fleet.result import CAMERAS, Result, State, read_result
-from calib.io.file_set import BusyError, FileSet
+from calib.fleet.result import CAMERAS, Result, State, read_result, result_name
+from calib.io.file_set import BusyError, FileSet, remove_set
 from calib.io.files import read_file
 from calib.io.json_text import json_text
+from calib.io.output_folder import check_no_link
 from calib.progress import Silent
-from calib.report.write import write_report
+from calib.report.write import NAME, write_report
 from calib.session.session import Session, read_session
 from calib.verdict.judge import judge
 from calib.verdict.verdict import Verdict, Word
@@ -58,6 +58,8 @@ class Job:
     asked: Asked
     fleet: str
     """The folder of all results."""
+    overwrite: bool = False
+    """Files in it that calib did not write may be replaced."""
 
 
 def run_job(job: Job) -> Result:
@@ -69,7 +71,7 @@ def run_job(job: Job) -> Result:
     fleet, entry = Path(job.fleet), job.entry
     begun = time.monotonic()
     try:
-        with _held(fleet / CAMERAS / entry.id) as files:
+        with _held(check_no_link(fleet / CAMERAS / entry.id), overwrite=job.overwrite) as files:
             before = read_result(fleet, entry.id)
             identity = Identity.of(entry, job.asked, before.identity if before else None)
             if before and before.finished(identity, fleet):
@@ -79,7 +81,7 @@ def run_job(job: Job) -> Result:
             except NotEnoughDataError as error:
                 result = Result(entry.id, State.TOO_LITTLE, str(error))
             result = replace(result, identity=identity, seconds=time.monotonic() - begun)
-            result.write(fleet)
+            result.write(fleet, overwrite=job.overwrite)
             return result
     except RefracalError as error:
         return _failed(fleet, entry.id, str(error))
@@ -100,13 +102,13 @@ def _failed(fleet: Path, camera: str, sentence: str) -> Result:
 
 
 @contextmanager
-def _held(folder: Path) -> Iterator[FileSet]:
+def _held(folder: Path, *, overwrite: bool) -> Iterator[FileSet]:
     """The camera's folder, once nobody else writes there."""
     end = time.monotonic() + PATIENCE_S
     with ExitStack() as stack:
         while True:
             try:
-                files = stack.enter_context(FileSet(folder))
+                files = stack.enter_context(FileSet(folder, overwrite=overwrite))
             except BusyError:
                 if time.monotonic() > end:
                     raise
@@ -120,8 +122,10 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
     entry, wanted, folder = job.entry, job.asked, files.folder
     with at_hand(entry.session) as session_folder:
         session = read_session(session_folder)
+        files.reserve([*camera_files(wanted.depths), result_name(entry.id)])
         for stale in (DIAGNOSED, *(form.name for form in FORMATS)):
-            shutil.rmtree(folder / stale, ignore_errors=True)
+            with suppress(OSError):
+                remove_set(folder / stale)
         prior, answer, remarks = _checked(entry, session_folder)
         try:
             first, names = _fitted(folder, identity) or _fit(job, files, identity, session)
@@ -143,7 +147,8 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
                 remarks = (*remarks, f"It was not diagnosed: {error}")
             else:
                 last = diagnosed(last, folder, None)
-                with FileSet(folder / DIAGNOSED) as beside:
+                place = check_no_link(folder / DIAGNOSED)
+                with FileSet(place, overwrite=job.overwrite) as beside:
                     written += [
                         last.write(beside),
                         write_report(
@@ -158,7 +163,7 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
                     session=Path(entry.session),
                 )
     if verdict.word is not Word.DO_NOT_USE:
-        written += _exported(last, wanted, folder)
+        written += _exported(last, job, folder)
     elif wanted.formats:
         remarks = (*remarks, "It was not exported, for its verdict is not to use it.")
     return Result(
@@ -231,14 +236,21 @@ def _checked(
         return prior, None, (f"Its prior could not be checked: {error}",)
 
 
-def _exported(calibration: Calibration, wanted: Asked, folder: Path) -> list[Path]:
+def camera_files(depths: Sequence[float]) -> list[str]:
+    """Return the names of the files in a camera's folder, but for those in its folders."""
+    return [*FILES, *file_names(depths), NAME, FITTED]
+
+
+def _exported(calibration: Calibration, job: Job, folder: Path) -> list[Path]:
     """Every format in a folder of its own."""
     written: list[Path] = []
+    depths = job.asked.depths
     for form in FORMATS:
-        if form.name in wanted.formats:
-            with FileSet(folder / form.name) as files:
+        if form.name in job.asked.formats:
+            place = check_no_link(folder / form.name)
+            with FileSet(place, overwrite=job.overwrite) as files:
                 written += export(
-                    ExportRequest(calibration, form, form.lenses, wanted.depths, files, Silent())
+                    ExportRequest(calibration, form, form.lenses, depths, files, Silent())
                 ).paths
                 files.commit()
     return written

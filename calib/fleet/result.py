@@ -12,10 +12,12 @@ from typing import Any
 
 from calib.fleet.identity import FORMAT, Identity
 from calib.fleet.numbers import Measured, Moved, as_json
-from calib.io.files import read_file, write_atomically
+from calib.io.files import make_folder, read_file
 from calib.io.json_text import json_text
+from calib.io.output_folder import BESIDE, OutputFolder
 from calib.version import VERSION
 
+PAGES = ("fleet.html", "fleet.csv")
 CAMERAS = "cameras"
 """The folder in a fleet's folder that holds one folder and one JSON for each camera."""
 
@@ -70,7 +72,10 @@ class Result:
         )
         return same and all((fleet / path).exists() for path in self.written)
 
-    def write(self, fleet: Path) -> None:
+    def write(self, fleet: Path, *, overwrite: bool = False) -> None:
+        """Write the result beside the camera's folder; InputError where it cannot be, or where
+        another file has its name.
+        """
         said = {
             "format": FORMAT,
             "refracal": VERSION,
@@ -93,7 +98,21 @@ class Result:
             "recorded": self.recorded,
             "seconds": self.seconds,
         }
-        write_atomically(place_of(fleet, self.id), json_text(said) + "\n")
+        folder = fleet / CAMERAS / self.id
+        make_folder(folder)
+        output = OutputFolder(folder, overwrite=overwrite)
+        output.write(result_name(self.id), json_text(said) + "\n")
+
+
+def fleet_files(fleet: Path) -> list[Path]:
+    """Return the files of a batch in its folder, which no output may replace."""
+    pages = [fleet / page for page in PAGES]
+    return [*pages, *(path for path in (fleet / CAMERAS).rglob("*") if path.is_file())]
+
+
+def result_name(camera: str) -> str:
+    """Return the name of a camera's JSON, as the list in the camera's folder has it."""
+    return f"{BESIDE}{camera}.json"
 
 
 def place_of(fleet: Path, camera: str) -> Path:

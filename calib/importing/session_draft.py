@@ -72,7 +72,7 @@ def write_session(draft: Draft, folder: Path) -> int:
     setup = session_to_yaml(draft.board, draft.camera, Cover("none", {}))
     session_from_mapping(setup, str(draft.source))
     make_folder(folder.absolute().parent)
-    unfinished = folder.absolute().with_name(f".{secrets.token_hex(8)}.tmp")
+    unfinished = folder.absolute().with_name(f".refracal-{secrets.token_hex(8)}.tmp")
     make_folder(unfinished)
     try:
         count = _fill(draft, unfinished, setup)

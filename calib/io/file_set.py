@@ -1,10 +1,20 @@
 """The files of a folder that belong together change as one: whoever looks finds the old set or the
-new one, however the writer ended.
+new one, however the writer ended, and whatever program looks.
 
 What is written has no name until all of it is on the disk. Then it gets its names in the hidden
-folder UNFINISHED, and renaming that to WHOLE puts it in force. From there the files go to their
-places; where that was cut short, the next who reads or writes goes on with it, and a reader who may
-not write reads from WHOLE. A folder has one writer at a time.
+folder HIDDEN, under NEW, and the files that it replaces get a second name there, under OLD. Each
+name of the set becomes a symbolic link by way of HIDDEN/CURRENT, which leads to OLD: nothing has
+changed for a reader. Renaming one link turns CURRENT to NEW, and with it every file at once. In the
+end plain files take the place of the links, one by one, with the same contents. Where a kill cut
+that short, the names still lead to one whole set, and the next who reads or writes by calib tidies
+up. A folder has one writer at a time.
+
+A disk without symbolic links gets its files one by one, after CURRENT, a plain file there, says
+that the new set holds. After a kill in between, a reader that is not calib sees old files beside
+new ones until calib has read or written there.
+
+What may be replaced or removed is the rule of output_folder. docs/decisions/output-folders.md has
+the reasons.
 """
 
 import errno
@@ -14,22 +24,27 @@ import shutil
 import time
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
+from dataclasses import asdict
+from enum import Enum
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from calib.errors import InputError
-from calib.io.files import Written, check_writable, make_folder, unwritable
+from calib.io.files import Written, check_writable, make_folder, read_file, unwritable
+from calib.io.output_folder import ANOTHER_FOLDER, LEDGER, Content, OutputFolder
 
 try:
     import fcntl
 except ImportError:  # Windows: two writers at once are not noticed
     fcntl = None  # type: ignore[assignment]
 
-UNFINISHED = ".unfinished-set"
-WHOLE = ".whole-set"
-REMOVED = ".removed.json"
-"""In the hidden folder: names of the set before that are not of this one."""
+HIDDEN = ".refracal-set"
+OLD = "old"
+NEW = "new"
+CURRENT = "current"
+NEXT = "next"
+"""A link in HIDDEN that is about to get another name."""
 MOST_OPEN = 100
 """Files without a name, each of which is an open one; systems allow from 256."""
 PATIENCE_S = 2.0
@@ -42,15 +57,41 @@ class BusyError(InputError):
     """Another process writes to the folder."""
 
 
+class State(Enum):
+    """The progress of a change of the folder."""
+
+    NONE = "none"
+    """No name of the folder has changed."""
+    OLD = "old"
+    """Links lead to the old files."""
+    NEW = "new"
+    """Links lead to the new files."""
+    MOVING = "moving"
+    """Without links: files are being moved one by one."""
+
+
 class FileSet:
     """Files for one folder, which is held from the `with` on; `commit` puts them in force, and
     without it nothing has changed.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        overwrite: bool = False,
+        inputs: Iterable[Path] = (),
+        elsewhere: str = ANOTHER_FOLDER,
+        flag: str = "--overwrite",
+    ) -> None:
+        """The arguments are those of OutputFolder."""
         self.folder = folder
+        self._overwrite = overwrite
+        self._inputs = tuple(inputs)
+        self._elsewhere = elsewhere
+        self._flag = flag
         self._unnamed: dict[str, Written] = {}
-        self._names: dict[str, None] = {}
+        self._contents: dict[str, Content] = {}
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -63,7 +104,9 @@ class FileSet:
             self._stack.callback(os.close, handle)
         try:
             check_writable(self.folder)
+            _check_hidden(self.folder)
             _settle(self.folder)
+            self._output()
         except BaseException as error:
             self._stack.close()
             if isinstance(error, OSError):
@@ -80,14 +123,19 @@ class FileSet:
     ) -> None:
         self._stack.close()
 
+    def reserve(self, names: Iterable[str]) -> None:
+        """Refuse names that may not be written, before the work begins; InputError names what is in
+        the way.
+        """
+        self._output().check(names)
+
     def write(self, name: str, data: bytes | memoryview | str) -> Path:
         """Add a file, text as UTF-8, and return where it will be; InputError where it cannot be
-        written.
+        written, or may not be.
         """
         path = self.folder / name
+        self._output().check([name])
         try:
-            if path.is_dir():
-                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
             if len(self._unnamed) >= MOST_OPEN:
                 self._name()
             written = Written(self.folder, data)
@@ -96,42 +144,54 @@ class FileSet:
         if before := self._unnamed.pop(name, None):
             before.close()
         self._unnamed[name] = written
-        self._names[name] = None
+        self._contents[name] = Content.of(data)
         return path
 
     def commit(self, instead_of: Iterable[str] = ()) -> None:
-        """Put the files in force, and take away others of the folder.
+        """Put the files in force, and remove others of the folder that are ours.
 
         Args:
-            instead_of: patterns of names, such as map_*m.npz, that stay only if they were written.
+            instead_of: patterns of names, such as map_*m.npz. A file of ours with such a name stays
+                only if it was written; a foreign file stays.
 
         Raises:
             InputError: it cannot be; the folder is as it was.
         """
-        whole = self.folder / WHOLE
+        output = self._output()
+        output.check(self._contents)  # the work may have taken hours
         try:
             removed = {
                 path.name
                 for pattern in instead_of
                 for path in self.folder.glob(pattern)
-                if not path.is_dir()
-            } - self._names.keys()
+                if path.name not in self._contents and output.owns(path.name)
+            }
             self._name()
-            with Written(self.folder, json.dumps(sorted(removed))) as listed:
-                listed.name(self.folder / UNFINISHED / REMOVED)
-            _sync(self.folder / UNFINISHED)
-            (self.folder / UNFINISHED).rename(whole)
-            _sync(self.folder)
+            output.add(self._contents)
+            _switch(self.folder, {*self._contents, *removed})
             _settle(self.folder)
         except OSError as error:
+            with suppress(OSError):
+                _settle(self.folder)
             raise unwritable(self.folder, error) from error
-        self._names.clear()
+        self._contents.clear()
+
+    def _output(self) -> OutputFolder:
+        """Return the folder with its list of today: another command may write there too."""
+        return OutputFolder(
+            self.folder,
+            overwrite=self._overwrite,
+            inputs=self._inputs,
+            elsewhere=self._elsewhere,
+            flag=self._flag,
+        )
 
     def _name(self) -> None:
         """Give what is written its names in the hidden folder."""
-        (self.folder / UNFINISHED).mkdir(exist_ok=True)
+        new = self.folder / HIDDEN / NEW
+        new.mkdir(parents=True, exist_ok=True)
         for name in list(self._unnamed):
-            place = self.folder / UNFINISHED / name
+            place = new / name
             place.unlink(missing_ok=True)
             self._unnamed[name].name(place)
             self._unnamed.pop(name).close()
@@ -139,36 +199,55 @@ class FileSet:
     def _discard(self) -> None:
         for written in self._unnamed.values():
             written.close()
-        shutil.rmtree(self.folder / UNFINISHED, ignore_errors=True)
+        with suppress(OSError):
+            _settle(self.folder)
+
+
+def remove_set(folder: Path) -> None:
+    """Remove the files of a folder that are ours, and the folder if nothing else is in it; OSError
+    where that cannot be.
+    """
+    if folder.is_symlink() or not folder.is_dir():
+        return
+    settle(folder)
+    output = OutputFolder(folder)
+    for name in output.owned():
+        (folder / name).unlink()
+    if [path.name for path in folder.iterdir()] == [LEDGER]:
+        (folder / LEDGER).unlink()
+        folder.rmdir()
 
 
 def in_force(path: Path) -> Path:
-    """Where a file of a set is to be read: at its place, or where a set that was put in force was
-    not moved from, and cannot be now.
+    """Return where a file of a set is to be read: at its place, or where a set that holds was not
+    moved from, and cannot be now.
     """
     settle(path.parent)
-    whole = path.parent / WHOLE
-    return whole / path.name if (whole / path.name).exists() and not whole.is_symlink() else path
+    hidden = path.parent / HIDDEN
+    moved = hidden / NEW / path.name
+    unmoved = _is_hidden_set(hidden) and _state(hidden) is State.MOVING and moved.is_file()
+    return moved if unmoved else path
 
 
 def settle(folder: Path) -> None:
-    """Go on with a set that was put in force and not moved to its places, and remove what a writer
-    left who was killed.
+    """Finish the change of a folder whose writer was killed: to the new set if that holds, else
+    back to the old one.
 
     Nothing is said where this person may not do that.
     """
     end = time.monotonic() + PATIENCE_S
-    while os.path.lexists(folder / WHOLE) or os.path.lexists(folder / UNFINISHED):
+    while _is_hidden_set(folder / HIDDEN):
         with suppress(OSError, InputError):
             handle = _locked(folder)
             try:
-                _settle(folder)
+                if handle is not None or _state(folder / HIDDEN) is State.MOVING:
+                    _settle(folder)  # else a writer may be at work, unnoticed
             finally:
                 if handle is not None:
                     os.close(handle)
             return
         if (
-            not (folder / WHOLE).exists()
+            _state(folder / HIDDEN) is not State.MOVING
             or not os.access(folder, os.W_OK)
             or time.monotonic() > end
         ):
@@ -176,40 +255,151 @@ def settle(folder: Path) -> None:
         time.sleep(0.01)
 
 
+def _switch(folder: Path, names: Iterable[str]) -> None:
+    """Make the new set hold, by a single renaming; `names` are those that change. OSError where
+    that cannot be.
+    """
+    hidden = folder / HIDDEN
+    changed = sorted(names)
+    present = [name for name in changed if os.path.lexists(folder / name)]
+    _sync(hidden / NEW)
+    try:
+        _point(hidden, OLD)
+    except (OSError, NotImplementedError):  # FAT, some network disks, Windows
+        _decide_to_move(folder, present)
+        return
+    (hidden / OLD).mkdir()
+    for name in present:
+        _link_or_copy(folder / name, hidden / OLD / name)
+    _sync(hidden / OLD)
+    for name in changed:
+        (hidden / NEXT).symlink_to(_target(name))
+        (hidden / NEXT).replace(folder / name)
+    _sync(folder)
+    _point(hidden, NEW)
+    _sync(hidden)
+
+
+def _decide_to_move(folder: Path, present: Iterable[str]) -> None:
+    """Say that the new set holds, and which old contents it replaces or removes."""
+    hidden = folder / HIDDEN
+    contents = {
+        name: {
+            **asdict(Content.of_file(folder / name)),
+            "removed": not (hidden / NEW / name).exists(),
+        }
+        for name in present
+    }
+    with Written(hidden, json.dumps(contents)) as decision:
+        decision.name(hidden / NEXT)
+    (hidden / NEXT).replace(hidden / CURRENT)
+    _sync(hidden)
+
+
+def _point(hidden: Path, side: str) -> None:
+    """Turn CURRENT to OLD or to NEW."""
+    (hidden / NEXT).symlink_to(side)
+    (hidden / NEXT).replace(hidden / CURRENT)
+
+
+def _target(name: str) -> str:
+    return f"{HIDDEN}/{CURRENT}/{name}"
+
+
+def _link_or_copy(path: Path, place: Path) -> None:
+    try:
+        os.link(path, place)
+    except OSError:  # no such links there, or not of another person's file
+        with Written(place.parent, path.read_bytes()) as copy:
+            copy.name(place)
+
+
 def _settle(folder: Path) -> None:
-    """By who holds the folder."""
-    whole, unfinished = folder / WHOLE, folder / UNFINISHED
-    for hidden in (whole, unfinished):
-        if (
-            hidden.is_symlink()
-        ):  # of nobody's making but a stranger's, who would have us move another folder's files
-            hidden.unlink()
-    if whole.is_dir():
-        listed = whole / REMOVED
-        for name in _removed(listed):
-            (folder / name).unlink(missing_ok=True)
-        for path in whole.iterdir():
-            if path != listed:
-                path.replace(folder / path.name)
-        listed.unlink(missing_ok=True)
-        whole.rmdir()
-        _sync(folder)
-    if unfinished.is_dir():
-        shutil.rmtree(unfinished)
+    """Finish or undo a change, by who holds the folder; OSError where that cannot be."""
+    hidden = folder / HIDDEN
+    if not _is_hidden_set(hidden):
+        return
+    state = _state(hidden)
+    if state is State.MOVING:
+        _move(folder)
+    elif state is not State.NONE:
+        side = hidden / state.value
+        sides = [hidden / name for name in (OLD, NEW) if (hidden / name).is_dir()]
+        for name in sorted({path.name for place in sides for path in place.iterdir()}):
+            path = folder / name
+            if not path.is_symlink() or str(path.readlink()) != _target(name):
+                continue
+            if os.path.lexists(side / name):
+                (side / name).replace(path)
+            else:
+                path.unlink()
+    _sync(folder)
+    shutil.rmtree(hidden)
 
 
-def _removed(listed: Path) -> list[str]:
-    with suppress(OSError, ValueError, RecursionError):
-        names = json.loads(listed.read_bytes())
-        if isinstance(names, list):
-            return [
-                name
-                for name in names
-                if isinstance(name, str)
-                and Path(name).name == name
-                and not (listed.parent / name).is_dir()
-            ]
-    return []
+def _move(folder: Path) -> None:
+    """Move the files of a set one by one; a file that somebody changed meanwhile stays."""
+    hidden = folder / HIDDEN
+    replaced, removed = _decision(hidden / CURRENT)
+    for path in sorted((hidden / NEW).iterdir()):
+        place = folder / path.name
+        if not os.path.lexists(place) or _has(place, replaced.get(path.name)):
+            path.replace(place)
+    for name, content in removed.items():
+        if _has(folder / name, content):
+            (folder / name).unlink()
+
+
+def _has(path: Path, content: Content | None) -> bool:
+    """True if a path is a plain file with this content."""
+    return not path.is_symlink() and path.is_file() and Content.of_file(path) == content
+
+
+def _decision(path: Path) -> tuple[dict[str, Content], dict[str, Content]]:
+    """Return the old contents that the new set replaces, and those that it removes, by name; none
+    where the file is not as `_decide_to_move` writes it.
+    """
+    replaced: dict[str, Content] = {}
+    removed: dict[str, Content] = {}
+    with suppress(InputError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        for name, entry in json.loads(read_file(path)).items():
+            if Path(name).name == name:
+                content = Content(int(entry["size"]), str(entry["sha256"]))
+                (removed if entry["removed"] else replaced)[name] = content
+    return replaced, removed
+
+
+def _state(hidden: Path) -> State:
+    current = hidden / CURRENT
+    if current.is_symlink():
+        target = str(current.readlink())
+        return State(target) if target in (OLD, NEW) else State.NONE
+    return State.MOVING if current.is_file() else State.NONE
+
+
+def _is_hidden_set(hidden: Path) -> bool:
+    """True if the folder is as `FileSet` makes it, and not another person's."""
+    try:
+        return _is_folder(hidden) and all(
+            _is_folder(path) and not any(map(_is_folder, path.iterdir()))
+            if path.name in (OLD, NEW)
+            else (path.name in (CURRENT, NEXT) or path.suffix == ".tmp") and not _is_folder(path)
+            for path in hidden.iterdir()
+        )
+    except OSError:  # gone meanwhile, or not to be read
+        return False
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink()
+
+
+def _check_hidden(folder: Path) -> None:
+    hidden = folder / HIDDEN
+    if os.path.lexists(hidden) and not _is_hidden_set(hidden):
+        raise InputError(
+            f"{hidden} is in the way, and calib did not make it: move it, or {ANOTHER_FOLDER}."
+        )
 
 
 def _locked(folder: Path) -> int | None:

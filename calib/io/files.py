@@ -60,7 +60,7 @@ class Written:
                 raise OSError(errno.ENOTSUP, "no way to name an unnamed file")
             self._handle = os.open(folder, os.O_TMPFILE | os.O_WRONLY, 0o666)
         except (OSError, AttributeError):  # of old disks, and of other systems than Linux
-            self._temporary = folder / f".{secrets.token_hex(8)}.tmp"
+            self._temporary = folder / f".refracal-{secrets.token_hex(8)}.tmp"
             self._handle = os.open(
                 self._temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | BINARY, 0o666
             )
@@ -120,7 +120,7 @@ def write_atomically(path: Path, data: bytes | memoryview | str) -> None:
 
     When that fails, an InputError says what to do, and a file that was there is still whole.
     """
-    temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
+    temporary = path.with_name(f".refracal-{secrets.token_hex(8)}.tmp")
     try:
         with Written(path.parent, data) as written:
             written.name(temporary)

@@ -46,9 +46,7 @@ def read_table(path: Path) -> list[dict[str, str]]:
         if not path.exists():
             return []
     data = read_file(path, MOST_TEXT)
-    if data.startswith(
-        ",".join(FIXED).encode()
-    ):  # a recorder's; tables by hand often lack the last line break
+    if _is_recorded(data):  # tables by hand often lack the last line break
         data = data[: data.rfind(b"\n") + 1]
     try:
         text = data.decode("utf-8-sig")
@@ -63,6 +61,16 @@ def read_table(path: Path) -> list[dict[str, str]]:
             f" {','.join(FIXED)},..."
         )
     return rows
+
+
+def is_by_hand(path: Path) -> bool:
+    """True if a table is there that no recorder began."""
+    with reading(path):
+        return path.exists() and not _is_recorded(read_file(path, MOST_TEXT))
+
+
+def _is_recorded(data: bytes) -> bool:
+    return data.startswith(",".join(FIXED).encode())
 
 
 def read_frame_records(path: Path) -> dict[str, FrameRecord]:

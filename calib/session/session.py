@@ -59,6 +59,18 @@ class Session:
     prior: FleetPrior | None = None
     """The prior that a fleet of such cameras gives for this one."""
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that a fit reads: no result may take the place of one."""
+        return (
+            self.path / "session.yaml",
+            self.path / "frames.csv",
+            *self.frames,
+            *([self.corners] if self.corners else []),
+            *([self.prior.file] if self.prior else []),
+            *(self.bare.files if self.bare else []),
+        )
+
 
 def read_session(path: str | Path) -> Session:
     """Read and check a session folder. An InputError says what is wrong, where, and what to write

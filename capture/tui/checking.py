@@ -5,7 +5,7 @@ torch.
 from pathlib import Path
 
 from calib.progress import Progress
-from capture.tui.child import LOADING
+from capture.tui.child import LOADING, MOVE_IT
 
 
 def check_calibration(
@@ -25,6 +25,7 @@ def check_calibration(
     from calib.checking.update import NumberUpdate, is_updatable, update
     from calib.commands.check_lines import result_lines
     from calib.io.file_set import FileSet
+    from calib.io.output_folder import check_no_link
 
     calibration = Calibration.load(place)
     check_views = read_pictures([pictures], calibration, progress)
@@ -34,7 +35,7 @@ def check_calibration(
     written = ""
     if updated:
         updated_calibration, numbers = update(calibration, checker.prior, result, check_views)
-        with FileSet(updated) as files:
+        with FileSet(check_no_link(updated), elsewhere=MOVE_IT, flag="") as files:
             written = str(updated_calibration.write(files))
             files.commit(instead_of=DERIVED)
     text = "\n\n".join(result_lines(result, numbers))

@@ -18,6 +18,8 @@ Work = Callable[..., Mapping[str, object]]
 
 The process imports it by its module and name.
 """
+MOVE_IT = "move it to another folder, and try again"
+"""The screen has no --overwrite: a person who wants that uses the command line."""
 LOADING = "Loading (some seconds)"
 """The title of the first task of most works: it has one step, so its bar does not move
 meanwhile.

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from calib.progress import Progress
-from capture.tui.child import LOADING
+from capture.tui.child import LOADING, MOVE_IT
 from capture.tui.fitting import summary
 
 if TYPE_CHECKING:
@@ -23,15 +23,17 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     Returns the summary of a fit, with the names of the accepted effects and a text for the screen.
     """
     progress.task(LOADING, 1)
-    from calib.calibration import DERIVED, Calibration
+    from calib.calibration import DERIVED, FILES, Calibration
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.effect_description import describe_effect
     from calib.effects.plainly import plainly
     from calib.fitting.provenance import diagnosed
     from calib.io.file_set import FileSet
+    from calib.io.output_folder import check_no_link
 
     calibration = Calibration.load(place)
-    with FileSet(out) as files:
+    with FileSet(check_no_link(out), elsewhere=MOVE_IT, flag="") as files:
+        files.reserve(FILES)
         diagnosed_calibration, finding = diagnose(calibration, progress)
         diagnosed_calibration = diagnosed(
             diagnosed_calibration, place if place.is_dir() else place.parent, None

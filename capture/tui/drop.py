@@ -29,6 +29,10 @@ def drop_picture(session: Path, file: str) -> DroppedPicture:
             f"{frames / file} is missing: it was moved or deleted outside of this program."
         )
     aside = frames / DROPPED
+    if aside.is_symlink():
+        raise InputError(
+            f"{aside} is a symbolic link, and no picture is moved through one: remove it first."
+        )
     with writing(aside):
         aside.mkdir(exist_ok=True)
         place = next(place for place in candidate_paths(aside, file) if not place.exists())

@@ -28,6 +28,8 @@ ABOUT = (
     " takes them."
 )
 EXPORT_DONE = "That is all: esc goes back to the results, and q there ends the program."
+OVERWRITE_ADVICE = ", or replace what is there with --overwrite"
+"""Advice of the command that the screen omits, because it has no such flag."""
 NO_MAP = (
     "No map, as no depth was named. rays.npz holds the ray of every pixel: name a depth here for a"
     " map, and press ^s again, or esc goes back."
@@ -169,7 +171,7 @@ class ExportScreen(ModalScreen[str]):
         done = calib(arguments)
         written = [Path(line) for line in done.stdout.splitlines()]
         sentence = (
-            done.sentence.replace("with -o", "above")
+            done.sentence.replace("with -o", "above").replace(OVERWRITE_ADVICE, "")
             if done.returncode
             else _describe_files(written, done.remarks)
         )

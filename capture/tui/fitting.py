@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, SupportsFloat
 
 from calib.progress import Progress
-from capture.tui.child import LOADING
+from capture.tui.child import LOADING, MOVE_IT
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -16,12 +16,15 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
 
     session_input = read_session(session)  # its errors are reported before torch is loaded
     progress.task(LOADING, 1)
-    from calib.calibration import DERIVED
+    from calib.calibration import DERIVED, FILES
     from calib.fitting.fit import fit
     from calib.fitting.stages import Settings
     from calib.io.file_set import FileSet
+    from calib.io.output_folder import check_no_link
 
-    with FileSet(out) as files:
+    inputs = session_input.files
+    with FileSet(check_no_link(out), inputs=inputs, elsewhere=MOVE_IT, flag="") as files:
+        files.reserve(FILES)
         calibration = fit(session_input, Settings(), progress)
         saved = calibration.write(files)
         files.commit(instead_of=DERIVED)

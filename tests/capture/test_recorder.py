@@ -106,7 +106,7 @@ def test_what_a_kill_leaves_is_mended(tmp_path: Path) -> None:
     lines_ = table.read_bytes().splitlines(keepends=True)
     table.write_bytes(b"".join(lines_[:3]) + lines_[3][:9])  # 0002 lacks its end, 0003 its row
     (tmp_path / "frames" / "0000.png").unlink()  # by its owner
-    (tmp_path / "frames" / ".0123456789abcdef.tmp").write_bytes(b"half a picture")
+    (tmp_path / "frames" / ".refracal-0123456789abcdef.tmp").write_bytes(b"half a picture")
     keep(tmp_path, PICTURES[4:5])
     rows = read_table(table)
     assert [row["file"] for row in rows] == ["0001.png", "0002.png", "0003.png", "0004.png"]
@@ -116,17 +116,51 @@ def test_what_a_kill_leaves_is_mended(tmp_path: Path) -> None:
 
 
 def test_what_a_kill_leaves_beside_the_table_is_removed_and_nothing_else(tmp_path: Path) -> None:
-    (tmp_path / ".0123456789abcdef.tmp").write_bytes(b"half a table")
+    (tmp_path / ".refracal-0123456789abcdef.tmp").write_bytes(b"half a table")
     (tmp_path / ".mine.tmp").write_bytes(b"of another program")
     keep(tmp_path, PICTURES[:1])
     assert sorted(path.name for path in tmp_path.glob(".*.tmp")) == [".mine.tmp"]
 
 
+def test_nothing_foreign_is_replaced(tmp_path: Path) -> None:
+    """Not a file that has the next picture's name, and not what a symbolic link leads to."""
+    keep(tmp_path, PICTURES[:1])
+    elsewhere = tmp_path / "elsewhere.png"
+    (tmp_path / "frames" / "0001.png").symlink_to(elsewhere)
+    (tmp_path / "frames" / "0002.png").mkdir()
+    with Recorder(tmp_path, BOARD) as recorder:
+        (tmp_path / "frames" / "0003.png").write_bytes(b"copied here meanwhile")
+        assert recorder.keep(Frame(PICTURES[1], 1, 0.0)).name == "0004.png"
+    assert not elsewhere.exists()
+    assert (tmp_path / "frames" / "0003.png").read_bytes() == b"copied here meanwhile"
+
+
+@pytest.mark.parametrize("name", ["frames", "frames.csv", "session.yaml"])
+def test_nothing_is_recorded_through_a_symbolic_link(tmp_path: Path, name: str) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (tmp_path / "session").mkdir()
+    leads = elsewhere if name == "frames" else elsewhere / name
+    (tmp_path / "session" / name).symlink_to(leads)
+    with pytest.raises(InputError, match=f"{name} is a symbolic link"):
+        keep(tmp_path / "session", PICTURES[:1])
+    assert not list(elsewhere.iterdir())
+
+
+def test_another_programs_lock_file_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / ".recording").write_text("my notes of the recording")
+    with pytest.raises(InputError, match=r"\.recording is not a file of the recorder's own"):
+        keep(tmp_path, PICTURES[:1])
+    assert (tmp_path / ".recording").read_text() == "my notes of the recording"
+
+
 def test_a_table_by_hand_keeps_its_last_row(tmp_path: Path) -> None:
     """Only a file that a recorder wrote surely ends in a line break."""
     write_recording(tmp_path, PICTURES[:2])
-    (tmp_path / "frames.csv").write_text("file,time_s,gain\n0000.png,1.5,2\n0001.png,2.5,2")
+    by_hand = "file,time_s,gain\n0000.png,1.5,2\n0001.png,2.5,2"
+    (tmp_path / "frames.csv").write_text(by_hand)
     keep(tmp_path, PICTURES[2:3])
+    assert (tmp_path / "frames-by-hand.csv").read_text() == by_hand
     assert [(row["time_s"], row["gain"]) for row in read_table(tmp_path / "frames.csv")][:2] == [
         ("1.5", "2"),
         ("2.5", "2"),

@@ -21,6 +21,7 @@ from calib.cli import main
 from calib.commands.printing import print_json
 from calib.diagnosis.requested_effects import NAMES
 from calib.io.files import check_writable
+from calib.io.output_folder import LEDGER
 from fixtures.synthetic import scene
 from tests.session.malformed import MALFORMED, Malformed, write_good_session
 from tests.test_calibration import write_session
@@ -156,6 +157,7 @@ def test_fit_leaves_calibration_field_and_a_map_for_every_depth(
 ) -> None:
     out = fitted[0] / "calibration"
     assert sorted(path.name for path in out.iterdir()) == [
+        LEDGER,
         "calibration.npz",
         "calibration.yaml",
         "map_0.5m.npz",

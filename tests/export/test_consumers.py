@@ -296,7 +296,7 @@ def test_depthai(small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixtu
         )
         == 0
     )
-    (path,) = (tmp_path / "out").iterdir()
+    (path,) = (tmp_path / "out").glob("mesh_*")
     width, height = small.camera.width, small.camera.height
     assert path.name == "mesh_0.4m_10x14.calib"
     across, down = 10, 14
@@ -373,6 +373,7 @@ def test_colmap_by_pycolmap(covered: Calibration, saved: Path, tmp_path: Path, l
 
 MRCAL = """
 import json, sys, mrcal, numpy as np
+from calib.io.output_folder import LEDGER
 model = mrcal.cameramodel(sys.argv[1])
 points = np.array(json.load(sys.stdin))
 seen = mrcal.project(mrcal.transform_point_rt(model.extrinsics_rt_fromref(), points), *model.intrinsics())

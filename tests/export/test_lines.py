@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.cli import main
+from calib.io.output_folder import LEDGER
 from calib.session.cover import Cover
 from calib.session.schema import Number
 
@@ -23,7 +24,7 @@ def export(calibration: Calibration, folder: Path, *words: str) -> Path:
     assert (
         main(["export", str(folder / "saved"), "--format", *words, "-o", str(folder / "out")]) == 0
     )
-    (path,) = (folder / "out").iterdir()
+    (path,) = (path for path in (folder / "out").iterdir() if path.name != LEDGER)
     return path
 
 

@@ -98,7 +98,11 @@ def test_a_json_that_was_cut_short_is_no_result(session: Path, tmp_path: Path) -
     ):
         place.write_text(text)
         assert read_result(tmp_path / "fleet", "a") is None
-    assert run_job(own).state is State.CALIBRATED
+    refused = run_job(own)
+    assert refused.state is State.FAILED
+    assert "cameras/a.json has changed since calib wrote it" in refused.sentence
+    assert place.read_text() == text
+    assert run_job(replace(own, overwrite=True)).state is State.CALIBRATED
     assert read_result(tmp_path / "fleet", "a") is not None
 
 

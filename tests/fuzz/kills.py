@@ -1,14 +1,19 @@
 """Kills fit, diagnose, export and report, and looks at what is left in the folder that they write
-to: the old set or the new one.
+to: the old set or the new one, beside a stranger's files.
 
 python -m tests.fuzz.kills --kills 200. Every second kill is at a moment of the command's work, one
 in each of as many equal parts of it; the others are at a change of the folder, from the first to
-the last. A line says how many left the old set and how many the new one, how many had to be settled
-first (their writer was killed while moving a set that was in force, which the next reader goes on
-with), and how many ended before their kill.
+the last. Each folder is judged twice: by a reader that is not calib, which opens the files by their
+names, and again after calib has tidied up; both must see the same whole set. A line says how many
+left the old set and how many the new one, how many had links that calib had to replace, and how
+many ended before their kill.
+
+--without-links judges a disk without symbolic links, where only calib is promised a whole set: the
+number of mixed sets that another reader sees is printed, and is no failure.
 """
 
 import argparse
+import errno
 import os
 import random
 import shutil
@@ -18,6 +23,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -27,11 +33,13 @@ import torch
 
 from calib.calibration import Calibration
 from calib.cli import main as calib_main
-from calib.io.file_set import WHOLE, settle
+from calib.io.file_set import HIDDEN, settle
 from fixtures.synthetic import scene
 from tests.io.killed import kill_at, on_change
 from tests.test_calibration import write_session
 
+FOREIGN = {"notes.txt": b"mine", "map_of_room.npz": b"mine", "map_backup_2024m.npz": b"mine"}
+"""Files in every folder that no command made, with names that calib's own patterns match."""
 SAID_EVERY_S = 10.0
 Contents = dict[str, bytes]
 
@@ -73,6 +81,9 @@ def commands(place: Path) -> list[Command]:
     one, other = map(str, fits)
     exported = place / "export a"
     run(["export", one, "--format", "npz", "--depth", "0.6", "2", "-o", str(exported)])
+    for folder in (*fits, exported):
+        for name, data in FOREIGN.items():
+            (folder / name).write_bytes(data)
     digest = Calibration.load(other).digest
     return [
         Command("fit", ["fit", str(sessions[1]), *small, "-o"], fits[0], ""),
@@ -121,10 +132,13 @@ def _fork(
 
 
 def contents(folder: Path) -> Contents:
+    """Return what any program reads in a folder: the files that can be opened, by name. Hidden ones
+    are not looked at.
+    """
     return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
+        path.name: path.read_bytes()
+        for path in folder.iterdir()
+        if path.is_file() and not path.name.startswith(".")
     }
 
 
@@ -153,12 +167,18 @@ def written(folder: Path, command: Command) -> frozenset[str]:
 
 
 def unlike_one_set(folder: Path, whole: Whole, command: Command) -> str:
-    """What speaks against these being the files of one set; empty where nothing does."""
-    if (found := contents(folder).keys()) != whole.names or written(
-        folder, command
-    ) != whole.written:
+    """Return what speaks against these being the files of one set, without any code of calib that
+    tidies up; empty where nothing does.
+    """
+    found = contents(folder)
+    if found.keys() != whole.names or written(folder, command) != whole.written:
         return f"of {sorted(found)}, it wrote {sorted(written(folder, command))}"
-    digest = command.digest or Calibration.load(folder).digest
+    if any(found[name] != data for name, data in FOREIGN.items()):
+        return "a stranger's file has changed"
+    digest = sha256(found["calibration.npz"]).hexdigest() if "calibration.npz" in found else ""
+    if digest and f"arrays_sha256: {digest}".encode() not in found["calibration.yaml"]:
+        return "calibration.yaml is of another calibration.npz"
+    digest = command.digest or digest
     for name in whole.written:
         path = folder / name
         if path.name == "report.html" and not (
@@ -174,13 +194,28 @@ def unlike_one_set(folder: Path, whole: Whole, command: Command) -> str:
     return ""
 
 
-def judged(out: Path, command: Command, whole: Whole) -> tuple[str, bool]:
-    """old, new, or what is wrong; and whether it had to be settled first."""
-    moving = (out / WHOLE).exists()
-    settle(out)
+def judged(out: Path, command: Command, whole: Whole) -> str:
+    """Return old, new, or what is wrong."""
     if contents(out) == contents(command.before):
-        return "old", moving
-    return unlike_one_set(out, whole, command) or "new", moving
+        return "old"
+    return unlike_one_set(out, whole, command) or "new"
+
+
+def judged_after(out: Path, command: Command, whole: Whole) -> str:
+    """Return the judgement after calib has tidied up; it leaves nothing behind."""
+    settle(out)
+    if (out / HIDDEN).exists() or any(path.is_symlink() for path in out.iterdir()):
+        return "links are left"
+    return judged(out, command, whole)
+
+
+def take_links_away() -> None:
+    """Make this process and its forks believe that the disk has no symbolic links."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    os.symlink = refuse
 
 
 def main() -> int:
@@ -189,11 +224,15 @@ def main() -> int:
     )
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--without-links", action="store_true")
     args = parser.parse_args()
+    if args.without_links:
+        take_links_away()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     draw = random.Random(args.seed)
     tally: Counter[tuple[str, str]] = Counter()
+    seen: Counter[tuple[str, str]] = Counter()
     settled = left = ended = 0
     spoken = time.monotonic()
     with TemporaryDirectory() as folder:
@@ -214,9 +253,13 @@ def main() -> int:
             child = _fork([*command.arguments, str(out)], **at)
             ended += os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) >= 0
             left += any(path.name.endswith(".tmp") for path in out.rglob("*"))
-            found, moving = judged(out, command, whole)
+            settled += any(path.is_symlink() for path in out.iterdir())
+            anybody = judged(out, command, whole)
+            found = judged_after(out, command, whole)
+            if not args.without_links and anybody != found:
+                found = f"calib sees {found} where another reader sees {anybody}"
             tally[command.name, found] += 1
-            settled += moving
+            seen[command.name, anybody] += 1
             shutil.rmtree(out)
             if time.monotonic() - spoken > SAID_EVERY_S:
                 spoken = time.monotonic()
@@ -224,9 +267,11 @@ def main() -> int:
     for (name, found), count in sorted(tally.items()):
         print(f"{name:10}{count:5}  {found}")
     bad = sum(count for (_, found), count in tally.items() if found not in ("old", "new"))
+    mixed = sum(count for (_, found), count in seen.items() if found not in ("old", "new"))
     print(
-        f"seed {args.seed}, {args.kills} kills: {bad} left neither the old set nor the new one;"
-        f" {settled} were settled by the reader; {left} left a .tmp; {ended} ended before the kill"
+        f"seed {args.seed}, {args.kills} kills: {bad} left neither the old set nor the new one to"
+        f" calib, {mixed} to another reader; {settled} left links; {left} left a .tmp;"
+        f" {ended} ended before the kill"
     )
     return bool(bad)
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-CHANGES = ("os.link", "os.rename", "os.remove", "os.mkdir", "os.rmdir")
+CHANGES = ("os.link", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.symlink")
 
 
 def on_change(folder: Path, act: Callable[[], object]) -> None:

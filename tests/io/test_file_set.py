@@ -13,17 +13,24 @@ from pathlib import Path
 import pytest
 
 from calib.errors import InputError
-from calib.io.file_set import MOST_OPEN, REMOVED, UNFINISHED, WHOLE, FileSet, in_force, settle
+from calib.io.file_set import CURRENT, HIDDEN, MOST_OPEN, NEW, FileSet, in_force, settle
+from calib.io.output_folder import LEDGER, Content, OutputFolder
 
 OLD = {"a": "old a", "b": "old b", "gone_1": "old", "kept": "by hand"}
-NEW = {"a": "new a", "b": "new b", "c": "new c", "kept": "by hand"}
+NEW_SET = {"a": "new a", "b": "new b", "c": "new c", "kept": "by hand"}
 WRITER = """
-import sys
+import errno, os, sys
 from pathlib import Path
 from calib.io.file_set import FileSet
 from tests.io.killed import kill_at
 
 folder = Path(sys.argv[1])
+if sys.argv[3] == "no links":
+    def refuse(*_, **__):
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    os.symlink = os.link = refuse
+    del os.O_TMPFILE
 kill_at(int(sys.argv[2]), folder)
 with FileSet(folder) as files:
     for name in "abc":
@@ -33,40 +40,48 @@ with FileSet(folder) as files:
 
 
 def fill(folder: Path) -> Path:
+    """A folder whose files are ours, but for the one that somebody made by hand."""
     folder.mkdir()
     for name, text in OLD.items():
         (folder / name).write_text(text)
+    OutputFolder(folder).add({name: Content.of(OLD[name]) for name in OLD if name != "kept"})
     return folder
 
 
 def contents(folder: Path) -> dict[str, str]:
+    """What any program sees, hidden files left out: a link that leads nowhere is no file."""
     return {
-        path.name: path.read_text() if path.is_file() else "a folder" for path in folder.iterdir()
+        path.name: path.read_text() if path.is_file() else "a folder"
+        for path in folder.iterdir()
+        if path.exists() and not path.name.startswith(".")
     }
 
 
-def test_a_writer_killed_at_any_change_leaves_the_old_set_or_the_new_one(tmp_path: Path) -> None:
+@pytest.mark.parametrize("disk", ["links", "no links"])
+def test_a_writer_killed_at_any_change_leaves_the_old_set_or_the_new_one(
+    disk: str, tmp_path: Path
+) -> None:
     found = []
     for change in range(100):
         folder = fill(tmp_path / str(change))
         ended = subprocess.run(
-            [sys.executable, "-c", WRITER, str(folder), str(change)], check=False
+            [sys.executable, "-c", WRITER, str(folder), str(change), disk], check=False
         ).returncode
-        names = set(contents(folder))
-        if WHOLE not in names:
-            assert names - {UNFINISHED} in (
-                OLD.keys(),
-                NEW.keys(),
-            ), "what is neither in force nor a place is hidden in one folder"
+        seen = contents(folder)
+        if disk == "links":
+            assert seen in (OLD, NEW_SET), "any program sees one whole set, before calib tidies up"
         assert in_force(folder / "a").read_text() in ("old a", "new a")
         found.append(contents(folder))
-        assert found[-1] in (OLD, NEW), f"killed at change {change}"
+        assert found[-1] in (OLD, NEW_SET), f"killed at change {change}"
+        assert disk == "no links" or found[-1] == seen
+        assert not (folder / HIDDEN).exists()
+        assert not any(path.is_symlink() for path in folder.iterdir())
         if ended == 0:
             break
         assert ended == -signal.SIGKILL
-    assert found[-1] == NEW
-    turned = found.index(NEW)
-    assert found == [OLD] * turned + [NEW] * (len(found) - turned)
+    assert found[-1] == NEW_SET
+    turned = found.index(NEW_SET)
+    assert found == [OLD] * turned + [NEW_SET] * (len(found) - turned)
     assert turned >= 5, (
         "there are as many changes before the new set is in force as there are files"
     )
@@ -109,7 +124,7 @@ def test_a_disk_without_unnamed_files(
         for name in "abc":
             files.write(name, f"new {name}")
         files.commit(instead_of=["gone_*"])
-    assert contents(folder) == NEW
+    assert contents(folder) == NEW_SET
 
 
 def test_one_writer_at_a_time(tmp_path: Path) -> None:
@@ -155,10 +170,11 @@ def test_a_full_disk_leaves_the_old_set(tmp_path: Path, monkeypatch: pytest.Monk
 def test_a_reader_who_may_not_write_reads_the_set_in_force(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As of a disk that can only be read: what was not moved to its place is read where it is."""
+    """On a disk without links that can only be read, a file that was not moved is read in place."""
     folder = fill(tmp_path / "out")
-    (folder / WHOLE).mkdir()
-    (folder / WHOLE / "a").write_text("new a")
+    (folder / HIDDEN / NEW).mkdir(parents=True)
+    (folder / HIDDEN / NEW / "a").write_text("new a")
+    (folder / HIDDEN / CURRENT).write_text("{}")
     monkeypatch.setattr(
         "calib.io.file_set._locked",
         lambda _: (_ for _ in ()).throw(PermissionError(errno.EACCES, "no")),
@@ -171,24 +187,63 @@ def test_a_reader_who_may_not_write_reads_the_set_in_force(
 def test_a_strangers_hidden_folders_reach_nothing_outside(tmp_path: Path) -> None:
     """Not by a link, and not by a list of what to remove."""
     victim, folder = fill(tmp_path / "victim"), fill(tmp_path / "out")
-    for name in (WHOLE, UNFINISHED):
-        (folder / name).symlink_to(victim)
+    (folder / HIDDEN).symlink_to(victim)
+    settle(folder)
+    assert in_force(folder / "a").read_text() == "old a"
+    with pytest.raises(InputError, match="in the way, and calib did not make it"), FileSet(folder):
+        pass
+    (folder / HIDDEN).unlink()
+    (folder / HIDDEN).mkdir()
+    (folder / HIDDEN / NEW).symlink_to(victim)
+    for current in (NEW, ".", "../victim", str(victim)):
+        (folder / HIDDEN / CURRENT).symlink_to(current)
         settle(folder)
         assert in_force(folder / "a").read_text() == "old a"
+        (folder / HIDDEN / CURRENT).unlink()
     assert contents(victim) == contents(folder) == OLD
-    for said in (["../victim/a", "..", ".", "", 5, None, "gone_1/../../victim/b"], {"a": 1}, "a"):
-        (folder / WHOLE).mkdir()
-        (folder / WHOLE / REMOVED).write_text(json.dumps(said))
+    (folder / HIDDEN / NEW).unlink()
+    (folder / HIDDEN).rmdir()
+    entry = {"size": 5, "sha256": Content.of("old a").sha256, "removed": True}
+    names = ("../victim/a", "..", ".", "", "a/../../victim/b")
+    for decision in (dict.fromkeys(names, entry), ["a"], {"a": 1}, "a"):
+        (folder / HIDDEN / NEW).mkdir(parents=True)
+        (folder / HIDDEN / CURRENT).write_text(json.dumps(decision))
         settle(folder)
         assert contents(victim) == contents(folder) == OLD
+        assert not (folder / HIDDEN).exists()
+
+
+def test_a_foreign_file_is_refused_before_and_at_the_end(tmp_path: Path) -> None:
+    folder = fill(tmp_path / "out")
+    with FileSet(folder) as files:
+        with pytest.raises(InputError, match=r"out/kept is not calib's own: .* --overwrite"):
+            files.reserve(["a", "kept"])
+        with pytest.raises(InputError, match="kept is not calib's own"):
+            files.write("kept", "new")
+        files.write("a", "new a")
+        (folder / "a").write_text("edited")
+        with pytest.raises(InputError, match="a has changed since calib wrote it"):
+            files.commit(instead_of=["*"])
+    assert contents(folder) == OLD | {"a": "edited"}
+    with FileSet(folder, overwrite=True) as files:
+        files.write("a", "new a")
+        files.commit(instead_of=["*"])
+    assert contents(folder) == {"a": "new a", "kept": "by hand"}, (
+        "what is ours is removed, a foreign file stays"
+    )
+
+
+def test_an_old_file_that_somebody_changed_is_not_removed(tmp_path: Path) -> None:
+    folder = fill(tmp_path / "out")
+    (folder / "gone_1").write_text("edited")
+    with FileSet(folder) as files:
+        files.write("a", "new a")
+        files.commit(instead_of=["gone_*"])
+    assert contents(folder) == OLD | {"gone_1": "edited", "a": "new a"}
+    assert LEDGER in {path.name for path in folder.iterdir()}
 
 
 def test_a_name_that_a_folder_has(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
-    with (
-        FileSet(tmp_path) as files,
-        pytest.raises(
-            InputError, match=r"a cannot be written .*: choose a name that no folder has"
-        ),
-    ):
+    with FileSet(tmp_path) as files, pytest.raises(InputError, match="a is a folder, and"):
         files.write("a", "")

@@ -25,6 +25,7 @@ from calib.calibration import Calibration
 from calib.cli import main
 from calib.commands import fit_command
 from calib.commands.report_command import has_screen
+from calib.errors import InputError
 from calib.fitting.provenance import session_hash
 from calib.fitting.stages import Settings
 from calib.report.again import commands, pasted
@@ -49,9 +50,12 @@ def test_fit_leaves_a_report(session: Path, capfd: pytest.CaptureFixture[str]) -
 
 @pytest.mark.usefixtures("without_figures")
 def test_a_report_that_can_not_be_written_costs_nothing_else(
-    session: Path, capfd: pytest.CaptureFixture[str]
+    session: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    (session / "calibration" / "report.html").mkdir(parents=True)
+    def fail(*_: object) -> str:
+        raise InputError("report.html cannot be written (No space left on device): free some.")
+
+    monkeypatch.setattr("calib.report.write.page", fail)
     assert main(["fit", str(session), "--grid", "4x4", "--depth", "1", "--json"]) == 2
     out, err = capfd.readouterr()
     assert json.loads(out)["frames_used"] == 6

@@ -174,9 +174,11 @@ def test_no_session_is_overwritten(printed: Path, capsys: pytest.CaptureFixture[
     assert (
         capsys.readouterr().err
         == f"calib: {file} is there already, and no session is overwritten: give another folder"
-        " with -o.\n"
+        " with -o, or replace its session.yaml with --overwrite.\n"
     )
     assert all((before / path.name).read_bytes() == path.read_bytes() for path in printed.iterdir())
+    assert run(printed, "--rows", "7", "--overwrite") == 0
+    assert (before / "session.yaml").read_bytes() != file.read_bytes()
 
 
 @pytest.mark.parametrize(
