@@ -430,7 +430,7 @@ def test_as_many_views_are_needed_as_are_then_taken() -> None:
 
 @pytest.mark.parametrize(
     ("agree", "enough", "text"),
-    [(None, False, "being computed"), (False, False, "do not agree"), (True, True, "Enough")],
+    [(None, False, "still running"), (False, False, "do not agree"), (True, True, "Enough")],
 )
 def test_sure_maps_are_enough_only_where_folds_agree(
     agree: bool | None, enough: bool, text: str
