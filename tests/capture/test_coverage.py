@@ -174,7 +174,7 @@ def test_a_board_that_reaches_out_is_named_so(x: float, y: float, place: str) ->
 
 
 def test_a_lens_that_folds_back_shows_no_corner_that_is_outside() -> None:
-    """This polynomial turns back at 0.9 from the middle, and would map a point at 1.5 into the
+    """The polynomial turns back at 0.9 from the middle, and would map a point at 1.5 into the
     picture again.
     """
     lens = Intrinsics(
@@ -386,7 +386,7 @@ def made_design(information: Array, spread: Array, views: int = 0) -> Design:
 
 
 def test_the_informed_guide_asks_for_what_the_maps_lack() -> None:
-    """Of two modes, the first hardly moves the maps. One pose informs much about the first, another
+    """The first of two modes hardly moves the maps. One pose informs much about the first, another
     a little about the second.
     """
     design = made_design(
@@ -430,7 +430,7 @@ def test_as_many_views_are_needed_as_are_then_taken() -> None:
 
 @pytest.mark.parametrize(
     ("agree", "enough", "text"),
-    [(None, False, "being computed"), (False, False, "do not agree"), (True, True, "Enough")],
+    [(None, False, "still running"), (False, False, "do not agree"), (True, True, "Enough")],
 )
 def test_sure_maps_are_enough_only_where_folds_agree(
     agree: bool | None, enough: bool, text: str

@@ -56,7 +56,7 @@ async def _asked(session: Path, later: Path) -> None:
         await see(pilot, "(No such file or directory)")
         pilot.app.screen.query_one("#source", Input).value = str(later)
         await pilot.press("ctrl+s")
-        await see(pilot, "The calibration is valid. Nothing has to be done: esc goes back.")
+        await see(pilot, "The calibration is valid. You need not do anything: esc goes back.")
         assert "the error on 4 views is" in shown(pilot)
         await pilot.press("enter")  # not offered
         assert "up to date" not in shown(pilot)

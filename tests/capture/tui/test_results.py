@@ -103,7 +103,7 @@ async def _renewed(session: Path) -> None:
             pilot, "A check has brought this calibration up to date, into updated/: x exports that."
         )
         await pilot.press("x")
-        await see(pilot, "Of the calibration as a check")
+        await see(pilot, "These maps are of the calibration as a check")
         assert pilot.app.screen.query_one("#folder", Input).value == str(updated / "export")
 
 
