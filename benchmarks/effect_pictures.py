@@ -205,7 +205,7 @@ def seen(model: CameraModel, values: dict[str, Tensor], poses: Array) -> Observa
     for view, pose in enumerate(poses):
         parameters = torch.from_numpy(
             np.concatenate(
-                [pose, *(rng.normal(0, DRAWN[part]) for part in model.path.view_parts[1:])]
+                [pose, *(rng.normal(0, DRAWN[part]) for part in model.path.view_blocks[1:])]
             )
         ).expand(BOARD.count, -1)
         time = torch.full((BOARD.count,), view / (VIEWS - 1) - 0.5, dtype=torch.float64)

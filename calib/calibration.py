@@ -31,7 +31,7 @@ from calib.io.arrays import decode_npz
 from calib.io.file_set import FileSet, in_force
 from calib.io.files import npz, reading
 from calib.io.yaml_reader import read_yaml
-from calib.optics.board_target import PARTS, POSE
+from calib.optics.board_target import POSE, VIEW_BLOCKS
 from calib.optics.build import covered_path, with_relief
 from calib.optics.path import Path
 from calib.optics.projection import project
@@ -410,7 +410,11 @@ def _from_mapping(
         arrays,
         relief,
         board,
-        sum(PARTS[part] for part in (POSE, *(added.effect.per_view for added in effects)) if part),
+        sum(
+            VIEW_BLOCKS[part]
+            for part in (POSE, *(added.effect.per_view for added in effects))
+            if part
+        ),
     )
     read = Calibration(
         board=board,

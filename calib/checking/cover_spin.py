@@ -49,6 +49,7 @@ class CoverSpin(Effect):
     def apply(self, path: Path) -> Path:
         names = axis_names("cover_spin", self.axes)
         turned = (
-            replace(i, frame=replace(i.frame, more=(*i.frame.more, names))) for i in path.cover
+            replace(i, frame=replace(i.frame, extra_tilts=(*i.frame.extra_tilts, names)))
+            for i in path.cover
         )
         return replace(path, cover=tuple(turned))

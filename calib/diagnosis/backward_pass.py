@@ -34,7 +34,7 @@ def drop_idle(loop: Loop, newest: Effect | None = None) -> bool:
     for effect in loop.model.effects:
         if effect is newest or _surely_needed(loop, effect, loop.model.effects):
             continue
-        private = loop.model.path.private and not effect.per_view
+        private = loop.model.path.has_private_blocks and not effect.per_view
         idle = not private and _idle(loop, effect)
         if not (idle or private):
             continue

@@ -123,7 +123,7 @@ def diagnose(
     held = first.rms, last.rms
     if holdout:
         base = with_fit(calibration, model, joint, observations)
-        halves = loop.model.path.private
+        halves = loop.model.path.has_private_blocks
         held = (
             evaluate(base, holdout, progress, halves=halves).rms_px,
             evaluate(found, holdout, progress, halves=halves).rms_px,
@@ -184,7 +184,7 @@ def split_of(
     timed = kept.with_times(joint.values)
     depth = model.path.place(kept.corners, timed, joint.poses[kept.view])[:, 2]
     rays = model.path.trace(kept.pixels, timed)
-    start = model.path.lens(*model.path.adjusted(kept.pixels, timed)).direction
+    start = model.path.lens(*model.path.adjust_pixels(kept.pixels, timed)).direction
     incidence = start.z if not model.path.cover else start.dot(rays.direction)
     scene = Scene(
         kept,

@@ -31,7 +31,11 @@ def suspected_place(at: Optimum) -> Tensor | None:
     kept = Relief(coarse.low, coarse.high, coarse.grid, coarse.beta, "coarse")
     joint = at.joint
     finer = replace(
-        path, cover=(*path.cover[:-1], replace(outer, relief=fine, more=(*outer.more, kept)))
+        path,
+        cover=(
+            *path.cover[:-1],
+            replace(outer, relief=fine, extra_reliefs=(*outer.extra_reliefs, kept)),
+        ),
     )
     zero = torch.zeros(fine.grid, dtype=torch.float64)
     values = {**joint.values, "coarse.amplitudes": joint.values[AMPLITUDES], AMPLITUDES: zero}

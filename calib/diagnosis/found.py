@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.diagnosis.finding import ParameterEstimate
 from calib.fitting.declared import comparisons, own_parameters
-from calib.optics.board_target import FLEX, columns
+from calib.optics.board_target import FLEX, block_columns
 
 
 def found(
@@ -37,7 +37,7 @@ def found(
 def _of_views(part: str, calibration: Calibration) -> list[str]:
     """The size of what views have for themselves, root mean square."""
     path, _ = calibration.model()
-    own = calibration.poses[:, columns(path.view_parts)[part]]
+    own = calibration.poses[:, block_columns(path.view_blocks)[part]]
     if part == FLEX:
         return [f"boards bend by {1e3 * _rms(own):.2g} mm (root mean square over views and terms)"]
     shutter = calibration.camera.shutter

@@ -194,7 +194,7 @@ class _Steps:
         )
         values = parameters.values(vector)
         values |= {
-            param.name: values[param.name].clamp_min(param.least) for param in parameters.free
+            param.name: values[param.name].clamp_min(param.minimum) for param in parameters.free
         }
         whole = torch.cat([vector, vector.new_ones(1)])
         stay = at.joint.poses * (view_precision(at.model.path, at.joint.poses) == 0)

@@ -51,7 +51,7 @@ def _given(joint: JointFit, nothing: Values) -> Values:
     known = inverse(joint.covariance[goes][:, goes]) @ (there - here)[goes]
     moved = parameters.values(here + joint.covariance[:, goes] @ known)
     return moved | {
-        param.name: moved[param.name].clamp_min(param.least) for param in parameters.free
+        param.name: moved[param.name].clamp_min(param.minimum) for param in parameters.free
     }
 
 

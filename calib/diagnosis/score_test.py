@@ -30,7 +30,7 @@ from calib.estimation.elimination import (
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
-from calib.optics.board_target import columns
+from calib.optics.board_target import block_columns
 
 Array = NDArray[np.float64]
 
@@ -124,8 +124,8 @@ class Optimum:
 
     def _tests(self, effects: Sequence[Effect]) -> list[ScoreTest]:
         views = list(self.equations(effects))
-        place = columns(self.model.with_effects(effects).path.view_parts)
-        own = np.concatenate([np.r_[place[part]] for part in self.model.path.view_parts])
+        place = block_columns(self.model.with_effects(effects).path.view_blocks)
+        own = np.concatenate([np.r_[place[part]] for part in self.model.path.view_blocks])
         residual = [eliminated(view.own[:, own], view.residual) for view in views]
         off = np.concatenate(residual)  # (2M,)
         rows = np.concatenate([eliminated(view.own[:, own], view.shared) for view in views])

@@ -112,7 +112,7 @@ class Loop:
         self, test: ScoreTest, without: CameraModel, model: CameraModel, joint: JointFit
     ) -> None:
         """Go on with another model, whose last effect, scored so, was not there `without`."""
-        half = model.path.private
+        half = model.path.has_private_blocks
         before = self.left_of(without.effects, half=half)
         self.go_on_with(Fit(model, joint))
         shown = gain(before, self.left(half=half))
@@ -274,7 +274,7 @@ class Loop:
         if not trial.finished:  # once, or every fold has to
             joint = model.fitted(self.observations, joint.poses, joint.start)
             trial = replace(trial, fit=Fit(model, joint))
-        half = model.path.private
+        half = model.path.has_private_blocks
         held = hold_out(model, self.observations, joint, self.folds, half=half)
         trial = replace(trial, gain=gain(self.left(half=half), held))
         if trial.large and self.bands:
@@ -323,7 +323,7 @@ class Loop:
         """What the model leaves on held-out views; whether its views' own parameters ask for half
         of the corners, it knows itself.
         """
-        key = self.model.path.private if half is None else half, banded
+        key = self.model.path.has_private_blocks if half is None else half, banded
         if key not in self.known:
             split = self.bands if banded and self.bands else self.folds
             self.known[key] = hold_out(

@@ -102,9 +102,9 @@ def formulas_of(loop: Loop) -> list[ClosedForm]:
     fields = [effect for effect in loop.model.effects if isinstance(effect, FreeField)]
     points = loop.board.points()
     x, y = torch.from_numpy(points).unbind(-1)
-    moved = [field.printed(x, y, loop.joint.values) for field in fields]
+    moved = [field.shift_corners(x, y, loop.joint.values) for field in fields]
     near = [
-        closed_forms(points, torch.stack([one.across, one.down], -1).numpy(), loop.board.square)
+        closed_forms(points, torch.stack([one.shift_x, one.shift_y], -1).numpy(), loop.board.square)
         for one in moved
     ]
     return [form for forms in near for form in forms if form.explains > MUCH]

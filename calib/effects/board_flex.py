@@ -43,5 +43,5 @@ class BoardFlex(Effect):
         return replace(
             path,
             target=replace(path.target, flex=(self.half_x, self.half_y)),
-            sizes=(*path.sizes, (FLEX, self.size)),
+            block_scales=(*path.block_scales, (FLEX, self.size)),
         )

@@ -16,8 +16,8 @@ from torch import Tensor
 
 from calib.effects.effect import Effect, Surroundings, Unknown, most_evident
 from calib.effects.over_board import Term, called, monomials, powers, terms_of
-from calib.optics.board_target import Printed
-from calib.optics.linear_part import times
+from calib.optics.board_target import PrintShift
+from calib.optics.linear_term import contract
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session.tolerances import PRINT_SHEAR, PRINT_STRETCH, PRINT_UNEVEN
@@ -88,7 +88,7 @@ class BoardScale(Effect):
     def apply(self, path: Path) -> Path:
         return replace(path, target=replace(path.target, prints=(*path.target.prints, self)))
 
-    def printed(self, x: Tensor, y: Tensor, values: Values) -> Printed:
+    def shift_corners(self, x: Tensor, y: Tensor, values: Values) -> PrintShift:
         """Where nominal board coordinates are."""
         half = values[STRETCH.param.name] / 2
         turned = values[SHEAR.param.name] / 2 if self.sheared else half.new_zeros(())
@@ -96,9 +96,9 @@ class BoardScale(Effect):
             along, aside = half.clone(), turned.clone()
         across, down = half * x + turned * y, turned * x - half * y
         if not self._degrees:
-            return Printed(across, down, ((along, aside), (aside, -along)))
+            return PrintShift(across, down, ((along, aside), (aside, -along)))
         more, fall = self._uneven(x, y, values)
-        return Printed(
+        return PrintShift(
             across + more[0],
             down + fall[0],
             ((along + more[1], aside + more[2]), (aside + fall[1], fall[2] - along)),
@@ -121,10 +121,13 @@ class BoardScale(Effect):
             table = (sizes @ _monomials(self._degrees).to(sizes)).reshape(
                 *sizes.shape[:-1], self.degree + 1, self.degree + 1
             )
-            along = times(u, table)
+            along = contract(u, table)
             shift = (along * v).sum(0)
             with torch.no_grad():
-                slopes = (times(rise_u, table[..., 1:, :]) * v).sum(0), (along[1:] * rise_v).sum(0)
+                slopes = (
+                    (contract(rise_u, table[..., 1:, :]) * v).sum(0),
+                    (along[1:] * rise_v).sum(0),
+                )
             moved.append((shift + values[probe] if probe in values else shift, *slopes))
         return moved
 
@@ -138,7 +141,7 @@ class BoardScale(Effect):
         }
 
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
-        """As `linear_part` has them."""
+        """As `linear_term` has them."""
         if not self._degrees:
             return {}
         (u, _), (v, _) = self._powers(x, y)

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from calib.effects.effect import Effect, Surroundings, Unknown, most_evident
 from calib.effects.over_board import Term, called, monomials, powers, terms_of
-from calib.optics.linear_part import sloped, times
+from calib.optics.linear_term import contract, with_slopes
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session.tolerances import BOARD_SHAPE
@@ -83,22 +83,22 @@ class BoardShape(Effect):
         table = (sizes @ _monomials(self._terms).to(sizes)).reshape(
             *sizes.shape[:-1], self.degree + 1, self.degree + 1
         )
-        along = times(u, table)
+        along = contract(u, table)
         up = (along * v).sum(0)
         with torch.no_grad():
             rises = torch.arange(1, self.degree + 1).to(u).reshape(-1, *[1] * x.ndim)
-            by_x = (times(u[:-1] * rises, table[..., 1:, :]) * v).sum(0) * inside_u / self.half_x
+            by_x = (contract(u[:-1] * rises, table[..., 1:, :]) * v).sum(0) * inside_u / self.half_x
             by_y = (along[1:] * v[:-1] * rises).sum(0) * inside_v / self.half_y
         if PROBE in values:
             up = up + values[PROBE]
-        return sloped(up, x, y, by_x, by_y), by_x, by_y
+        return with_slopes(up, x, y, by_x, by_y), by_x, by_y
 
     @property
     def probes(self) -> dict[str, str]:
         return {unknown.param.name: PROBE for unknown in self.unknowns}
 
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
-        """As `linear_part` has them."""
+        """As `linear_term` has them."""
         (u, v), _ = self._powers(x, y)
         each = (u.unsqueeze(1) * v).flatten(0, 1).movedim(0, -1) @ _monomials(self._terms).to(u).mT
         return dict(zip(self.probes, torch.split(each, 1, -1), strict=True))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.effects.effect import Effect, Unknown, linear_evidence
-from calib.optics.linear_part import times
+from calib.optics.linear_term import contract
 from calib.optics.params import Param, Values
 
 WAVES = 9
@@ -89,10 +89,13 @@ class CosineField(Effect):
         for name, probe in self.probes.items():
             sizes = values[name] * falls
             table = sizes.reshape(*sizes.shape[:-1], WAVES, WAVES)
-            through = times(along, table)
+            through = contract(along, table)
             size = (through * down).sum(0)
             with torch.no_grad():
-                by_x, by_y = (times(rise_along, table) * down).sum(0), (through * rise_down).sum(0)
+                by_x, by_y = (
+                    (contract(rise_along, table) * down).sum(0),
+                    (through * rise_down).sum(0),
+                )
             found.append((size + values[probe] if probe in values else size, by_x, by_y))
         return found
 
@@ -101,7 +104,7 @@ class CosineField(Effect):
         return {param.name: f"{param.name}.probe" for param in self.params}
 
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
-        """As `linear_part` has them."""
+        """As `linear_term` has them."""
         (along, _), (down, _) = self._cosines(x, y)
         waves = (along.unsqueeze(1) * down).flatten(0, 1).movedim(0, -1) * self._falls(
             x.dtype

@@ -43,7 +43,8 @@ class CoverTilt(Effect):
     def apply(self, path: Path) -> Path:
         names = axis_names("cover_tilt", self.axes)
         turned = (
-            replace(i, frame=replace(i.frame, more=(*i.frame.more, names))) for i in path.cover
+            replace(i, frame=replace(i.frame, extra_tilts=(*i.frame.extra_tilts, names)))
+            for i in path.cover
         )
         return replace(path, cover=tuple(turned))
 

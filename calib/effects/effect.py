@@ -93,8 +93,8 @@ class Effect(Protocol):
     separate them, ...".
     """
     per_view: ClassVar[str] = ""
-    """The part of a view's own parameters that it adds, of `calib.optics.board_target.PARTS`; empty
-    where all views share what it has.
+    """The part of a view's own parameters that it adds, of `calib.optics.board_target.VIEW_BLOCKS`;
+    empty where all views share what it has.
     """
     judged_by_score: ClassVar[bool] = True
     """False where its neutral point says little of what it does: then it is always fitted."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.effects.effect import Effect, Surroundings, Unknown, most_evident
-from calib.optics.lens import PUPIL, PUPIL_ASIDE
+from calib.optics.lens import PUPIL, PUPIL_LATERAL
 from calib.optics.path import Path
 from calib.session.tolerances import ENTRANCE_PUPIL, ENTRANCE_PUPIL_ASIDE
 
@@ -41,7 +41,7 @@ class EntrancePupil(Effect):
     def unknowns(self) -> tuple[Unknown, ...]:
         along = tuple(Unknown(param, ENTRANCE_PUPIL.sigma) for param in PUPIL)
         return (
-            (*along, *(Unknown(param, ENTRANCE_PUPIL_ASIDE.sigma) for param in PUPIL_ASIDE))
+            (*along, *(Unknown(param, ENTRANCE_PUPIL_ASIDE.sigma) for param in PUPIL_LATERAL))
             if self.decentred
             else along
         )

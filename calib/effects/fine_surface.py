@@ -34,7 +34,7 @@ class FineSurface(Effect):
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
         outer = there.path.cover[-1] if there.path.cover else None
-        if outer is None or outer.relief is None or outer.more or there.place is None:
+        if outer is None or outer.relief is None or outer.extra_reliefs or there.place is None:
             return ()
         half = [
             (n - 1) / 2 * step / FINER
@@ -53,4 +53,6 @@ class FineSurface(Effect):
 
     def apply(self, path: Path) -> Path:
         *before, outer = path.cover
-        return replace(path, cover=(*before, replace(outer, more=(*outer.more, self.relief))))
+        return replace(
+            path, cover=(*before, replace(outer, extra_reliefs=(*outer.extra_reliefs, self.relief)))
+        )

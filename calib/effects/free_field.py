@@ -9,7 +9,7 @@ from torch import Tensor
 
 from calib.effects.cosine_field import FIRST_KNEE, CosineField
 from calib.effects.effect import Surroundings
-from calib.optics.board_target import Printed
+from calib.optics.board_target import PrintShift
 from calib.optics.params import Values
 from calib.optics.path import Path
 
@@ -37,7 +37,7 @@ class FreeField(CosineField):
     def apply(self, path: Path) -> Path:
         return replace(path, target=replace(path.target, prints=(*path.target.prints, self)))
 
-    def printed(self, x: Tensor, y: Tensor, values: Values) -> Printed:
+    def shift_corners(self, x: Tensor, y: Tensor, values: Values) -> PrintShift:
         """Where nominal board coordinates are."""
         (across, *by_across), (down, *by_down) = self.shift(x, y, values)
-        return Printed(across, down, ((by_across[0], by_across[1]), (by_down[0], by_down[1])))
+        return PrintShift(across, down, ((by_across[0], by_across[1]), (by_down[0], by_down[1])))

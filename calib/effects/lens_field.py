@@ -12,7 +12,7 @@ from torch import Tensor
 
 from calib.effects.cosine_field import FIRST_KNEE, CosineField
 from calib.effects.effect import Surroundings
-from calib.optics.linear_part import sloped
+from calib.optics.linear_term import with_slopes
 from calib.optics.params import Values
 from calib.optics.path import Path
 
@@ -43,5 +43,7 @@ class LensField(CosineField):
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
         x, y = pixels.unbind(-1)
-        moved = [sloped(size, x, y, by_x, by_y) for size, by_x, by_y in self.shift(x, y, values)]
+        moved = [
+            with_slopes(size, x, y, by_x, by_y) for size, by_x, by_y in self.shift(x, y, values)
+        ]
         return pixels + torch.stack(moved, -1), values

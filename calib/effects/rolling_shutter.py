@@ -37,4 +37,4 @@ class RollingShutter(Effect):
         return ()
 
     def apply(self, path: Path) -> Path:
-        return replace(path, shutter=True, sizes=(*path.sizes, (MOTION, self.size)))
+        return replace(path, shutter=True, block_scales=(*path.block_scales, (MOTION, self.size)))

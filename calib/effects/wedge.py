@@ -34,5 +34,7 @@ class Wedge(Effect):
 
     def apply(self, path: Path) -> Path:
         *before, outer = path.cover
-        frame = replace(outer.frame, more=(*outer.frame.more, axis_names("wedge", self.axes)))
+        frame = replace(
+            outer.frame, extra_tilts=(*outer.frame.extra_tilts, axis_names("wedge", self.axes))
+        )
         return replace(path, cover=(*before, replace(outer, frame=frame)))

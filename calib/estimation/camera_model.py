@@ -17,7 +17,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refine_poses_in_image
 from calib.estimation.priors import Priors
-from calib.optics.board_target import with_parts
+from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
 from calib.optics.path import Path
 
@@ -107,7 +107,7 @@ class CameraModel:
         """(V, B) parameters of views as this model has them: what is new to it is zero, and what it
         has not is dropped.
         """
-        return with_parts(poses, self.path.view_parts)
+        return with_blocks(poses, self.path.view_blocks)
 
     def seen(self, joint: JointFit, observations: Observations, poses: Tensor) -> Tensor:
         """The (V, B) own parameters of views that were not fitted, from a start."""

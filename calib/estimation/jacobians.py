@@ -11,7 +11,7 @@ from torch import Tensor
 from calib.estimation.parameters import Parameters
 from calib.estimation.probed import Probed, Seen
 from calib.optics.params import Values
-from calib.optics.path import Path, by_row
+from calib.optics.path import Path, row_derivatives
 from calib.optics.rays import Rays
 from calib.optics.vector import Vector
 
@@ -32,10 +32,10 @@ def undistorted_jacobian(
     motion = torch.zeros(rows, 6, dtype=torch.float64, requires_grad=True)
     with torch.enable_grad():
         rays = path.trace(at, probed.values)
-        by_motion, *rest = by_row(
+        by_motion, *rest = row_derivatives(
             _undistorted(rays, motion, values), [motion, *probed.leaves.values()]
         )
-    columns = probed.columns(rest, Seen(at, rays, values, path.linear_parts(at, values)))
+    columns = probed.columns(rest, Seen(at, rays, values, path.linear_terms(at, values)))
     by_shared = by_motion[..., :0] if columns is None else columns
     jacobian, by_rigid = (
         part.reshape(rows, 2, 2, part.shape[-1]).numpy() for part in (by_shared, by_motion)

@@ -15,7 +15,7 @@ from torch import Tensor
 from calib.estimation.levenberg_marquardt import Linearised
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import Landing
-from calib.optics.board_target import FLEX, MOTION, POSE, parts_of
+from calib.optics.board_target import FLEX, MOTION, POSE, blocks_of_size
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.session.tolerances import BOARD_FLEX, BOARD_MOVE, BOARD_SPIN
@@ -29,7 +29,7 @@ def view_precision(path: Path, blocks: Tensor) -> Tensor:
     """(B,) inverse variances of each view's own parameters (V, B) beforehand: nothing is known of
     its pose.
     """
-    sizes = dict(path.sizes)
+    sizes = dict(path.block_scales)
     spreads = {
         POSE: [math.inf] * 6,
         MOTION: [BOARD_SPIN.sigma] * 3 + [BOARD_MOVE.sigma] * 3,
@@ -38,7 +38,7 @@ def view_precision(path: Path, blocks: Tensor) -> Tensor:
     return blocks.new_tensor(
         [
             (sizes.get(part, 1.0) * sigma) ** -2
-            for part in parts_of(blocks.shape[1])
+            for part in blocks_of_size(blocks.shape[1])
             for sigma in spreads[part]
         ]
     )
@@ -117,7 +117,9 @@ class LandingProblem:
         values = self.parameters.values(shared)
         return (
             None
-            if any(bool((values[param.name] < param.least).any()) for param in self.parameters.free)
+            if any(
+                bool((values[param.name] < param.minimum).any()) for param in self.parameters.free
+            )
             else values
         )
 

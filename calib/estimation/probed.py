@@ -1,6 +1,6 @@
 """Derivatives by every estimated parameter of a path, row by row, from few reverse passes.
 
-A relief and what is linear in its parameters (`optics.linear_part`) are differentiated by probes, a
+A relief and what is linear in its parameters (`optics.linear_term`) are differentiated by probes, a
 few for each row, and the chain rule spreads these over their parameters; the others are
 differentiated one by one.
 """
@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from calib.estimation.parameters import Parameters
-from calib.optics.linear_part import LinearPart
+from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.rays import Rays
@@ -31,8 +31,8 @@ class Seen:
     """(M,) that left the cover."""
     values: Values
     """Without leaves."""
-    parts: Iterable[tuple[LinearPart, Tensor, Tensor]]
-    """As `Path.linear_parts` has them."""
+    parts: Iterable[tuple[LinearTerm, Tensor, Tensor]]
+    """As `Path.linear_terms` has them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ class Probed:
             parts: of the path, those of which `columns` will know where they are asked.
         """
         like = next(iter(values.values()))
-        linear = [part for part in parts if isinstance(part, LinearPart)]
+        linear = [part for part in parts if isinstance(part, LinearTerm)]
         probe = {name: by for part in linear for name, by in part.probes.items()}
         free = [param.name for param in parameters.free]
         leaves = {
@@ -86,7 +86,7 @@ class Probed:
         if self.parameters.relief:
             outer = self.path.cover[-1]
             assert outer.relief
-            _, adjusted = self.path.adjusted(seen.pixels, seen.values)
+            _, adjusted = self.path.adjust_pixels(seen.pixels, seen.values)
             where = outer.surface.chart(outer.frame.at(adjusted).enter(seen.rays.origin.detach()))
             outer.relief.spread(
                 torch.stack([by[name] for name in PROBES], -1),

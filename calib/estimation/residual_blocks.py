@@ -20,9 +20,9 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.probed import Probed, Seen
 from calib.optics import rotation
-from calib.optics.board_target import MOTION, PARTS, Placement
+from calib.optics.board_target import MOTION, VIEW_BLOCKS, Placement
 from calib.optics.params import LINE, NEAR, Values
-from calib.optics.path import Path, by_row
+from calib.optics.path import Path, row_derivatives
 from calib.optics.rays import Rays
 
 ROWS = 8192
@@ -48,7 +48,7 @@ class Landing:
         """As they leave the cover: what boards are told by, wherever they are."""
         values = self.observations.with_times(values)
         if self.passed:
-            return self.path.onward(self.held, values, self.passed)
+            return self.path.trace_from(self.held, values, self.passed)
         return self.path.trace(self.observations.pixels, {**values, NEAR: self._near})
 
     @property
@@ -68,18 +68,18 @@ class Landing:
         seen = self.observations
         values = seen.with_times(values)
         landed, failure = self.path.target(
-            rays, Placement.of(poses)[seen.view].during(values.get(LINE)), values
+            rays, Placement.of(poses)[seen.view].at_line(values.get(LINE)), values
         )
         return self._weighted(landed), failure == 0
 
     def by_own(self, rays: Rays, values: Values, poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """The residuals, their (M, 2, B) Jacobian by the views' own parameters, nearly
-        (`Target.adapting`), and (M,) bool whether each ray lands.
+        (`Target.intersect_with_derivatives`), and (M,) bool whether each ray lands.
         """
         values = self.observations.with_times(values)
         placed = Placement.of(poses)
-        landed, failure, changes = self.path.target.adapting(
-            rays, placed[self.observations.view].during(values.get(LINE)), values
+        landed, failure, changes = self.path.target.intersect_with_derivatives(
+            rays, placed[self.observations.view].at_line(values.get(LINE)), values
         )
         by = [(self.weights @ change.flatten(2)).reshape(change.shape) for change in changes]
         return self._weighted(landed), self._joined(by, placed, poses, values), failure == 0
@@ -103,8 +103,8 @@ class Landing:
             rays = self.rays(probed.values)
             landed, _ = target(rays, _placement(leaves), probed.values)
             missed = self._weighted(landed)
-            found = by_row(missed, [*leaves, *probed.leaves.values()])
-        parts = self.path.linear_parts(seen.pixels, values, landed.detach())
+            found = row_derivatives(missed, [*leaves, *probed.leaves.values()])
+        parts = self.path.linear_terms(seen.pixels, values, landed.detach())
         columns = probed.columns(found[len(leaves) :], Seen(seen.pixels, rays, values, parts))
         shared = missed.new_zeros(*missed.shape, 0) if columns is None else columns
         return Linearised(
@@ -119,7 +119,7 @@ class Landing:
         place, and its flex where it has one.
         """
         placed = Placement.of(poses)
-        own = placed[self.observations.view].during(values.get(LINE))
+        own = placed[self.observations.view].at_line(values.get(LINE))
         return placed, [
             part.detach().requires_grad_()
             for part in (own.turn, own.shift, *([] if own.flex is None else [own.flex]))
@@ -146,7 +146,7 @@ class Landing:
         line = values.get(LINE)
         if placed.motion is None or line is None:
             still = by_shift.new_zeros(
-                *by_shift.shape[:2], 0 if placed.motion is None else PARTS[MOTION]
+                *by_shift.shape[:2], 0 if placed.motion is None else VIEW_BLOCKS[MOTION]
             )
             return torch.cat([by_turn.flatten(2) @ turns.flatten(2).mT, by_shift, still], -1)
         moved = placed.motion[view][:, :3] * line[:, None]
@@ -220,7 +220,7 @@ def pixel_weights(
     pixels = observations.pixels.detach().requires_grad_()
     with torch.enable_grad():
         landed, _ = path.land(pixels, observations.with_times(values), poses[observations.view])
-        (jacobian,) = by_row(landed, [pixels])
+        (jacobian,) = row_derivatives(landed, [pixels])
     weights: Tensor = (
         torch.linalg.inv_ex(jacobian).inverse * -(observations.weight / sigma)[:, None, None]
     )

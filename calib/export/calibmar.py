@@ -107,7 +107,7 @@ def port_of(calibration: Calibration) -> Port:
             f"--format calibmar has flat and dome ports, and this cover is a {shape}: write"
             " --format generic, which holds all."
         )
-    _, told = path.adjusted(torch.zeros((1, 2), dtype=torch.float64), values)
+    _, told = path.adjust_pixels(torch.zeros((1, 2), dtype=torch.float64), values)
     inner, outer = path.cover
     thickness, glass, outside = (
         float(told[f"cover.{name}"]) for name in ("thickness", "refractive_index", "outside_index")

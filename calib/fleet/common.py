@@ -140,7 +140,9 @@ class Common:
         """(N, amplitudes): the figure over the patch that comes nearest to a relief."""
         points = Relief(self.low, self.high, (LATTICE, LATTICE))
         first, second = (
-            relief.bells(torch.linspace(low, high, LATTICE, dtype=torch.float64), axis)[0].T.numpy()
+            relief.gaussians(torch.linspace(low, high, LATTICE, dtype=torch.float64), axis)[
+                0
+            ].T.numpy()
             for axis, (low, high) in enumerate(zip(self.low, self.high, strict=True))
         )
         return np.asarray(

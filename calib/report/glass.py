@@ -133,7 +133,8 @@ def _heights(evidence: Evidence, relief: Relief) -> Heights:
         np.stack(np.meshgrid(first, second, indexing="ij"), -1).reshape(-1, 2)
     )
     one, two = (
-        relief.bells(torch.from_numpy(c), axis)[0].numpy() for axis, c in enumerate((first, second))
+        relief.gaussians(torch.from_numpy(c), axis)[0].numpy()
+        for axis, c in enumerate((first, second))
     )
     basis = np.einsum("ip,jq->pqij", one, two).reshape(len(inside), -1)  # (h w, amplitudes)
     mean = basis[inside].mean(0)
