@@ -133,7 +133,7 @@ def _absorbed(checker: Checker, later: Later) -> float:
     vector = np.concatenate(
         [
             later.direction[u.param.name].numpy().ravel() / u.param.scale
-            for u in later.effect.unknowns
+            for u in later.effect.effect_parameters
         ]
     )
     own, place = equations.columns(later.effect.name), equations.places[later.effect.name]

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from calib.corners.view import View
 from calib.diagnosis.score_test import Optimum
-from calib.effects.effect import Effect, Surroundings
+from calib.effects.effect import Effect, EffectContext
 from calib.effects.registry import FIELDS, KINDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
@@ -165,7 +165,7 @@ def proposed(kinds: tuple[type[Effect], ...], model: CameraModel) -> list[Effect
             torch.tensor([[0.35 * WIDTH, 0.5 * HEIGHT]], dtype=torch.float64), model.means
         )
         place = torch.cat(outer.surface.chart(outer.frame.at(model.means).enter(rays.origin)))
-    there = Surroundings(BOARD, WIDTH, HEIGHT, model.path, model.means, place=place)
+    there = EffectContext(BOARD, WIDTH, HEIGHT, model.path, model.means, place=place)
     return [effect for kind in kinds for effect in kind.propose(there)]
 
 
@@ -240,7 +240,7 @@ class Left:
         true = without.with_effect(effect)
         rng = np.random.default_rng(3)
         values = dict(true.means)
-        for unknown in effect.unknowns:
+        for unknown in effect.effect_parameters:
             size = example.parameters.get(unknown.param.name.removeprefix(f"{effect.name}."))
             if size is not None:
                 drawn = rng.normal(0, size, unknown.param.shape) if unknown.param.shape else size

@@ -184,7 +184,7 @@ class Calibration:
             {
                 unknown.param.name: unknown.sigma
                 for found in self.effects
-                for unknown in found.effect.unknowns
+                for unknown in found.effect.effect_parameters
             }
         )
         return CameraModel(path, values, priors, tuple(found.effect for found in self.effects))

@@ -17,7 +17,7 @@ from calib.effects.board_shape import DEGREES, BoardShape
 from calib.effects.cover_offset import CoverOffset
 from calib.effects.cover_radius import CoverRadius
 from calib.effects.cover_tilt import CoverTilt
-from calib.effects.effect import Effect, Surroundings, possible
+from calib.effects.effect import Effect, EffectContext, is_possible
 from calib.effects.focal import Focal
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.lens import Lens
@@ -86,7 +86,7 @@ def changes_of(calibration: Calibration) -> tuple[Effect, ...]:
     """
     path, values = calibration.model()
     camera = calibration.camera
-    there = Surroundings(calibration.board, camera.width, camera.height, path, values)
+    there = EffectContext(calibration.board, camera.width, camera.height, path, values)
     own = {added.effect.name: added.effect for added in calibration.effects}
     found: list[Effect] = []
     for kind in KINDS:
@@ -96,7 +96,7 @@ def changes_of(calibration: Calibration) -> tuple[Effect, ...]:
             found.append(BoardShape(*calibration.board.half, DEGREES[0]))
         elif kind is BoardScale:  # as its words have it
             found.append(BoardScale())
-        elif possible(kind, path):
+        elif is_possible(kind, path):
             found += kind.propose(there)
     return tuple(found)
 
@@ -120,12 +120,14 @@ def size_of(change: Effect, vector: Array, covariance: Array, shift: Array) -> S
     """
     words = WORDS[change.name]
     if isinstance(change, PictureMode):
-        grown = math.exp(-vector[0] * change.unknowns[0].param.scale)
+        grown = math.exp(-vector[0] * change.effect_parameters[0].param.scale)
         return Size(
-            grown, grown * change.unknowns[0].param.scale * float(covariance[0, 0]) ** 0.5, ""
+            grown,
+            grown * change.effect_parameters[0].param.scale * float(covariance[0, 0]) ** 0.5,
+            "",
         )
     scales = np.concatenate(
-        [np.full(math.prod(u.param.shape), u.param.scale) for u in change.unknowns]
+        [np.full(math.prod(u.param.shape), u.param.scale) for u in change.effect_parameters]
     )
     metric = (
         shift

@@ -64,7 +64,7 @@ class Equations:
         parameters = replace(parameters, origin={**parameters.origin, **(at or {})})
         path = known.model.with_effects(new).path
         entries = {
-            change.name: parameters.entries(u.param.name for u in change.unknowns)
+            change.name: parameters.entries(u.param.name for u in change.effect_parameters)
             for change in changes
         }
         columns = np.concatenate([np.zeros(0, np.int64), *entries.values()])
@@ -159,7 +159,7 @@ def widened(known: Known, changes: Sequence[Effect]) -> tuple[Parameters, list[E
     wider = known.model.with_effects(new)
     neutral = {name: value for effect in new for name, value in known.model.neutral(effect).items()}
     own = known.parameters
-    free = (*own.free, *(u.param for effect in new for u in effect.unknowns))
+    free = (*own.free, *(u.param for effect in new for u in effect.effect_parameters))
     return Parameters({**own.origin, **neutral}, own.relief, free, wider.priors), new
 
 
@@ -167,6 +167,6 @@ def spread_of(change: Effect) -> Array:
     """(k,) the prior standard deviation of each of its parameters, over its scale."""
     each = (
         np.broadcast_to(np.asarray(u.sigma, np.float64) / u.param.scale, u.param.shape).ravel()
-        for u in change.unknowns
+        for u in change.effect_parameters
     )
     return np.concatenate([np.zeros(0), *each])

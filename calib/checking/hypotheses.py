@@ -24,7 +24,7 @@ from calib.checking.equations import Equations, spread_of
 from calib.checking.known import Known
 from calib.checking.picture_mode import SCALES, PictureMode
 from calib.checking.refit import refit
-from calib.effects.effect import Effect, linear_evidence
+from calib.effects.effect import Effect, log_bayes_factor
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses
 from calib.estimation.residuals import Residuals
@@ -117,7 +117,7 @@ def _first_order(change: Effect, together: Array, equations: Equations) -> Hypot
     covariance = np.asarray(np.linalg.inv(information + np.diag(spread**-2.0)), np.float64)
     return Hypothesis(
         change.name,
-        linear_evidence(information, score, spread),
+        log_bayes_factor(information, score, spread),
         change,
         -covariance @ score,
         covariance,
@@ -224,7 +224,7 @@ def _other_mode(
     if not mode:
         return None
     path = known.model.with_effect(mode).path
-    scale = mode.unknowns[0].param.name
+    scale = mode.effect_parameters[0].param.name
     starts: list[tuple[float, dict[str, Tensor], Tensor]] = [(error, {}, seen.poses)]
     for factor in SCALES:
         begin = {scale: torch.tensor(np.log(factor), dtype=torch.float64)}

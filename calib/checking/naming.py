@@ -58,7 +58,7 @@ def _told(one: Hypothesis, chance: float, seen: Seen) -> Change:
     sigmas = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     numbers: list[tuple[str, float, float, str]] = []
     at = 0
-    for unknown in one.change.unknowns:
+    for unknown in one.change.effect_parameters:
         if not unknown.param.shape:
             scale = unknown.param.scale
             numbers.append(

@@ -83,7 +83,10 @@ def refit(
     path = known.model.with_effects(new).path
     if held and change:
         parameters = Parameters(
-            parameters.origin, None, tuple(u.param for u in change.unknowns), parameters.priors
+            parameters.origin,
+            None,
+            tuple(u.param for u in change.effect_parameters),
+            parameters.priors,
         )
         precision = torch.from_numpy(np.diag(spread_of(change) ** -2.0))
     else:
@@ -122,7 +125,7 @@ def _precision(
     if change and change in new:
         covariance = block_diag(covariance, np.diag(spread_of(change) ** 2))
     elif change:
-        entries = parameters.entries(u.param.name for u in change.unknowns)
+        entries = parameters.entries(u.param.name for u in change.effect_parameters)
         covariance = covariance.copy()
         covariance[entries, entries] += spread_of(change) ** 2
     return inverse(torch.from_numpy(covariance)).numpy()

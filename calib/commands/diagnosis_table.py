@@ -8,7 +8,7 @@ from rich.table import Table
 from calib.calibration import Calibration
 from calib.diagnosis.finding import Candidate, Diagnosis
 from calib.diagnosis.found import found
-from calib.effects.plainly import plainly
+from calib.effects.description import describe_effect
 from calib.errors import harmless
 
 
@@ -29,7 +29,7 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
         if candidate.accepted:
             said = "; ".join(found(candidate.effect, better, candidate.parameters))
             console.print(
-                f"{candidate.title}: {plainly(candidate.effect)} {said}",
+                f"{candidate.title}: {describe_effect(candidate.effect)} {said}",
                 markup=False,
                 highlight=False,
                 soft_wrap=True,

@@ -256,7 +256,7 @@ def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
 def _parameters(effect: Effect, joint: JointFit) -> dict[str, ParameterEstimate]:
     """Numbers by themselves; of a field, its root mean square."""
     found = {}
-    for unknown in effect.unknowns:
+    for unknown in effect.effect_parameters:
         name, unit = unknown.param.name, unknown.param.unit
         value, sigma = joint.values[name], joint.sigma_of(name)
         if unknown.param.shape:

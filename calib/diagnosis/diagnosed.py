@@ -28,7 +28,7 @@ def with_fit(
                     joint.values[u.param.name].numpy(),
                     joint.sigma_of(u.param.name).numpy(),
                 )
-                for u in e.unknowns
+                for u in e.effect_parameters
             },
         )
         for e in model.effects

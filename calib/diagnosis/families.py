@@ -109,7 +109,7 @@ def _family(loop: Loop, effect: Effect) -> tuple[str, Family | None]:
     likeliest = int(np.argmax([fit.joint.log_marginal for fit in fits]))
     odds = np.array([_odds(fit, fits[likeliest], loop.observations) for fit in fits])
     even = odds / odds.sum()
-    weighed = odds * [one.beforehand for one in names]
+    weighed = odds * [one.prior_odds for one in names]
     chances = weighed / weighed.sum()
     best = int(np.argmax(chances))
     if best:
@@ -201,6 +201,6 @@ def _moved(test: ScoreTest, joint: JointFit) -> NDArray[np.float64]:
         return np.zeros(0)
     sizes = [
         (joint.values[u.param.name].numpy().ravel() - u.neutral) / u.param.scale
-        for u in test.effect.unknowns
+        for u in test.effect.effect_parameters
     ]
     return np.asarray(test.jacobian @ np.concatenate(sizes))

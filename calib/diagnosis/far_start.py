@@ -31,11 +31,11 @@ def begun(model: CameraModel, observations: Observations, joint: JointFit) -> Jo
     is, where the effect begins with doing nothing, or is there already.
     """
     effect = model.effects[-1]
-    if all(u.start is None or u.param.name in joint.values for u in effect.unknowns):
+    if all(u.start is None or u.param.name in joint.values for u in effect.effect_parameters):
         return joint
     fitted = {param.name for param in model.parameters.free}
     here = {name: joint.values.get(name, mean) for name, mean in model.means.items()}
-    others = [there for there in effect.displaced(here) if there.keys() <= fitted]
+    others = [there for there in effect.alternative_starts(here) if there.keys() <= fitted]
     if others:
         few = torch.zeros(len(joint.poses), dtype=torch.bool)
         few[torch.linspace(0, len(few) - 1, FEW).round().long()] = True

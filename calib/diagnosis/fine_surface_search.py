@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from calib.diagnosis.score_test import Optimum
-from calib.effects.effect import Surroundings
+from calib.effects.effect import EffectContext
 from calib.estimation.elimination import eliminated, view_equations
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
@@ -55,13 +55,13 @@ def suspected_place(at: Optimum) -> Tensor | None:
     return torch.stack([along[0][best // columns], along[1][best % columns]])
 
 
-def surroundings(at: Optimum, board: Board, camera: Camera, *, place: bool) -> Surroundings:
+def surroundings(at: Optimum, board: Board, camera: Camera, *, place: bool) -> EffectContext:
     """What effects may go by there; the place on the glass only if it is asked for, as it takes a
     while.
     """
     free = frozenset(at.model.priors.sigmas)
     found = suspected_place(at) if place else None
-    return Surroundings(
+    return EffectContext(
         board,
         camera.width,
         camera.height,

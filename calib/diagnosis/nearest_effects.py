@@ -31,7 +31,7 @@ def nearest_named(
     """
     columns = at.test(field).jacobian
     moved = columns @ np.concatenate(
-        [(values[u.param.name] / u.param.scale).numpy().ravel() for u in field.unknowns]
+        [(values[u.param.name] / u.param.scale).numpy().ravel() for u in field.effect_parameters]
     )
     shares = dict[str, float]()
     for scored in at.candidates(named):

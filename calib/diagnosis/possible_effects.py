@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import torch
 
-from calib.effects.effect import Surroundings
+from calib.effects.effect import EffectContext
 from calib.effects.registry import KINDS
 from calib.errors import InputError
 from calib.estimation.stated_priors import priors_of
@@ -46,7 +46,7 @@ def check_possible(session: Session, settings: Settings, names: Sequence[str]) -
     for name in names:
         held, fitted = (
             kinds[name].propose(
-                Surroundings(
+                EffectContext(
                     session.board,
                     camera.width,
                     camera.height,

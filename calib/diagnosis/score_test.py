@@ -91,7 +91,7 @@ class Optimum:
         residual.
         """
         found = self.tests(effects)
-        tuned = [test.effect.tuned(test.information, test.score) for test in found]
+        tuned = [test.effect.tune(test.information, test.score) for test in found]
         again = iter(
             self.tests([new for new, test in zip(tuned, found, strict=True) if new != test.effect])
         )
@@ -114,7 +114,7 @@ class Optimum:
             names: set[str] = set()
             together: dict[int, Effect] = {}
             for index, effect in waiting.items():
-                own = {effect.name, *(unknown.param.name for unknown in effect.unknowns)}
+                own = {effect.name, *(unknown.param.name for unknown in effect.effect_parameters)}
                 if not names & own:
                     names |= own
                     together[index] = effect
@@ -144,7 +144,7 @@ class Optimum:
         def scored(effect: Effect) -> ScoreTest:
             if effect.per_view:
                 return self._of_views(effect, views, own, place[effect.per_view])
-            entries = parameters.entries(unknown.param.name for unknown in effect.unknowns)
+            entries = parameters.entries(unknown.param.name for unknown in effect.effect_parameters)
             new, unlike = rows[:, entries], left[:, entries - fitted]
             information = new.T @ unlike
             score = (

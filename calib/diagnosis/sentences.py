@@ -12,7 +12,7 @@ from calib.diagnosis.selection import Loop
 from calib.diagnosis.separating_view import separating_view
 from calib.diagnosis.trial import ALPHA, LEAST_GAIN, Trial
 from calib.diagnosis.variance_split import Share
-from calib.effects.effect import Effect, possible
+from calib.effects.effect import Effect, is_possible
 from calib.effects.free_field import FreeField
 from calib.planning.hints import words
 
@@ -94,7 +94,7 @@ def _asked(loop: Loop) -> list[Effect]:
     window that was dropped is none.
     """
     every = (trial.test.effect for trial in loop.trials.values())
-    return [effect for effect in every if possible(effect, loop.model.path)]
+    return [effect for effect in every if is_possible(effect, loop.model.path)]
 
 
 def formulas_of(loop: Loop) -> list[ClosedForm]:
@@ -132,8 +132,8 @@ def unconfirmed_scores(scores: Sequence[ScoreTest], views: int, needed: int) -> 
 def separation(loop: Loop, effect: Effect, others: Sequence[Effect]) -> str:
     """What would tell an effect of the model from others that are not in it."""
     at = Optimum(loop.model, loop.observations, loop.joint)
-    asked = effect.unknowns and all(
-        other.unknowns for other in others
+    asked = effect.effect_parameters and all(
+        other.effect_parameters for other in others
     )  # what single views have for themselves, no pose tells
     view = (
         separating_view(at, loop.board, loop.camera, effect, others) if others and asked else None

@@ -104,6 +104,6 @@ def _bank(at: Optimum, camera: Camera) -> Iterator[Array]:
 
 def _sigma(information: Array, at: Optimum, effect: Effect) -> Array:
     """(...) root of the mean variance of the effect's parameters over their scales."""
-    own = at.parameters().entries(unknown.param.name for unknown in effect.unknowns)
+    own = at.parameters().entries(unknown.param.name for unknown in effect.effect_parameters)
     variance = np.linalg.inv(information)[..., own, own]
     return np.asarray(np.sqrt(variance.mean(-1)))

@@ -24,7 +24,9 @@ def simplified(fit: Fit, base: CameraModel, observations: Observations) -> Fit:
             []
             if effect.per_view
             else [
-                form for form in effect.alternatives() if len(form.unknowns) < len(effect.unknowns)
+                form
+                for form in effect.alternatives()
+                if len(form.effect_parameters) < len(effect.effect_parameters)
             ]
         )
         effects = fit.model.effects

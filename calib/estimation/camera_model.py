@@ -11,7 +11,7 @@ from functools import reduce
 import torch
 from torch import Tensor
 
-from calib.effects.effect import Effect, possible
+from calib.effects.effect import Effect, is_possible
 from calib.estimation.joint_fit import AGAIN, ROUNDS, JointFit, Start, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
@@ -44,10 +44,10 @@ class CameraModel:
     def with_effect(self, effect: Effect) -> CameraModel:
         """The model with one effect more, at the start of its parameters."""
         values = {
-            u.param.name: torch.full(u.param.shape, u.begin, dtype=torch.float64)
-            for u in effect.unknowns
+            u.param.name: torch.full(u.param.shape, u.initial, dtype=torch.float64)
+            for u in effect.effect_parameters
         }
-        sigmas = {u.param.name: u.sigma for u in effect.unknowns}
+        sigmas = {u.param.name: u.sigma for u in effect.effect_parameters}
         return CameraModel(
             effect.apply(self.path),
             {**self.means, **values},
@@ -61,7 +61,7 @@ class CameraModel:
         """
         return reduce(
             lambda model, effect: (
-                model.with_effect(effect) if possible(effect, model.path) else model
+                model.with_effect(effect) if is_possible(effect, model.path) else model
             ),
             effects,
             self,
@@ -71,7 +71,7 @@ class CameraModel:
         """The parameters of an effect where it is not there."""
         return {
             u.param.name: torch.full(u.param.shape, u.neutral, dtype=torch.float64)
-            for u in effect.unknowns
+            for u in effect.effect_parameters
         }
 
     def fitted(

@@ -66,7 +66,7 @@ def mesh(field: RayField, depth: float, steps: tuple[int, int]) -> NDArray[np.fl
         for size, step in zip(sizes, steps, strict=True)
     )
     pixels = np.stack(np.meshgrid(columns, rows), -1)
-    found, _ = field.distorted(pixels.reshape(-1, 2), depth)
+    found, _ = field.distort_pixels(pixels.reshape(-1, 2), depth)
     return np.where(np.isfinite(found), found, -1.0).astype("<f4").reshape(pixels.shape)
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.export.export import Export, Exported
-from calib.undistortion.grids import middles
+from calib.undistortion.grids import midpoints
 from calib.undistortion.ray_field import RayField
 from calib.undistortion.spline import Spline
 
@@ -84,8 +84,8 @@ def lines(field: RayField, pinhole: Array, pixels: Array) -> tuple[Array, Array]
     3) unit directions.
     """
     focal, centre = pinhole[:2], pinhole[2:]
-    far = field.undistorted(pixels, np.inf)
-    parallax = field.undistorted(pixels, 1.0) - far
+    far = field.undistort_pixels(pixels, np.inf)
+    parallax = field.undistort_pixels(pixels, 1.0) - far
     zero, one = np.zeros((len(pixels), 1)), np.ones((len(pixels), 1))
     towards = np.concatenate([(far - centre) / focal, one], -1)
     return np.concatenate([parallax / focal, zero], -1), towards / np.linalg.norm(
@@ -99,9 +99,9 @@ def misfit(
     """px of the undistorted picture at NEAR, RMS and at worst, midway between the nodes, where the
     camera sees.
     """
-    pixels = np.stack(np.meshgrid(middles(points.nodes_x), middles(points.nodes_y)), -1).reshape(
-        -1, 2
-    )
+    pixels = np.stack(
+        np.meshgrid(midpoints(points.nodes_x), midpoints(points.nodes_y)), -1
+    ).reshape(-1, 2)
     pixels = pixels[field.sees(pixels[:, 0], pixels[:, 1], np.inf)]
     seen, stated = (
         origin[:, :2] + towards[:, :2] / towards[:, 2:] * (NEAR - origin[:, 2:])

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from calib.calibration import Calibration
-from calib.effects.effect import Unknown
+from calib.effects.effect import EffectParameter
 from calib.estimation.doubt import CONTRADICTED, apart, apart_without
 from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
@@ -122,7 +122,7 @@ def own_parameters(calibration: Calibration) -> Iterator[Comparison]:
         if not declared & set(added.unknown.shifts):
             param = added.unknown.param
             unit, per_si = PREFIXES.get(param.unit, (param.unit, 1.0))
-            supposed, tolerance = added.unknown.begin * per_si, added.unknown.sigma * per_si
+            supposed, tolerance = added.unknown.initial * per_si, added.unknown.sigma * per_si
             yield Comparison(
                 param.name,
                 unit,
@@ -139,7 +139,7 @@ class _Scalar:
     """A scalar parameter of an effect, in SI units."""
 
     effect: str
-    unknown: Unknown
+    unknown: EffectParameter
     value: float
     sigma: float
 
@@ -161,7 +161,7 @@ class _Scalar:
 
 def _scalars(calibration: Calibration) -> Iterator[_Scalar]:
     for added in calibration.effects:
-        for unknown in added.effect.unknowns:
+        for unknown in added.effect.effect_parameters:
             value, sigma = added.parameters[unknown.param.name]
             if not value.ndim:
                 yield _Scalar(added.effect.name, unknown, float(value), float(sigma))

@@ -30,7 +30,7 @@ class Displacement:
             for at, own in zip(flat.T, (field.nodes_x, field.nodes_y), strict=True)
         )
         far, near = (
-            np.where(field.valid[row, column, None], field.undistorted(flat, depth), np.nan)
+            np.where(field.valid[row, column, None], field.undistort_pixels(flat, depth), np.nan)
             for depth in (np.inf, 1.0)
         )
         return Displacement((far - flat).reshape(pixels.shape), (near - far).reshape(pixels.shape))

@@ -88,7 +88,7 @@ def lines_across(evidence: Evidence, view: int) -> Iterator[Line]:
                 pose[3:] @ turn[:, 2] / np.where(np.abs(towards) < 1e-6, np.nan, towards)
             )  # m, on the board's plane
             there = depth > evidence.depth.min() / 2  # not where the plane passes the camera
-            before, sees = evidence.field.distorted(after[there], depth[there])
+            before, sees = evidence.field.distort_pixels(after[there], depth[there])
             found = np.isfinite(own).all(-1)
             if sees.sum() > 2:
                 yield Line(before[sees], after, own[found], straight[found])
@@ -127,7 +127,7 @@ def _lattices(evidence: Evidence, view: int) -> Array:
     shift = (
         _pinhole(evidence)[0] * (flat[:, :2] / flat[:, 2:] - there[:, :2] / there[:, 2:]).numpy()
     )
-    undistorted = evidence.field.undistorted(evidence.pixels, evidence.depth)
+    undistorted = evidence.field.undistort_pixels(evidence.pixels, evidence.depth)
     lattices = np.full((2, board.count, 2), np.nan)
     lattices[:, evidence.calibration.views[view].seen] = (
         (evidence.pixels + shift)[own],

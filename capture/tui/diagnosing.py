@@ -27,7 +27,7 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     from calib.calibration import DERIVED, Calibration
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.found import found
-    from calib.effects.plainly import plainly
+    from calib.effects.description import describe_effect
     from calib.fitting.provenance import diagnosed
     from calib.io.file_set import FileSet
 
@@ -38,11 +38,11 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
         saved = better.write(files)
         files.commit(instead_of=DERIVED)
     numbers = [
-        [plainly(one.effect), *found(one.effect, better, one.parameters)]
+        [describe_effect(one.effect), *found(one.effect, better, one.parameters)]
         for one in finding.candidates
         if one.accepted
     ]
-    words = {one.effect: plainly(one.effect) for one in finding.candidates}
+    words = {one.effect: describe_effect(one.effect) for one in finding.candidates}
     return summary(better, saved) | {
         "accepted": list(finding.accepted),
         "text": as_text(finding, numbers, words),

@@ -139,7 +139,7 @@ def straighten(progress: Progress, calibration: Path, depth: float) -> dict[str,
     across, down = np.meshgrid(
         np.linspace(0, size[0] - 1, NODES[0]), np.linspace(0, size[1] - 1, NODES[1])
     )
-    nodes = field.undistorted(np.column_stack([across.ravel(), down.ravel()]), depth)
+    nodes = field.undistort_pixels(np.column_stack([across.ravel(), down.ravel()]), depth)
     return {
         "straight": Straight(depth, size, x, y, nodes.reshape(*across.shape, 2).astype(np.float32))
     }

@@ -96,7 +96,7 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
     )
     equations = Equations.of(known, changes, seen, later.made.poses)
     columns = np.concatenate(
-        [parameters.entries(u.param.name for u in change.unknowns) for change in changes]
+        [parameters.entries(u.param.name for u in change.effect_parameters) for change in changes]
     )
     bases = [null_space(view.own.T).T for view in views]
     rows = [
@@ -139,7 +139,7 @@ def test_a_change_is_measured_with_its_sign(cameras: Made) -> None:
     """To first order: minus the covariance times the score is what the focal length changed by."""
     made, checker = cameras["cone"]
     later = Later.drawn(made, Focal(), 7, 4)
-    truth = float(later.direction["focal.change"]) / Focal().unknowns[0].param.scale
+    truth = float(later.direction["focal.change"]) / Focal().effect_parameters[0].param.scale
     seen = Observations.of(later.views(1, noise=0.0), made.board).timed(None, HEIGHT)
     poses = later.made.poses
     equations = Equations.of(checker.known, (Focal(),), seen, poses)

@@ -28,7 +28,9 @@ Fitted = tuple[CameraModel, Observations, JointFit]
 def fitted() -> Fitted:
     """A port in water that nobody declared, and a fit that knows none."""
     port = FlatPort("water")
-    calibration = without_cover(port, {u.param.name: u.begin for u in port.unknowns}, NOISE, seed=3)
+    calibration = without_cover(
+        port, {u.param.name: u.initial for u in port.effect_parameters}, NOISE, seed=3
+    )
     model, observations = model_of(calibration), calibration.observations
     return model, observations, model.fitted(observations, torch.from_numpy(calibration.poses))
 
@@ -51,7 +53,9 @@ def test_a_focal_length_that_made_up_for_water_is_begun_near_its_own() -> None:
     ten times as large.
     """
     port = FlatPort("water")
-    calibration = without_cover(port, {u.param.name: u.begin for u in port.unknowns}, NOISE, seed=3)
+    calibration = without_cover(
+        port, {u.param.name: u.initial for u in port.effect_parameters}, NOISE, seed=3
+    )
     observations, known = calibration.observations, model_of(calibration)
     model = replace(known, priors=known.priors.beside(dict.fromkeys(FREE, 1000.0)))
     joint = model.fitted(observations, torch.from_numpy(calibration.poses))

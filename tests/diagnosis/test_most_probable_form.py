@@ -17,7 +17,7 @@ def test_one_fit_says_how_probable_the_forms_with_fewer_parameters_are(
     these estimate the noise anew.
     """
     hidden = BoardShape(0.08, 0.08, 3)
-    sizes = {unknown.param.name: 0.0 for unknown in hidden.unknowns} | {
+    sizes = {unknown.param.name: 0.0 for unknown in hidden.effect_parameters} | {
         "board_shape.xx": 5e-4,
         "board_shape.xxy": third,
     }

@@ -13,7 +13,7 @@ from calib.diagnosis.starting_model import base_model
 from calib.diagnosis.trial import Trial
 from calib.effects.cover_tilt import CoverTilt
 from calib.effects.detector_bias import DetectorBias
-from calib.effects.effect import Effect, Surroundings, possible
+from calib.effects.effect import Effect, EffectContext, is_possible
 from calib.effects.flat_port import FlatPort
 from calib.effects.free_field import FreeField
 from calib.effects.registry import KINDS
@@ -27,7 +27,7 @@ TILT = CoverTilt("xy")
 def loop_without_window() -> Loop:
     made = without_cover(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
     base = base_model(made)
-    there = Surroundings(made.board, made.camera.width, made.camera.height, base.path, base.means)
+    there = EffectContext(made.board, made.camera.width, made.camera.height, base.path, base.means)
     model = base.with_effects([DetectorBias(), *FreeField.propose(there)])
     seen = made.observations
     joint = model.fitted(seen, torch.from_numpy(made.poses))
@@ -71,7 +71,7 @@ def test_a_window_takes_what_is_on_it_along() -> None:
 def test_effects_on_a_cover_are_proposed_for_covers_alone() -> None:
     made = without_cover(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
     without = Path(LensModel(0))
-    there = Surroundings(made.board, 1640, 1232, without, {}, place=torch.zeros(2))
-    on_cover: list[type[Effect]] = [kind for kind in KINDS if not possible(kind, without)]
+    there = EffectContext(made.board, 1640, 1232, without, {}, place=torch.zeros(2))
+    on_cover: list[type[Effect]] = [kind for kind in KINDS if not is_possible(kind, without)]
     assert len(on_cover) == 8
     assert not [kind.name for kind in on_cover if kind.propose(there)]

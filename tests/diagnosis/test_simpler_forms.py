@@ -17,7 +17,7 @@ def test_effects_are_left_in_the_simplest_form_that_the_corners_ask_for(third: f
     that has such a term.
     """
     hidden = BoardShape(0.08, 0.08, 3)
-    sizes = {unknown.param.name: 0.0 for unknown in hidden.unknowns} | {
+    sizes = {unknown.param.name: 0.0 for unknown in hidden.effect_parameters} | {
         "board_shape.xx": 5e-4,
         "board_shape.xxy": third,
     }

@@ -71,8 +71,8 @@ def test_neutral_parameters_change_no_landing(form: Form) -> None:
 def test_its_parameters_are_read_by_the_path(form: Form) -> None:
     """What a path does not tell of, no fit estimates."""
     read = {param.name: param for param in form.model.path.params}
-    assert form.effect.unknowns or form.effect.per_view
-    for unknown in form.effect.unknowns:
+    assert form.effect.effect_parameters or form.effect.per_view
+    for unknown in form.effect.effect_parameters:
         assert read[unknown.param.name] == unknown.param
         assert unknown.param.name.startswith(f"{form.effect.name}.")
         assert unknown.sigma > 0
@@ -85,7 +85,7 @@ def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
     left of them.
     """
     values, poses = form.present()
-    for unknown in form.effect.unknowns:
+    for unknown in form.effect.effect_parameters:
         if unknown.shifts:
             name = unknown.param.name
             other = {**form.there.values, **form.model.neutral(form.effect)}
@@ -105,7 +105,10 @@ def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
 
 def test_the_effects_on_declared_numbers_say_so() -> None:
     saying = {
-        form.effect.name for form in FORMS for unknown in form.effect.unknowns if unknown.shifts
+        form.effect.name
+        for form in FORMS
+        for unknown in form.effect.effect_parameters
+        if unknown.shifts
     }
     assert saying == {
         "principal_point",
@@ -127,7 +130,7 @@ def test_derivatives_agree_with_central_differences(form: Form) -> None:
     landing = _landing(form, values, poses)
     scales = [
         (u.param.name, u.param.scale, entry)
-        for u in form.effect.unknowns
+        for u in form.effect.effect_parameters
         for entry in np.ndindex(u.param.shape)
     ]
     at = landing.linearise(values, poses)
@@ -237,7 +240,7 @@ def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
     ("change", "reason"),
     [
         ({"name": "phlogiston"}, "phlogiston"),
-        ({"form": {"high": 1}}, "form.high of free_field is not one"),
+        ({"form": {"high": 1}}, "form.high of free_field is not of the right type"),
         ({"parameters": {}}, "free_field.board.x"),
         (
             {
@@ -263,7 +266,9 @@ def _landing(
     seen = form.there.observations
     weights = torch.eye(2, dtype=torch.float64).expand(len(seen.pixels), 2, 2)
     relief = form.model.path.relief if relief_moves else None
-    parameters = Parameters(values, relief, tuple(u.param for u in form.effect.unknowns), NONE)
+    parameters = Parameters(
+        values, relief, tuple(u.param for u in form.effect.effect_parameters), NONE
+    )
     (landing,) = landings(form.model.path, parameters, seen, weights)
     assert _residual(landing, values, poses)[1].all()
     return landing
@@ -280,7 +285,7 @@ def _compare(analytic: Tensor, numeric: Tensor, name: str) -> None:
 def _estimated(form: Form, values: dict[str, Tensor]) -> Estimated:
     return {
         u.param.name: (values[u.param.name].numpy(), np.full(u.param.shape, u.sigma))
-        for u in form.effect.unknowns
+        for u in form.effect.effect_parameters
     }
 
 

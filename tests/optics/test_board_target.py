@@ -34,7 +34,7 @@ def seen() -> tuple[Rays, list[Tensor], dict[str, Tensor]]:
     flex = torch.tensor([8e-4, -5e-4, 3e-4], dtype=torch.float64).expand(40, 3)
     sizes = {
         unknown.param.name: torch.tensor(1e-3 / (1 + at), dtype=torch.float64)
-        for at, unknown in enumerate(BOWED.unknowns)
+        for at, unknown in enumerate(BOWED.effect_parameters)
     }
     return rays, [part.clone().requires_grad_() for part in (turn, shift, flex)], sizes
 
