@@ -128,7 +128,7 @@ def _outcome(
 def _absorbed(checker: Checker, later: Later) -> float:
     assert later.effect
     poses = later.made.poses
-    observations = Observations.of(later.made.views, later.made.board).timed(None, HEIGHT)
+    observations = Observations.of(later.made.views, later.made.board).add_times(None, HEIGHT)
     equations = Equations.of(checker.known, (later.effect,), observations, poses)
     vector = np.concatenate(
         [

@@ -214,7 +214,7 @@ def seen(model: CameraModel, values: dict[str, Tensor], poses: Array) -> Observa
             timed = {**values, TIME: time, LINE: (pixels[:, 1] + 0.5) / HEIGHT - 0.5}
             pixels = project(model.path, timed, model.path.place(points, timed, parameters))
         views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count)))
-    return Observations.of(views, BOARD).timed(range(VIEWS), HEIGHT)
+    return Observations.of(views, BOARD).add_times(range(VIEWS), HEIGHT)
 
 
 @dataclass(frozen=True)
@@ -413,7 +413,7 @@ def _print_alike() -> None:
         observations = seen(model, dict(model.means), poses)
         noise = torch.from_numpy(np.random.default_rng(1).normal(0, 0.1, observations.pixels.shape))
         observations = replace(observations, pixels=observations.pixels + noise)
-        at = Optimum(model, observations, model.fitted(observations, torch.from_numpy(poses)))
+        at = Optimum(model, observations, model.fit(observations, torch.from_numpy(poses)))
         columns = at.candidates(proposed(tuple(k for k in KINDS if k not in FIELDS), model))
         spans = {
             c.effect.name + _choices(c.effect)[1].join("()" * bool(_choices(c.effect)[1])): c

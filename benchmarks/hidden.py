@@ -17,7 +17,7 @@ from calib.corners.view import View
 from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.fine_surface import CENTRES, FineSurface
-from calib.effects.flat_port import WALL, FlatPort
+from calib.effects.flat_port import WALL_THICKNESS, FlatPort
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import residuals
 from calib.fitting.stages import Settings
@@ -131,7 +131,9 @@ class Hidden:
         }
         values = {**self.made.values, **moved}
         poses = torch.cat([self.made.poses, size * self.own], 1)
-        seen = self.made.observations.timed([float(i) for i in range(len(self.made.views))], HEIGHT)
+        seen = self.made.observations.add_times(
+            [float(i) for i in range(len(self.made.views))], HEIGHT
+        )
         timed = seen.with_times(values)
         pixels = project(
             path, timed, path.place(seen.corners, timed, poses[seen.view]), start=seen.pixels
@@ -166,7 +168,7 @@ def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
     """
     match effect:
         case FlatPort():
-            return {"flat_port.thickness": torch.tensor(WALL / 100, dtype=torch.float64)}
+            return {"flat_port.thickness": torch.tensor(WALL_THICKNESS / 100, dtype=torch.float64)}
         case FineSurface():  # random heights are mostly smooth, and a relief takes them up
             bump = torch.zeros(CENTRES, dtype=torch.float64)
             bump[CENTRES[0] // 2, CENTRES[1] // 2] = SMALL["m"]

@@ -89,7 +89,7 @@ class Declared:
     cover: Cover
     doubted: tuple[str, ...] = ()
     """Numbers that the views contradict, as the ray path calls them: the fit widened their prior by
-    calib.estimation.doubt.DOUBT.
+    calib.estimation.prior_conflict.PRIOR_INFLATION.
     """
 
 
@@ -147,7 +147,7 @@ class Calibration:
     @property
     def observations(self) -> Observations:
         """The seen corners of its views, with when each was seen."""
-        return Observations.of(self.views, self.board).timed(
+        return Observations.of(self.views, self.board).add_times(
             capture_times(self.views), self.camera.height
         )
 
@@ -180,7 +180,7 @@ class Calibration:
         assert self.camera.intrinsics
         path, values = self.model()
         priors = priors_of(self.camera.intrinsics, self.cover, path)
-        priors = priors.beside(
+        priors = priors.with_sigmas(
             {
                 unknown.param.name: unknown.sigma
                 for found in self.effects

@@ -24,7 +24,7 @@ from calib.corners.view import Rejected, View
 from calib.diagnosis.families import ALONE
 from calib.effects.effect import Effect
 from calib.errors import InputError
-from calib.estimation.noise import on_board, short_scale_noise
+from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.posable import posable
@@ -75,7 +75,7 @@ class Checker:
                     known.model.path, known.model.means, calibration.observations, poses
                 )
                 noise = short_scale_noise(
-                    on_board(missed.image, calibration.views), calibration.board
+                    on_board_grid(missed.image, calibration.views), calibration.board
                 )
             return Checker(
                 calibration, known, changes, Dispersion.of(calibration, known, changes), noise
@@ -99,7 +99,7 @@ class Checker:
         views, poses, missed, lost = self._posed(pictures)
         rejected = (*pictures.rejected, *lost)
         camera = self.calibration.camera
-        observations = Observations.of(views, pictures.board).timed(None, camera.height)
+        observations = Observations.of(views, pictures.board).add_times(None, camera.height)
         advance(1, "test")
         equations = Equations.of(self.known, self.changes, observations, poses)
         louder = self._louder(missed, views, pictures.board)
@@ -204,7 +204,7 @@ class Checker:
                 "No picture can be checked: no pose of the board explains the corners of any; take"
                 " some that show it whole."
             )
-        observations = Observations.of(views, pictures.board).timed(
+        observations = Observations.of(views, pictures.board).add_times(
             None, self.calibration.camera.height
         )
         poses, missed = self.known.posed(observations, poses)
@@ -214,7 +214,7 @@ class Checker:
         """The variance of the corners' noise over that of the calibration's own, at short scale; at
         least 1.
         """
-        grid = on_board(missed.image, views)
+        grid = on_board_grid(missed.image, views)
         noise = float(
             np.median(
                 [short_scale_noise(grid[view : view + 1], board) for view in range(len(views))]

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from calib.checking.known import Known
 from calib.effects.effect import Effect
-from calib.estimation.elimination import orthonormal, view_equations
+from calib.estimation.elimination import orthonormal_basis, view_equations
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.optics.params import Values
@@ -73,14 +73,14 @@ class Equations:
             rows = np.column_stack(
                 [
                     view.residual,
-                    view.shared[:, : len(known.root)] @ known.root,
-                    view.shared[:, columns],
+                    view.jacobian_shared[:, : len(known.root)] @ known.root,
+                    view.jacobian_shared[:, columns],
                 ]
             )
-            basis = orthonormal(view.own)
+            basis = orthonormal_basis(view.jacobian_block)
             inside = basis.T @ rows
             products.append(rows.T @ rows - inside.T @ inside)
-            freedom.append(int(np.count_nonzero(view.own.any(1))) - basis.shape[1])
+            freedom.append(int(np.count_nonzero(view.jacobian_block.any(1))) - basis.shape[1])
         ends = 1 + len(known.root) + np.cumsum([0, *(len(own) for own in entries.values())])
         places = {
             name: slice(int(first), int(last))
@@ -157,7 +157,9 @@ def widened(known: Known, changes: Sequence[Effect]) -> tuple[Parameters, list[E
     there = {effect.name for effect in known.model.effects}
     new = [change for change in changes if change.name not in there]
     wider = known.model.with_effects(new)
-    neutral = {name: value for effect in new for name, value in known.model.neutral(effect).items()}
+    neutral = {
+        name: value for effect in new for name, value in known.model.neutral_values(effect).items()
+    }
     own = known.parameters
     free = (*own.free, *(u.param for effect in new for u in effect.effect_parameters))
     return Parameters({**own.origin, **neutral}, own.relief, free, wider.priors), new

@@ -228,7 +228,7 @@ def _other_mode(
     starts: list[tuple[float, dict[str, Tensor], Tensor]] = [(error, {}, seen.poses)]
     for factor in SCALES:
         begin = {scale: torch.tensor(np.log(factor), dtype=torch.float64)}
-        values = {**known.model.means, **known.model.neutral(mode), **begin}
+        values = {**known.model.means, **known.model.neutral_values(mode), **begin}
         moved = replace(
             seen.observations, pixels=path.adjustments[0](seen.observations.pixels, values)[0]
         )

@@ -15,12 +15,12 @@ from torch import Tensor
 from calib.checking.equations import spread_of, widened
 from calib.checking.known import Known
 from calib.effects.effect import Effect
-from calib.estimation.joint_fit import inverse
+from calib.estimation.joint_fit import invert_precision
 from calib.estimation.levenberg_marquardt import Outcome, minimise
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
-from calib.estimation.residual_blocks import landings, pixel_weights
+from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.residuals import Residuals, residuals
 from calib.optics.path import Path
 
@@ -97,17 +97,17 @@ def refit(
         path.land(observations.pixels, observations.with_times(start), poses[observations.view])[1]
         == 0
     )
-    seen = observations.kept(lands)
+    seen = observations.select_rows(lands)
     weights = pixel_weights(path, start, seen, poses, sigma)
     problem = LandingProblem(
         parameters,
-        tuple(landings(path, parameters, seen, weights, start)),
+        tuple(make_residual_blocks(path, parameters, seen, weights, start)),
         precision,
         view_precision(path, poses),
     )
     found = minimise(problem, shared, poses, steps=STEPS, tolerance=ROUGH if held else TOLERANCE)
     hessian, _ = found.equations.schur_complement()
-    covariance = inverse(hessian + precision).numpy()
+    covariance = invert_precision(hessian + precision).numpy()
     if found.outcome is Outcome.NOT_FINITE:
         covariance = np.full_like(covariance, np.nan)
     return Refit(
@@ -128,4 +128,4 @@ def _precision(
         entries = parameters.entries(u.param.name for u in change.effect_parameters)
         covariance = covariance.copy()
         covariance[entries, entries] += spread_of(change) ** 2
-    return inverse(torch.from_numpy(covariance)).numpy()
+    return invert_precision(torch.from_numpy(covariance)).numpy()

@@ -90,7 +90,9 @@ def update(
         view for view in pictures.views if view.name not in {one.name for one in answer.rejected}
     )
     with single_thread():
-        observations = Observations.of(views, pictures.board).timed(None, calibration.camera.height)
+        observations = Observations.of(views, pictures.board).add_times(
+            None, calibration.camera.height
+        )
         poses, _ = known.posed(observations, pinhole_poses(observations, known.model.means))
         fit = refit(known, change, observations, poses, known.sigma * max(1.0, answer.louder))
         if not fit.finite:

@@ -39,7 +39,7 @@ def drop_idle(loop: Loop, newest: Effect | None = None) -> bool:
         if not (idle or private):
             continue
         fewer = loop.with_only(_others(effect, loop.model.effects))
-        joint = fewer.model.fitted(loop.observations, fewer.joint.poses, fewer.joint.start, ROUNDS)
+        joint = fewer.model.fit(loop.observations, fewer.joint.poses, fewer.joint.start, ROUNDS)
         if joint.finite and (
             idle or joint.log_marginal > loop.joint.log_marginal or _idle(loop, effect)
         ):

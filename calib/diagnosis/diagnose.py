@@ -26,7 +26,7 @@ from calib.effects.registry import EFFECTS
 from calib.errors import NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
-from calib.estimation.noise import burst_noise, on_board, short_scale_noise
+from calib.estimation.noise import burst_noise, on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.evaluate import evaluate
@@ -71,7 +71,7 @@ def diagnose(
     with single_thread():
         model = model_of(calibration)
         advance(1, "fit")
-        joint = model.fitted(observations, torch.from_numpy(calibration.poses))
+        joint = model.fit(observations, torch.from_numpy(calibration.poses))
         if not joint.finite:
             raise NotEnoughDataError(joint.outcome.value)
         loop = Loop(
@@ -128,7 +128,7 @@ def diagnose(
             evaluate(base, holdout, progress, halves=halves).rms_px,
             evaluate(found, holdout, progress, halves=halves).rms_px,
         )
-    grid = on_board(after.image, calibration.views)
+    grid = on_board_grid(after.image, calibration.views)
     still = burst_noise(grid, poses)
     noise = still if np.isfinite(still) else short_scale_noise(grid, calibration.board)
     finding = Diagnosis(
@@ -180,7 +180,7 @@ def split_of(
     """What organises the residual of a fit, by how much each explains."""
     missed = left.image
     seen = torch.isfinite(missed).all(-1)
-    kept = observations.kept(seen)
+    kept = observations.select_rows(seen)
     timed = kept.with_times(joint.values)
     depth = model.path.place(kept.corners, timed, joint.poses[kept.view])[:, 2]
     rays = model.path.trace(kept.pixels, timed)

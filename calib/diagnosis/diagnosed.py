@@ -45,8 +45,8 @@ def with_fit(
             else calibration.amplitudes
         ),
         poses=joint.poses.numpy(),
-        covariance=joint.known_covariance,
+        covariance=joint.saved_covariance,
         effects=effects,
         stages=(*stages, Stage(STAGE, missed.rms_px, missed.rmse_cm)) if effects else stages,
-        settings=calibration.settings | joint.said(),
+        settings=calibration.settings | joint.record(),
     )

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import ROUGH, JointFit
+from calib.estimation.joint_fit import ROUGH_ROUNDS, JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refine_poses_in_image, rough_poses
 from calib.estimation.residuals import residuals
@@ -39,7 +39,7 @@ def begun(model: CameraModel, observations: Observations, joint: JointFit) -> Jo
     if others:
         few = torch.zeros(len(joint.poses), dtype=torch.bool)
         few[torch.linspace(0, len(few) - 1, FEW).round().long()] = True
-        some, poses = observations.without(~few), joint.poses[few]
+        some, poses = observations.without_views(~few), joint.poses[few]
         here |= min(
             others, key=lambda there: _posed(model, some, poses, joint.sigma, {**here, **there})[0]
         )
@@ -51,14 +51,14 @@ def begun(model: CameraModel, observations: Observations, joint: JointFit) -> Jo
 def rough_fit(model: CameraModel, observations: Observations, joint: JointFit) -> JointFit:
     """Of the model, from a fit without its last effect."""
     start = begun(model, observations, joint)
-    return model.fitted(observations, start.poses, start.start, ROUGH)
+    return model.fit(observations, start.poses, start.start, ROUGH_ROUNDS)
 
 
 def _posed(
     model: CameraModel, observations: Observations, before: Tensor, sigma: float, values: Values
 ) -> tuple[float, Tensor]:
     """The median px that is left, and the (V, B) poses, which were (V, B') before."""
-    poses = model.padded(before)
+    poses = model.pad_poses(before)
     found = rough_poses(model.path, values, observations)
     poses[:, :6] = torch.where(torch.isfinite(found), found, poses[:, :6])
     poses = refine_poses_in_image(

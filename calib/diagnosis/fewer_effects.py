@@ -44,7 +44,7 @@ class FewerEffects:
                 poses, start = was.poses, replace(start, values=was.values)
             else:
                 start = start_of_fewer(model, whole.model, whole.joint, self.observations)
-            self.known[names] = Fit(model, model.fitted(self.observations, poses, start))
+            self.known[names] = Fit(model, model.fit(self.observations, poses, start))
         return self.known[names]
 
     def passed(self, whole: Fit) -> None:

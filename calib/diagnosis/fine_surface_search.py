@@ -8,7 +8,7 @@ from torch import Tensor
 
 from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import EffectContext
-from calib.estimation.elimination import eliminated, view_equations
+from calib.estimation.elimination import project_out, view_equations
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
 from calib.optics.relief import AMPLITUDES, Relief
@@ -43,7 +43,7 @@ def suspected_place(at: Optimum) -> Tensor | None:
     for view in view_equations(
         finer, Parameters(values, fine, (), NONE), at.observations, joint.poses, joint.sigma
     ):
-        bells = eliminated(view.own, view.shared)
+        bells = project_out(view.jacobian_block, view.jacobian_shared)
         scores += bells.T @ view.residual
         squares += (bells**2).sum(0)
     score = np.where(squares > 1e-3 * squares.max(), scores**2 / np.maximum(squares, 1e-300), 0.0)

@@ -21,8 +21,8 @@ from torch import Tensor
 
 from calib.diagnosis.linearised import columns_of, schur_factors
 from calib.diagnosis.score_test import Optimum
-from calib.estimation.elimination import eliminated, problem_at
-from calib.estimation.joint_fit import JointFit, inverse
+from calib.estimation.elimination import landing_problem, project_out
+from calib.estimation.joint_fit import JointFit, invert_precision
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.residuals import residuals
 
@@ -127,11 +127,11 @@ class _Steps:
             rows = at.observations.per_view(known)
             some = [own[kept.repeat_interleave(2)] for own, kept in zip(columns, rows, strict=True)]
             schur_known, moves_known = _own_eliminated(some, precision)
-        problem = problem_at(
+        problem = landing_problem(
             at.model.path, at.parameters(), at.observations, at.joint.poses, at.joint.sigma
         )
         losses = problem.losses(
-            *problem.missed(
+            *problem.residual(
                 torch.zeros(at.model.parameters.count, dtype=torch.float64), at.joint.poses
             )
         )
@@ -148,9 +148,7 @@ class _Steps:
             .square()
             .sum(1)
         )
-        squares = _by_view(at, torch.where(known, left, 0.0)) + problem.prior_of_blocks(
-            at.joint.poses
-        )
+        squares = _by_view(at, torch.where(known, left, 0.0)) + problem.block_prior(at.joint.poses)
         return cls(
             at, known, columns, schur, moves, schur_known, moves_known, problem, losses, squares
         )
@@ -184,11 +182,12 @@ class _Steps:
         precision, here = torch.from_numpy(at.prior_precision()), torch.from_numpy(at.deviation)
         left = self.schur[~out].sum(0)
         hessian = left[:-1, :-1] + precision
-        covariance = inverse(hessian)
+        covariance = invert_precision(hessian)
         best = -covariance @ left[:-1, -1]
         vector = (
             here
-            + inverse(hessian + damping * hessian.diagonal().diag()) @ (hessian @ (best - here))
+            + invert_precision(hessian + damping * hessian.diagonal().diag())
+            @ (hessian @ (best - here))
             if damping
             else best
         )
@@ -199,9 +198,9 @@ class _Steps:
         whole = torch.cat([vector, vector.new_ones(1)])
         stay = at.joint.poses * (view_precision(at.model.path, at.joint.poses) == 0)
         poses = stay - torch.where(out[:, None, None], self.moves_known, self.moves) @ whole
-        residual, lands = self.problem.missed(self.problem.parameters.vector(values), poses)
+        residual, lands = self.problem.residual(self.problem.parameters.vector(values), poses)
         worse = self.problem.losses(residual, lands) - self.losses
-        own = self.problem.prior_of_blocks(poses) - self.problem.prior_of_blocks(at.joint.poses)
+        own = self.problem.block_prior(poses) - self.problem.block_prior(at.joint.poses)
         short = float((vector - best) @ hessian @ (vector - best))
         missed = residual * (at.joint.sigma / at.observations.weight)[:, None]
         least = torch.einsum("s,vst,t->v", whole, self.schur_known, whole) - self.squares
@@ -230,10 +229,10 @@ class _Steps:
     def _seen(self, rest: JointFit, out: Tensor) -> LeftOut:
         """The views that were left out of a fit, fitted to it."""
         at = self.at
-        test = at.observations.without(~out)
+        test = at.observations.without_views(~out)
         poses = rest.poses.clone()
-        poses[out] = at.model.seen(
-            rest, test.kept(self.known[out[at.observations.view]]), rest.poses[out]
+        poses[out] = at.model.fit_poses(
+            rest, test.select_rows(self.known[out[at.observations.view]]), rest.poses[out]
         )
         missed = residuals(at.model.path, rest.values, test, poses[out]).image.nan_to_num(torch.inf)
         return LeftOut(replace(rest, poses=poses), missed, self._spread(rest.covariance, out))
@@ -245,7 +244,7 @@ class _Steps:
             columns for columns, there in zip(self.columns, out.tolist(), strict=True) if there
         ):
             left = torch.from_numpy(
-                eliminated(columns[:, : -own - 1].numpy(), columns[:, -own - 1 : -1].numpy())
+                project_out(columns[:, : -own - 1].numpy(), columns[:, -own - 1 : -1].numpy())
             )
             found.append(((left @ covariance) * left).sum(1).reshape(-1, 2).mean(1))
         return torch.cat(found).nan_to_num(torch.inf)
@@ -273,8 +272,8 @@ def _by_view(at: Optimum, losses: Tensor) -> Tensor:
 
 def _fitted(at: Optimum, out: Tensor) -> JointFit:
     close = AMISS * at.model.parameters.count / at.joint.cost
-    rest = at.model.fitted(
-        at.observations.without(out), at.joint.poses[~out], at.joint.start, (close,)
+    rest = at.model.fit(
+        at.observations.without_views(out), at.joint.poses[~out], at.joint.start, (close,)
     )
     poses = at.joint.poses.clone()
     poses[~out] = rest.poses

@@ -30,7 +30,7 @@ def columns_of(at: Optimum) -> Iterator[Tensor]:
         view_precision(at.model.path, at.joint.poses) > 0,
     )
     for view, pose in zip(at.equations(), at.joint.poses, strict=True):
-        own, shared = torch.from_numpy(view.own), torch.from_numpy(view.shared)
+        own, shared = torch.from_numpy(view.jacobian_block), torch.from_numpy(view.jacobian_shared)
         before = torch.from_numpy(view.residual) - own @ (pose * known) - shared @ deviation
         yield torch.cat([own, shared, before[:, None]], 1)
 

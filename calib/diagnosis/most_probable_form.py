@@ -21,7 +21,7 @@ from calib.diagnosis.near_start import start_of_fewer
 from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import ROUNDS, JointFit, inverse
+from calib.estimation.joint_fit import ROUNDS, JointFit, invert_precision
 from calib.estimation.objective import view_precision
 from calib.estimation.observations import Observations
 
@@ -39,7 +39,7 @@ def with_most_probable(
     if effect.per_view:
         return _of_most_probable_size(forms, observations, begin)
     at = begun(forms[-1], observations, begin)
-    joint = forms[-1].fitted(observations, at.poses, at.start, ROUNDS)
+    joint = forms[-1].fit(observations, at.poses, at.start, ROUNDS)
     best = (
         int(np.argmax([odds_of(form, forms[-1], joint) for form in forms]))
         if joint.finite
@@ -48,7 +48,7 @@ def with_most_probable(
     if forms[best] is forms[-1]:
         return forms[-1], joint
     start = start_of_fewer(forms[best], forms[-1], joint, observations)
-    return forms[best], forms[best].fitted(observations, joint.poses, start, ROUNDS)
+    return forms[best], forms[best].fit(observations, joint.poses, start, ROUNDS)
 
 
 def odds_of(form: CameraModel, most: CameraModel, joint: JointFit) -> float:
@@ -66,7 +66,7 @@ def odds_of(form: CameraModel, most: CameraModel, joint: JointFit) -> float:
     spread = np.concatenate(
         [np.ravel(most.priors.sigmas[param.name]) / param.scale for param in others]
     )
-    after = -float(away @ inverse(covariance) @ away + covariance.slogdet().logabsdet) / 2
+    after = -float(away @ invert_precision(covariance) @ away + covariance.slogdet().logabsdet) / 2
     return float(after + np.log(spread).sum())
 
 
@@ -84,10 +84,10 @@ def _of_most_probable_size(
         at = Linearised.around(Optimum(forms[around], observations, joint))
         return int(np.argmax([at.best(view_precision(form.path, joint.poses)) for form in forms]))
 
-    fitted_so = begin.poses.shape == forms[middle].padded(begin.poses).shape
+    fitted_so = begin.poses.shape == forms[middle].pad_poses(begin.poses).shape
     place = likeliest(middle) if fitted_so else middle
     while place not in fits:
-        fits[place] = joint = forms[place].fitted(observations, joint.poses, joint.start, ROUNDS)
+        fits[place] = joint = forms[place].fit(observations, joint.poses, joint.start, ROUNDS)
         if not joint.finite:
             break
         place = likeliest(place)

@@ -35,7 +35,7 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
     advance = progress.task("Effects", len(names))
     with single_thread():
         model = model_of(calibration)
-        joint = model.fitted(observations, torch.from_numpy(calibration.poses))
+        joint = model.fit(observations, torch.from_numpy(calibration.poses))
         for done, name in enumerate(names, start=1):
             at = Optimum(model, observations, joint)
             there = surroundings(
@@ -51,7 +51,7 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
             for test in at.candidates(forms):
                 wider = model.with_effect(test.effect)
                 begin = begun(wider, observations, joint)
-                fitted = wider.fitted(observations, begin.poses, begin.start)
+                fitted = wider.fit(observations, begin.poses, begin.start)
                 tried.append((_left(wider, fitted, observations), wider, fitted))
             _, wider, fitted = min(tried, key=lambda one: one[0])
             model, joint = with_most_probable(model, wider.effects[-1], observations, fitted)

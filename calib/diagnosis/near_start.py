@@ -11,8 +11,8 @@ from dataclasses import replace
 import torch
 
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.elimination import problem_at
-from calib.estimation.joint_fit import JointFit, Start, inverse
+from calib.estimation.elimination import landing_problem
+from calib.estimation.joint_fit import JointFit, Start, invert_precision
 from calib.estimation.observations import Observations
 from calib.optics.params import Values
 
@@ -28,7 +28,7 @@ def start_of_fewer(
         joint: the fit of `before`.
     """
     stay = {param.name for param in model.parameters.free}
-    neutral = [before.neutral(effect) for effect in before.effects]
+    neutral = [before.neutral_values(effect) for effect in before.effects]
     gone = {name: value for values in neutral for name, value in values.items() if name not in stay}
     if not gone:
         return joint.start
@@ -48,7 +48,7 @@ def _given(joint: JointFit, nothing: Values) -> Values:
     if not len(goes):
         return {}
     here, there = parameters.vector(joint.values), parameters.vector({**joint.values, **nothing})
-    known = inverse(joint.covariance[goes][:, goes]) @ (there - here)[goes]
+    known = invert_precision(joint.covariance[goes][:, goes]) @ (there - here)[goes]
     moved = parameters.values(here + joint.covariance[:, goes] @ known)
     return moved | {
         param.name: moved[param.name].clamp_min(param.minimum) for param in parameters.free
@@ -57,7 +57,7 @@ def _given(joint: JointFit, nothing: Values) -> Values:
 
 def _left(model: CameraModel, start: Start, joint: JointFit, observations: Observations) -> float:
     values = {name: start.values.get(name, mean) for name, mean in model.means.items()}
-    poses = model.padded(joint.poses)
+    poses = model.pad_poses(joint.poses)
     parameters = replace(model.parameters, origin=values)
-    problem = problem_at(model.path, parameters, observations, poses, joint.sigma)
-    return problem.settled(poses.new_zeros(parameters.count), poses)[1]
+    problem = landing_problem(model.path, parameters, observations, poses, joint.sigma)
+    return problem.inner_step(poses.new_zeros(parameters.count), poses)[1]

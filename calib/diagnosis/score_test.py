@@ -22,9 +22,9 @@ from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.elimination import (
     ViewEquations,
-    eliminated,
     information,
-    orthonormal,
+    orthonormal_basis,
+    project_out,
     view_equations,
 )
 from calib.estimation.joint_fit import JointFit
@@ -75,7 +75,7 @@ class ScoreTest:
 
     def span(self) -> Array:
         """(2M, n) orthonormal: the directions in which it moves corners and nothing else does."""
-        return orthonormal(self.jacobian)
+        return orthonormal_basis(self.jacobian)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,9 +126,11 @@ class Optimum:
         views = list(self.equations(effects))
         place = block_columns(self.model.with_effects(effects).path.view_blocks)
         own = np.concatenate([np.r_[place[part]] for part in self.model.path.view_blocks])
-        residual = [eliminated(view.own[:, own], view.residual) for view in views]
+        residual = [project_out(view.jacobian_block[:, own], view.residual) for view in views]
         off = np.concatenate(residual)  # (2M,)
-        rows = np.concatenate([eliminated(view.own[:, own], view.shared) for view in views])
+        rows = np.concatenate(
+            [project_out(view.jacobian_block[:, own], view.jacobian_shared) for view in views]
+        )
         fitted, parameters = self.parameters().count, self.parameters(effects)
         known, precision = rows[:, :fitted], self.prior_precision(effects)
         imitated = np.linalg.solve(
@@ -192,7 +194,9 @@ class Optimum:
         """
         wider = self.model.with_effects(effects)
         neutral = {
-            name: value for effect in effects for name, value in self.model.neutral(effect).items()
+            name: value
+            for effect in effects
+            for name, value in self.model.neutral_values(effect).items()
         }
         return Parameters.of(
             wider.path, {**self.joint.values, **neutral}, wider.priors, last=neutral
@@ -205,7 +209,7 @@ class Optimum:
             wider.path,
             self.parameters(effects),
             self.observations,
-            wider.padded(self.joint.poses),
+            wider.pad_poses(self.joint.poses),
             self.joint.sigma,
         )
 
@@ -226,9 +230,10 @@ class Optimum:
         chi2, squares, dof = 0.0, 0.0, 0
         for view in views:
             residual, more = (
-                eliminated(view.own[:, own], rows) for rows in (view.residual, view.own[:, new])
+                project_out(view.jacobian_block[:, own], rows)
+                for rows in (view.residual, view.jacobian_block[:, new])
             )
-            directions = orthonormal(more)
+            directions = orthonormal_basis(more)
             chi2 += float(((directions.T @ residual) ** 2).sum())
             squares += float((residual**2).sum())
             dof += directions.shape[1]

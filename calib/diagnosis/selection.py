@@ -272,7 +272,7 @@ class Loop:
         """A trial with its errors on views that no fit has seen."""
         model, joint = trial.fitted.model, trial.fitted.joint
         if not trial.finished:  # once, or every fold has to
-            joint = model.fitted(self.observations, joint.poses, joint.start)
+            joint = model.fit(self.observations, joint.poses, joint.start)
             trial = replace(trial, fit=Fit(model, joint))
         half = model.path.has_private_blocks
         held = hold_out(model, self.observations, joint, self.folds, half=half)

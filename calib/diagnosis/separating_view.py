@@ -64,7 +64,7 @@ def separating_view(
     corners = torch.from_numpy(board.points())
     path, values, count = at.model.path, at.joint.values, board.count
     index = torch.arange(len(poses)).repeat_interleave(count)
-    motionless = at.model.padded(poses)
+    motionless = at.model.pad_poses(poses)
     pixels = project(
         path, values, path.place(corners.repeat(len(poses), 1), values, motionless[index])
     )
@@ -76,7 +76,7 @@ def separating_view(
         return None
     shown = pixels.reshape(-1, count, 2)[seen].numpy()
     views = [View(str(number), own, np.ones(count)) for number, own in enumerate(shown)]
-    observations = Observations.of(views, board).timed(None, camera.height)
+    observations = Observations.of(views, board).add_times(None, camera.height)
     bank = replace(at, observations=observations, joint=replace(at.joint, poses=motionless[seen]))
     known = at.information(others).sum(0) + at.prior_precision(others)
     sigma, after = (_sigma(known + more, at, effect) for more in (0.0, bank.information(others)))

@@ -38,7 +38,7 @@ def simplified(fit: Fit, base: CameraModel, observations: Observations) -> Fit:
             continue
         fewer = models[odds.index(max(odds))]
         start = start_of_fewer(fewer, fit.model, fit.joint, observations)
-        joint = fewer.fitted(observations, fit.joint.poses, start, ROUNDS)
+        joint = fewer.fit(observations, fit.joint.poses, start, ROUNDS)
         if joint.finite and joint.log_marginal > fit.joint.log_marginal:
             fit = Fit(fewer, joint)
     return fit

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.errors import InputError
-from calib.estimation.model_choice import simplest
+from calib.estimation.model_choice import simplest_model
 from calib.export.formats import OPENCV as OPENCV_LENSES
 from calib.export.formats import SPLINED, ExportLens
 from calib.export.lens_fit import fit_lens, project
@@ -144,7 +144,9 @@ def best_central(
     with single_thread():
         sight, check = (Sight.of(calibration, grid) for grid in (FITTED, CHECKED))
         models = [_fit(calibration, sight, check, depth, lens) for lens in lenses]
-    return models[simplest({place: model.at.rms_px for place, model in enumerate(models)}, WORTH)]
+    return models[
+        simplest_model({place: model.at.rms_px for place, model in enumerate(models)}, WORTH)
+    ]
 
 
 def uncovered(calibration: Calibration) -> Calibration:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from calib.estimation.model_choice import simplest
+from calib.estimation.model_choice import simplest_model
 from calib.export.formats import ExportLens
 from calib.session.camera import Intrinsics
 from calib.session.lens import FISHEYE, OPENCV
@@ -103,7 +103,7 @@ def fit_lens(tangents: Array, pixels: Array, bare: Sequence[float], lens: Export
     sound = [
         (parameters, rms) for parameters, rms in tried if _denominator(parameters, tangents) > POLE
     ] or tried[:1]
-    best = simplest({place: rms for place, (_, rms) in enumerate(sound)}, WORTH)
+    best = simplest_model({place: rms for place, (_, rms) in enumerate(sound)}, WORTH)
     return sound[best][0][: 4 + lens.coefficients]
 
 

@@ -10,7 +10,11 @@ from dataclasses import dataclass
 
 from calib.calibration import Calibration
 from calib.effects.effect import EffectParameter
-from calib.estimation.doubt import CONTRADICTED, apart, apart_without
+from calib.estimation.prior_conflict import (
+    CONFLICT_THRESHOLD,
+    independent_deviation,
+    normalised_deviation,
+)
 from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
 from calib.session.cover import SHAPES
@@ -56,18 +60,20 @@ class Comparison:
         return not self.tolerance
 
     @property
-    def apart(self) -> float:
+    def normalised_deviation(self) -> float:
         """How far the estimate is from what is declared, in standard deviations of what that
-        distance may be: see `calib.estimation.doubt`. An estimate that owes nothing to what is
-        declared has a variance of its own.
+        distance may be: see `calib.estimation.prior_conflict`. An estimate that owes nothing to
+        what is declared has a variance of its own.
         """
         distance = self.estimate - self.declared
-        return (apart_without if self.doubted else apart)(distance, self.tolerance, self.sigma)
+        return (independent_deviation if self.doubted else normalised_deviation)(
+            distance, self.tolerance, self.sigma
+        )
 
     @property
     def contradicted(self) -> bool:
         """Whether the views and what is declared cannot both be right."""
-        return self.doubted or self.apart > CONTRADICTED
+        return self.doubted or self.normalised_deviation > CONFLICT_THRESHOLD
 
     @property
     def corrected(self) -> bool:

@@ -87,7 +87,7 @@ def evaluate(
         raise NotEnoughDataError(
             f"{session.path} has no view to evaluate with: take pictures that show the whole board."
         )
-    observations = Observations.of(views, session.board).timed(None, ours.height)
+    observations = Observations.of(views, session.board).add_times(None, ours.height)
     with single_thread():
         if halves or path.has_private_blocks:
             noise = (
@@ -121,7 +121,7 @@ def _by_halves(
     odd = (torch.arange(len(observations.pixels)) - observations.starts[observations.view]) % 2 == 1
     image, board = torch.empty_like(observations.pixels), torch.empty_like(observations.pixels)
     for scored in (odd, ~odd):
-        own, _ = refit_poses(path, values, observations.kept(~scored), poses, sigma=sigma)
+        own, _ = refit_poses(path, values, observations.select_rows(~scored), poses, sigma=sigma)
         missed = residuals(path, values, observations, own)
         image[scored], board[scored] = missed.image[scored], missed.board[scored]
     return own, Residuals(image, board)

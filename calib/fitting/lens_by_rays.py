@@ -14,7 +14,7 @@ from torch import Tensor
 
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
-from calib.estimation.joint_fit import AGAIN, ROUNDS, JointFit, fit_joint
+from calib.estimation.joint_fit import ROUNDS, WARM_ROUNDS, JointFit, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, rough_poses
 from calib.estimation.priors import Priors
@@ -149,7 +149,7 @@ def _fitted(
         poses,
         priors=priors,
         start=start,
-        rounds=AGAIN if start else ROUNDS,
+        rounds=WARM_ROUNDS if start else ROUNDS,
     )
     if not joint.finite:
         raise NotEnoughDataError(NO_FIT)

@@ -84,4 +84,4 @@ def _row(one: Comparison) -> tuple[str, str, str, str]:
     if one.held:
         return escape(one.name), said, "held", ""
     by = f" <small>by {escape(one.effect)}</small>" if one.effect else ""
-    return escape(one.name), said, one.estimated + by, f"{one.apart:.1f} sigma"
+    return escape(one.name), said, one.estimated + by, f"{one.normalised_deviation:.1f} sigma"

@@ -25,7 +25,7 @@ DRAWS = 300
 def test_dense_algebra_says_the_same(cameras: Made) -> None:
     made, checker = cameras["flat"]
     later = Later.drawn(made, None, 5, 3)
-    seen = Observations.of(later.views(), made.board).timed(None, HEIGHT)
+    seen = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
     poses, known = later.made.poses, checker.known
     changes = checker.changes[:2]
     equations = Equations.of(known, changes, seen, poses)
@@ -33,9 +33,11 @@ def test_dense_algebra_says_the_same(cameras: Made) -> None:
     views = list(
         view_equations(known.model.with_effects(new).path, parameters, seen, poses, known.sigma)
     )
-    still = block_diag(*(null_space(view.own.T).T for view in views))  # all that no pose does
+    still = block_diag(
+        *(null_space(view.jacobian_block.T).T for view in views)
+    )  # all that no pose does
     residual = still @ np.concatenate([view.residual for view in views])
-    shared = still @ np.concatenate([view.shared for view in views])
+    shared = still @ np.concatenate([view.jacobian_shared for view in views])
     jacobian, columns = shared[:, : len(known.root)] @ known.root, shared[:, len(known.root) :]
     covariance = np.eye(len(residual)) + jacobian @ jacobian.T
     rows = np.column_stack([residual, columns])
@@ -86,7 +88,7 @@ def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:
 def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 6, 4)
-    seen = Observations.of(later.views(), made.board).timed(None, HEIGHT)
+    seen = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
     known, changes = checker.known, checker.changes
     parameters, new = widened(known, changes)
     views = list(
@@ -98,9 +100,14 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
     columns = np.concatenate(
         [parameters.entries(u.param.name for u in change.effect_parameters) for change in changes]
     )
-    bases = [null_space(view.own.T).T for view in views]
+    bases = [null_space(view.jacobian_block.T).T for view in views]
     rows = [
-        np.column_stack([view.shared[:, : len(known.root)] @ known.root, view.shared[:, columns]])
+        np.column_stack(
+            [
+                view.jacobian_shared[:, : len(known.root)] @ known.root,
+                view.jacobian_shared[:, columns],
+            ]
+        )
         for view in views
     ]
     rows = [basis @ own for basis, own in zip(bases, rows, strict=True)]
@@ -140,13 +147,13 @@ def test_a_change_is_measured_with_its_sign(cameras: Made) -> None:
     made, checker = cameras["cone"]
     later = Later.drawn(made, Focal(), 7, 4)
     truth = float(later.direction["focal.change"]) / Focal().effect_parameters[0].param.scale
-    seen = Observations.of(later.views(1, noise=0.0), made.board).timed(None, HEIGHT)
+    seen = Observations.of(later.views(1, noise=0.0), made.board).add_times(None, HEIGHT)
     poses = later.made.poses
     equations = Equations.of(checker.known, (Focal(),), seen, poses)
     before = Equations.of(
         checker.known,
         (Focal(),),
-        Observations.of(later.views(0, noise=0.0), made.board).timed(None, HEIGHT),
+        Observations.of(later.views(0, noise=0.0), made.board).add_times(None, HEIGHT),
         poses,
     )
     found, still = (one.predicted() for one in (equations, before))

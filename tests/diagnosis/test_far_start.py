@@ -32,7 +32,7 @@ def fitted() -> Fitted:
         port, {u.param.name: u.initial for u in port.effect_parameters}, NOISE, seed=3
     )
     model, observations = model_of(calibration), calibration.observations
-    return model, observations, model.fitted(observations, torch.from_numpy(calibration.poses))
+    return model, observations, model.fit(observations, torch.from_numpy(calibration.poses))
 
 
 def test_poses_are_begun_anew_behind_a_port(fitted: Fitted) -> None:
@@ -40,7 +40,7 @@ def test_poses_are_begun_anew_behind_a_port(fitted: Fitted) -> None:
     wider = model.with_effect(FlatPort("water"))
     start = begun(wider, observations, joint)
     assert residuals(wider.path, start.values, observations, start.poses).rms_px < 2 * NOISE
-    found = wider.fitted(observations, start.poses, start.start, ROUNDS)
+    found = wider.fit(observations, start.poses, start.start, ROUNDS)
     assert found.sigma == pytest.approx(NOISE, rel=0.05)
     assert abs(float(found.values["flat_port.outside_index"]) - WATER) < 0.002
     assert refit_poses(wider.path, start.values, observations, joint.poses)[1].rms_px > 1, (
@@ -57,14 +57,14 @@ def test_a_focal_length_that_made_up_for_water_is_begun_near_its_own() -> None:
         port, {u.param.name: u.initial for u in port.effect_parameters}, NOISE, seed=3
     )
     observations, known = calibration.observations, model_of(calibration)
-    model = replace(known, priors=known.priors.beside(dict.fromkeys(FREE, 1000.0)))
-    joint = model.fitted(observations, torch.from_numpy(calibration.poses))
+    model = replace(known, priors=known.priors.with_sigmas(dict.fromkeys(FREE, 1000.0)))
+    joint = model.fit(observations, torch.from_numpy(calibration.poses))
     true = {name: float(known.means[name]) for name in FREE}
     assert all(float(joint.values[name]) < 0.9 * true[name] for name in FREE)
     wider = model.with_effect(port)
     start = begun(wider, observations, joint)
     assert all(abs(float(start.values[name]) / true[name] - 1) < 0.05 for name in FREE)
-    found = wider.fitted(observations, start.poses, start.start, ROUNDS)
+    found = wider.fit(observations, start.poses, start.start, ROUNDS)
     assert found.sigma == pytest.approx(NOISE, rel=0.05)
     assert all(abs(float(found.values[name]) / true[name] - 1) < 0.001 for name in FREE)
 

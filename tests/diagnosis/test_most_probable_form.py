@@ -23,11 +23,9 @@ def test_one_fit_says_how_probable_the_forms_with_fewer_parameters_are(
     }
     calibration = without_cover(hidden, sizes, 0.1)
     observations, model = calibration.observations, model_of(calibration)
-    begin = model.fitted(observations, torch.from_numpy(calibration.poses))
+    begin = model.fit(observations, torch.from_numpy(calibration.poses))
     forms = [model.with_effect(form) for form in hidden.alternatives()]
-    fits = [
-        form.fitted(observations, begin.poses, begin.start, (1e-3, 1e-4, 1e-6)) for form in forms
-    ]
+    fits = [form.fit(observations, begin.poses, begin.start, (1e-3, 1e-4, 1e-6)) for form in forms]
     for form, fit in zip(forms, fits, strict=True):
         assert odds_of(form, forms[-1], fits[-1]) == pytest.approx(
             fit.log_evidence - fits[-1].log_evidence, abs=1.0, rel=0.2

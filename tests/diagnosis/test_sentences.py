@@ -30,7 +30,7 @@ def loop_without_window() -> Loop:
     there = EffectContext(made.board, made.camera.width, made.camera.height, base.path, base.means)
     model = base.with_effects([DetectorBias(), *FreeField.propose(there)])
     seen = made.observations
-    joint = model.fitted(seen, torch.from_numpy(made.poses))
+    joint = model.fit(seen, torch.from_numpy(made.poses))
     loop = Loop(
         made.board,
         made.camera,

@@ -23,9 +23,9 @@ def test_effects_are_left_in_the_simplest_form_that_the_corners_ask_for(third: f
     }
     calibration = without_cover(hidden, sizes, 0.1)
     observations, base = calibration.observations, base_model(calibration)
-    begin = model_of(calibration).fitted(observations, torch.from_numpy(calibration.poses))
+    begin = model_of(calibration).fit(observations, torch.from_numpy(calibration.poses))
     most = base.with_effects([BoardScale(True, 3, (0.08, 0.08)), BoardShape(0.08, 0.08, 4)])
-    joint = most.fitted(observations, begin.poses, begin.start, (1e-3, 1e-4))
+    joint = most.fit(observations, begin.poses, begin.start, (1e-3, 1e-4))
     found = simplified(Fit(most, joint), base, observations)
     assert found.model.effects == (
         BoardScale(half=(0.08, 0.08)),

@@ -70,7 +70,7 @@ class Situation:
 
     @property
     def observations(self) -> Observations:
-        return Observations.of(self.views, BOARD).timed(TIMES, HEIGHT)
+        return Observations.of(self.views, BOARD).add_times(TIMES, HEIGHT)
 
     @property
     def model(self) -> CameraModel:
@@ -166,7 +166,7 @@ class Form:
             values[unknown.param.name] = values[
                 unknown.param.name
             ] + unknown.param.scale * torch.from_numpy(np.asarray(off))
-        poses = self.model.padded(self.there.poses)
+        poses = self.model.pad_poses(self.there.poses)
         size = 1e-3 if self.effect.per_view == FLEX else 0.01
         own = torch.from_numpy(rng.uniform(-size, size, (len(poses), poses.shape[1] - 6)))
         return values, torch.cat([poses[:, :6], own], 1)

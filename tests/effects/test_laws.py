@@ -23,7 +23,7 @@ from calib.effects.registry import KINDS
 from calib.effects.serialise import Estimated, effect_from_yaml, effect_to_yaml
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
-from calib.estimation.residual_blocks import Landing, landings
+from calib.estimation.residual_blocks import ResidualBlock, make_residual_blocks
 from calib.optics.params import Values
 from tests.effects.forms import FORMS, SITUATIONS, Form, Situation, each_form
 
@@ -61,9 +61,9 @@ def test_every_effect_is_possible_somewhere(kind: type[Effect]) -> None:
 @each_form
 def test_neutral_parameters_change_no_landing(form: Form) -> None:
     model = form.model
-    neutral = {**form.there.values, **model.neutral(form.effect)}
+    neutral = {**form.there.values, **model.neutral_values(form.effect)}
     assert (
-        land(form, neutral, model.padded(form.there.poses)) - land_without(form.there)
+        land(form, neutral, model.pad_poses(form.there.poses)) - land_without(form.there)
     ).abs().max() < 1e-14  # m
 
 
@@ -88,7 +88,7 @@ def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
     for unknown in form.effect.effect_parameters:
         if unknown.shifts:
             name = unknown.param.name
-            other = {**form.there.values, **form.model.neutral(form.effect)}
+            other = {**form.there.values, **form.model.neutral_values(form.effect)}
             by_effect = land(form, {**other, name: values[name]}, poses)
             change = values[name]
             moved = {
@@ -262,14 +262,14 @@ def test_a_file_that_tells_of_no_effect_is_refused(change: dict[str, object], re
 
 def _landing(
     form: Form, values: dict[str, Tensor], poses: Tensor, *, relief_moves: bool = False
-) -> Landing:
+) -> ResidualBlock:
     seen = form.there.observations
     weights = torch.eye(2, dtype=torch.float64).expand(len(seen.pixels), 2, 2)
     relief = form.model.path.relief if relief_moves else None
     parameters = Parameters(
         values, relief, tuple(u.param for u in form.effect.effect_parameters), NONE
     )
-    (landing,) = landings(form.model.path, parameters, seen, weights)
+    (landing,) = make_residual_blocks(form.model.path, parameters, seen, weights)
     assert _residual(landing, values, poses)[1].all()
     return landing
 
@@ -289,5 +289,5 @@ def _estimated(form: Form, values: dict[str, Tensor]) -> Estimated:
     }
 
 
-def _residual(landing: Landing, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
+def _residual(landing: ResidualBlock, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
     return landing.residual(landing.rays(values), values, poses)

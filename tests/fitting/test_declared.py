@@ -67,7 +67,7 @@ def test_an_increment_is_shown_as_the_value_that_it_makes(plain: Calibration) ->
     one = {row.name: row for row in comparisons(diagnosed)}["cover.thickness"]
     assert (one.declared, one.estimate) == pytest.approx((3.0, 1.5))
     assert (one.tolerance, one.sigma) == pytest.approx((0.5, 0.056))
-    assert one.apart == pytest.approx(1.5 / math.sqrt(0.5**2 - 0.056**2))
+    assert one.normalised_deviation == pytest.approx(1.5 / math.sqrt(0.5**2 - 0.056**2))
     assert one.summed == "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
     assert list(own_parameters(diagnosed)) == []
     assert [row for row in comparisons(diagnosed) if row.effect] == [one]
