@@ -137,12 +137,12 @@ def _outcome(
 def _absorbed(checker: Checker, later: Later) -> float:
     assert later.effect
     poses = later.made.poses
-    observations = Observations.of(later.made.views, later.made.board).timed(None, HEIGHT)
+    observations = Observations.of(later.made.views, later.made.board).add_times(None, HEIGHT)
     equations = ReducedEquations.of(checker.prior, (later.effect,), observations, poses)
     vector = np.concatenate(
         [
             later.direction[u.param.name].numpy().ravel() / u.param.scale
-            for u in later.effect.unknowns
+            for u in later.effect.effect_parameters
         ]
     )
     own, place = equations.columns(later.effect.name), equations.places[later.effect.name]

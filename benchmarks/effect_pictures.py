@@ -20,7 +20,7 @@ from PIL import Image
 from torch import Tensor
 
 from calib.corners.view import View
-from calib.effects.effect import Effect, Surroundings
+from calib.effects.effect import Effect, EffectContext
 from calib.effects.registry import FIELDS, KINDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
@@ -165,7 +165,7 @@ def proposed(kinds: tuple[type[Effect], ...], model: CameraModel) -> list[Effect
             torch.tensor([[0.35 * WIDTH, 0.5 * HEIGHT]], dtype=torch.float64), model.means
         )
         place = torch.cat(outer.surface.chart(outer.frame.at(model.means).enter(rays.origin)))
-    there = Surroundings(BOARD, WIDTH, HEIGHT, model.path, model.means, place=place)
+    there = EffectContext(BOARD, WIDTH, HEIGHT, model.path, model.means, place=place)
     return [effect for kind in kinds for effect in kind.propose(there)]
 
 
@@ -205,7 +205,7 @@ def seen(model: CameraModel, values: dict[str, Tensor], poses: Array) -> Observa
     for view, pose in enumerate(poses):
         parameters = torch.from_numpy(
             np.concatenate(
-                [pose, *(rng.normal(0, DRAWN[part]) for part in model.path.view_parts[1:])]
+                [pose, *(rng.normal(0, DRAWN[part]) for part in model.path.view_blocks[1:])]
             )
         ).expand(BOARD.count, -1)
         time = torch.full((BOARD.count,), view / (VIEWS - 1) - 0.5, dtype=torch.float64)
@@ -214,7 +214,7 @@ def seen(model: CameraModel, values: dict[str, Tensor], poses: Array) -> Observa
             timed = {**values, TIME: time, LINE: (pixels[:, 1] + 0.5) / HEIGHT - 0.5}
             pixels = project(model.path, timed, model.path.place(points, timed, parameters))
         views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count)))
-    return Observations.of(views, BOARD).timed(range(VIEWS), HEIGHT)
+    return Observations.of(views, BOARD).add_times(range(VIEWS), HEIGHT)
 
 
 @dataclass(frozen=True)
@@ -240,7 +240,7 @@ class Left:
         true = without.with_effect(effect)
         rng = np.random.default_rng(3)
         values = dict(true.means)
-        for unknown in effect.unknowns:
+        for unknown in effect.effect_parameters:
             size = example.parameters.get(unknown.param.name.removeprefix(f"{effect.name}."))
             if size is not None:
                 drawn = rng.normal(0, size, unknown.param.shape) if unknown.param.shape else size
@@ -413,7 +413,7 @@ def _print_alike() -> None:
         observations = seen(model, dict(model.means), poses)
         noise = torch.from_numpy(np.random.default_rng(1).normal(0, 0.1, observations.pixels.shape))
         observations = replace(observations, pixels=observations.pixels + noise)
-        at = FittedModel(model, observations, model.fitted(observations, torch.from_numpy(poses)))
+        at = FittedModel(model, observations, model.fit(observations, torch.from_numpy(poses)))
         columns = at.candidates(proposed(tuple(k for k in KINDS if k not in FIELDS), model))
         spans = {
             c.effect.name + _choices(c.effect)[1].join("()" * bool(_choices(c.effect)[1])): c

@@ -14,10 +14,10 @@ from torch import Tensor
 
 from calib.calibration import Calibration
 from calib.corners.view import View
-from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.fine_surface import CENTRES, FineSurface
-from calib.effects.flat_port import WALL, FlatPort
+from calib.effects.flat_port import WALL_THICKNESS, FlatPort
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import residuals
 from calib.fitting.stages import Settings
@@ -75,7 +75,7 @@ class Hidden:
                 rng.uniform(low + 0.35 * (high - low), high - 0.35 * (high - low))
             )
         forms = kind.propose(
-            Surroundings(made.board, WIDTH, HEIGHT, made.path, made.values, place=place)
+            EffectContext(made.board, WIDTH, HEIGHT, made.path, made.values, place=place)
         )
         if not forms:
             return None
@@ -88,8 +88,8 @@ class Hidden:
         """A port in water, which has no size: it is there or not."""
         port = FlatPort("water")
         there = {
-            u.param.name: torch.tensor(u.begin - u.neutral, dtype=torch.float64)
-            for u in port.unknowns
+            u.param.name: torch.tensor(u.initial - u.neutral, dtype=torch.float64)
+            for u in port.effect_parameters
         }
         return cls(bare(seed, views), port, there, torch.zeros(views, 0, dtype=torch.float64), seed)
 
@@ -101,7 +101,7 @@ class Hidden:
         ):
             return False
         if isinstance(self.effect, EntrancePupil):
-            spread = {u.param.name: u.sigma for u in self.effect.unknowns}
+            spread = {u.param.name: u.sigma for u in self.effect.effect_parameters}
             if (
                 max(size * abs(float(step)) / spread[name] for name, step in self.direction.items())
                 > FARTHEST
@@ -127,11 +127,13 @@ class Hidden:
         path = self.effect.apply(self.made.path)
         moved = {
             u.param.name: u.neutral + size * self.direction.get(u.param.name, torch.zeros(()))
-            for u in self.effect.unknowns
+            for u in self.effect.effect_parameters
         }
         values = {**self.made.values, **moved}
         poses = torch.cat([self.made.poses, size * self.own], 1)
-        seen = self.made.observations.timed([float(i) for i in range(len(self.made.views))], HEIGHT)
+        seen = self.made.observations.add_times(
+            [float(i) for i in range(len(self.made.views))], HEIGHT
+        )
         timed = seen.with_times(values)
         pixels = project(
             path, timed, path.place(seen.corners, timed, poses[seen.view]), start=seen.pixels
@@ -166,19 +168,19 @@ def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
     """
     match effect:
         case FlatPort():
-            return {"flat_port.thickness": torch.tensor(WALL / 100, dtype=torch.float64)}
+            return {"flat_port.thickness": torch.tensor(WALL_THICKNESS / 100, dtype=torch.float64)}
         case FineSurface():  # random heights are mostly smooth, and a relief takes them up
             bump = torch.zeros(CENTRES, dtype=torch.float64)
             bump[CENTRES[0] // 2, CENTRES[1] // 2] = SMALL["m"]
             return {"fine_surface.amplitudes": bump}
     widest = {
         u.param.unit: max(
-            float(np.max(v.sigma)) for v in effect.unknowns if v.param.unit == u.param.unit
+            float(np.max(v.sigma)) for v in effect.effect_parameters if v.param.unit == u.param.unit
         )
-        for u in effect.unknowns
+        for u in effect.effect_parameters
     }
 
-    def drawn(u: Unknown) -> Tensor:
+    def drawn(u: EffectParameter) -> Tensor:
         return torch.from_numpy(
             np.asarray(
                 rng.normal(size=u.param.shape)
@@ -188,7 +190,7 @@ def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
             )
         )
 
-    return {u.param.name: drawn(u) for u in effect.unknowns}
+    return {u.param.name: drawn(u) for u in effect.effect_parameters}
 
 
 def bare(seed: int, views: int) -> Scene:

@@ -148,7 +148,7 @@ def judged(path: Path, effects: Sequence[str]) -> tuple[float, float]:
         )
     model, observations = full_model(made), made.observations
     with single_thread():
-        joint = model.fitted(observations, torch.from_numpy(made.poses))
+        joint = model.fit(observations, torch.from_numpy(made.poses))
         left = hold_out(model, observations, joint, fold_split(range(len(made.views))))
     return made.stages[-1].rms_px, left.rms
 

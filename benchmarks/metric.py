@@ -166,7 +166,7 @@ def ours(calibration: Calibration, seen: HeldOut) -> Score:
         seen.pixels.reshape(-1, 2), boards, np.repeat(np.arange(len(boards)), count).tolist()
     )
     field = calibration.ray_field()
-    straight = field.undistorted(seen.pixels.reshape(-1, 2), measured.points[:, 2]).reshape(
+    straight = field.undistort_pixels(seen.pixels.reshape(-1, 2), measured.points[:, 2]).reshape(
         seen.pixels.shape
     )
     errors, sigmas = [], []

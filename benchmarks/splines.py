@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.interpolate import NdBSpline, make_interp_spline
 
-from calib.undistortion.grids import grid
+from calib.undistortion.grids import grid_nodes
 from calib.undistortion.spline import Spline
 from fixtures.synthetic import HEIGHT, WIDTH
 
@@ -37,7 +37,10 @@ coefficients.
 def main() -> None:
     table = Table("3280x2464, nodes of", "what", "ours, ms", "scipy over ours")
     for spacing in SPACINGS:
-        columns, rows = grid(WIDTH, spacing, 0.06 * WIDTH), grid(HEIGHT, spacing, 0.06 * HEIGHT)
+        columns, rows = (
+            grid_nodes(WIDTH, spacing, 0.06 * WIDTH),
+            grid_nodes(HEIGHT, spacing, 0.06 * HEIGHT),
+        )
         at = np.stack(np.meshgrid(columns, rows), -1)
         values = at + 20 * np.sin(at[..., ::-1] / 500)
         ours, theirs = Spline.through(columns, rows, values), fitted(columns, rows, values)

@@ -31,7 +31,7 @@ from calib.io.arrays import decode_npz
 from calib.io.file_set import FileSet, in_force
 from calib.io.files import npz, reading
 from calib.io.yaml_reader import read_yaml
-from calib.optics.board_target import PARTS, POSE
+from calib.optics.board_target import POSE, VIEW_BLOCKS
 from calib.optics.build import covered_path, with_relief
 from calib.optics.path import Path
 from calib.optics.projection import project
@@ -90,7 +90,7 @@ class Declared:
     cover: Cover
     doubted: tuple[str, ...] = ()
     """Numbers that the views contradict, as the ray path calls them: the fit widened their prior by
-    calib.estimation.doubt.DOUBT.
+    calib.estimation.prior_conflict.PRIOR_INFLATION.
     """
 
 
@@ -148,7 +148,7 @@ class Calibration:
     @property
     def observations(self) -> Observations:
         """The seen corners of its views, with when each was seen."""
-        return Observations.of(self.views, self.board).timed(
+        return Observations.of(self.views, self.board).add_times(
             capture_times(self.views), self.camera.height
         )
 
@@ -181,11 +181,11 @@ class Calibration:
         assert self.camera.intrinsics
         path, values = self.model()
         priors = priors_of(self.camera.intrinsics, self.cover, path)
-        priors = priors.beside(
+        priors = priors.with_sigmas(
             {
                 unknown.param.name: unknown.sigma
                 for found in self.effects
-                for unknown in found.effect.unknowns
+                for unknown in found.effect.effect_parameters
             }
         )
         return CameraModel(path, values, priors, tuple(found.effect for found in self.effects))
@@ -423,7 +423,11 @@ def _from_mapping(
         arrays,
         relief,
         board,
-        sum(PARTS[part] for part in (POSE, *(added.effect.per_view for added in effects)) if part),
+        sum(
+            VIEW_BLOCKS[part]
+            for part in (POSE, *(added.effect.per_view for added in effects))
+            if part
+        ),
     )
     read = Calibration(
         board=board,

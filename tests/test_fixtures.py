@@ -209,7 +209,7 @@ def test_undistorting_a_held_out_view_straightens_its_board(
     before, after = [], []
     field = fitted["bumps"].ray_field()
     for view, depth in zip(detect(session.frames, session.board).views, depths, strict=True):
-        straight = field.undistorted(view.corners, float(depth))
+        straight = field.undistort_pixels(view.corners, float(depth))
         before.append(_bend(view.corners))
         after.append(_bend(straight))
     print(f"bends {np.mean(before):.4f} px, straightened {np.mean(after):.4f} px")

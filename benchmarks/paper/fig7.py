@@ -58,7 +58,7 @@ def run(progress: Progress) -> Result:
 def _distortion(path: Path, values: Values) -> Field:
     """(rows, columns, 2) px: undistorted minus distorted pixel."""
     pixels = np.stack(np.meshgrid(COLUMNS, ROWS), -1)
-    moved = ray_field(path, values, WIDTH, HEIGHT).undistorted(pixels.reshape(-1, 2), DEPTH)
+    moved = ray_field(path, values, WIDTH, HEIGHT).undistort_pixels(pixels.reshape(-1, 2), DEPTH)
     return moved.reshape(pixels.shape) - pixels
 
 

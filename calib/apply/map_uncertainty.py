@@ -21,7 +21,7 @@ from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
-from calib.estimation.residual_blocks import ROWS
+from calib.estimation.residual_blocks import BATCH_SIZE
 from calib.optics.path import Path
 from calib.threads import single_thread
 from calib.undistortion.depth_map import DepthMap
@@ -163,8 +163,8 @@ class UndistortedChange:
         if not (depth > 0).all():
             raise InputError(NO_CORNERS)
         normal, right_side = np.zeros((6, 6)), np.zeros((6, parameters.count))
-        for first in range(0, len(depth), ROWS):
-            some = slice(first, first + ROWS)
+        for first in range(0, len(depth), BATCH_SIZE):
+            some = slice(first, first + BATCH_SIZE)
             jacobian, motions, lost = undistorted_jacobian(path, parameters, corners[some, :2])
             at = (
                 np.stack([np.ones_like(depth[some]), 1 / depth[some]], -1)[:, :, None, None]

@@ -26,7 +26,7 @@ from calib.errors import NotEnoughDataError
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import pinhole_poses, refit_poses
-from calib.estimation.residual_blocks import landings, pixel_weights
+from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.threads import single_thread
 from calib.undistortion.grids import Array
 
@@ -147,11 +147,11 @@ class Measurer:
             )
         with single_thread():
             poses, _ = refit_poses(path, values, observations, start)
-            seen = observations.kept(
+            seen = observations.select_rows(
                 path.land(observations.pixels, values, poses[observations.view])[1] == 0
             )
             weights = pixel_weights(path, values, seen, poses, self._corner_noise)
-            (landing,) = landings(path, Parameters.none(values), seen, weights)
+            (landing,) = make_residual_blocks(path, Parameters.none(values), seen, weights)
             by_pose = landing.linearise(values, poses).jacobian_block.flatten(0, 1).numpy()
         noise = np.linalg.cholesky(np.linalg.inv(by_pose.T @ by_pose))
         pose, pixels = poses[0].numpy(), seen.pixels.numpy()

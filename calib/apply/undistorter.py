@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.io.images import Image as Stored
-from calib.undistortion.crop import cropped
+from calib.undistortion.crop import crop_window
 from calib.undistortion.depth_stack import DepthStack, depth_stack
 from calib.undistortion.grids import Array, Mask
 from calib.undistortion.ray_field import RayField, check_depth
-from calib.undistortion.remap import MOST, remap
+from calib.undistortion.remap import MAX_SIDE, remap
 from calib.undistortion.window import Window
 
 NEAR = 0.1
@@ -162,7 +162,7 @@ class Undistorter:
             depth: m, one for all or (N,); the undistorter's own if it has one for all.
         """
         metres = self._metres(depth, pixels)
-        undistorted = self.field.undistorted(pixels, metres)
+        undistorted = self.field.undistort_pixels(pixels, metres)
         seen = self.field.sees(pixels[:, 0], pixels[:, 1], metres) & (metres > 0)
         return np.where(
             seen[:, None], (undistorted - self.window.corner) / self.window.zoom, np.nan
@@ -175,7 +175,7 @@ class Undistorter:
         metres = self._metres(depth, pixels)
         there = metres > 0
         plane = pixels * np.array(self.window.zoom) + self.window.corner
-        distorted, seen = self.field.distorted(plane, np.where(there, metres, np.inf))
+        distorted, seen = self.field.distort_pixels(plane, np.where(there, metres, np.inf))
         return np.where((seen & there)[:, None], distorted, np.nan)
 
     def project(self, points: Array) -> Array:
@@ -217,7 +217,7 @@ class Undistorter:
                 if _is_image(self._depth)
                 else (float(cast(float, self._depth)),)
             )
-            return cropped(self.field, depths, crop, size)
+            return crop_window(self.field, depths, crop, size)
         if camera_matrix is None:
             return Window(*size)
         (fx, fy), (cx, cy) = self._pinhole()
@@ -265,5 +265,5 @@ def _fast(
     for axis, size in ((x, field.width), (y, field.height)):
         np.clip(axis, 0, size - 1, out=axis)
         np.copyto(axis, -1, where=~valid)
-    small = max(*x.shape, field.width, field.height) <= MOST  # 16 bits hold no more
+    small = max(*x.shape, field.width, field.height) <= MAX_SIDE  # 16 bits hold no more
     return cv2.convertMaps(x, y, cv2.CV_16SC2) if FIXED_POINT and small else (x, y)

@@ -17,7 +17,7 @@ from calib.effects.board_shape import DEGREES, BoardShape
 from calib.effects.cover_offset import CoverOffset
 from calib.effects.cover_radius import CoverRadius
 from calib.effects.cover_tilt import CoverTilt
-from calib.effects.effect import Effect, Surroundings, possible
+from calib.effects.effect import Effect, EffectContext, is_possible
 from calib.effects.focal import Focal
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.lens import Lens
@@ -84,7 +84,7 @@ def changes_of(calibration: Calibration) -> tuple[Effect, ...]:
     """
     path, values = calibration.model()
     camera = calibration.camera
-    context = Surroundings(calibration.board, camera.width, camera.height, path, values)
+    context = EffectContext(calibration.board, camera.width, camera.height, path, values)
     effects = {added.effect.name: added.effect for added in calibration.effects}
     changes: list[Effect] = []
     for kind in KINDS:
@@ -94,7 +94,7 @@ def changes_of(calibration: Calibration) -> tuple[Effect, ...]:
             changes.append(BoardShape(*calibration.board.half, DEGREES[0]))
         elif kind is BoardScale:  # matches its wording
             changes.append(BoardScale())
-        elif possible(kind, path):
+        elif is_possible(kind, path):
             changes += kind.propose(context)
     return tuple(changes)
 
@@ -118,12 +118,14 @@ def size_of(change: Effect, vector: Array, covariance: Array, shift: Array) -> S
     """
     words = WORDS[change.name]
     if isinstance(change, PictureMode):
-        scale = math.exp(-vector[0] * change.unknowns[0].param.scale)
+        scale = math.exp(-vector[0] * change.effect_parameters[0].param.scale)
         return Size(
-            scale, scale * change.unknowns[0].param.scale * float(covariance[0, 0]) ** 0.5, ""
+            scale,
+            scale * change.effect_parameters[0].param.scale * float(covariance[0, 0]) ** 0.5,
+            "",
         )
     scales = np.concatenate(
-        [np.full(math.prod(u.param.shape), u.param.scale) for u in change.unknowns]
+        [np.full(math.prod(u.param.shape), u.param.scale) for u in change.effect_parameters]
     )
     metric = (
         shift

@@ -30,7 +30,7 @@ from calib.checking.significance import Significance, significance
 from calib.corners.view import RejectedPicture, View
 from calib.effects.effect import Effect
 from calib.errors import InputError
-from calib.estimation.noise import on_board, short_scale_noise
+from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.posable import posable
@@ -83,7 +83,7 @@ class Checker:
                 residual = residuals(
                     prior.model.path, prior.model.means, calibration.observations, poses
                 )
-                grid = on_board(residual.image, calibration.views)
+                grid = on_board_grid(residual.image, calibration.views)
                 noise = short_scale_noise(grid, calibration.board)
             overdispersion = Overdispersion.of(calibration, prior, changes)
             return Checker(calibration, prior, changes, overdispersion, noise)
@@ -109,7 +109,7 @@ class Checker:
         views, poses, residual, unexplained = self._fit_poses(pictures)
         rejected = (*pictures.rejected, *unexplained)
         camera = self.calibration.camera
-        observations = Observations.of(views, pictures.board).timed(None, camera.height)
+        observations = Observations.of(views, pictures.board).add_times(None, camera.height)
         advance(1, "test")
         equations = ReducedEquations.of(self.prior, self.changes, observations, poses)
         noise_ratio = self._noise_ratio(residual, views, pictures.board)
@@ -226,7 +226,7 @@ class Checker:
                 " picture. Take pictures that show the whole board."
             )
         height = self.calibration.camera.height
-        observations = Observations.of(views, pictures.board).timed(None, height)
+        observations = Observations.of(views, pictures.board).add_times(None, height)
         poses, residual = self.prior.fit_poses(observations, poses)
         return views, poses, residual, rejected
 
@@ -234,7 +234,7 @@ class Checker:
         """Return the short-scale noise variance of the corners over that of the calibration's own,
         at least 1.
         """
-        grid = on_board(residual.image, views)
+        grid = on_board_grid(residual.image, views)
         noises = [short_scale_noise(grid[view : view + 1], board) for view in range(len(views))]
         noise = float(np.median(noises))  # robust against a single bad view
         return max(1.0, (noise / self.noise) ** 2) if np.isfinite(noise) and self.noise > 0 else 1.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 from calib.effects.cover_tilt import axis_names
-from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.cone import Cone
 from calib.optics.flat import Flat
 from calib.optics.path import Path
@@ -30,7 +30,7 @@ class CoverSpin(Effect):
     advice: ClassVar[str] = "hold the board where the cover is most uneven"
 
     @classmethod
-    def propose(cls, context: Surroundings) -> tuple[Self, ...]:
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
         if not context.path.relief:
             return ()
         match context.path.cover[-1].surface:
@@ -41,12 +41,13 @@ class CoverSpin(Effect):
         return (cls("xyz"),)
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown.of(f"cover_spin.{axis}", SPIN) for axis in self.axes)
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        return tuple(EffectParameter.of(f"cover_spin.{axis}", SPIN) for axis in self.axes)
 
     def apply(self, path: Path) -> Path:
         names = axis_names("cover_spin", self.axes)
         turned = (
-            replace(i, frame=replace(i.frame, more=(*i.frame.more, names))) for i in path.cover
+            replace(i, frame=replace(i.frame, extra_tilts=(*i.frame.extra_tilts, names)))
+            for i in path.cover
         )
         return replace(path, cover=tuple(turned))

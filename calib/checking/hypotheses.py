@@ -22,7 +22,7 @@ from calib.checking.picture_mode import SCALES, PictureMode
 from calib.checking.prior import CalibrationPrior
 from calib.checking.reduced_equations import ReducedEquations, prior_spread
 from calib.checking.refit import refit
-from calib.effects.effect import Effect, linear_evidence
+from calib.effects.effect import Effect, log_bayes_factor
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses
 from calib.estimation.residuals import Residuals
@@ -115,7 +115,7 @@ def _first_order(change: Effect, products: Array, equations: ReducedEquations) -
     information = products[columns, columns]
     score = products[columns, 0]
     covariance = np.asarray(np.linalg.inv(information + np.diag(spread**-2.0)), np.float64)
-    evidence = linear_evidence(information, score, spread)
+    evidence = log_bayes_factor(information, score, spread)
     return Hypothesis(change.name, evidence, change, -covariance @ score, covariance)
 
 
@@ -223,11 +223,11 @@ def _fit_mode(
     if not mode:
         return None
     path = prior.model.with_effect(mode).path
-    scale = mode.unknowns[0].param.name
+    scale = mode.effect_parameters[0].param.name
     starts: list[tuple[float, dict[str, Tensor], Tensor]] = [(error, {}, views.poses)]
     for factor in SCALES:
         start = {scale: torch.tensor(np.log(factor), dtype=torch.float64)}
-        values = {**prior.model.means, **prior.model.neutral(mode), **start}
+        values = {**prior.model.means, **prior.model.neutral_values(mode), **start}
         pixels = path.adjustments[0](views.observations.pixels, values)[0]
         observations = replace(views.observations, pixels=pixels)
         if (fit := _fit_poses(prior, observations)) is not None:

@@ -62,7 +62,7 @@ def _describe(hypothesis: Hypothesis, chance: float, views: CheckedViews) -> Cha
     sigmas = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     numbers: list[tuple[str, float, float, str]] = []
     index = 0
-    for unknown in hypothesis.change.unknowns:
+    for unknown in hypothesis.change.effect_parameters:
         if not unknown.param.shape:
             scale = unknown.param.scale
             numbers.append(

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import torch
 from torch import Tensor
 
-from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 
@@ -29,23 +29,23 @@ class PictureMode(Effect):
     advice: ClassVar[str] = "read the mode from the camera's driver"
 
     @classmethod
-    def propose(cls, context: Surroundings) -> tuple[Self, ...]:
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
         return (cls(context.width, context.height),)
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        scale = Unknown(Param("picture_mode.log_scale", "", 1e-3), 0.5)
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        scale = EffectParameter(Param("picture_mode.log_scale", "", 1e-3), 0.5)
         return (
             scale,
             *(
-                Unknown(Param(f"picture_mode.shift.{axis}", "px", 1.0), 0.1 * self.width)
+                EffectParameter(Param(f"picture_mode.shift.{axis}", "px", 1.0), 0.1 * self.width)
                 for axis in "xy"
             ),
         )
 
     @property
     def params(self) -> tuple[Param, ...]:
-        return tuple(unknown.param for unknown in self.unknowns)
+        return tuple(unknown.param for unknown in self.effect_parameters)
 
     def apply(self, path: Path) -> Path:
         return replace(path, adjustments=(self, *path.adjustments))

@@ -18,7 +18,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import Residuals, residuals
-from calib.optics.board_target import with_parts
+from calib.optics.board_target import with_blocks
 
 Array = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ class CalibrationPrior:
         """
         path, values = self.model.path, self.model.means
         return refit_poses(
-            path, values, observations, with_parts(poses, path.view_parts), sigma=self.sigma
+            path, values, observations, with_blocks(poses, path.view_blocks), sigma=self.sigma
         )
 
 

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from calib.checking.prior import CalibrationPrior
 from calib.effects.effect import Effect
-from calib.estimation.elimination import orthonormal, view_equations
+from calib.estimation.elimination import orthonormal_basis, view_equations
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.optics.params import Values
@@ -65,7 +65,7 @@ class ReducedEquations:
         parameters = replace(parameters, origin={**parameters.origin, **(at or {})})
         path = prior.model.with_effects(new).path
         entries = {
-            change.name: parameters.entries(u.param.name for u in change.unknowns)
+            change.name: parameters.entries(u.param.name for u in change.effect_parameters)
             for change in changes
         }
         columns = np.concatenate([np.zeros(0, np.int64), *entries.values()])
@@ -74,14 +74,14 @@ class ReducedEquations:
             rows = np.column_stack(
                 [
                     view.residual,
-                    view.shared[:, : len(prior.root)] @ prior.root,
-                    view.shared[:, columns],
+                    view.jacobian_shared[:, : len(prior.root)] @ prior.root,
+                    view.jacobian_shared[:, columns],
                 ]
             )
-            basis = orthonormal(view.own)
+            basis = orthonormal_basis(view.jacobian_block)
             projected = basis.T @ rows
             products.append(rows.T @ rows - projected.T @ projected)
-            freedom.append(int(np.count_nonzero(view.own.any(1))) - basis.shape[1])
+            freedom.append(int(np.count_nonzero(view.jacobian_block.any(1))) - basis.shape[1])
         ends = (
             1
             + len(prior.root)
@@ -166,9 +166,11 @@ def parameters_with_changes(
     names = {effect.name for effect in prior.model.effects}
     new = [change for change in changes if change.name not in names]
     wider = prior.model.with_effects(new)
-    neutral = {name: value for effect in new for name, value in prior.model.neutral(effect).items()}
+    neutral = {
+        name: value for effect in new for name, value in prior.model.neutral_values(effect).items()
+    }
     calibrated = prior.parameters
-    free = (*calibrated.free, *(u.param for effect in new for u in effect.unknowns))
+    free = (*calibrated.free, *(u.param for effect in new for u in effect.effect_parameters))
     return Parameters({**calibrated.origin, **neutral}, calibrated.relief, free, wider.priors), new
 
 
@@ -176,6 +178,6 @@ def prior_spread(change: Effect) -> Array:
     """Return the (k,) prior standard deviations of a change's parameters, over their scales."""
     spreads = (
         np.broadcast_to(np.asarray(u.sigma, np.float64) / u.param.scale, u.param.shape).ravel()
-        for u in change.unknowns
+        for u in change.effect_parameters
     )
     return np.concatenate([np.zeros(0), *spreads])

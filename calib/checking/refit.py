@@ -13,12 +13,12 @@ from torch import Tensor
 from calib.checking.prior import CalibrationPrior
 from calib.checking.reduced_equations import parameters_with_changes, prior_spread
 from calib.effects.effect import Effect
-from calib.estimation.joint_fit import inverse
+from calib.estimation.joint_fit import invert_precision
 from calib.estimation.levenberg_marquardt import Outcome, minimise
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
-from calib.estimation.residual_blocks import landings, pixel_weights
+from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.residuals import Residuals, residuals
 from calib.optics.path import Path
 
@@ -82,7 +82,10 @@ def refit(
     path = prior.model.with_effects(new).path
     if change_only and change:
         parameters = Parameters(
-            parameters.origin, None, tuple(u.param for u in change.unknowns), parameters.priors
+            parameters.origin,
+            None,
+            tuple(u.param for u in change.effect_parameters),
+            parameters.priors,
         )
         precision = torch.from_numpy(np.diag(prior_spread(change) ** -2.0))
     else:
@@ -91,11 +94,11 @@ def refit(
     initial = parameters.values(shared)
     timed = observations.with_times(initial)
     _, failure = path.land(observations.pixels, timed, poses[observations.view])
-    visible_observations = observations.kept(failure == 0)
+    visible_observations = observations.select_rows(failure == 0)
     weights = pixel_weights(path, initial, visible_observations, poses, sigma)
     problem = LandingProblem(
         parameters,
-        tuple(landings(path, parameters, visible_observations, weights, initial)),
+        tuple(make_residual_blocks(path, parameters, visible_observations, weights, initial)),
         precision,
         view_precision(path, poses),
     )
@@ -107,7 +110,7 @@ def refit(
         tolerance=ROUGH_TOLERANCE if change_only else TOLERANCE,
     )
     hessian, _ = solution.equations.schur_complement()
-    covariance = inverse(hessian + precision).numpy()
+    covariance = invert_precision(hessian + precision).numpy()
     if solution.outcome is Outcome.NOT_FINITE:
         covariance = np.full_like(covariance, np.nan)
     return Refit(
@@ -129,7 +132,7 @@ def _precision(
     if change and change in new:
         covariance = block_diag(covariance, np.diag(prior_spread(change) ** 2))
     elif change:
-        entries = parameters.entries(u.param.name for u in change.unknowns)
+        entries = parameters.entries(u.param.name for u in change.effect_parameters)
         covariance = covariance.copy()
         covariance[entries, entries] += prior_spread(change) ** 2
-    return inverse(torch.from_numpy(covariance)).numpy()
+    return invert_precision(torch.from_numpy(covariance)).numpy()

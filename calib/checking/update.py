@@ -91,7 +91,9 @@ def update(
     rejected = {view.name for view in result.rejected}
     views = tuple(view for view in pictures.views if view.name not in rejected)
     with single_thread():
-        observations = Observations.of(views, pictures.board).timed(None, calibration.camera.height)
+        observations = Observations.of(views, pictures.board).add_times(
+            None, calibration.camera.height
+        )
         poses, _ = prior.fit_poses(observations, pinhole_poses(observations, prior.model.means))
         fit = refit(prior, change, observations, poses, prior.sigma * _noise_ratio(result))
         if not fit.finite:

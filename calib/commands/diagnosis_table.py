@@ -6,9 +6,9 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.calibration import Calibration
-from calib.diagnosis.effect_description import describe_effect
+from calib.diagnosis.effect_description import describe_estimates
 from calib.diagnosis.finding import Candidate, Diagnosis
-from calib.effects.plainly import plainly
+from calib.effects.description import describe_effect
 from calib.errors import harmless
 
 
@@ -27,9 +27,9 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
     console.print(_errors(finding))
     for candidate in finding.candidates:
         if candidate.accepted:
-            said = "; ".join(describe_effect(candidate.effect, better, candidate.parameters))
+            said = "; ".join(describe_estimates(candidate.effect, better, candidate.parameters))
             console.print(
-                f"{candidate.title}: {plainly(candidate.effect)} {said}",
+                f"{candidate.title}: {describe_effect(candidate.effect)} {said}",
                 markup=False,
                 highlight=False,
                 soft_wrap=True,

@@ -33,7 +33,7 @@ def all_free(calibration: Calibration) -> Calibration:
     freed = replace(calibration, stated=Declared(intrinsics, cover, declared.doubted))
     model, observations = full_model(freed), calibration.observations
     with single_thread():
-        joint = model.fitted(observations, torch.from_numpy(calibration.poses))
+        joint = model.fit(observations, torch.from_numpy(calibration.poses))
     if not joint.finite:
         raise NotEnoughDataError(joint.outcome.value)
     return with_fit(freed, model, joint, observations)

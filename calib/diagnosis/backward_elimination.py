@@ -34,13 +34,13 @@ def drop_idle(state: SearchState, newest: Effect | None = None) -> tuple[SearchS
     for effect in state.model.effects:
         if effect is newest or _is_clearly_needed(state, effect, state.model.effects):
             continue
-        imitated = state.model.path.private and not effect.per_view
+        imitated = state.model.path.has_private_blocks and not effect.per_view
         idle = not imitated and _is_idle(state, effect)
         if not (idle or imitated):
             continue
         fit = state.evaluations.refit_without(effect)
         observations = state.problem.observations
-        joint = fit.model.fitted(observations, fit.joint.poses, fit.joint.start, ROUNDS)
+        joint = fit.model.fit(observations, fit.joint.poses, fit.joint.start, ROUNDS)
         if not joint.finite:
             continue
         if idle or joint.log_marginal > state.joint.log_marginal or _is_idle(state, effect):

@@ -21,7 +21,7 @@ from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS
 from calib.errors import NotEnoughDataError
 from calib.estimation.joint_fit import JointFit
-from calib.estimation.noise import burst_noise, on_board, short_scale_noise
+from calib.estimation.noise import burst_noise, on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.evaluate import evaluate
@@ -72,7 +72,7 @@ def diagnose(
     with single_thread():
         model = full_model(calibration)
         advance(1, "fit")
-        base = ModelFit(model, model.fitted(observations, torch.from_numpy(calibration.poses)))
+        base = ModelFit(model, model.fit(observations, torch.from_numpy(calibration.poses)))
         if not base.joint.finite:
             raise NotEnoughDataError(base.joint.outcome.value)
         problem = SearchProblem(
@@ -112,7 +112,7 @@ def diagnose(
     extended = with_fit(calibration, state.model, state.joint, observations)
     if holdout:
         refitted = with_fit(calibration, base.model, base.joint, observations)
-        halves = state.model.path.private
+        halves = state.model.path.has_private_blocks
         base_held_out = evaluate(refitted, holdout, progress, halves=halves).rms_px
         held_out = evaluate(extended, holdout, progress, halves=halves).rms_px
     base_residuals = _residuals(base, observations)
@@ -175,7 +175,7 @@ def _noise(
     calibration: Calibration, residual: Residuals, poses: NDArray[np.int64]
 ) -> tuple[float, str]:
     """Return the noise floor in px, and its source in words."""
-    grid = on_board(residual.image, calibration.views)
+    grid = on_board_grid(residual.image, calibration.views)
     noise = burst_noise(grid, poses)
     if np.isfinite(noise):
         return noise, "pictures of one pose of the board"
@@ -229,7 +229,7 @@ def _candidates(state: SearchState, accepted: tuple[str, ...]) -> list[Candidate
 def _estimates(effect: Effect, joint: JointFit) -> dict[str, ParameterEstimate]:
     """Return the estimate of each scalar parameter, and the root mean square of each field."""
     estimates = {}
-    for unknown in effect.unknowns:
+    for unknown in effect.effect_parameters:
         name = unknown.param.name
         value = joint.values[name]
         sigma = joint.sigma_of(name)

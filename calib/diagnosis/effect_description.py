@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.diagnosis.finding import ParameterEstimate
 from calib.fitting.declared import comparisons, own_parameters
-from calib.optics.board_target import FLEX, columns
+from calib.optics.board_target import FLEX, block_columns
 
 
-def describe_effect(
+def describe_estimates(
     effect: str, calibration: Calibration, parameters: Mapping[str, ParameterEstimate]
 ) -> list[str]:
     """Return a text for each number; for parameters of single views, their root mean square.
@@ -39,7 +39,7 @@ def describe_effect(
 def _describe_view_parameters(block: str, calibration: Calibration) -> list[str]:
     """Return the root mean square of the views' own parameters."""
     path, _ = calibration.model()
-    values = calibration.poses[:, columns(path.view_parts)[block]]
+    values = calibration.poses[:, block_columns(path.view_blocks)[block]]
     if block == FLEX:
         return [
             f"boards bend by {1e3 * _rms(values):.2g} mm (root mean square over views and terms)"

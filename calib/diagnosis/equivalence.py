@@ -108,7 +108,7 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
     observations = state.problem.observations
     odds = np.array([_odds(fit, fits[likeliest], observations) for fit in fits])
     equal_prior = odds / odds.sum()
-    weighted = odds * [member.beforehand for member in members]
+    weighted = odds * [member.prior_odds for member in members]
     probabilities = weighted / weighted.sum()
     best = int(np.argmax(probabilities))
     if best:
@@ -130,7 +130,7 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
 
 def _replace_effect(state: SearchState, rival: Rival) -> SearchState:
     """Return the state with the rival in the model, and its trial."""
-    half = rival.fit.model.path.private
+    half = rival.fit.model.path.has_private_blocks
     base_errors = state.evaluations.held_out_errors_with(rival.base.effects, half=half)
     state = state.with_fit(rival.fit)
     gain = held_out_gain(base_errors, state.evaluations.held_out_errors(half=half))
@@ -207,6 +207,6 @@ def _corner_shift(test: ScoreTest, joint: JointFit) -> NDArray[np.float64]:
         return np.zeros(0)
     vector = [
         (joint.values[u.param.name].numpy().ravel() - u.neutral) / u.param.scale
-        for u in test.effect.unknowns
+        for u in test.effect.effect_parameters
     ]
     return np.asarray(test.jacobian @ np.concatenate(vector))

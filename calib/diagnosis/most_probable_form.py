@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import ROUNDS, JointFit, inverse
+from calib.estimation.joint_fit import ROUNDS, JointFit, invert_precision
 from calib.estimation.objective import view_precision
 from calib.estimation.observations import Observations
 from calib.inference.laplace_evidence import LaplaceEvidence
@@ -38,14 +38,14 @@ def with_most_probable(
         return _fit_most_probable_size(forms, observations, start)
     largest = forms[-1]
     moved = start_with_effect(largest, observations, start)
-    joint = largest.fitted(observations, moved.poses, moved.start, ROUNDS)
+    joint = largest.fit(observations, moved.poses, moved.start, ROUNDS)
     if not joint.finite:
         return largest, joint
     best = forms[int(np.argmax([savage_dickey_log_odds(form, largest, joint) for form in forms]))]
     if best is largest:
         return largest, joint
     best_start = start_without_effects(best, largest, joint, observations)
-    return best, best.fitted(observations, joint.poses, best_start, ROUNDS)
+    return best, best.fit(observations, joint.poses, best_start, ROUNDS)
 
 
 def savage_dickey_log_odds(form: CameraModel, largest: CameraModel, joint: JointFit) -> float:
@@ -60,7 +60,7 @@ def savage_dickey_log_odds(form: CameraModel, largest: CameraModel, joint: Joint
     distance = parameters.vector(joint.values)[entries] - neutral
     covariance = joint.covariance[entries][:, entries]
     sigmas = [np.ravel(largest.priors.sigmas[param.name]) / param.scale for param in removed]
-    square = distance @ inverse(covariance) @ distance
+    square = distance @ invert_precision(covariance) @ distance
     log_posterior = -float(square + covariance.slogdet().logabsdet) / 2
     return float(log_posterior + np.log(np.concatenate(sigmas)).sum())
 
@@ -85,10 +85,10 @@ def _fit_most_probable_size(
         )
 
     middle = len(forms) // 2
-    is_fit_of_forms = start.poses.shape == forms[middle].padded(start.poses).shape
+    is_fit_of_forms = start.poses.shape == forms[middle].pad_poses(start.poses).shape
     index = most_probable(middle) if is_fit_of_forms else middle
     while index not in fits:
-        joint = forms[index].fitted(observations, joint.poses, joint.start, ROUNDS)
+        joint = forms[index].fit(observations, joint.poses, joint.start, ROUNDS)
         fits[index] = joint
         if not joint.finite:
             break

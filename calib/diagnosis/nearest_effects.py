@@ -32,7 +32,9 @@ def nearest_named(
     Returns:
         Names, and fractions of the field's sum of squares, the largest first.
     """
-    vector = [(values[u.param.name] / u.param.scale).numpy().ravel() for u in field.unknowns]
+    vector = [
+        (values[u.param.name] / u.param.scale).numpy().ravel() for u in field.effect_parameters
+    ]
     shift = fitted.test(field).jacobian @ np.concatenate(vector)
     shares = dict[str, float]()
     for test in fitted.candidates(candidates):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import torch
 
-from calib.effects.effect import Surroundings
+from calib.effects.effect import EffectContext
 from calib.effects.registry import KINDS
 from calib.errors import InputError
 from calib.estimation.stated_priors import priors_of
@@ -41,7 +41,7 @@ def check_possible(session: Session, settings: Settings, names: Sequence[str]) -
     free = frozenset(priors_of(setup.intrinsics, setup.cover, path).sigmas)
     kinds = {kind.name: kind for kind in KINDS}
     for name in names:
-        context = Surroundings(
+        context = EffectContext(
             session.board,
             camera.width,
             camera.height,

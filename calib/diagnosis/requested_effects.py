@@ -37,7 +37,7 @@ def with_requested(
     advance = progress.task("Effects", len(names))
     with single_thread():
         model = full_model(calibration)
-        joint = model.fitted(observations, torch.from_numpy(calibration.poses))
+        joint = model.fit(observations, torch.from_numpy(calibration.poses))
         for done, name in enumerate(names, start=1):
             fitted = FittedModel(model, observations, joint)
             context = effect_context(
@@ -53,7 +53,7 @@ def with_requested(
             for test in fitted.candidates(forms):
                 extended = model.with_effect(test.effect)
                 start = start_with_effect(extended, observations, joint)
-                fit = extended.fitted(observations, start.poses, start.start)
+                fit = extended.fit(observations, start.poses, start.start)
                 trials.append((_median_square(extended, fit, observations), extended, fit))
             _, extended, fit = min(trials, key=lambda trial: trial[0])
             model, joint = with_most_probable(model, extended.effects[-1], observations, fit)

@@ -258,9 +258,9 @@ def _hold_out_trial(state: SearchState, trial: Trial) -> tuple[SearchState, Tria
     model = trial.fitted.model
     joint = trial.fitted.joint
     if not trial.finished:  # finish the fit once, or every fold must
-        joint = model.fitted(problem.observations, joint.poses, joint.start)
+        joint = model.fit(problem.observations, joint.poses, joint.start)
         trial = replace(trial, fit=ModelFit(model, joint))
-    half = model.path.private
+    half = model.path.has_private_blocks
     errors = hold_out(model, problem.observations, joint, problem.folds, half=half)
     base_errors = state.evaluations.held_out_errors(half=half)
     trial = replace(trial, gain=held_out_gain(base_errors, errors))

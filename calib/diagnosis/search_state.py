@@ -70,7 +70,7 @@ class Evaluations:
             else:
                 poses = fit.joint.poses
                 start = start_without_effects(model, fit.model, fit.joint, observations)
-            self._refits[names] = ModelFit(model, model.fitted(observations, poses, start))
+            self._refits[names] = ModelFit(model, model.fit(observations, poses, start))
         return self._refits[names]
 
     def refit_without(self, effect: Effect) -> ModelFit:
@@ -84,7 +84,7 @@ class Evaluations:
             half: score half of the corners; None: if the views' own parameters require it.
             by_depth: hold out depth bands instead of folds.
         """
-        key = self.fit.model.path.private if half is None else half, by_depth
+        key = self.fit.model.path.has_private_blocks if half is None else half, by_depth
         if key not in self._errors:
             bands = self.problem.depth_bands
             split = bands if by_depth and bands else self.problem.folds

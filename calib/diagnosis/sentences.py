@@ -10,7 +10,7 @@ from calib.diagnosis.printed_patterns import ClosedForm, closed_forms
 from calib.diagnosis.search_state import SearchState
 from calib.diagnosis.separating_view import separating_view
 from calib.diagnosis.trial import ALPHA, MIN_GAIN, Trial
-from calib.effects.effect import Effect, possible
+from calib.effects.effect import Effect, is_possible
 from calib.effects.free_field import FreeField
 from calib.inference.residual_structure import VarianceShare
 from calib.inference.score_test import FittedModel, ScoreTest
@@ -91,7 +91,7 @@ def _possible_candidates(state: SearchState) -> list[Effect]:
     was dropped is not.
     """
     effects = [trial.test.effect for trial in state.trials.values()]
-    return [effect for effect in effects if possible(effect, state.model.path)]
+    return [effect for effect in effects if is_possible(effect, state.model.path)]
 
 
 def printed_forms(state: SearchState) -> list[ClosedForm]:
@@ -101,8 +101,8 @@ def printed_forms(state: SearchState) -> list[ClosedForm]:
     forms = []
     for effect in state.model.effects:
         if isinstance(effect, FreeField):
-            shift = effect.printed(x, y, state.joint.values)
-            shifts = torch.stack([shift.across, shift.down], -1).numpy()
+            shift = effect.shift_corners(x, y, state.joint.values)
+            shifts = torch.stack([shift.shift_x, shift.shift_y], -1).numpy()
             forms += closed_forms(points, shifts, state.problem.board.square)
     return [form for form in forms if form.explains > MIN_FORMULA_FRACTION]
 
@@ -134,7 +134,9 @@ def separation(state: SearchState, effect: Effect, rivals: Sequence[Effect]) -> 
     """Return the advice that separates an effect of the model from others that are not in it."""
     camera = state.problem.camera
     # No pose of the board separates parameters of single views.
-    separable = rivals and effect.unknowns and all(rival.unknowns for rival in rivals)
+    separable = (
+        rivals and effect.effect_parameters and all(rival.effect_parameters for rival in rivals)
+    )
     view = None
     if separable:
         view = separating_view(state.fitted_model, state.problem.board, camera, effect, rivals)

@@ -66,7 +66,7 @@ def separating_view(
     values = fitted.joint.values
     count = board.count
     index = torch.arange(len(poses)).repeat_interleave(count)
-    static = fitted.model.padded(poses)
+    static = fitted.model.pad_poses(poses)
     points = path.place(corners.repeat(len(poses), 1), values, static[index])
     pixels = project(path, values, points)
     last = torch.tensor([camera.width - 1, camera.height - 1])
@@ -76,7 +76,7 @@ def separating_view(
         return None
     pictured = pixels.reshape(-1, count, 2)[visible].numpy()
     views = [View(str(n), pixels, np.ones(count)) for n, pixels in enumerate(pictured)]
-    observations = Observations.of(views, board).timed(None, camera.height)
+    observations = Observations.of(views, board).add_times(None, camera.height)
     joint = replace(fitted.joint, poses=static[visible])
     bank = replace(fitted, observations=observations, joint=joint)
     information = fitted.information(rivals).sum(0) + fitted.prior_precision(rivals)
@@ -112,6 +112,8 @@ def _pose_bank(fitted: FittedModel, camera: Camera) -> Iterator[Array]:
 
 def _sigma(information: Array, fitted: FittedModel, effect: Effect) -> Array:
     """Return (...), the root mean square sigma of the effect's parameters over their scales."""
-    entries = fitted.parameters().entries(unknown.param.name for unknown in effect.unknowns)
+    entries = fitted.parameters().entries(
+        unknown.param.name for unknown in effect.effect_parameters
+    )
     variance = np.linalg.inv(information)[..., entries, entries]
     return np.asarray(np.sqrt(variance.mean(-1)))

@@ -19,7 +19,11 @@ def simplified(fit: ModelFit, base: CameraModel, observations: Observations) -> 
     for index, effect in enumerate(fit.model.effects):
         if effect.per_view:
             continue
-        forms = [f for f in effect.alternatives() if len(f.unknowns) < len(effect.unknowns)]
+        forms = [
+            f
+            for f in effect.alternatives()
+            if len(f.effect_parameters) < len(effect.effect_parameters)
+        ]
         effects = fit.model.effects
         models = [
             base.with_effects([*effects[:index], form, *effects[index + 1 :]]) for form in forms
@@ -29,7 +33,7 @@ def simplified(fit: ModelFit, base: CameraModel, observations: Observations) -> 
             continue
         model = models[log_odds.index(max(log_odds))]
         start = start_without_effects(model, fit.model, fit.joint, observations)
-        joint = model.fitted(observations, fit.joint.poses, start, ROUNDS)
+        joint = model.fit(observations, fit.joint.poses, start, ROUNDS)
         if joint.finite and joint.log_marginal > fit.joint.log_marginal:
             fit = ModelFit(model, joint)
     return fit

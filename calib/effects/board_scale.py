@@ -1,6 +1,6 @@
 """The print is longer in one direction than in the other, its directions may not be at right
-angles, and it may be drawn out unevenly. What both directions share is the board's size, which no
-view can tell.
+angles, and its scale may vary over the sheet. The scale that both directions share is the board's
+size, which no view can measure.
 """
 
 from __future__ import annotations
@@ -14,73 +14,75 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.effects.effect import Effect, Surroundings, Unknown, most_evident
-from calib.effects.over_board import Term, called, monomials, powers, terms_of
-from calib.optics.board_target import Printed
-from calib.optics.linear_part import times
+from calib.effects.board_polynomials import Term, monomials, powers, term_name, terms_of_degrees
+from calib.effects.effect import Effect, EffectContext, EffectParameter, select_form
+from calib.optics.board_target import PrintShift
+from calib.optics.linear_term import contract
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session.tolerances import PRINT_SHEAR, PRINT_STRETCH, PRINT_UNEVEN
 
-STRETCH = Unknown.of("board_scale.x_over_y", PRINT_STRETCH)
-SHEAR = Unknown.of("board_scale.shear", PRINT_SHEAR)
+STRETCH = EffectParameter.of("board_scale.x_over_y", PRINT_STRETCH)
+SHEAR = EffectParameter.of("board_scale.shear", PRINT_SHEAR)
 DEGREES = (2, 3)
-"""Of what is uneven: a stretch that grows along the sheet, and one that is largest at its middle or
-at its edges.
+"""The degrees of an uneven scale: a stretch that grows along the sheet, and one that is largest at
+the middle or at the edges.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class BoardScale(Effect):
-    """x is longer by half of the stretch, and y shorter by half of it; of a print that is sheared,
-    each direction is turned towards the other by half of the angle; of one that is uneven, corners
-    are moved by Legendre's P_i(u) P_j(v), i + j = 2, 3, along x and along y, each term called by i
-    times x, j times y. What is left of degrees 0 and 1 is the pose's and the board's size.
+    """A print whose x is longer by half of the stretch and whose y is shorter by half of it.
+
+    In a sheared print, each direction is turned towards the other by half of the angle. In an
+    uneven print, corners move along x and along y by Legendre's P_i(u) P_j(v), i + j = 2, 3; a
+    term's name is i times x, then j times y. All other terms of degrees 0 and 1 belong to the pose
+    and to the board's size.
     """
 
     sheared: bool = False
     degree: int = 1
-    """Of what is uneven; 1: nothing is."""
+    """The degree of an uneven scale; 1 if the scale is even."""
     half: tuple[float, float] = (1.0, 1.0)
-    """m, half the distance between the outermost corners along x and y: there u and v are 1."""
+    """m, half the distance between the outermost corners along x and y, where u and v are 1."""
     name: ClassVar[str] = "board_scale"
     about: ClassVar[str] = "the board"
     advice: ClassVar[str] = "turn the board by 90 degrees in half of the views"
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        return (cls(True, DEGREES[-1], there.board.half),)
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        return (cls(True, DEGREES[-1], context.board.half),)
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        even = (STRETCH, SHEAR) if self.sheared else (STRETCH,)
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        linear = (STRETCH, SHEAR) if self.sheared else (STRETCH,)
         return (
-            *even,
+            *linear,
             *(
-                _unknown(axis, term, max(self.half))
+                _parameter(axis, term, max(self.half))
                 for degree in self._degrees
                 for axis in "xy"
-                for term in terms_of((degree,))
+                for term in terms_of_degrees((degree,))
             ),
         )
 
     @property
     def params(self) -> tuple[Param, ...]:
-        return tuple(unknown.param for unknown in self.unknowns)
+        return tuple(parameter.param for parameter in self.effect_parameters)
 
     @property
     def _degrees(self) -> tuple[int, ...]:
         return tuple(degree for degree in DEGREES if degree <= self.degree)
 
     def alternatives(self) -> tuple[Self, ...]:
-        even = replace(self, sheared=False, degree=1), replace(self, sheared=True, degree=1)
-        return (*even, *(replace(self, sheared=True, degree=degree) for degree in DEGREES))
+        linear = replace(self, sheared=False, degree=1), replace(self, sheared=True, degree=1)
+        return (*linear, *(replace(self, sheared=True, degree=degree) for degree in DEGREES))
 
-    def tuned(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
-        """With the largest evidence, to first order."""
-        mine = self.sheared, self.degree
-        return most_evident(
-            [form for form in self.alternatives() if (form.sheared, form.degree) <= mine],
+    def tune(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
+        """Return the form with the largest evidence, to first order."""
+        richest = self.sheared, self.degree
+        return select_form(
+            [form for form in self.alternatives() if (form.sheared, form.degree) <= richest],
             information,
             score,
         )
@@ -88,49 +90,56 @@ class BoardScale(Effect):
     def apply(self, path: Path) -> Path:
         return replace(path, target=replace(path.target, prints=(*path.target.prints, self)))
 
-    def printed(self, x: Tensor, y: Tensor, values: Values) -> Printed:
-        """Where nominal board coordinates are."""
+    def shift_corners(self, x: Tensor, y: Tensor, values: Values) -> PrintShift:
+        """Return the shifts of corners at nominal board coordinates."""
         half = values[STRETCH.param.name] / 2
-        turned = values[SHEAR.param.name] / 2 if self.sheared else half.new_zeros(())
+        angle = values[SHEAR.param.name] / 2 if self.sheared else half.new_zeros(())
         with torch.no_grad():
-            along, aside = half.clone(), turned.clone()
-        across, down = half * x + turned * y, turned * x - half * y
+            stretch_slope, shear_slope = half.clone(), angle.clone()
+        shift_x, shift_y = half * x + angle * y, angle * x - half * y
         if not self._degrees:
-            return Printed(across, down, ((along, aside), (aside, -along)))
-        more, fall = self._uneven(x, y, values)
-        return Printed(
-            across + more[0],
-            down + fall[0],
-            ((along + more[1], aside + more[2]), (aside + fall[1], fall[2] - along)),
+            slopes = ((stretch_slope, shear_slope), (shear_slope, -stretch_slope))
+            return PrintShift(shift_x, shift_y, slopes)
+        uneven_x, uneven_y = self._uneven(x, y, values)
+        return PrintShift(
+            shift_x + uneven_x[0],
+            shift_y + uneven_y[0],
+            (
+                (stretch_slope + uneven_x[1], shear_slope + uneven_x[2]),
+                (shear_slope + uneven_y[1], uneven_y[2] - stretch_slope),
+            ),
         )
 
     def _uneven(self, x: Tensor, y: Tensor, values: Values) -> list[tuple[Tensor, Tensor, Tensor]]:
-        """(...) m along each direction, with its slopes by x and by y."""
+        """Return the uneven scale's (...) m shift along each direction, with its slopes by x and by
+        y.
+        """
         with torch.no_grad():
             (u, inside_u), (v, inside_v) = self._powers(x, y)
-            rises = torch.arange(1, self.degree + 1).to(u).reshape(-1, *[1] * x.ndim)
-            rise_u, rise_v = (
-                u[:-1] * rises * (inside_u / self.half[0]),
-                v[:-1] * rises * (inside_v / self.half[1]),
-            )
-        moved = []
+            order = torch.arange(1, self.degree + 1).to(u).reshape(-1, *[1] * x.ndim)
+            rise_u = u[:-1] * order * (inside_u / self.half[0])
+            rise_v = v[:-1] * order * (inside_v / self.half[1])
+        shifts = []
         for probe in _PROBES:
             sizes = torch.stack(
-                [values[name] for name, by in self.probes.items() if by == probe], -1
+                [values[name] for name, acts_by in self.probes.items() if acts_by == probe], -1
             )
             table = (sizes @ _monomials(self._degrees).to(sizes)).reshape(
                 *sizes.shape[:-1], self.degree + 1, self.degree + 1
             )
-            along = times(u, table)
-            shift = (along * v).sum(0)
+            by_power = contract(u, table)
+            shift = (by_power * v).sum(0)
             with torch.no_grad():
-                slopes = (times(rise_u, table[..., 1:, :]) * v).sum(0), (along[1:] * rise_v).sum(0)
-            moved.append((shift + values[probe] if probe in values else shift, *slopes))
-        return moved
+                slope_x = (contract(rise_u, table[..., 1:, :]) * v).sum(0)
+                slope_y = (by_power[1:] * rise_v).sum(0)
+            shifts.append((shift + values[probe] if probe in values else shift, slope_x, slope_y))
+        return shifts
 
     @property
     def probes(self) -> dict[str, str]:
-        """Of what is uneven; stretch and shear act along both directions."""
+        """The probes of the uneven scale's parameters. Stretch and shear act along both directions,
+        so they have none.
+        """
         return {
             param.name: _PROBES["xy".index(param.name.split(".")[1])]
             for param in self.params
@@ -138,15 +147,18 @@ class BoardScale(Effect):
         }
 
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
-        """As `linear_part` has them."""
+        """Return the weights of `LinearTerm`."""
         if not self._degrees:
             return {}
         (u, _), (v, _) = self._powers(x, y)
-        each = (u.unsqueeze(1) * v).flatten(0, 1).movedim(0, -1) @ _monomials(self._degrees).to(
-            u
-        ).mT
+        products = (u.unsqueeze(1) * v).flatten(0, 1).movedim(0, -1)
+        weights = products @ _monomials(self._degrees).to(u).mT
         by_term = dict(
-            zip(map(called, terms_of(self._degrees)), torch.split(each, 1, -1), strict=True)
+            zip(
+                map(term_name, terms_of_degrees(self._degrees)),
+                torch.split(weights, 1, -1),
+                strict=True,
+            )
         )
         return {name: by_term[name.split(".")[2]] for name in self.probes}
 
@@ -158,12 +170,14 @@ _PROBES = ("board_scale.x.probe", "board_scale.y.probe")
 
 
 @cache
-def _unknown(axis: str, term: Term, half: float) -> Unknown:
+def _parameter(axis: str, term: Term, half: float) -> EffectParameter:
     sigma = PRINT_UNEVEN.sigma * half * (DEGREES[0] / sum(term)) ** 2
-    return Unknown(Param(f"board_scale.{axis}.{called(term)}", "m", PRINT_UNEVEN.scale), sigma)
+    return EffectParameter(
+        Param(f"board_scale.{axis}.{term_name(term)}", "m", PRINT_UNEVEN.scale), sigma
+    )
 
 
 @cache
 def _monomials(degrees: tuple[int, ...]) -> Tensor:
-    """(n, orders^2) of each term by the products u^a v^b."""
-    return torch.from_numpy(monomials(terms_of(degrees))).flatten(1)
+    """Return the (n, orders^2) coefficients of the products u^a v^b in each term."""
+    return torch.from_numpy(monomials(terms_of_degrees(degrees))).flatten(1)

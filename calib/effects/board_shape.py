@@ -1,9 +1,9 @@
 """The board is not flat: a smooth deflection, of a degree that the evidence chooses.
 
 Sources: mrcal's `calobject_warp` for the two terms of a dish
-    (https://mrcal.secretsauce.net/formulation.html); S. Timoshenko,
-S. Woinowsky-Krieger, Theory of plates and shells (1959), section 10: a plate's bending energy goes
-with the square of its curvature.
+(https://mrcal.secretsauce.net/formulation.html); S. Timoshenko, S. Woinowsky-Krieger, Theory of
+plates and shells (1959), section 10: a plate's bending energy is proportional to the square of its
+curvature.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.effects.effect import Effect, Surroundings, Unknown, most_evident
-from calib.effects.over_board import Term, called, monomials, powers, terms_of
-from calib.optics.linear_part import sloped, times
+from calib.effects.board_polynomials import Term, monomials, powers, term_name, terms_of_degrees
+from calib.effects.effect import Effect, EffectContext, EffectParameter, select_form
+from calib.optics.linear_term import contract, with_slopes
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session.tolerances import BOARD_SHAPE
@@ -30,14 +30,17 @@ PROBE = "board_shape.probe"
 
 @dataclass(frozen=True, slots=True)
 class BoardShape(Effect):
-    """The sum of its terms, by degree: xx (1 - u^2) + xy u v + yy (1 - v^2), by how much the middle
-    is farther from the camera than the edges, and by how much two corners are than the others; then
-    Legendre's P_i(u) P_j(v), i + j = 3, 4, called by i times x, j times y. What a pose does as
-    well, degrees 0 and 1, is left out. Beyond the rim the board goes on level.
+    """A deflection that is a sum of terms, by degree.
+
+    Degree 2 is xx (1 - u^2) + xy u v + yy (1 - v^2): xx and yy are the distances of the middle
+    behind the edges, xy that of two opposite corners behind the other two. Degrees 3 and 4 are
+    Legendre's P_i(u) P_j(v), i + j = 3, 4; a term's name is i times x, then j times y. Degrees 0
+    and 1 are left out, because a pose has the same effect. Beyond the rim the board continues
+    level.
     """
 
     half_x: float
-    """m, half the distance between the outermost corners along x: there u = 1."""
+    """m, half the distance between the outermost corners along x, where u = 1."""
     half_y: float
     degree: int = DEGREES[0]
     name: ClassVar[str] = "board_shape"
@@ -48,27 +51,27 @@ class BoardShape(Effect):
     )
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        return (cls(*there.board.half, DEGREES[-1]),)
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        return (cls(*context.board.half, DEGREES[-1]),)
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(_unknown(term) for term in self._terms)
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        return tuple(_parameter(term) for term in self._terms)
 
     @property
     def params(self) -> tuple[Param, ...]:
-        return tuple(unknown.param for unknown in self.unknowns)
+        return tuple(parameter.param for parameter in self.effect_parameters)
 
     @property
     def _terms(self) -> tuple[Term, ...]:
-        return terms_of(degree for degree in DEGREES if degree <= self.degree)
+        return terms_of_degrees(degree for degree in DEGREES if degree <= self.degree)
 
     def alternatives(self) -> tuple[Self, ...]:
         return tuple(replace(self, degree=degree) for degree in DEGREES)
 
-    def tuned(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
-        """With the degree of the largest evidence, to first order."""
-        return most_evident(
+    def tune(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
+        """Return the form with the degree of the largest evidence, to first order."""
+        return select_form(
             [form for form in self.alternatives() if form.degree <= self.degree], information, score
         )
 
@@ -76,54 +79,56 @@ class BoardShape(Effect):
         return replace(path, target=replace(path.target, bends=(*path.target.bends, self)))
 
     def height(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor, Tensor]:
-        """(...) m away from the camera, and its slopes, which carry no derivatives."""
+        """Return the (...) m height, positive away from the camera, and its slopes, which carry no
+        derivatives.
+        """
         with torch.no_grad():
             (u, v), (inside_u, inside_v) = self._powers(x, y)
         sizes = torch.stack([values[name] for name in self.probes], -1)
         table = (sizes @ _monomials(self._terms).to(sizes)).reshape(
             *sizes.shape[:-1], self.degree + 1, self.degree + 1
         )
-        along = times(u, table)
-        up = (along * v).sum(0)
+        by_power = contract(u, table)
+        height = (by_power * v).sum(0)
         with torch.no_grad():
-            rises = torch.arange(1, self.degree + 1).to(u).reshape(-1, *[1] * x.ndim)
-            by_x = (times(u[:-1] * rises, table[..., 1:, :]) * v).sum(0) * inside_u / self.half_x
-            by_y = (along[1:] * v[:-1] * rises).sum(0) * inside_v / self.half_y
+            order = torch.arange(1, self.degree + 1).to(u).reshape(-1, *[1] * x.ndim)
+            by_u = (contract(u[:-1] * order, table[..., 1:, :]) * v).sum(0)
+            by_x = by_u * inside_u / self.half_x
+            by_y = (by_power[1:] * v[:-1] * order).sum(0) * inside_v / self.half_y
         if PROBE in values:
-            up = up + values[PROBE]
-        return sloped(up, x, y, by_x, by_y), by_x, by_y
+            height = height + values[PROBE]
+        return with_slopes(height, x, y, by_x, by_y), by_x, by_y
 
     @property
     def probes(self) -> dict[str, str]:
-        return {unknown.param.name: PROBE for unknown in self.unknowns}
+        return {parameter.param.name: PROBE for parameter in self.effect_parameters}
 
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
-        """As `linear_part` has them."""
+        """Return the weights of `LinearTerm`."""
         (u, v), _ = self._powers(x, y)
-        each = (u.unsqueeze(1) * v).flatten(0, 1).movedim(0, -1) @ _monomials(self._terms).to(u).mT
-        return dict(zip(self.probes, torch.split(each, 1, -1), strict=True))
+        products = (u.unsqueeze(1) * v).flatten(0, 1).movedim(0, -1)
+        weights = products @ _monomials(self._terms).to(u).mT
+        return dict(zip(self.probes, torch.split(weights, 1, -1), strict=True))
 
     def _powers(self, x: Tensor, y: Tensor) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
-        """(degree + 1, ...) of either coordinate over its half, and (...) whether it is within the
-        rim.
+        """Return the (degree + 1, ...) powers of u and of v, and (...) 1 within the rim, else 0,
+        for both.
         """
-        (u, inside_u), (v, inside_v) = (
-            powers(x, self.half_x, self.degree),
-            powers(y, self.half_y, self.degree),
-        )
+        u, inside_u = powers(x, self.half_x, self.degree)
+        v, inside_v = powers(y, self.half_y, self.degree)
         return (u, v), (inside_u, inside_v)
 
 
 @cache
-def _unknown(term: Term) -> Unknown:
-    whole = Unknown.of(f"board_shape.{called(term)}", BOARD_SHAPE)
-    return replace(whole, sigma=BOARD_SHAPE.sigma * (DEGREES[0] / sum(term)) ** 2)
+def _parameter(term: Term) -> EffectParameter:
+    parameter = EffectParameter.of(f"board_shape.{term_name(term)}", BOARD_SHAPE)
+    return replace(parameter, sigma=BOARD_SHAPE.sigma * (DEGREES[0] / sum(term)) ** 2)
 
 
 @cache
 def _monomials(terms: tuple[Term, ...]) -> Tensor:
-    """(n, orders^2) of each term by the products u^a v^b: a dish is 0 at the edges, and not on
-    average.
+    """Return the (n, orders^2) coefficients of the products u^a v^b in each term. A dish is zero at
+    the edges; its mean is not zero.
     """
     table = monomials(terms)
     for row, term in zip(table, terms, strict=True):

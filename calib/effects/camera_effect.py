@@ -1,4 +1,4 @@
-"""The part that effects on the camera share: an adjustment of the pixels or of the camera's
+"""The base class of effects on the camera: an adjustment of the pixels or of the camera's
 parameters.
 """
 
@@ -10,31 +10,31 @@ from typing import ClassVar, Self
 
 from torch import Tensor
 
-from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 
 
 @dataclass(frozen=True, slots=True)
 class CameraEffect(Effect):
-    """An effect that is an adjustment itself."""
+    """An effect that is itself an adjustment of the path."""
 
     name: ClassVar[str]
     about: ClassVar[str]
-    unknowns_: ClassVar[tuple[Unknown, ...]]
+    camera_parameters: ClassVar[tuple[EffectParameter, ...]]
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        del there
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        del context
         return (cls(),)
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        return self.unknowns_
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        return self.camera_parameters
 
     @property
     def params(self) -> tuple[Param, ...]:
-        return tuple(unknown.param for unknown in self.unknowns)
+        return tuple(parameter.param for parameter in self.effect_parameters)
 
     def apply(self, path: Path) -> Path:
         return replace(path, adjustments=(*path.adjustments, self))

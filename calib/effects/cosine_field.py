@@ -1,5 +1,5 @@
-"""The part that smooth fields share: a displacement over an area, of products of cosines whose
-sizes the evidence chooses.
+"""The base class of smooth fields: a displacement over an area, as a sum of products of cosines.
+The evidence chooses the sizes of these.
 
 Source: N. Ahmed, T. Natarajan, K. Rao, Discrete cosine transform (1974).
 """
@@ -14,108 +14,115 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.effects.effect import Effect, Unknown, linear_evidence
-from calib.optics.linear_part import times
+from calib.effects.effect import Effect, EffectParameter, log_bayes_factor
+from calib.optics.linear_term import contract
 from calib.optics.params import Param, Values
 
 WAVES = 9
-"""Cosines along each direction, the constant one among them."""
+"""The number of cosines along each direction, including the constant."""
 FIRST_KNEE = 2.0
-SIZES = tuple(10.0 ** (step / 3) for step in range(-8, 4))
-"""Times the first size."""
+SIZE_FACTORS = tuple(10.0 ** (step / 3) for step in range(-8, 4))
+"""Factors of the first size that `tune` tries."""
 KNEES = (1.0, 2.0, 4.0, 8.0)
 
 
 @dataclass(frozen=True, slots=True)
 class CosineField(Effect):
-    """Products of cosines, as of a discrete cosine transform, for each of the two directions."""
+    """A displacement along x and along y, each a sum of the products of cosines of a discrete
+    cosine transform.
+    """
 
     low: tuple[float, float]
-    """m or px, of the area."""
+    """m or px: the smallest coordinates of the area."""
     high: tuple[float, float]
+    """m or px: the largest coordinates of the area."""
     size: float
-    """m or px: standard deviation of the displacement's lowest waves."""
+    """m or px: the prior standard deviation of the lowest waves."""
     knee: float
-    """The wave from which on they are the smaller the finer they are."""
+    """The order of the wave above which the prior standard deviations fall."""
     area: ClassVar[str]
-    """The parameters' name, less their direction."""
+    """The name of the parameters without their direction."""
     unit: ClassVar[str]
     scale: ClassVar[float]
     first_size: ClassVar[float]
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
         return tuple(
-            Unknown(Param(f"{self.area}.{axis}", self.unit, self.scale, (WAVES**2,)), self.size)
+            EffectParameter(
+                Param(f"{self.area}.{axis}", self.unit, self.scale, (WAVES**2,)), self.size
+            )
             for axis in "xy"
         )
 
     @property
     def params(self) -> tuple[Param, ...]:
-        return tuple(unknown.param for unknown in self.unknowns)
+        return tuple(parameter.param for parameter in self.effect_parameters)
 
-    def tuned(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
-        """With the size and the knee of the largest evidence: of the residual's probability, the
-        field itself integrated out.
+    def tune(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
+        """Return the field with the size and the knee of the largest evidence: the residual's
+        probability, with the field integrated out.
         """
         forms = [
             replace(self, size=self.first_size * factor, knee=knee)
-            for factor in SIZES
+            for factor in SIZE_FACTORS
             for knee in KNEES
         ]
-        mine = self._falls(torch.float64).numpy().ravel() * self.scale
+        scales = self._falls(torch.float64).numpy().ravel() * self.scale
 
         def evidence(form: Self) -> float:
-            spread = np.tile(
-                form.size * form._falls(torch.float64).numpy().ravel() / mine, 2
-            )  # of my parameters over their scales
-            return linear_evidence(information, score, spread)
+            falls = form._falls(torch.float64).numpy().ravel()
+            # Over the scales of this field's parameters.
+            spread = np.tile(form.size * falls / scales, 2)
+            return log_bayes_factor(information, score, spread)
 
         return max(forms, key=evidence)
 
     def _falls(self, dtype: torch.dtype) -> Tensor:
-        """(WAVES, WAVES) how much of each wave there is."""
+        """Return the (WAVES, WAVES) prior standard deviation of each wave over that of the
+        lowest.
+        """
         order = torch.arange(WAVES, dtype=dtype)
         return 1 / (1 + (order[:, None] ** 2 + order**2) / self.knee**2)
 
     def shift(self, x: Tensor, y: Tensor, values: Values) -> list[tuple[Tensor, Tensor, Tensor]]:
-        """(...) m or px by which a point is moved along x and along y, each with its slopes by x
+        """Return the (...) m or px shift of points along x and along y, each with its slopes by x
         and by y, which carry no derivatives.
         """
         with torch.no_grad():
-            (along, rise_along), (down, rise_down) = self._cosines(x, y)
+            (cosines_x, rise_x), (cosines_y, rise_y) = self._cosines(x, y)
         falls = self._falls(x.dtype).to(x.device).flatten()
-        found = []
+        shifts = []
         for name, probe in self.probes.items():
             sizes = values[name] * falls
             table = sizes.reshape(*sizes.shape[:-1], WAVES, WAVES)
-            through = times(along, table)
-            size = (through * down).sum(0)
+            by_wave = contract(cosines_x, table)
+            shift = (by_wave * cosines_y).sum(0)
             with torch.no_grad():
-                by_x, by_y = (times(rise_along, table) * down).sum(0), (through * rise_down).sum(0)
-            found.append((size + values[probe] if probe in values else size, by_x, by_y))
-        return found
+                by_x = (contract(rise_x, table) * cosines_y).sum(0)
+                by_y = (by_wave * rise_y).sum(0)
+            shifts.append((shift + values[probe] if probe in values else shift, by_x, by_y))
+        return shifts
 
     @property
     def probes(self) -> dict[str, str]:
         return {param.name: f"{param.name}.probe" for param in self.params}
 
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
-        """As `linear_part` has them."""
-        (along, _), (down, _) = self._cosines(x, y)
-        waves = (along.unsqueeze(1) * down).flatten(0, 1).movedim(0, -1) * self._falls(
-            x.dtype
-        ).flatten()
+        """Return the weights of `LinearTerm`."""
+        (cosines_x, _), (cosines_y, _) = self._cosines(x, y)
+        products = (cosines_x.unsqueeze(1) * cosines_y).flatten(0, 1).movedim(0, -1)
+        waves = products * self._falls(x.dtype).flatten()
         return dict.fromkeys(self.probes, waves)
 
     def _cosines(self, x: Tensor, y: Tensor) -> list[tuple[Tensor, Tensor]]:
-        """(WAVES, ...) cosines along each direction, and their derivatives."""
+        """Return the (WAVES, ...) cosines along each direction, and their derivatives."""
         order = (
             torch.arange(WAVES, dtype=x.dtype, device=x.device).reshape(-1, *[1] * x.ndim)
             * torch.pi
         )
-        found = []
-        for at, low, high in zip((x, y), self.low, self.high, strict=True):
-            angle = (at - low) / (high - low) * order
-            found.append((torch.cos(angle), torch.sin(angle) * (-order / (high - low))))
-        return found
+        cosines = []
+        for coordinate, low, high in zip((x, y), self.low, self.high, strict=True):
+            angle = (coordinate - low) / (high - low) * order
+            cosines.append((torch.cos(angle), torch.sin(angle) * (-order / (high - low))))
+        return cosines

@@ -1,11 +1,13 @@
-"""Effects that are parameters of the cover, held by the fit at what the session states."""
+"""The base class of effects that estimate parameters of the cover, which a fit otherwise holds at
+the session's values.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.effects.offset import Offsets, increments
 from calib.optics.path import Path
 from calib.session.tolerances import Tolerance
@@ -13,25 +15,27 @@ from calib.session.tolerances import Tolerance
 
 @dataclass(frozen=True, slots=True)
 class CoverEffect(Effect):
-    """Some parameters of the cover are not as stated."""
+    """Some parameters of the cover differ from the session's values."""
 
     parameters: tuple[str, ...]
-    """Those that this cover has."""
+    """The candidates that this cover has."""
     name: ClassVar[str]
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
     candidates: ClassVar[dict[str, Tolerance]]
-    """Every parameter that may be meant, and its prior around what is stated."""
+    """The parameters that may differ, each with its prior around the session's value."""
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        read = {param.name for interface in there.path.cover for param in interface.params}
-        own = tuple(name for name in cls.candidates if name in read and name not in there.estimated)
-        return (cls(own),) if own else ()
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        present = {param.name for interface in context.path.cover for param in interface.params}
+        names = tuple(
+            name for name in cls.candidates if name in present and name not in context.estimated
+        )
+        return (cls(names),) if names else ()
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
         return increments(self.name, {name: self.candidates[name] for name in self.parameters})
 
     def apply(self, path: Path) -> Path:
-        return replace(path, adjustments=(*path.adjustments, Offsets(self.unknowns)))
+        return replace(path, adjustments=(*path.adjustments, Offsets(self.effect_parameters)))

@@ -1,4 +1,4 @@
-"""The cover stands elsewhere than stated: its axis, its centre, or its distance."""
+"""The cover is not where the session places it: its axis, its centre, or its distance."""
 
 from typing import ClassVar
 

@@ -1,4 +1,4 @@
-"""The cover is wider or narrower than stated, or tapers otherwise."""
+"""The cover is wider or narrower than stated, or its taper is different."""
 
 from typing import ClassVar
 

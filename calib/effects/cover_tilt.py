@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.cone import Cone
 from calib.optics.cover_frame import Names
 from calib.optics.flat import Flat
@@ -15,12 +15,13 @@ from calib.session.tolerances import COVER_TILT
 
 @dataclass(frozen=True, slots=True)
 class CoverTilt(Effect):
-    """Turned about the origin of the cover's frame, on top of the tilt that is stated."""
+    """A rotation about the origin of the cover's frame, in addition to the stated tilt."""
 
     axes: str
-    """Those about which a turn changes this shape: xz of a cone or cylinder, xy of a window.
+    """The axes about which a rotation changes this shape: xz for a cone or cylinder, xy for a
+    window.
 
-    A turned dome is the same dome.
+    A rotated dome is the same dome.
     """
     name: ClassVar[str] = "cover_tilt"
     about: ClassVar[str] = "the cover"
@@ -28,28 +29,29 @@ class CoverTilt(Effect):
     advice: ClassVar[str] = "hold the board as near as it fits into the picture"
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        axes = turning_axes(there.path)
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        axes = turning_axes(context.path)
         stated = {f"cover.tilt.{axis}" for axis in axes}
-        return (cls(axes),) if axes and not stated & there.estimated else ()
+        return (cls(axes),) if axes and not stated & context.estimated else ()
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
         return tuple(
-            Unknown.of(f"cover_tilt.{axis}", COVER_TILT, (f"cover.tilt.{axis}",))
+            EffectParameter.of(f"cover_tilt.{axis}", COVER_TILT, (f"cover.tilt.{axis}",))
             for axis in self.axes
         )
 
     def apply(self, path: Path) -> Path:
         names = axis_names("cover_tilt", self.axes)
-        turned = (
-            replace(i, frame=replace(i.frame, more=(*i.frame.more, names))) for i in path.cover
+        interfaces = (
+            replace(i, frame=replace(i.frame, extra_tilts=(*i.frame.extra_tilts, names)))
+            for i in path.cover
         )
-        return replace(path, cover=tuple(turned))
+        return replace(path, cover=tuple(interfaces))
 
 
 def turning_axes(path: Path) -> str:
-    """The axes about which a turn changes the cover."""
+    """Return the axes about which a rotation changes the cover."""
     if not path.cover:
         return ""
     match path.cover[-1].surface:
@@ -61,6 +63,11 @@ def turning_axes(path: Path) -> str:
 
 
 def axis_names(effect: str, axes: str) -> Names:
-    """What the values call a turn about x, y and z."""
-    x, y, z = (f"{effect}.{axis}" if axis in axes else None for axis in "xyz")
-    return x, y, z
+    """Return the names of the rotation's values about x, y and z; None for an axis that is not
+    among `axes`.
+    """
+    return (
+        f"{effect}.x" if "x" in axes else None,
+        f"{effect}.y" if "y" in axes else None,
+        f"{effect}.z" if "z" in axes else None,
+    )

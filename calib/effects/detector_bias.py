@@ -1,4 +1,4 @@
-"""The detector draws corners towards the middle of a pixel, or away from it."""
+"""The detector moves corners towards the middle of a pixel, or away from it."""
 
 from dataclasses import dataclass
 from math import tau
@@ -8,24 +8,25 @@ import torch
 from torch import Tensor
 
 from calib.effects.camera_effect import CameraEffect
-from calib.effects.effect import Unknown
+from calib.effects.effect import EffectParameter
 from calib.optics.params import Values
 from calib.session.tolerances import DETECTOR
 
-UNKNOWNS = tuple(Unknown.of(f"detector_bias.{axis}", DETECTOR) for axis in "xy")
-X, Y = (unknown.param for unknown in UNKNOWNS)
+UNKNOWNS = tuple(EffectParameter.of(f"detector_bias.{axis}", DETECTOR) for axis in "xy")
+X = UNKNOWNS[0].param
+Y = UNKNOWNS[1].param
 
 
 @dataclass(frozen=True, slots=True)
 class DetectorBias(CameraEffect):
-    """A corner was seen too far right by -bias sin(2 pi x), x its place in px: with a positive
-    bias, pulled to the middle of a pixel.
+    """A bias of -bias sin(2 pi x) in px of a corner whose coordinate is x in px, along each
+    direction: a positive bias moves corners towards the middle of a pixel.
     """
 
     name: ClassVar[str] = "detector_bias"
     about: ClassVar[str] = "the corners' detector"
     advice: ClassVar[str] = "take sharper pictures, at a higher resolution"
-    unknowns_: ClassVar[tuple[Unknown, ...]] = UNKNOWNS
+    camera_parameters: ClassVar[tuple[EffectParameter, ...]] = UNKNOWNS
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
         wave = torch.sin(tau * pixels)

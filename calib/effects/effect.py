@@ -1,4 +1,4 @@
-"""What an effect is: a change of the ray path with parameters of its own that do nothing at their
+"""The protocol of an effect: a change of the ray path with parameters that do nothing at their
 neutral values.
 """
 
@@ -20,29 +20,29 @@ from calib.session.tolerances import Tolerance
 
 
 @dataclass(frozen=True, slots=True)
-class Unknown:
+class EffectParameter:
     """A parameter of an effect."""
 
     param: Param
     sigma: float
-    """How large it may well be, in the unit: the prior's standard deviation around `start`."""
+    """The prior's standard deviation around `start`, in the unit."""
     neutral: float = 0.0
-    """Where the effect is not there."""
+    """The value at which the effect is absent."""
     start: float | None = None
-    """Where a fit with it begins, and the middle of the prior; None: at the neutral value."""
+    """The start of a fit and the mean of the prior; None means the neutral value."""
     shifts: tuple[str, ...] = ()
-    """The declared numbers, by their names among the values, that it is an increment of: what
-    people are shown is their sum.
-    """
+    """The names of the declared values that this parameter is added to. Reports show the sums."""
     relative: bool = False
-    """Whether it is a fraction of them."""
+    """True if the parameter is a fraction of these values, not an increment."""
 
     @staticmethod
     def of(
         name: str, tolerance: Tolerance, shifts: tuple[str, ...] = (), *, relative: bool = False
-    ) -> Unknown:
-        """A scalar whose neutral value is zero, with the prior of a physical quantity."""
-        return Unknown(
+    ) -> EffectParameter:
+        """Return a scalar parameter with neutral value zero and the prior of a physical
+        quantity.
+        """
+        return EffectParameter(
             Param(name, tolerance.unit, tolerance.scale),
             tolerance.sigma,
             shifts=shifts,
@@ -50,13 +50,14 @@ class Unknown:
         )
 
     @property
-    def begin(self) -> float:
+    def initial(self) -> float:
+        """The start of a fit, in the unit."""
         return self.neutral if self.start is None else self.start
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
-    """What an effect may go by."""
+class EffectContext:
+    """The facts about a session and its fit that decide which forms of an effect are possible."""
 
     board: Board
     width: int
@@ -65,133 +66,137 @@ class Surroundings:
     """px"""
     path: Path
     values: Values
-    """Of the path as it is fitted."""
+    """The values of the path in the current fit."""
     estimated: frozenset[str] = frozenset()
-    """Parameters that the fit estimates already."""
+    """Parameters that the fit already estimates."""
     shutter: Shutter | None = None
-    """None: the session does not say."""
+    """None if the session does not state the shutter."""
     place: Tensor | None = None
-    """(2,) chart coordinates of the glass where the residual asks for a finer relief; None where it
-    was not asked for.
+    """(2,) chart coordinates of the place on the glass where the residual is best explained by a
+    finer relief; None if nobody searched for it.
     """
 
 
-SIZES = (0.03, 0.1, 0.3, 1.0)
-"""Of what single views have for themselves, over what is possible at most: hands that hold a board
-still do not move it by as much.
+BLOCK_SCALES = (0.03, 0.1, 0.3, 1.0)
+"""The sizes of per-view blocks that a fit tries, over the largest plausible size: hands that hold a
+board still move it by less.
 """
 
 
 class Effect(Protocol):
-    """One physical cause of error, as a change of the ray path."""
+    """A physical cause of error, as a change of the ray path."""
 
     name: ClassVar[str]
     about: ClassVar[str]
-    """Where it sits: the end of "something about ..."."""
+    """The component that it belongs to: the end of "something about ..."."""
     advice: ClassVar[str]
-    """What to do to tell it from its like, where no one pose of the board does: the end of "To
-    separate them, ...".
+    """The advice for separating it from similar effects if no single pose of the board does: the
+    end of "To separate them, ...".
     """
     per_view: ClassVar[str] = ""
-    """The part of a view's own parameters that it adds, of `calib.optics.board_target.PARTS`; empty
-    where all views share what it has.
+    """The block of `calib.optics.board_target.VIEW_BLOCKS` that it adds to every view; empty if all
+    views share its parameters.
     """
     judged_by_score: ClassVar[bool] = True
-    """False where its neutral point says little of what it does: then it is always fitted."""
-    needs_place: ClassVar[bool] = False
-    """Whether it asks where on the glass the residual wants a finer relief, which takes a while to
-    find.
+    """False if the gradient at the neutral point says little about the effect: then the diagnosis
+    always fits it.
     """
+    needs_place: ClassVar[bool] = False
+    """True if it needs `EffectContext.place`, which takes a while to find."""
     on_cover: ClassVar[bool] = False
-    """Whether it changes a cover: where there is none, or no more, there is no such effect."""
+    """True if it changes the cover, so that it cannot occur without one."""
     has_cause: ClassVar[bool] = True
-    """False where it mends an error whose cause it does not name."""
-    beforehand: ClassVar[float] = 1.0
-    """How probable it is before any view is looked at, over a cause that may always be there: less
-    where a user would have said so.
+    """False if it corrects an error without naming its cause."""
+    prior_odds: ClassVar[float] = 1.0
+    """The prior odds of the effect against a cause that every session may have, below 1 for a cause
+    that a user would have declared.
     """
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        """The forms in which it may be present there; none where it cannot be."""
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        """Return the forms of the effect that are possible in this context; none if it cannot
+        occur.
+        """
         ...
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        """Its parameters, those of single views aside."""
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        """The parameters that all views share."""
         ...
 
     @property
     def form(self) -> str:
-        """Which of its forms this is, in a word; empty where it has but one."""
+        """The name of this form, in one word; empty if the effect has one form only."""
         return ""
 
-    def tuned(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
-        """The same with a prior that suits a residual, where an effect leaves its prior to the
-        data.
+    def tune(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
+        """Return the effect with the prior or the form that explains a residual best, if the effect
+        leaves that choice to the data; else the effect itself.
 
         Args:
-            information: (k, k) on the effect's parameters over their scales, what the fit estimates
-                already being unknown.
-            score: (k,) of them: minus half the gradient of the sum of squares.
+            information: (k, k) information about the effect's parameters over their scales, after
+                the elimination of all parameters that the fit already estimates.
+            score: (k,) minus half the gradient of the sum of squares by them.
         """
         del information, score
         return self
 
     def alternatives(self) -> tuple[Self, ...]:
-        """The same with fewer and with more parameters, or a narrower and a wider prior of what
-        single views have, the simplest first, where a fit's evidence is to choose among them; else
-        none.
+        """Return the forms among which a fit's evidence is to choose, the simplest first: with
+        fewer and with more parameters, or with a narrower and a wider prior of a per-view block.
+        Return none if there is nothing to choose.
         """
         return ()
 
-    def displaced(self, values: Values) -> tuple[Values, ...]:
-        """Where some of the path's values may stand once it is there, if a fit without it has made
-        up for it.
+    def alternative_starts(self, values: Values) -> tuple[Values, ...]:
+        """Return alternative starts for some of the path's values, for a fit with this effect after
+        a fit without it, whose values may have compensated for it.
         """
         del values
         return ()
 
     def apply(self, path: Path) -> Path:
-        """The path with it."""
+        """Return the path with the effect."""
         ...
 
 
-def possible(effect: Effect | type[Effect], path: Path) -> bool:
-    """Whether there can be such an effect there."""
+def is_possible(effect: Effect | type[Effect], path: Path) -> bool:
+    """True if the effect can occur on this path."""
     return bool(path.cover) or not effect.on_cover
 
 
-def linear_evidence(
+def log_bayes_factor(
     information: NDArray[np.float64], score: NDArray[np.float64], spread: NDArray[np.float64]
 ) -> float:
-    """The logarithm of the residual's probability with an effect, over that without it, its
-    parameters integrated out, to first order.
+    """Return the logarithm of the Bayes factor for an effect: the residual's probability with the
+    effect, its parameters integrated out, over the probability without it, to first order.
 
     Args:
-        information: (k, k) as `Effect.tuned` has it.
-        score: (k,) likewise.
+        information: (k, k), as in `Effect.tune`.
+        score: (k,), as in `Effect.tune`.
         spread: (k,) the prior's standard deviation of each parameter, over its scale.
     """
-    weighed = np.eye(len(spread)) + spread[:, None] * information * spread
+    posterior = np.eye(len(spread)) + spread[:, None] * information * spread
     scaled = spread * score
-    return float(scaled @ np.linalg.solve(weighed, scaled) - np.linalg.slogdet(weighed)[1]) / 2
+    return float(scaled @ np.linalg.solve(posterior, scaled) - np.linalg.slogdet(posterior)[1]) / 2
 
 
 E = TypeVar("E", bound=Effect)
 
 
-def most_evident(
+def select_form(
     forms: Sequence[E], information: NDArray[np.float64], score: NDArray[np.float64]
 ) -> E:
-    """The form of the largest evidence, to first order. Each begins with the parameters of the
-    simpler ones, to which (k, k) information and the (k,) score belong as in `Effect.tuned`; all
-    have numbers as parameters, not fields.
+    """Return the form with the largest evidence, to first order. All parameters are scalars, and
+    the parameters of each form begin with those of the simpler forms; the (k, k) information and
+    the (k,) score of `Effect.tune` are those of the richest form.
     """
 
     def evidence(form: E) -> float:
-        spread = np.array([unknown.sigma / unknown.param.scale for unknown in form.unknowns])
+        spread = np.array(
+            [parameter.sigma / parameter.param.scale for parameter in form.effect_parameters]
+        )
         count = len(spread)
-        return linear_evidence(information[:count, :count], score[:count], spread)
+        return log_bayes_factor(information[:count, :count], score[:count], spread)
 
     return max(forms, key=evidence)

@@ -7,19 +7,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.session.tolerances import GLASS_FIGURE
 
 CENTRES = (11, 11)
 FINER = 4
-"""Times denser than the relief's own centres."""
+"""The density of the centres over that of the relief's centres, along each direction."""
 
 
 @dataclass(frozen=True, slots=True)
 class FineSurface(Effect):
-    """Denser centres where the residual asks for them."""
+    """A relief with denser centres at the place where it explains the residual best."""
 
     low: tuple[float, float]
     high: tuple[float, float]
@@ -32,15 +32,16 @@ class FineSurface(Effect):
     )
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        outer = there.path.cover[-1] if there.path.cover else None
-        if outer is None or outer.relief is None or outer.more or there.place is None:
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        outer = context.path.cover[-1] if context.path.cover else None
+        if outer is None or outer.relief is None or outer.extra_reliefs or context.place is None:
             return ()
         half = [
             (n - 1) / 2 * step / FINER
             for n, step in zip(CENTRES, outer.relief.spacing, strict=True)
         ]
-        (first, second), (a, b) = there.place.tolist(), half
+        first, second = context.place.tolist()
+        a, b = half
         return (cls((first - a, second - b), (first + a, second + b)),)
 
     @property
@@ -48,9 +49,11 @@ class FineSurface(Effect):
         return Relief(self.low, self.high, CENTRES, name="fine_surface")
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown(param, GLASS_FIGURE.sigma) for param in self.relief.params)
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        return tuple(EffectParameter(param, GLASS_FIGURE.sigma) for param in self.relief.params)
 
     def apply(self, path: Path) -> Path:
-        *before, outer = path.cover
-        return replace(path, cover=(*before, replace(outer, more=(*outer.more, self.relief))))
+        *inner, outer = path.cover
+        return replace(
+            path, cover=(*inner, replace(outer, extra_reliefs=(*outer.extra_reliefs, self.relief)))
+        )

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import torch
 from torch import Tensor
 
-from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.cover_frame import CoverFrame
 from calib.optics.flat import Flat
 from calib.optics.interface import Interface
@@ -17,54 +17,57 @@ from calib.optics.path import Path
 from calib.session.tolerances import PORT_DISTANCE, PORT_THICKNESS, PORT_TILT, WATER_INDEX
 
 WALL_INDEX = 1.49
-"""Acrylic; a window's own index hardly matters beside what is behind it."""
-WALL = 6e-3
+"""The index of acrylic. The window's index matters little compared with the medium behind it."""
+WALL_THICKNESS = 6e-3
 """m"""
 DISTANCE = 0.025
 """m"""
 AIR, WATER = 1.0, 1.333
-UNSAID = 0.1
-"""How often a window stands there of which the session says nothing, over causes that no session
-speaks of.
+PRIOR_ODDS = 0.1
+"""The odds of a window that the session does not declare, against causes that no session declares.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class FlatPort(Effect):
-    """A flat window across the optical axis.
+    """A flat window perpendicular to the optical axis, but for a tilt.
 
-    Neutral: nothing but air behind a window without thickness.
+    Its neutral values are a window without thickness and air behind it.
     """
 
     behind: str
-    """air or water"""
+    """The medium behind the window: air or water."""
     name: ClassVar[str] = "flat_port"
-    about: ClassVar[str] = "what stands before the lens"
+    about: ClassVar[str] = "the space in front of the lens"
     advice: ClassVar[str] = (
         "hold the board near and far: what a window does depends on depth, what a lens does not"
     )
     judged_by_score: ClassVar[bool] = False
-    beforehand: ClassVar[float] = UNSAID
+    prior_odds: ClassVar[float] = PRIOR_ODDS
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        return () if there.path.cover else (cls("air"), cls("water"))
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        return () if context.path.cover else (cls("air"), cls("water"))
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        tilt = (Unknown.of(f"flat_port.tilt.{axis}", PORT_TILT) for axis in "xy")
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        tilt = (EffectParameter.of(f"flat_port.tilt.{axis}", PORT_TILT) for axis in "xy")
         slab = (
             *tilt,
-            Unknown(Param("flat_port.thickness", "m", 1e-3), PORT_THICKNESS.sigma, 0.0, WALL),
+            EffectParameter(
+                Param("flat_port.thickness", "m", 1e-3), PORT_THICKNESS.sigma, 0.0, WALL_THICKNESS
+            ),
         )
-        if self.behind == "air":  # where it stands moves no ray
+        if self.behind == "air":  # its distance moves no ray
             return slab
         return (
-            Unknown(
+            EffectParameter(
                 Param("flat_port.distance", "m", 1e-3), PORT_DISTANCE.sigma, DISTANCE, DISTANCE
             ),
             *slab,
-            Unknown(Param("flat_port.outside_index", "", 1e-2), WATER_INDEX.sigma, AIR, WATER),
+            EffectParameter(
+                Param("flat_port.outside_index", "", 1e-2), WATER_INDEX.sigma, AIR, WATER
+            ),
         )
 
     @property
@@ -74,12 +77,15 @@ class FlatPort(Effect):
     @property
     def params(self) -> tuple[Param, ...]:
         return tuple(
-            unknown.param for unknown in self.unknowns if unknown.param.name != "flat_port.distance"
+            parameter.param
+            for parameter in self.effect_parameters
+            if parameter.param.name != "flat_port.distance"
         )
 
-    def displaced(self, values: Values) -> tuple[Values, ...]:
-        """Behind a window in water a camera looks as if its focal length were longer, by water's
-        index, or, if its lens has no distortion that could take up the window's, shorter.
+    def alternative_starts(self, values: Values) -> tuple[Values, ...]:
+        """Return scaled focal lengths. A camera behind a window in water looks as if its focal
+        length were longer by water's index or, if its lens has no distortion that could compensate
+        for the window's, shorter.
         """
         factors = WATER ** (torch.arange(-4, 3) / 4) if self.behind == "water" else ()
         return tuple(
@@ -96,13 +102,14 @@ class FlatPort(Effect):
         return replace(path, cover=window, adjustments=(*path.adjustments, self))
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        """The window's parameters as the cover's."""
+        """Return the values with the window's parameters as those of the cover."""
         thickness = values["flat_port.thickness"]
-        wall, air = (torch.full_like(thickness, index) for index in (WALL_INDEX, AIR))
-        outside = values.get("flat_port.outside_index", air)
+        wall = torch.full_like(thickness, WALL_INDEX)
+        air = torch.full_like(thickness, AIR)
+        outside_index = values.get("flat_port.outside_index", air)
         return pixels, {
             **values,
             "cover.refractive_index": wall,
             "cover.thickness": thickness,
-            "cover.outside_index": outside,
+            "cover.outside_index": outside_index,
         }

@@ -1,4 +1,4 @@
-"""The focal length changes over the session, as a lens does that warms up."""
+"""The focal length changes over the session, as that of a lens does that warms up."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -6,23 +6,23 @@ from typing import ClassVar
 from torch import Tensor
 
 from calib.effects.camera_effect import CameraEffect
-from calib.effects.effect import Unknown
+from calib.effects.effect import EffectParameter
 from calib.optics.params import TIME, Values
 from calib.session.tolerances import FOCAL
 
-DRIFT = Unknown.of("focal_drift.over_session", FOCAL)
+DRIFT = EffectParameter.of("focal_drift.over_session", FOCAL)
 
 
 @dataclass(frozen=True, slots=True)
 class FocalDrift(CameraEffect):
-    """By this fraction from the first picture to the last, evenly in time; in the middle it is as
-    stated.
+    """A change by this fraction from the first picture to the last, linear in time; the stated
+    value holds in the middle.
     """
 
     name: ClassVar[str] = "focal_drift"
     about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = "take the same board pose at the beginning and at the end"
-    unknowns_: ClassVar[tuple[Unknown, ...]] = (DRIFT,)
+    camera_parameters: ClassVar[tuple[EffectParameter, ...]] = (DRIFT,)
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
         if TIME not in values:

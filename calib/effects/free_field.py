@@ -1,4 +1,4 @@
-"""An effect without a name: a smooth free-form displacement over the board."""
+"""An error without a named cause: a smooth free-form displacement over the board."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import ClassVar, Self
 from torch import Tensor
 
 from calib.effects.cosine_field import FIRST_KNEE, CosineField
-from calib.effects.effect import Surroundings
-from calib.optics.board_target import Printed
+from calib.effects.effect import EffectContext
+from calib.optics.board_target import PrintShift
 from calib.optics.params import Values
 from calib.optics.path import Path
 
 
 @dataclass(frozen=True, slots=True)
 class FreeField(CosineField):
-    """Corners are printed elsewhere than on their grid."""
+    """A displacement of the printed corners from their grid."""
 
     name: ClassVar[str] = "free_field"
     about: ClassVar[str] = "the board"
@@ -30,14 +30,17 @@ class FreeField(CosineField):
     first_size: ClassVar[float] = 2e-4
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        right, down = (half + there.board.square / 2 for half in there.board.half)
-        return (cls((-right, -down), (right, down), cls.first_size, FIRST_KNEE),)
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        x = context.board.half[0] + context.board.square / 2
+        y = context.board.half[1] + context.board.square / 2
+        return (cls((-x, -y), (x, y), cls.first_size, FIRST_KNEE),)
 
     def apply(self, path: Path) -> Path:
         return replace(path, target=replace(path.target, prints=(*path.target.prints, self)))
 
-    def printed(self, x: Tensor, y: Tensor, values: Values) -> Printed:
-        """Where nominal board coordinates are."""
-        (across, *by_across), (down, *by_down) = self.shift(x, y, values)
-        return Printed(across, down, ((by_across[0], by_across[1]), (by_down[0], by_down[1])))
+    def shift_corners(self, x: Tensor, y: Tensor, values: Values) -> PrintShift:
+        """Return the shifts of corners at nominal board coordinates."""
+        shifts = self.shift(x, y, values)
+        shift_x, x_by_x, x_by_y = shifts[0]
+        shift_y, y_by_x, y_by_y = shifts[1]
+        return PrintShift(shift_x, shift_y, ((x_by_x, x_by_y), (y_by_x, y_by_y)))

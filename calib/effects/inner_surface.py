@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.session.tolerances import GLASS_FIGURE
@@ -15,7 +15,7 @@ CENTRES = (6, 6)
 
 @dataclass(frozen=True, slots=True)
 class InnerSurface(Effect):
-    """A coarser relief than the outer one's, over the same patch."""
+    """A relief of the inner surface, over the same patch as the outer surface's but coarser."""
 
     low: tuple[float, float]
     high: tuple[float, float]
@@ -28,8 +28,8 @@ class InnerSurface(Effect):
     )
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        outer = there.path.cover[-1].relief if there.path.cover else None
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        outer = context.path.cover[-1].relief if context.path.cover else None
         return (cls(outer.low, outer.high),) if outer else ()
 
     @property
@@ -37,9 +37,9 @@ class InnerSurface(Effect):
         return Relief(self.low, self.high, CENTRES, name="inner_surface")
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown(param, GLASS_FIGURE.sigma) for param in self.relief.params)
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        return tuple(EffectParameter(param, GLASS_FIGURE.sigma) for param in self.relief.params)
 
     def apply(self, path: Path) -> Path:
-        inner, *rest = path.cover
-        return replace(path, cover=(replace(inner, relief=self.relief), *rest))
+        inner, *outer = path.cover
+        return replace(path, cover=(replace(inner, relief=self.relief), *outer))

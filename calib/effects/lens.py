@@ -1,5 +1,5 @@
-"""The lens distorts otherwise than stated: Brown's radial and tangential terms, from the distorted
-to the undistorted pixel.
+"""The lens's distortion differs from the stated one: Brown's radial and tangential terms, from the
+distorted to the undistorted pixel.
 
 Source: D. C. Brown, Close-range camera calibration (1971).
 """
@@ -11,33 +11,38 @@ import torch
 from torch import Tensor
 
 from calib.effects.camera_effect import CameraEffect
-from calib.effects.effect import Unknown
+from calib.effects.effect import EffectParameter
+from calib.optics.lens import normalise_pixels
 from calib.optics.params import Values
 from calib.session.tolerances import RADIAL, TANGENTIAL
 
 UNKNOWNS = (
-    *(Unknown.of(f"lens.{name}", RADIAL) for name in ("k1", "k2", "k3")),
-    *(Unknown.of(f"lens.{name}", TANGENTIAL) for name in ("p1", "p2")),
+    *(EffectParameter.of(f"lens.{name}", RADIAL) for name in ("k1", "k2", "k3")),
+    *(EffectParameter.of(f"lens.{name}", TANGENTIAL) for name in ("p1", "p2")),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Lens(CameraEffect):
-    """Pixels are moved before the lens that the session states."""
+    """A shift of the pixels in front of the stated lens."""
 
     name: ClassVar[str] = "lens"
     about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = (
         "take pictures without the cover (bare/), and boards at very different depths"
     )
-    unknowns_: ClassVar[tuple[Unknown, ...]] = UNKNOWNS
+    camera_parameters: ClassVar[tuple[EffectParameter, ...]] = UNKNOWNS
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        fx, fy, cx, cy = (values[f"camera.{name}"] for name in ("fx", "fy", "cx", "cy"))
-        k1, k2, k3, p1, p2 = (values[unknown.param.name] for unknown in UNKNOWNS)
-        x, y = (pixels[..., 0] - cx) / fx, (pixels[..., 1] - cy) / fy
+        k1 = values["lens.k1"]
+        k2 = values["lens.k2"]
+        k3 = values["lens.k3"]
+        p1 = values["lens.p1"]
+        p2 = values["lens.p2"]
+        x, y = normalise_pixels(pixels, values)
         r2 = x * x + y * y
         gain = r2 * (k1 + r2 * (k2 + r2 * k3))
-        right = x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-        down = y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-        return pixels + torch.stack([fx * right, fy * down], -1), values
+        shift_x = x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        shift_y = y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        shift = torch.stack([values["camera.fx"] * shift_x, values["camera.fy"] * shift_y], -1)
+        return pixels + shift, values

@@ -1,5 +1,5 @@
-"""The lens distorts otherwise than any polynomial says: a smooth free-form displacement over the
-image, of a camera that stays central.
+"""The lens's distortion differs from any polynomial: a smooth free-form displacement over the
+image. The camera stays central.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ import torch
 from torch import Tensor
 
 from calib.effects.cosine_field import FIRST_KNEE, CosineField
-from calib.effects.effect import Surroundings
-from calib.optics.linear_part import sloped
+from calib.effects.effect import EffectContext
+from calib.optics.linear_term import with_slopes
 from calib.optics.params import Values
 from calib.optics.path import Path
 
 
 @dataclass(frozen=True, slots=True)
 class LensField(CosineField):
-    """Pixels are moved before the lens that the session states."""
+    """A displacement of the pixels in front of the stated lens."""
 
     name: ClassVar[str] = "lens_field"
     about: ClassVar[str] = "the lens"
@@ -33,9 +33,14 @@ class LensField(CosineField):
     first_size: ClassVar[float] = 0.5
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
         return (
-            cls((-0.5, -0.5), (there.width - 0.5, there.height - 0.5), cls.first_size, FIRST_KNEE),
+            cls(
+                (-0.5, -0.5),
+                (context.width - 0.5, context.height - 0.5),
+                cls.first_size,
+                FIRST_KNEE,
+            ),
         )
 
     def apply(self, path: Path) -> Path:
@@ -43,5 +48,7 @@ class LensField(CosineField):
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
         x, y = pixels.unbind(-1)
-        moved = [sloped(size, x, y, by_x, by_y) for size, by_x, by_y in self.shift(x, y, values)]
-        return pixels + torch.stack(moved, -1), values
+        shifts = [
+            with_slopes(shift, x, y, by_x, by_y) for shift, by_x, by_y in self.shift(x, y, values)
+        ]
+        return pixels + torch.stack(shifts, -1), values

@@ -1,5 +1,5 @@
-"""Parameters of the stages that differ from what the fit holds: to each, one of the effect's own is
-added.
+"""Increments of stage parameters: an effect's parameter is added to a value that the fit otherwise
+holds constant.
 """
 
 from collections.abc import Iterable, Mapping
@@ -7,38 +7,40 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from calib.effects.effect import Unknown
+from calib.effects.effect import EffectParameter
 from calib.optics.params import Param, Values
 from calib.session.tolerances import Tolerance
 
 
 @dataclass(frozen=True, slots=True)
 class Offsets:
-    """Adds the effect's parameters to the stages' own."""
+    """An adjustment that adds the effect's parameters to the stages' values."""
 
-    unknowns: tuple[Unknown, ...]
+    effect_parameters: tuple[EffectParameter, ...]
 
     @property
     def params(self) -> tuple[Param, ...]:
-        return tuple(unknown.param for unknown in self.unknowns)
+        return tuple(parameter.param for parameter in self.effect_parameters)
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        return pixels, shifted(values, self.unknowns)
+        return pixels, add_increments(values, self.effect_parameters)
 
 
-def shifted(values: Values, unknowns: Iterable[Unknown]) -> Values:
-    """Every number that the unknowns are increments of, with its increment."""
-    moved = dict(values)
-    for unknown in unknowns:
-        change = values[unknown.param.name]
-        for name in unknown.shifts:
-            moved[name] = values[name] * (1 + change) if unknown.relative else values[name] + change
-    return moved
+def add_increments(values: Values, effect_parameters: Iterable[EffectParameter]) -> Values:
+    """Return the values, with each increment added to the values that it shifts."""
+    shifted = dict(values)
+    for parameter in effect_parameters:
+        change = values[parameter.param.name]
+        for name in parameter.shifts:
+            shifted[name] = (
+                values[name] * (1 + change) if parameter.relative else values[name] + change
+            )
+    return shifted
 
 
-def increments(effect: str, parameters: Mapping[str, Tolerance]) -> tuple[Unknown, ...]:
-    """An unknown of the effect for each of some of the stages' parameters."""
+def increments(effect: str, parameters: Mapping[str, Tolerance]) -> tuple[EffectParameter, ...]:
+    """Return a parameter of the effect for each of these stage parameters, as its increment."""
     return tuple(
-        Unknown.of(f"{effect}.{name.split('.', 1)[1]}", tolerance, (name,))
+        EffectParameter.of(f"{effect}.{name.split('.', 1)[1]}", tolerance, (name,))
         for name, tolerance in parameters.items()
     )

@@ -8,5 +8,7 @@ from calib.session.tolerances import INDEX, Tolerance
 
 class RefractiveIndex(CoverEffect):
     name: ClassVar[str] = "refractive_index"
-    advice: ClassVar[str] = "measure the glass: views tell its index hardly from its thickness"
+    advice: ClassVar[str] = (
+        "measure the glass: views can hardly separate its index from its thickness"
+    )
     candidates: ClassVar[dict[str, Tolerance]] = {"cover.refractive_index": INDEX}

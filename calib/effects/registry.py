@@ -1,4 +1,4 @@
-"""The effects that there are: a new one is a file of its own, and a line here."""
+"""The registry of all effects: a new effect is a file of its own and a line here."""
 
 from calib.effects.board_flex import BoardFlex
 from calib.effects.board_scale import BoardScale
@@ -44,12 +44,12 @@ EFFECTS: tuple[type[Effect], ...] = (
     BoardScale,
     DetectorBias,
 )
-"""In the order of a ray's way, as reports list them."""
+"""The effects with a physical cause, in the order of a ray's way, in which reports list them."""
 
 FIELDS: tuple[type[Effect], ...] = (LensField, FreeField)
-"""Tried where none of these helps and the residual is still organised: they can do much of what
-others do.
+"""Effects without a cause, which the diagnosis tries if no other effect helps and the residual
+still has a structure: they can imitate many other effects.
 """
 
 KINDS: tuple[type[Effect], ...] = (*EFFECTS, *FIELDS)
-"""Every effect, by whose names calibrations and commands call them."""
+"""All effects. Calibration files and commands use their names."""

@@ -1,4 +1,4 @@
-"""Effects as a calibration file writes them."""
+"""Functions that turn effects into the mappings of a calibration file, and back."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -11,12 +11,12 @@ from calib.effects.effect import Effect
 from calib.effects.registry import KINDS
 
 Estimated = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
-"""By name: a value and its standard deviation."""
+"""A value and its standard deviation, by the parameter's name."""
 
 
 def effect_to_yaml(effect: Effect, parameters: Estimated) -> dict[str, object]:
-    """The mapping that `effect_from_yaml` reads."""
-    units = {unknown.param.name: unknown.param.unit for unknown in effect.unknowns}
+    """Return the mapping that `effect_from_yaml` reads."""
+    units = {parameter.param.name: parameter.param.unit for parameter in effect.effect_parameters}
     return {
         "name": effect.name,
         "form": {
@@ -30,36 +30,40 @@ def effect_to_yaml(effect: Effect, parameters: Estimated) -> dict[str, object]:
     }
 
 
-def effect_from_yaml(said: Mapping[str, Any]) -> tuple[Effect, Estimated]:
-    """An effect and its parameters; LookupError, TypeError or ValueError where the mapping is not
-    of one.
+def effect_from_yaml(mapping: Mapping[str, Any]) -> tuple[Effect, Estimated]:
+    """Return an effect and its parameters. Raise LookupError, TypeError or ValueError if the
+    mapping does not describe an effect.
     """
     kinds = {kind.name: kind for kind in KINDS}
-    kind = kinds[said["name"]]
+    kind = kinds[mapping["name"]]
     form = {
-        key: tuple(part) if isinstance(part, list) else part for key, part in said["form"].items()
+        key: tuple(value) if isinstance(value, list) else value
+        for key, value in mapping["form"].items()
     }
     for key, hint in get_type_hints(kind).items():
         if key in form and not _fits(form[key], hint):
-            raise ValueError(f"form.{key} of {kind.name} is not one")
+            raise ValueError(f"form.{key} of {kind.name} is not of the right type")
     effect = kind(**form)
     parameters = {}
-    for unknown in effect.unknowns:
-        one = said["parameters"][unknown.param.name]
-        value, sigma = (np.asarray(one[key], dtype=np.float64) for key in ("value", "sigma"))
+    for parameter in effect.effect_parameters:
+        entry = mapping["parameters"][parameter.param.name]
+        value = np.asarray(entry["value"], dtype=np.float64)
+        sigma = np.asarray(entry["sigma"], dtype=np.float64)
         if (
-            value.shape != unknown.param.shape
+            value.shape != parameter.param.shape
             or sigma.shape != value.shape
             or not np.isfinite(value).all()
             or not (sigma >= 0).all()
         ):
-            raise ValueError(f"{unknown.param.name} is not a number of its shape")
-        parameters[unknown.param.name] = value, sigma
+            raise ValueError(f"{parameter.param.name} is not a number of its shape")
+        parameters[parameter.param.name] = value, sigma
     return effect, parameters
 
 
 def _fits(value: object, hint: Any) -> bool:
-    """Whether a value is of a form's type: a text, a finite number, or a tuple of such."""
+    """True if a value has the type of a form's field: a text, a finite number, or a tuple of
+    these.
+    """
     inner = get_args(hint)
     if inner:
         kinds = (

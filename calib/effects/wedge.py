@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 from calib.effects.cover_tilt import axis_names, turning_axes
-from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.path import Path
 from calib.session.tolerances import WEDGE
 
 
 @dataclass(frozen=True, slots=True)
 class Wedge(Effect):
-    """The outer surface is turned about the origin of the cover's frame."""
+    """A rotation of the outer surface about the origin of the cover's frame."""
 
     axes: str
     name: ClassVar[str] = "wedge"
@@ -24,15 +24,17 @@ class Wedge(Effect):
     )
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        axes = turning_axes(there.path)
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        axes = turning_axes(context.path)
         return (cls(axes),) if axes else ()
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown.of(f"wedge.{axis}", WEDGE) for axis in self.axes)
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        return tuple(EffectParameter.of(f"wedge.{axis}", WEDGE) for axis in self.axes)
 
     def apply(self, path: Path) -> Path:
-        *before, outer = path.cover
-        frame = replace(outer.frame, more=(*outer.frame.more, axis_names("wedge", self.axes)))
-        return replace(path, cover=(*before, replace(outer, frame=frame)))
+        *inner, outer = path.cover
+        frame = replace(
+            outer.frame, extra_tilts=(*outer.frame.extra_tilts, axis_names("wedge", self.axes))
+        )
+        return replace(path, cover=(*inner, replace(outer, frame=frame)))

@@ -1,5 +1,5 @@
-"""A model of the camera as a fit sees it: the ray path, the priors of its parameters, and the
-effects that were added.
+"""The camera model that a fit works with: the ray path, the priors of its parameters, and the added
+effects.
 """
 
 from __future__ import annotations
@@ -11,18 +11,20 @@ from functools import reduce
 import torch
 from torch import Tensor
 
-from calib.effects.effect import Effect, possible
-from calib.estimation.joint_fit import AGAIN, ROUNDS, JointFit, Start, fit_joint
+from calib.effects.effect import Effect, is_possible
+from calib.estimation.joint_fit import ROUNDS, WARM_ROUNDS, JointFit, Start, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refine_poses_in_image
 from calib.estimation.priors import Priors
-from calib.optics.board_target import with_parts
+from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
 from calib.optics.path import Path
 
-CLOSE = 1e-6
-"""The fraction of its error by which a held-out view's last step may still lower it."""
+POSE_TOLERANCE = 1e-6
+"""The pose of a held-out view has converged when a step lowers its error by less than this
+fraction.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,87 +33,92 @@ class CameraModel:
 
     path: Path
     means: Values
-    """Every value of the path: where it is held, or its prior's mean."""
+    """Every value of the path: the mean of its prior, or the constant at which it is held."""
     priors: Priors
-    """Of what is estimated beside the relief."""
+    """The priors of the estimated parameters; the relief's is separate."""
     effects: tuple[Effect, ...] = ()
 
     @property
     def parameters(self) -> Parameters:
-        """What a fit of it estimates, beside the views' own parameters."""
+        """The shared parameters that a fit of this model estimates."""
         return Parameters.of(self.path, self.means, self.priors)
 
     def with_effect(self, effect: Effect) -> CameraModel:
-        """The model with one effect more, at the start of its parameters."""
+        """Return the model with one more effect, at the start of its parameters."""
         values = {
-            u.param.name: torch.full(u.param.shape, u.begin, dtype=torch.float64)
-            for u in effect.unknowns
+            u.param.name: torch.full(u.param.shape, u.initial, dtype=torch.float64)
+            for u in effect.effect_parameters
         }
-        sigmas = {u.param.name: u.sigma for u in effect.unknowns}
+        sigmas = {u.param.name: u.sigma for u in effect.effect_parameters}
         return CameraModel(
             effect.apply(self.path),
             {**self.means, **values},
-            self.priors.beside(sigmas),
+            self.priors.with_sigmas(sigmas),
             (*self.effects, effect),
         )
 
     def with_effects(self, effects: Iterable[Effect]) -> CameraModel:
-        """The model with some effects more, but for those on a cover that is not there: a window
-        that was found may be dropped.
+        """Return the model with more effects. An effect on a cover that the path lacks is left out:
+        a window that an effect added may have been dropped.
         """
         return reduce(
             lambda model, effect: (
-                model.with_effect(effect) if possible(effect, model.path) else model
+                model.with_effect(effect) if is_possible(effect, model.path) else model
             ),
             effects,
             self,
         )
 
-    def neutral(self, effect: Effect) -> Values:
-        """The parameters of an effect where it is not there."""
+    def neutral_values(self, effect: Effect) -> Values:
+        """Return the parameters of an effect at which it does nothing."""
         return {
             u.param.name: torch.full(u.param.shape, u.neutral, dtype=torch.float64)
-            for u in effect.unknowns
+            for u in effect.effect_parameters
         }
 
-    def fitted(
+    def fit(
         self,
         observations: Observations,
         poses: Tensor,
         start: Start | None = None,
         rounds: Sequence[float] | None = None,
     ) -> JointFit:
-        """The most probable parameters, from a start like `fit_joint`'s; those that the start lacks
-        begin at their means.
+        """Fit the most probable parameters, from a start like that of `fit_joint`; parameters that
+        the start lacks start at their means.
 
         Args:
-            rounds: of `fit_joint`; None: what a fit takes that has such a start, or none.
+            rounds: as in `fit_joint`; None means WARM_ROUNDS with a start, else ROUNDS.
         """
         if start:
             start = replace(
                 start,
                 values={name: start.values.get(name, mean) for name, mean in self.means.items()},
             )
-        rounds = rounds or (AGAIN if start else ROUNDS)
+        rounds = rounds or (WARM_ROUNDS if start else ROUNDS)
         return fit_joint(
             self.path,
             self.means,
             observations,
-            self.padded(poses),
+            self.pad_poses(poses),
             priors=self.priors,
             start=start,
             rounds=rounds,
         )
 
-    def padded(self, poses: Tensor) -> Tensor:
-        """(V, B) parameters of views as this model has them: what is new to it is zero, and what it
-        has not is dropped.
+    def pad_poses(self, poses: Tensor) -> Tensor:
+        """Return the (V, B) view parameters with the blocks of this model: a block that is new is
+        zero, and a block that the model lacks is dropped.
         """
-        return with_parts(poses, self.path.view_parts)
+        return with_blocks(poses, self.path.view_blocks)
 
-    def seen(self, joint: JointFit, observations: Observations, poses: Tensor) -> Tensor:
-        """The (V, B) own parameters of views that were not fitted, from a start."""
-        padded = self.padded(poses)
+    def fit_poses(self, joint: JointFit, observations: Observations, poses: Tensor) -> Tensor:
+        """Fit the (V, B) parameters of views that were not part of the joint fit, from a start."""
+        pad_poses = self.pad_poses(poses)
         return refine_poses_in_image(
-            self.path, joint.values, observations, padded, sigma=joint.sigma, tolerance=CLOSE
+            self.path,
+            joint.values,
+            observations,
+            pad_poses,
+            sigma=joint.sigma,
+            tolerance=POSE_TOLERANCE,
         ).blocks

@@ -1,9 +1,9 @@
-"""What views say of the parameters they share, once each view's own are eliminated: the
-least-squares fit of a view's own parameters is projected out of its rows (variable projection; for
-linear rows, the theorem of Frisch, Waugh and Lovell).
+"""The information of views about the shared parameters, after the elimination of each view's
+parameters: the least-squares fit of these is projected out of the view's rows (variable projection;
+for linear rows, the theorem of Frisch, Waugh and Lovell).
 
-The solver eliminates the same parameters from its normal equations, by the Schur complement; here
-the rows themselves are wanted.
+The solver eliminates the same parameters from its normal equations by the Schur complement; this
+module projects the rows themselves.
 """
 
 from __future__ import annotations
@@ -19,84 +19,84 @@ from torch import Tensor
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
-from calib.estimation.residual_blocks import landings, pixel_weights
+from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.optics.path import Path
 
 Array = NDArray[np.float64]
 
-NOTHING = 1e-9
-"""Of the longest column: a shorter one moves no corner."""
-DEPENDENT = 1e-7
-"""Singular value of columns of length one, below which their direction is rounding alone."""
+MIN_LENGTH = 1e-9
+"""A column shorter than this fraction of the longest one moves no corner."""
+MIN_SINGULAR_VALUE = 1e-7
+"""A direction of normalised columns with a smaller singular value consists of rounding errors."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewEquations:
-    """The residuals of one view's m corners, linearised; px over sigma, x and y of one corner after
+    """The linearised residuals of one view's m corners, px over sigma, x and y of one corner after
     the other.
     """
 
     residual: Array
     """(2m,)"""
-    own: Array
-    """(2m, B) Jacobian by the view's own parameters."""
-    shared: Array
+    jacobian_block: Array
+    """(2m, B) Jacobian by the view's parameters."""
+    jacobian_shared: Array
     """(2m, S) Jacobian by the shared parameters."""
 
     @property
     def information(self) -> Array:
-        """(S, S) of the shared parameters, the view's own unknown."""
-        rows = eliminated(self.own, self.shared)
+        """The (S, S) information about the shared parameters, the view's parameters eliminated."""
+        rows = project_out(self.jacobian_block, self.jacobian_shared)
         return np.asarray(rows.T @ rows)
 
 
 def view_equations(
     path: Path, parameters: Parameters, observations: Observations, poses: Tensor, sigma: float
 ) -> Iterator[ViewEquations]:
-    """Every view's equations at the origin of the parameters and at (V, B) own ones; sigma is px
-    per axis. Those of a corner that the model
-    cannot see are 0: it says nothing.
+    """Yield every view's equations at the origin of the shared parameters and at (V, B) view
+    parameters; sigma is px per axis. The rows of a corner that the model cannot see are zero, so it
+    carries no information.
     """
-    problem = problem_at(path, parameters, observations, poses, sigma)
+    problem = landing_problem(path, parameters, observations, poses, sigma)
     for piece in problem.linearise(poses.new_zeros(parameters.count), poses):
         for first, last in pairwise(piece.starts.tolist()):
             residual = piece.residual[first:last].flatten().numpy()
-            own, shared = (
-                part[first:last].flatten(0, 1).numpy()
-                for part in (piece.jacobian_block, piece.jacobian_shared)
-            )
+            block = piece.jacobian_block[first:last].flatten(0, 1).numpy()
+            shared = piece.jacobian_shared[first:last].flatten(0, 1).numpy()
             unseen = np.isnan(residual)
-            residual[unseen], own[unseen], shared[unseen] = 0, 0, 0
-            yield ViewEquations(residual, own, shared)
+            residual[unseen], block[unseen], shared[unseen] = 0, 0, 0
+            yield ViewEquations(residual, block, shared)
 
 
-def problem_at(
+def landing_problem(
     path: Path, parameters: Parameters, observations: Observations, poses: Tensor, sigma: float
 ) -> LandingProblem:
-    """What a fit minimises there, corners weighed as at the origin of the parameters and at (V, B)
-    own ones; no prior of shared ones.
+    """Return the problem that a fit minimises, with the corners weighted at the origin of the
+    shared parameters and at (V, B) view parameters, and without a prior on the shared ones.
     """
     weights = pixel_weights(path, parameters.origin, observations, poses, sigma)
-    views = tuple(landings(path, parameters, observations, weights))
+    views = tuple(make_residual_blocks(path, parameters, observations, weights))
     return LandingProblem(
         parameters, views, poses.new_zeros(parameters.count).diag(), view_precision(path, poses)
     )
 
 
-def eliminated(own: Array, rows: Array) -> Array:
-    """(2m, ...) rows less their least-squares fit by (2m, B) columns."""
-    q = orthonormal(own)
+def project_out(columns: Array, rows: Array) -> Array:
+    """Return the (2m, ...) rows minus their least-squares fit by the (2m, B) columns."""
+    q = orthonormal_basis(columns)
     return np.asarray(rows - q @ (q.T @ rows))
 
 
 def information(views: Iterable[ViewEquations], count: int) -> Array:
-    """(V, S, S) of the S shared parameters, from each view."""
+    """Return each view's (V, S, S) information about the S shared parameters."""
     return np.array([view.information for view in views]).reshape(-1, count, count)
 
 
-def orthonormal(columns: Array) -> Array:
-    """An orthonormal basis of what columns span, those left out that move nothing."""
+def orthonormal_basis(columns: Array) -> Array:
+    """Return an orthonormal basis of the span of the columns, without directions that are zero up
+    to rounding.
+    """
     length = np.linalg.norm(columns, axis=0)
-    columns = columns[:, length > NOTHING * max(length.max(initial=0.0), 1e-300)]
+    columns = columns[:, length > MIN_LENGTH * max(length.max(initial=0.0), 1e-300)]
     u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
-    return np.asarray(u[:, s > DEPENDENT])
+    return np.asarray(u[:, s > MIN_SINGULAR_VALUE])

@@ -1,14 +1,13 @@
-"""The paper's procedure: with poses and cover held, the amplitudes go down the gradient (section 3,
+"""The paper's procedure: with poses and cover held, gradient descent on the amplitudes (section 3,
 equations 2 and 3).
 
 The paper does not name its descent. This is Nesterov's accelerated gradient descent with the step 1
-/ L, L the curvature of the loss measured by power iteration, restarted when the loss rises: no
-learning rate is left to choose, at any amplitude.
+/ L, L the curvature of the loss measured by power iteration, restarted when the loss rises. So
+there is no learning rate to choose, at any amplitude.
 
 Sources: Y. Nesterov, A method of solving a convex programming problem with convergence rate
-    O(1/k^2) (1983);
-B. O'Donoghue, E. Candes, Adaptive restart for accelerated gradient schemes (2015), section 3.2, the
-function scheme.
+O(1/k^2) (1983); B. O'Donoghue, E. Candes, Adaptive restart for accelerated gradient schemes (2015),
+section 3.2, the function scheme.
 """
 
 from collections.abc import Callable
@@ -24,7 +23,7 @@ from calib.optics.path import Path
 
 POWER_STEPS = 12
 SAFETY = 1.1
-"""The power iteration comes from below: a step this much shorter is still stable."""
+"""The power iteration underestimates the curvature; a step this much shorter is still stable."""
 
 
 def descend(
@@ -39,50 +38,50 @@ def descend(
     """Fit the amplitudes alone.
 
     Args:
-        path: with a relief on its outer surface.
-        values: all parameters of the path; relief.amplitudes is the start.
-        poses: (V, 6) T_camera_board, held.
-        steps: gradient steps.
+        path: a path with a relief on its outer surface.
+        values: all values of the path; relief.amplitudes is the start.
+        poses: (V, 6) T_camera_board, constant.
+        steps: the number of gradient steps.
         progress: called after each step with its number and the loss, m^2 summed over corners.
 
     Returns:
-        (rows, columns) m, the amplitudes of the lowest loss met.
+        (rows, columns) m, the amplitudes with the lowest loss of all steps.
     """
     loss = _loss(path, values, observations, poses)
     start = values["relief.amplitudes"].detach()
     length = 1 / (SAFETY * _curvature(loss, start))
     best, lowest = start, float("inf")
-    here, ahead, momentum, previous = start, start, 1.0, float("inf")
+    current, ahead, momentum, previous = start, start, 1.0, float("inf")
     for step in range(1, steps + 1):
         cost, slope = _gradient(loss, ahead)
         if cost < lowest:
             best, lowest = ahead, cost
         if cost > previous:
-            momentum = 1.0  # the restart: forget the speed
+            momentum = 1.0  # the restart drops the momentum
         previous = cost
-        landed = ahead - length * slope
-        faster = (1 + (1 + 4 * momentum**2) ** 0.5) / 2
-        ahead = landed + (momentum - 1) / faster * (landed - here)
-        here, momentum = landed, faster
+        descended = ahead - length * slope
+        next_momentum = (1 + (1 + 4 * momentum**2) ** 0.5) / 2
+        ahead = descended + (momentum - 1) / next_momentum * (descended - current)
+        current, momentum = descended, next_momentum
         if progress:
             progress(step, lowest)
-    return here if float(loss(here)) < lowest else best
+    return current if float(loss(current)) < lowest else best
 
 
 def _loss(
     path: Path, values: Values, observations: Observations, poses: Tensor
 ) -> Callable[[Tensor], Tensor]:
-    """The sum of squared distances on the board as a function of the amplitudes.
+    """Return the sum of squared distances on the board as a function of the amplitudes.
 
-    What they cannot change is traced once.
+    The part of the path that the amplitudes do not change is traced once.
     """
-    *before, outer = path.cover
-    rays = Path(path.lens, tuple[Interface, ...](before)).trace(observations.pixels, values)
-    own = Placement.of(poses)[observations.view]
+    *inner, outer = path.cover
+    rays = Path(path.lens, tuple[Interface, ...](inner)).trace(observations.pixels, values)
+    placements = Placement.of(poses)[observations.view]
 
     def loss(amplitudes: Tensor) -> Tensor:
         landed, failure = path.target(
-            outer(rays, {**values, "relief.amplitudes": amplitudes}), own, values
+            outer(rays, {**values, "relief.amplitudes": amplitudes}), placements, values
         )
         squared = ((landed - observations.corners) ** 2).sum(-1) * observations.weight**2
         return torch.where(failure == 0, squared, torch.zeros_like(squared)).sum()
@@ -90,16 +89,16 @@ def _loss(
     return loss
 
 
-def _gradient(loss: Callable[[Tensor], Tensor], at: Tensor) -> tuple[float, Tensor]:
-    at = at.detach().requires_grad_()
-    cost = loss(at)
-    (slope,) = torch.autograd.grad(cost, at)
+def _gradient(loss: Callable[[Tensor], Tensor], amplitudes: Tensor) -> tuple[float, Tensor]:
+    variable = amplitudes.detach().requires_grad_()
+    cost = loss(variable)
+    (slope,) = torch.autograd.grad(cost, variable)
     return float(cost.detach()), slope
 
 
 def _curvature(loss: Callable[[Tensor], Tensor], start: Tensor) -> float:
-    """The largest eigenvalue of the loss's second derivative, by power iteration on differences of
-    gradients.
+    """Return the largest eigenvalue of the loss's second derivative, by power iteration on
+    differences of gradients.
     """
     _, base = _gradient(loss, start)
     direction = torch.ones_like(start) / start.numel() ** 0.5

@@ -2,7 +2,7 @@
 prior's scale by evidence.
 
 Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence (the marginal likelihood of
-    the residuals).
+the residuals).
 """
 
 import math
@@ -19,37 +19,42 @@ from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE, Priors
-from calib.estimation.residual_blocks import landings, pixel_weights
-from calib.estimation.surface_prior import MarginalLikelihood, Quadratic, Smoothness, most_probable
+from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
+from calib.estimation.surface_prior import (
+    MarginalLikelihood,
+    Quadratic,
+    Smoothness,
+    maximise_evidence,
+)
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.session.schema import Number
 
 FIRST_SIGMA = 0.1
-"""px"""
+"""px: the noise with which a fit starts."""
 GOOD_GLASS = Smoothness(height=1e-7, length=0.4)
-"""Where a fit begins whose numbers are to explain what they can: a relief that starts loose wanders
-off along what they can do as well.
+"""The start of a fit that should explain as much as possible by its free parameters. A relief with
+a loose prior would drift along directions that these can imitate.
 """
 UNEVEN_GLASS = Smoothness(height=1e-5, length=0.4)
-"""Where one begins whose glass is to."""
+"""The start of a fit that should explain as much as possible by the glass."""
 ROUNDS = (3e-3, 3e-4, 1e-5)
-"""Tolerances of one fit after another; between them the prior, the noise and the pixel weighting
-are estimated anew.
+"""The tolerances of consecutive rounds of one fit. Between them, the prior, the noise and the pixel
+weights are estimated again.
 """
-AGAIN = (1e-4,)
-"""The same of a fit that starts where one like it ended, and keeps its noise and prior."""
-STEPS = 100
-"""Linearisations of one of them at most: two of a hundred sessions, with every number free, used up
-50.
+WARM_ROUNDS = (1e-4,)
+"""The rounds of a fit that starts at the result of a similar fit, and keeps its noise and prior."""
+MAX_ITERATIONS = 100
+"""The limit on linearisations in one round: two of a hundred sessions, with every number free,
+needed 50.
 """
-ROUGH = (1e-3,)
-"""The same of a fit that is the start of another."""
+ROUGH_ROUNDS = (1e-3,)
+"""The rounds of a fit that serves as the start of another fit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where an earlier fit ended."""
+    """The result of an earlier fit, as the start of another."""
 
     values: Values
     sigma: float
@@ -59,7 +64,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class JointFit:
-    """Where the joint fit ended."""
+    """The result of a joint fit."""
 
     values: dict[str, Tensor]
     poses: Tensor
@@ -70,27 +75,29 @@ class JointFit:
     NaN where the outcome is NOT_FINITE.
     """
     cost: float
-    """What was minimised: the corners' robust squares over those of sigma, and the priors'."""
+    """The minimum: the robust squares of the corners over sigma squared, plus those of the
+    priors.
+    """
     sigma: float
-    """px: standard deviation of a corner in x and in y, estimated."""
+    """px: the estimated standard deviation of a corner in x and in y."""
     smoothness: Smoothness | None
     parameters: Parameters
-    """What was estimated beside the poses, and where each stands in the covariance."""
+    """The estimated shared parameters, and their places in the covariance."""
     outcome: Outcome
     iterations: int
-    """Linearisations, of all rounds together."""
+    """The number of linearisations in all rounds."""
     log_evidence: float
-    """The logarithm of the corners' probability, the shared parameters integrated out, up to a
-    constant of the corners and views.
+    """The logarithm of the corners' probability, with the shared parameters integrated out, up to a
+    constant that depends on the corners and views only.
     """
     log_marginal: float
-    """The same with the views' own parameters integrated out as well: it compares models in which
-    these differ.
+    """The same with the views' parameters integrated out as well: it compares models whose views
+    have different parameters.
     """
 
     @property
     def start(self) -> Start:
-        """For a fit like this one."""
+        """The start of a similar fit."""
         return Start(self.values, self.sigma, self.smoothness)
 
     @property
@@ -98,13 +105,13 @@ class JointFit:
         return self.outcome is not Outcome.NOT_FINITE
 
     @property
-    def known_covariance(self) -> np.ndarray:
-        """As a calibration keeps it: (0, 0) where it is not known."""
+    def saved_covariance(self) -> np.ndarray:
+        """The covariance for a calibration file; (0, 0) if the fit is not finite."""
         return self.covariance.numpy() if self.finite else np.zeros((0, 0))
 
     def estimates(self) -> dict[str, Number]:
-        """The free scalars with their standard deviations, in SI units; these are NaN where the fit
-        is not finite.
+        """Return the free scalars with their standard deviations, in SI units; the latter are NaN
+        if the fit is not finite.
         """
         scalars = (param.name for param in self.parameters.free if not self.values[param.name].ndim)
         return {
@@ -112,11 +119,11 @@ class JointFit:
         }
 
     def sigma_of(self, name: str) -> Tensor:
-        """The standard deviation of a free parameter, shaped as it is."""
+        """Return the standard deviation of a free parameter, in the parameter's shape."""
         return self.parameters.sigma(name, self.covariance)
 
-    def said(self) -> dict[str, object]:
-        """What a calibration file keeps of the fit."""
+    def record(self) -> dict[str, object]:
+        """Return the entries about the fit in a calibration file."""
         prior = self.smoothness and {
             "height_m": self.smoothness.height,
             "length_of_patch": self.smoothness.length,
@@ -141,50 +148,50 @@ def fit_joint(
     rounds: Sequence[float] = ROUNDS,
     progress: Callable[[int, float], None] | None = None,
 ) -> JointFit:
-    """Maximum a posteriori amplitudes, free parameters and poses; the prior's scale and the noise
-    by evidence.
+    """Fit the maximum a posteriori amplitudes, free parameters and poses; estimate the prior's
+    scale and the noise by evidence.
 
     Args:
-        path: with or without a relief.
-        values: the start; free parameters have their prior's mean here.
-        poses: (V, 6) to start from, or (V, 12) where boards move during the readout.
-        priors: of the free parameters; `values` hold their means.
-        start: where to start instead.
-        rounds: tolerances of one fit after another; noise and prior are estimated between them, so
-            that one round keeps the start's.
+        path: a path with or without a relief.
+        values: the start, and the means of the priors of the free parameters.
+        poses: (V, 6) poses to start from, or (V, 12) if boards move during the readout.
+        priors: the priors of the free parameters.
+        start: another start, in place of `values`.
+        rounds: the tolerances of consecutive rounds. Noise and prior are estimated between rounds,
+            so a single round keeps those of the start.
         progress: called with the number of linearisations so far and the RMS px.
     """
-    # A corner whose ray does not get through the cover at the start says nothing, and must not
-    # forbid every step.
-    begin = start.values if start else values
-    observations = observations.kept(
-        path.land(observations.pixels, observations.with_times(begin), poses[observations.view])[1]
-        == 0
+    # A corner whose ray does not get through the cover at the start carries no information. It must
+    # not make every step impossible.
+    initial = start.values if start else values
+    _, failure = path.land(
+        observations.pixels, observations.with_times(initial), poses[observations.view]
     )
+    observations = observations.select_rows(failure == 0)
     parameters = Parameters.of(path, values, priors)
     sigma = start.sigma if start else FIRST_SIGMA
     smoothness = ((start and start.smoothness) or UNEVEN_GLASS) if path.relief else None
-    shared = parameters.vector(begin)
-    spent = 0
+    shared = parameters.vector(initial)
+    iterations = 0
     for tolerance in rounds:
         precision = torch.from_numpy(parameters.prior_precision(smoothness)).to(shared)
-        here = parameters.values(shared)
-        weights = pixel_weights(path, here, observations, poses, sigma)
-        views = tuple(landings(path, parameters, observations, weights, here))
+        current = parameters.values(shared)
+        weights = pixel_weights(path, current, observations, poses, sigma)
+        views = tuple(make_residual_blocks(path, parameters, observations, weights, current))
         problem = LandingProblem(parameters, views, precision, view_precision(path, poses))
-        solution = minimise(problem, shared, poses, steps=STEPS, tolerance=tolerance)
-        shared, poses, spent = solution.shared, solution.blocks, spent + solution.iterations
+        solution = minimise(problem, shared, poses, steps=MAX_ITERATIONS, tolerance=tolerance)
+        shared, poses = solution.shared, solution.blocks
+        iterations += solution.iterations
         if progress:
-            progress(
-                spent, sigma * (solution.equations.sum_of_squares / len(observations.pixels)) ** 0.5
-            )
+            mean_square = solution.equations.sum_of_squares / len(observations.pixels)
+            progress(iterations, sigma * mean_square**0.5)
         if solution.outcome is Outcome.NOT_FINITE:
             break
         if tolerance != rounds[-1]:
             evidence, apparent = _evidence(solution, observations, sigma, parameters)
-            sigma, smoothness = most_probable(evidence, apparent, smoothness)
+            sigma, smoothness = maximise_evidence(evidence, apparent, smoothness)
     hessian, _ = solution.equations.schur_complement()
-    covariance = inverse(hessian + precision) if parameters.count else hessian
+    covariance = invert_precision(hessian + precision) if parameters.count else hessian
     finite = solution.outcome is not Outcome.NOT_FINITE and bool(torch.isfinite(covariance).all())
     outcome = solution.outcome if finite else Outcome.NOT_FINITE
     covariance = covariance if finite else torch.full_like(covariance, torch.nan)
@@ -193,7 +200,7 @@ def fit_joint(
         if finite
         else -math.inf
     )
-    log_marginal = log_evidence + _own_evidence(path, solution, sigma)
+    log_marginal = log_evidence + _log_block_evidence(path, solution, sigma)
     return JointFit(
         values=parameters.values(shared),
         poses=poses,
@@ -203,16 +210,16 @@ def fit_joint(
         smoothness=smoothness,
         parameters=parameters,
         outcome=outcome,
-        iterations=spent,
+        iterations=iterations,
         log_evidence=log_evidence,
         log_marginal=log_marginal,
     )
 
 
-def inverse(precision: Tensor) -> Tensor:
-    """(n, n) the covariance, symmetric to the last bit, of parameters whose units may differ by any
-    power of ten. A direction that rounding alone tells has a variance as large as rounding leaves
-    it.
+def invert_precision(precision: Tensor) -> Tensor:
+    """Return the (n, n) covariance, symmetric to the last bit, of parameters whose units may differ
+    by any power of ten. A direction that rounding alone determines gets the variance that rounding
+    leaves it.
     """
     scale = precision.diagonal().clamp_min(torch.finfo(precision.dtype).tiny).rsqrt()
     scales = scale[:, None] * scale
@@ -221,26 +228,26 @@ def inverse(precision: Tensor) -> Tensor:
     if failed and torch.isfinite(scaled).all():
         size, vectors = torch.linalg.eigh(scaled)
         size = size.clamp_min(len(size) * torch.finfo(size.dtype).eps)
-        found = (vectors / size) @ vectors.mT
+        covariance = (vectors / size) @ vectors.mT
     else:
-        found = torch.cholesky_inverse(factor)
-    symmetric: Tensor = (found + found.mT) / 2
+        covariance = torch.cholesky_inverse(factor)
+    symmetric: Tensor = (covariance + covariance.mT) / 2
     return symmetric * scales
 
 
 def _evidence(
     solution: Solution, observations: Observations, sigma: float, parameters: Parameters
 ) -> tuple[MarginalLikelihood, float]:
-    """Of any noise and smoothness, from where a fit with the noise `sigma` ended; and what is left
-    there, px per axis.
+    """Return the evidence as a function of noise and smoothness, from the solution of a round with
+    the noise `sigma`; and the RMS residual of that solution, px per axis.
     """
     freedom = 2 * len(observations.pixels) - solution.blocks.numel()
-    hessian, gradient = (
-        part.cpu().numpy() * sigma**2 for part in solution.equations.schur_complement()
-    )
+    hessian_tensor, gradient_tensor = solution.equations.schur_complement()
+    hessian = hessian_tensor.cpu().numpy() * sigma**2
+    gradient = gradient_tensor.cpu().numpy() * sigma**2
     square = solution.equations.sum_of_squares * sigma**2
     quadratic = Quadratic.around(hessian, gradient, square, freedom, solution.shared.cpu().numpy())
-    glass = parameters.known_glass
+    glass = parameters.glass_prior
     joint_root = partial(parameters.joint_root, glass=glass) if glass else None
     return (
         MarginalLikelihood(quadratic, parameters.relief, parameters.free_root(), joint_root),
@@ -248,15 +255,15 @@ def _evidence(
     )
 
 
-def _own_evidence(path: Path, solution: Solution, sigma: float) -> float:
-    """What integrating the views' own parameters out adds to the evidence: the width of their
-    posterior in that of their prior (Laplace). A pose has no prior, and the same unit one in every
-    model.
+def _log_block_evidence(path: Path, solution: Solution, sigma: float) -> float:
+    """Return the term that integrating out the views' parameters adds to the log evidence: the
+    width of their posterior relative to that of their prior (Laplace). A pose has no prior; every
+    model gets the same unit prior for it.
     """
     blocks, precision = solution.blocks, view_precision(path, solution.blocks)
-    narrowed = torch.linalg.slogdet(solution.equations.hessian_block).logabsdet.sum()
-    known = precision[precision > 0]
-    apart = float((blocks**2 @ precision).sum())
+    log_determinant = torch.linalg.slogdet(solution.equations.hessian_block).logabsdet.sum()
+    informative = precision[precision > 0]
+    prior_cost = float((blocks**2 @ precision).sum())
     return float(
-        len(blocks) * known.log().sum() - narrowed - apart
+        len(blocks) * informative.log().sum() - log_determinant - prior_cost
     ) / 2 - blocks.numel() * math.log(sigma)

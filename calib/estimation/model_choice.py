@@ -1,4 +1,4 @@
-"""The simplest of several models that does about as well as the best of them."""
+"""The choice of the simplest model whose error is close to the lowest."""
 
 from collections.abc import Mapping
 from typing import TypeVar
@@ -6,9 +6,9 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def simplest(errors: Mapping[T, float], tolerance: float) -> T:
-    """The first model whose error is within a fraction `tolerance` of the least; simpler models
-    stand first.
+def simplest_model(errors: Mapping[T, float], tolerance: float) -> T:
+    """Return the first model whose error is within a fraction `tolerance` of the lowest; the
+    mapping lists simpler models first.
     """
-    least = min(errors.values())
-    return next(model for model, error in errors.items() if (1 - tolerance) * error <= least)
+    lowest = min(errors.values())
+    return next(model for model, error in errors.items() if (1 - tolerance) * error <= lowest)

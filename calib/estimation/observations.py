@@ -1,4 +1,4 @@
-"""The seen corners of all views, row after row, as tensors."""
+"""The detected corners of all views as tensors, a row for each corner."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,71 +20,78 @@ class Observations:
     names: tuple[str, ...]
     """V view names."""
     pixels: Tensor
-    """(M, 2) px, where each corner was seen."""
+    """(M, 2) px, the detected position of each corner."""
     corners: Tensor
-    """(M, 2) m, where it is on the board."""
+    """(M, 2) m, its position on the board."""
     weight: Tensor
     """(M,) at most 1: the factor on the residual."""
     starts: Tensor
     """(V + 1,) int64: the rows of view v are starts[v] to starts[v + 1]."""
     moment: Tensor | None = None
-    """(M, 2): when each corner was seen, in the session and during its picture's readout, both from
-    -0.5 to 0.5.
+    """(M, 2): the time of each corner's exposure within the session and within its picture's
+    readout, both from -0.5 to 0.5.
     """
 
     @staticmethod
     def of(views: Sequence[View], board: Board) -> "Observations":
         points = board.points()
-        seen = [view.seen for view in views]
-        counts = [0, *(int(mask.sum()) for mask in seen)]
+        masks = [view.seen for view in views]
+        pixels = [view.corners[mask] for view, mask in zip(views, masks, strict=True)]
+        weights = [view.weight[mask] for view, mask in zip(views, masks, strict=True)]
+        counts = [0, *(int(mask.sum()) for mask in masks)]
         return Observations(
             names=tuple(view.name for view in views),
-            pixels=_joined(
-                [view.corners[mask] for view, mask in zip(views, seen, strict=True)], (0, 2)
-            ),
-            corners=_joined([points[mask] for mask in seen], (0, 2)),
-            weight=_joined(
-                [view.weight[mask] for view, mask in zip(views, seen, strict=True)], (0,)
-            ),
+            pixels=_concatenate(pixels, (0, 2)),
+            corners=_concatenate([points[mask] for mask in masks], (0, 2)),
+            weight=_concatenate(weights, (0,)),
             starts=torch.tensor(np.cumsum(counts)),
         )
 
-    def kept(self, rows: Tensor) -> "Observations":
-        """Only the rows where (M,) bool is true; no view disappears."""
-        ends = torch.cat([self.starts.new_zeros(1), rows.cumsum(0)])[self.starts]
+    def select_rows(self, rows: Tensor) -> "Observations":
+        """Return only the rows where (M,) bool is true; no view disappears."""
+        starts = torch.cat([self.starts.new_zeros(1), rows.cumsum(0)])[self.starts]
         moment = None if self.moment is None else self.moment[rows]
         return Observations(
-            self.names, self.pixels[rows], self.corners[rows], self.weight[rows], ends, moment
+            names=self.names,
+            pixels=self.pixels[rows],
+            corners=self.corners[rows],
+            weight=self.weight[rows],
+            starts=starts,
+            moment=moment,
         )
 
-    def without(self, views: Tensor) -> "Observations":
-        """Only the views where (V,) bool is false."""
+    def without_views(self, views: Tensor) -> "Observations":
+        """Return only the views where (V,) bool is false."""
         rows = ~views[self.view]
         names = tuple(name for name, out in zip(self.names, views.tolist(), strict=True) if not out)
         starts = torch.cat([self.starts.new_zeros(1), self.starts.diff()[~views].cumsum(0)])
         moment = None if self.moment is None else self.moment[rows]
         return Observations(
-            names, self.pixels[rows], self.corners[rows], self.weight[rows], starts, moment
+            names=names,
+            pixels=self.pixels[rows],
+            corners=self.corners[rows],
+            weight=self.weight[rows],
+            starts=starts,
+            moment=moment,
         )
 
-    def timed(
+    def add_times(
         self, times: Sequence[float] | NDArray[np.float64] | None, height: int
     ) -> "Observations":
-        """The same, with each view's time (V,), in any unit, and the lines of a picture of `height`
-        px read from top to bottom.
+        """Return the same with each view's time (V,), in any unit, for a picture of `height` px
+        that is read out from top to bottom.
 
         Without times, all views are from the middle of the session.
         """
-        each = np.zeros(len(self.names)) if times is None else np.asarray(times, dtype=np.float64)
-        time = torch.from_numpy(each).to(self.pixels)
+        seconds = np.zeros(len(self.names)) if times is None else np.asarray(times, np.float64)
+        time = torch.from_numpy(seconds).to(self.pixels)
         span = float(time.max() - time.min()) if len(time) else 0.0
-        own = ((time - time.min()) / span - 0.5 if span else torch.zeros_like(time))[self.view]
-        return replace(
-            self, moment=torch.stack([own, (self.pixels[:, 1] + 0.5) / height - 0.5], -1)
-        )
+        relative = (time - time.min()) / span - 0.5 if span else torch.zeros_like(time)
+        line = (self.pixels[:, 1] + 0.5) / height - 0.5
+        return replace(self, moment=torch.stack([relative[self.view], line], -1))
 
     def with_times(self, values: Values) -> Values:
-        """The parameters of a path, and when each corner was seen."""
+        """Return the values of a path with the times of the corners' exposures."""
         return (
             values
             if self.moment is None
@@ -92,44 +99,41 @@ class Observations:
         )
 
     def to(self, device: str) -> "Observations":
-        """The same on another device."""
-        pixels, corners, weight, starts = (
-            part.to(device) for part in (self.pixels, self.corners, self.weight, self.starts)
-        )
+        """Return the same on another device."""
         return Observations(
-            self.names,
-            pixels,
-            corners,
-            weight,
-            starts,
-            None if self.moment is None else self.moment.to(device),
+            names=self.names,
+            pixels=self.pixels.to(device),
+            corners=self.corners.to(device),
+            weight=self.weight.to(device),
+            starts=self.starts.to(device),
+            moment=None if self.moment is None else self.moment.to(device),
         )
 
-    def run(self, views: range) -> "Observations":
-        """Some consecutive views."""
+    def view_range(self, views: range) -> "Observations":
+        """Return some consecutive views."""
         rows = slice(int(self.starts[views.start]), int(self.starts[views.stop]))
         starts = self.starts[views.start : views.stop + 1] - self.starts[views.start]
-        moment = None if self.moment is None else self.moment[rows]
         return Observations(
-            self.names[views.start : views.stop],
-            self.pixels[rows],
-            self.corners[rows],
-            self.weight[rows],
-            starts,
-            moment,
+            names=self.names[views.start : views.stop],
+            pixels=self.pixels[rows],
+            corners=self.corners[rows],
+            weight=self.weight[rows],
+            starts=starts,
+            moment=None if self.moment is None else self.moment[rows],
         )
 
     @property
     def view(self) -> Tensor:
-        """(M,) int64: each row's view."""
+        """The (M,) int64 index of each row's view."""
         return torch.repeat_interleave(
             torch.arange(len(self.names), device=self.starts.device), self.starts.diff()
         )
 
     def per_view(self, rows: Tensor) -> list[Tensor]:
-        """(M, ...) split into one (n, ...) for each view."""
+        """Split (M, ...) rows into one (n, ...) tensor for each view."""
         return list(torch.split(rows, self.starts.diff().tolist()))
 
 
-def _joined(parts: Sequence[NDArray[np.float64]], empty: tuple[int, ...]) -> Tensor:
-    return torch.from_numpy(np.concatenate(parts) if parts else np.zeros(empty))
+def _concatenate(arrays: Sequence[NDArray[np.float64]], empty: tuple[int, ...]) -> Tensor:
+    """Return the concatenation of the arrays; zeros of the shape `empty` if there is none."""
+    return torch.from_numpy(np.concatenate(arrays) if arrays else np.zeros(empty))

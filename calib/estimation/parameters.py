@@ -1,5 +1,5 @@
-"""The shared parameters of a fit: their names, scales and priors, and where each stands in the
-solver's vector.
+"""The shared parameters of a fit: their names, scales and priors, and their places in the solver's
+vector.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from scipy.linalg import block_diag, cholesky, solve_triangular
 from torch import Tensor
 
 from calib.estimation.priors import NONE, Priors
-from calib.estimation.surface_prior import Smoothness, basis, waves
+from calib.estimation.surface_prior import Smoothness, figure_heights, relief_basis
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.optics.relief import AMPLITUDES, Relief
@@ -25,25 +25,25 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """What a fit estimates beside the parameters of each view.
+    """The shared parameters that a fit estimates.
 
     The vector holds the relief's amplitudes (m), row by row, then the entries of each free
     parameter over its scale, all as deviations from `origin`.
     """
 
     origin: Values
-    """Every value of the path: where the vector is zero, and the means of the priors."""
+    """Every value of the path at the zero vector. These are the means of the priors."""
     relief: Relief | None
-    """Whose amplitudes are estimated."""
+    """The relief whose amplitudes are estimated."""
     free: tuple[Param, ...]
-    """The others that are estimated, in the vector's order."""
+    """The other estimated parameters, in the vector's order."""
     priors: Priors
-    """Of the free parameters."""
+    """The priors of the free parameters."""
 
     @staticmethod
     def of(path: Path, origin: Values, priors: Priors, last: Iterable[str] = ()) -> Parameters:
-        """Of a path's relief and of those of its parameters that have a prior, in the path's order,
-        but the `last` ones last.
+        """Return the parameters of a path: its relief, and every parameter that has a prior, in the
+        path's order except that those named in `last` come last.
         """
         free = [param for param in path.params if param.name in priors.sigmas]
         return Parameters(
@@ -52,7 +52,7 @@ class Parameters:
 
     @staticmethod
     def none(origin: Values) -> Parameters:
-        """Nothing is shared: only the views' own parameters are estimated."""
+        """Return parameters for a fit that estimates the view parameters only."""
         return Parameters(origin, None, (), NONE)
 
     @property
@@ -65,59 +65,57 @@ class Parameters:
 
     @property
     def scales(self) -> Tensor:
-        """(F,) of each entry of the free parameters."""
+        """The (F,) scales of the entries of the free parameters."""
         like = next(iter(self.origin.values()))
         return like.new_tensor(
             [param.scale for param in self.free for _ in range(self.origin[param.name].numel())]
         )
 
     def slices(self) -> dict[str, slice]:
-        """Where each parameter stands."""
-        begin, found = (
-            self.amplitudes,
-            ({AMPLITUDES: slice(0, self.amplitudes)} if self.relief else {}),
-        )
+        """Return the slice of each parameter in the vector."""
+        slices = {AMPLITUDES: slice(0, self.amplitudes)} if self.relief else {}
+        start = self.amplitudes
         for param in self.free:
-            found[param.name] = slice(begin, begin + self.origin[param.name].numel())
-            begin = found[param.name].stop
-        return found
+            stop = start + self.origin[param.name].numel()
+            slices[param.name] = slice(start, stop)
+            start = stop
+        return slices
 
     def entries(self, names: Iterable[str]) -> NDArray[np.int64]:
-        """Where the entries of these parameters stand."""
+        """Return the indices of the entries of these parameters in the vector."""
         slices = self.slices()
         return np.concatenate(
             [np.zeros(0, np.int64), *(np.r_[slices[name]] for name in names)]
         ).astype(np.int64)
 
     def values(self, vector: Tensor) -> dict[str, Tensor]:
-        """Every value of the path at (S,)."""
-        moved = dict(self.origin)
+        """Return every value of the path at the (S,) vector."""
+        values = dict(self.origin)
         if self.relief:
-            moved[AMPLITUDES] = moved[AMPLITUDES] + vector[: self.amplitudes].reshape(
+            values[AMPLITUDES] = values[AMPLITUDES] + vector[: self.amplitudes].reshape(
                 self.relief.grid
             )
         slices = self.slices()
         for param in self.free:
-            moved[param.name] = moved[param.name] + param.scale * vector[
-                slices[param.name]
-            ].reshape(moved[param.name].shape)
-        return moved
+            entries = vector[slices[param.name]].reshape(values[param.name].shape)
+            values[param.name] = values[param.name] + param.scale * entries
+        return values
 
     def vector(self, values: Values) -> Tensor:
-        """The (S,) at which the path has these values."""
+        """Return the (S,) vector at which the path has these values."""
         scales = ({AMPLITUDES: 1.0} if self.relief else {}) | {
             param.name: param.scale for param in self.free
         }
-        parts = [
+        entries = [
             (values[name] - self.origin[name]).flatten() / scale for name, scale in scales.items()
         ]
-        return torch.cat(parts) if parts else next(iter(self.origin.values())).new_zeros(0)
+        return torch.cat(entries) if entries else next(iter(self.origin.values())).new_zeros(0)
 
     def prior_precision(self, smoothness: Smoothness | None) -> Array:
-        """(S, S) inverse covariance of the vector beforehand."""
-        if (glass := self.known_glass) and smoothness:
+        """Return the (S, S) inverse of the vector's prior covariance."""
+        if (glass := self.glass_prior) and smoothness:
             assert self.relief
-            to_heights = block_diag(basis(self.relief), np.eye(self.count - self.amplitudes))
+            to_heights = block_diag(relief_basis(self.relief), np.eye(self.count - self.amplitudes))
             half = solve_triangular(self.joint_root(smoothness, glass), to_heights, lower=True)
             return np.asarray(half.T @ half)
         amplitudes = (
@@ -128,67 +126,61 @@ class Parameters:
         return np.asarray(block_diag(amplitudes, whitened.T @ whitened))
 
     def prior_root(self, smoothness: Smoothness) -> Array:
-        """(S, S) R with R R^T the covariance of the vector beforehand."""
-        if glass := self.known_glass:
+        """Return the (S, S) matrix R such that R R^T is the vector's prior covariance."""
+        if glass := self.glass_prior:
             assert self.relief
-            to_heights = block_diag(basis(self.relief), np.eye(self.count - self.amplitudes))
+            to_heights = block_diag(relief_basis(self.relief), np.eye(self.count - self.amplitudes))
             return np.asarray(np.linalg.solve(to_heights, self.joint_root(smoothness, glass)))
         amplitudes = (
-            np.linalg.solve(basis(self.relief), smoothness.root(self.relief))
+            np.linalg.solve(relief_basis(self.relief), smoothness.root(self.relief))
             if self.relief
             else np.zeros((0, 0))
         )
         return np.asarray(block_diag(amplitudes, self.free_root()))
 
     @property
-    def known_glass(self) -> Glass | None:
-        """Whose figure the relief is expected to have, beside the free parameters; None: that of
-        any glass, on its own.
+    def glass_prior(self) -> Glass | None:
+        """The prior of the relief's figure, correlated with the free parameters; None if the relief
+        has the prior of any glass, independent of them.
         """
         return self.priors.glass if self.relief else None
 
     def joint_root(self, smoothness: Smoothness, glass: Glass) -> Array:
-        """(S, S) the lower Cholesky factor of the covariance of the heights at the centres and the
-        free parameters, over their scales.
+        """Return the (S, S) lower Cholesky factor of the prior covariance of the heights at the
+        centres and the free parameters, over their scales.
         """
         assert self.relief
         free, slices = self.free_root(), self.slices()
         coefficients = np.zeros((len(glass.mean), len(free)))
         for name, column in zip(glass.numbers, glass.cross_covariance.T, strict=True):
             if name in slices:
-                at = slices[name].start - self.amplitudes
-                coefficients[:, at] = column / float(self.scales[at])
-        beside = waves(self.relief, glass.low, glass.high, glass.degree) @ coefficients
-        return np.asarray(
-            cholesky(
-                np.block(
-                    [[smoothness.covariance(self.relief, glass), beside], [beside.T, free @ free.T]]
-                ),
-                lower=True,
-            )
-        )
+                entry = slices[name].start - self.amplitudes
+                coefficients[:, entry] = column / float(self.scales[entry])
+        cross = figure_heights(self.relief, glass.low, glass.high, glass.degree) @ coefficients
+        heights = smoothness.covariance(self.relief, glass)
+        covariance = np.block([[heights, cross], [cross.T, free @ free.T]])
+        return np.asarray(cholesky(covariance, lower=True))
 
     def free_root(self) -> Array:
-        """(F, F) the lower Cholesky factor of the covariance of the free parameters' entries
-        beforehand, over their scales.
+        """Return the (F, F) lower Cholesky factor of the prior covariance of the free parameters'
+        entries, over their scales.
         """
         sigmas = self.priors.sigmas
-        each = (
+        spreads = (
             np.broadcast_to(np.asarray(sigmas[p.name]) / p.scale, self.origin[p.name].shape).ravel()
             for p in self.free
         )
-        spread = np.concatenate([np.zeros(0), *each])
+        spread = np.concatenate([np.zeros(0), *spreads])
         blocks = {
             name: slice(place.start - self.amplitudes, place.stop - self.amplitudes)
             for name, place in self.slices().items()
         }
-        places = {name: block.start for name, block in blocks.items()}
         correlation = np.eye(len(spread))
-        for (one, other), value in self.priors.correlations.items():
-            if one in places and other in places:
-                correlation[places[one], places[other]] = correlation[
-                    places[other], places[one]
-                ] = value
+        for (first, second), value in self.priors.correlations.items():
+            if first in blocks and second in blocks:
+                row, column = blocks[first].start, blocks[second].start
+                correlation[row, column] = value
+                correlation[column, row] = value
         root = np.asarray(spread[:, None] * cholesky(correlation, lower=True))
         for param in self.free:
             if param.name in self.priors.roots:
@@ -198,7 +190,7 @@ class Parameters:
         return root
 
     def sigma(self, name: str, covariance: Tensor) -> Tensor:
-        """The standard deviation of a free parameter, shaped as it is and in its unit, from the
+        """Return the standard deviation of a free parameter, in its shape and unit, from the
         vector's (S, S) covariance.
         """
         scale = next(param.scale for param in self.free if param.name == name)

@@ -1,5 +1,5 @@
-"""Where the board was in each view: a start from the pinhole model, then refined through the whole
-ray path.
+"""The pose of the board in each view: a start from the pinhole model, then a refinement through the
+full ray path.
 """
 
 import cv2
@@ -12,22 +12,22 @@ from calib.estimation.levenberg_marquardt import Solution, minimise
 from calib.estimation.objective import HUBER, LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
-from calib.estimation.residual_blocks import landings, pixel_weights
+from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.residuals import Residuals, residuals
 from calib.optics.build import lens_of
 from calib.optics.lens_model import COEFFICIENTS
 from calib.optics.params import Values
 from calib.optics.path import Path
 
-FLATTEST = 0.1
-"""z of a unit direction: what is flatter, 84 degrees from the middle of its view, gives a pose no
-start.
+MIN_FORWARD = 0.1
+"""The smallest z of a unit direction that counts for the start of a pose: directions more than 84
+degrees from the middle of their view are too flat.
 """
 
 
 def pinhole_poses(observations: Observations, values: Values) -> Tensor:
-    """Each view's pose as if there were no cover, by perspective-n-point and its refinement (the
-    paper's section 4.2, step 1).
+    """Return each view's pose as if there were no cover, by perspective-n-point and its refinement
+    (the paper's section 4.2, step 1).
 
     Returns:
         (V, 6) T_camera_board, rotation vector (rad) and translation (m); NaN for a view whose
@@ -49,17 +49,19 @@ def pinhole_poses(observations: Observations, values: Values) -> Tensor:
 
 
 def opencv_intrinsics(values: Values) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """OpenCV's (3, 3) camera matrix and its (n,) distortion coefficients."""
-    fx, fy, cx, cy = (float(values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy"))
+    """Return OpenCV's (3, 3) camera matrix and its (n,) distortion coefficients."""
+    fx = float(values["camera.fx"])
+    fy = float(values["camera.fy"])
+    cx = float(values["camera.cx"])
+    cy = float(values["camera.cy"])
     names = [f"camera.{name}" for name in COEFFICIENTS if f"camera.{name}" in values]
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), np.array(
-        [float(values[name]) for name in names]
-    )
+    coefficients = np.array([float(values[name]) for name in names])
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), coefficients
 
 
 def refine_poses(path: Path, values: Values, observations: Observations, poses: Tensor) -> Solution:
-    """Each view's pose through the cover, with the paper's objective: squared distances on the
-    board (section 3, equation 2).
+    """Refine each view's pose through the cover, with the paper's objective: squared distances on
+    the board (section 3, equation 2).
 
     Args:
         poses: (V, 6) to start from.
@@ -67,10 +69,10 @@ def refine_poses(path: Path, values: Values, observations: Observations, poses: 
     Returns:
         The solution; its blocks are the (V, 6) poses.
     """
-    # A corner whose ray never leaves the cover says nothing of its board.
-    observations = observations.kept(path.trace(observations.pixels, values).failure == 0)
+    # A corner whose ray never leaves the cover carries no information about its board.
+    observations = observations.select_rows(path.trace(observations.pixels, values).failure == 0)
     eye = torch.eye(2, dtype=poses.dtype, device=poses.device)
-    return _refined(
+    return _refine(
         path, values, observations, poses, eye * observations.weight[:, None, None], torch.inf
     )
 
@@ -84,13 +86,13 @@ def refine_poses_in_image(
     sigma: float = 1.0,
     tolerance: float = 1e-10,
 ) -> Solution:
-    """Each view's pose of least reprojection error, robust against single bad corners from three
-    times sigma (px) on; as `refine_poses` otherwise.
+    """Refine each view's pose to the least reprojection error, robust against single bad corners
+    beyond three times sigma (px); otherwise like `refine_poses`.
     """
-    observations = observations.kept(
+    observations = observations.select_rows(
         path.land(observations.pixels, values, poses[observations.view])[1] == 0
     )
-    return _refined(
+    return _refine(
         path,
         values,
         observations,
@@ -104,16 +106,16 @@ def refine_poses_in_image(
 def refit_poses(
     path: Path, values: Values, observations: Observations, start: Tensor, *, sigma: float = 1.0
 ) -> tuple[Tensor, Residuals]:
-    """The (V, 6) poses of least reprojection error through a known path, and what they leave; sigma
-    (px) as `refine_poses_in_image` has it. What else views have for themselves has a prior, which
-    is weighed against the corners by it.
+    """Fit the (V, 6) poses of least reprojection error through a known path, and return them with
+    their residuals. sigma (px) is that of `refine_poses_in_image`; it also weights the corners
+    against the prior of further view parameters.
     """
     poses = refine_poses(path, values, observations, start).blocks
     poses = refine_poses_in_image(path, values, observations, poses, sigma=sigma).blocks
     return poses, residuals(path, values, observations, poses)
 
 
-def _refined(
+def _refine(
     path: Path,
     values: Values,
     observations: Observations,
@@ -122,59 +124,67 @@ def _refined(
     huber: float,
     tolerance: float = 1e-10,
 ) -> Solution:
-    none = Parameters.none(values)
-    views = tuple(landings(path, none, observations, weights))
-    problem = LandingProblem(none, views, poses.new_zeros(0, 0), view_precision(path, poses), huber)
+    parameters = Parameters.none(values)
+    blocks = tuple(make_residual_blocks(path, parameters, observations, weights))
+    problem = LandingProblem(
+        parameters, blocks, poses.new_zeros(0, 0), view_precision(path, poses), huber
+    )
     return minimise(problem, poses.new_zeros(0), poses, tolerance=tolerance)
 
 
 def _poses_by_rays(path: Path, values: Values, observations: Observations) -> Tensor:
-    """The same by a lens that cv2.solvePnP does not know."""
+    """Return each view's pose through a lens that cv2.solvePnP does not support."""
     poses = rough_poses(path, values, observations)
-    lost = ~torch.isfinite(poses).all(-1)
-    if not bool(lost.all()):
-        poses[~lost] = refine_poses_in_image(
-            path, values, observations.without(lost), poses[~lost]
+    failed = ~torch.isfinite(poses).all(-1)
+    if not bool(failed.all()):
+        poses[~failed] = refine_poses_in_image(
+            path, values, observations.without_views(failed), poses[~failed]
         ).blocks
     return poses
 
 
 def rough_poses(path: Path, values: Values, observations: Observations) -> Tensor:
-    """Each view's (6,) pose by any lens: its rays are turned to where a pinhole could take its
-    picture. NaN for a view that has none.
+    """Return each view's (6,) pose through any lens: its rays are rotated so that a pinhole could
+    image them. It is NaN for a view that has no pose.
     """
     rays = path.trace(observations.pixels, values)
     directions = torch.where((rays.failure == 0).unsqueeze(-1), rays.direction.stacked(), torch.nan)
-    each = zip(
-        observations.per_view(observations.corners), observations.per_view(directions), strict=True
-    )
-    begun = [_pnp_by_rays(corners.numpy(), own.numpy()) for corners, own in each]
-    return torch.from_numpy(np.stack(begun)) if begun else torch.zeros(0, 6, dtype=torch.float64)
+    poses = [
+        _pnp_by_rays(corners.numpy(), view_directions.numpy())
+        for corners, view_directions in zip(
+            observations.per_view(observations.corners),
+            observations.per_view(directions),
+            strict=True,
+        )
+    ]
+    return torch.from_numpy(np.stack(poses)) if poses else torch.zeros(0, 6, dtype=torch.float64)
 
 
 def _pnp_by_rays(
     corners: NDArray[np.float64], directions: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(6,) T_camera_board of (n, 2) m on the board in (n, 3) unit directions, NaN where there is
-    none; NaN if there is no pose.
+    """Return the (6,) T_camera_board of (n, 2) m corners on the board seen in (n, 3) unit
+    directions, NaN where there is no ray; NaN if there is no pose.
     """
-    seen = np.isfinite(directions).all(-1)
-    middle = directions[seen].sum(0)
+    valid = np.isfinite(directions).all(-1)
+    middle = directions[valid].sum(0)
     length = np.linalg.norm(middle)
     if not length > 0:
         return np.full(6, np.nan)
-    turn = _onto_axis(middle / length)
-    ahead = directions @ turn.T
-    seen &= ahead[:, 2] > FLATTEST
-    pose = _pnp(corners[seen], ahead[seen, :2] / ahead[seen, 2:], np.eye(3), np.zeros(0))
+    turn = _rotation_to_axis(middle / length)
+    turned = directions @ turn.T
+    valid &= turned[:, 2] > MIN_FORWARD
+    pose = _pnp(corners[valid], turned[valid, :2] / turned[valid, 2:], np.eye(3), np.zeros(0))
     if np.isfinite(pose).all():
         pose[:3] = cv2.Rodrigues(turn.T @ cv2.Rodrigues(pose[:3])[0])[0].ravel()
         pose[3:] = turn.T @ pose[3:]
     return pose
 
 
-def _onto_axis(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) rotation that turns a (3,) unit direction onto the z axis, the shortest way."""
+def _rotation_to_axis(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (3, 3) rotation by the smallest angle that turns a (3,) unit direction onto the z
+    axis.
+    """
     axis = np.cross(direction, [0, 0, 1.0])
     sine = float(np.linalg.norm(axis))
     angle = np.arctan2(sine, direction[2])
@@ -193,10 +203,10 @@ def _pnp(
         return np.full(6, np.nan)
     points = np.column_stack([corners, np.zeros(len(corners))])
     try:
-        found, rotvec, translation = cv2.solvePnP(
+        success, rotvec, translation = cv2.solvePnP(
             points, pixels, camera, coefficients, flags=cv2.SOLVEPNP_IPPE
         )
-        if not found:
+        if not success:
             return np.full(6, np.nan)
         rotvec, translation = cv2.solvePnPRefineLM(
             points, pixels, camera, coefficients, rotvec, translation

@@ -1,5 +1,5 @@
-"""What is known of a fit's free parameters beforehand, beside the relief: normal priors, whose
-means the model's values are.
+"""The priors of a fit's free parameters: normal distributions whose means are the model's values.
+The relief has a prior of its own.
 """
 
 from __future__ import annotations
@@ -16,30 +16,32 @@ from calib.session.glass import Glass
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Priors:
-    """Spreads, by the parameters' names. A parameter that has none is held."""
+    """The prior covariance of the free parameters, by name. A parameter that has no entry is
+    held.
+    """
 
     sigmas: Mapping[str, float | Tensor] = field(default_factory=dict)
-    """The standard deviation of each free parameter, in its unit; of one with several entries, one
-    for all or one each.
+    """The standard deviation of each free parameter, in its unit; for a parameter with several
+    entries, one for all or one for each.
     """
     correlations: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    """Between scalars, each pair once. Pairs that are not there are independent."""
+    """The correlations between scalars, each pair once. Other pairs are independent."""
 
     roots: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    """Of a parameter with n entries that are correlated among themselves: (n, n) R, in its unit,
-    lower triangular, with R R^T their covariance. Its sigma above is not read.
+    """For a parameter with n correlated entries: the (n, n) lower triangular R, in its unit, such
+    that R R^T is their covariance. Its entry in `sigmas` is then ignored.
     """
 
     glass: Glass | None = None
-    """Of the relief's figure; None: that of any glass.
+    """The prior of the relief's figure; None for that of any glass.
 
-    Its own covariances with the parameters are read.
+    Its covariances with the free parameters are used.
     """
 
-    def beside(self, sigmas: Mapping[str, float | Tensor]) -> Priors:
-        """These, and those of further parameters, which are independent."""
+    def with_sigmas(self, sigmas: Mapping[str, float | Tensor]) -> Priors:
+        """Return these priors with those of further parameters, which are independent."""
         return Priors({**self.sigmas, **sigmas}, self.correlations, self.roots, self.glass)
 
 
 NONE = Priors()
-"""Nothing is free."""
+"""No parameter is free."""

@@ -1,4 +1,4 @@
-"""How uneven a fit says that the glass is."""
+"""The unevenness of the glass according to a fit."""
 
 import numpy as np
 
@@ -8,8 +8,8 @@ from calib.optics.path import Path
 
 
 def height_spread(path: Path, values: Values, observations: Observations) -> float:
-    """m, standard deviation of the relief's height where corners' rays leave it: an even layer is
-    thickness; 0 without a relief.
+    """Return the standard deviation, m, of the relief's height at the points where corners' rays
+    leave it (the mean is thickness); 0 without a relief.
     """
     outer = path.cover[-1:]
     if not outer or not path.relief:

@@ -1,4 +1,4 @@
-"""Robust statistics: what the bulk of some errors says, whatever a few of them say."""
+"""Robust statistics: estimates from the bulk of some errors that a few outliers do not affect."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,12 +7,13 @@ SIGMA = 1.4826
 """The standard deviation of a Gaussian over its median absolute deviation."""
 
 
-def outlying(errors: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which of these errors (V,), positive, do not belong with the rest.
+def outlier_mask(errors: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return the mask of outliers among these positive errors (V,).
 
-    Above four times the median, and above the median by eight robust standard deviations: views
-    that are near, tilted or at the edge have larger errors than the rest on an uneven cover, and
-    they are what a calibration needs most. What is not finite is outlying.
+    An error is an outlier if it is above four times the median and above the median by eight robust
+    standard deviations. Views that are near, tilted or at the edge have larger errors than others
+    behind an uneven cover, and a calibration needs them most. An error that is not finite is an
+    outlier.
     """
     if not np.isfinite(errors).any():
         return np.ones(errors.shape, dtype=bool)

@@ -1,5 +1,5 @@
-"""Which parameters a session states with a standard deviation: these are the free ones of the joint
-fit, and take its estimates.
+"""The parameters that a session states with a standard deviation. They are the free parameters of
+the joint fit and take its estimates.
 """
 
 from dataclasses import replace
@@ -13,12 +13,12 @@ from calib.session.numbers import correlations_of, numbers_of, replace_correlati
 
 
 def priors_of(intrinsics: Intrinsics, cover: Cover, path: Path) -> Priors:
-    """Of each parameter of the path that is described with a standard deviation (SI units)."""
-    known = {param.name for param in path.params}
+    """Return the priors of the path's parameters that have a standard deviation (SI units)."""
+    names = {param.name for param in path.params}
     sigmas = {
         name: number.sigma
         for name, number in numbers_of(intrinsics, cover).items()
-        if number.sigma > 0 and name in known
+        if number.sigma > 0 and name in names
     }
     return Priors(sigmas, correlations_of(intrinsics, cover), glass=cover.glass)
 
@@ -26,31 +26,33 @@ def priors_of(intrinsics: Intrinsics, cover: Cover, path: Path) -> Priors:
 def with_estimates(
     intrinsics: Intrinsics, cover: Cover, joint: JointFit | None
 ) -> tuple[Intrinsics, Cover]:
-    """The same description with the estimates and their standard deviations; parameters of a fit
-    that is not finite stay as stated. How the estimates are correlated the fit's covariance says.
+    """Return the same description with the estimates and their standard deviations. If the fit is
+    not finite, the standard deviations stay as stated. The correlations of the estimates are in the
+    fit's covariance.
     """
-    found = joint.estimates() if joint else {}
+    estimates = joint.estimates() if joint else {}
     if joint and not joint.finite:
         stated = numbers_of(intrinsics, cover)
-        found = {
+        estimates = {
             name: replace(number, sigma=stated[name].sigma)
-            for name, number in found.items()
+            for name, number in estimates.items()
             if name in stated
         }
-    return replace_numbers(intrinsics, cover, found)
+    return replace_numbers(intrinsics, cover, estimates)
 
 
-def widened(
+def widen_prior(
     intrinsics: Intrinsics, cover: Cover, name: str, factor: float
 ) -> tuple[Intrinsics, Cover]:
-    """The same description with the standard deviation of one number, as the path calls it,
-    `factor` times as large.
+    """Return the same description with the standard deviation of one number multiplied by `factor`.
+    The name is that of the path's parameter.
 
-    It keeps its covariances, as if an error that owes nothing to the others were added to it: so
-    the prior is looser in every direction. If it kept its correlations instead, or lost them, the
-    prior would grow tighter in some, without a reason.
+    The covariances with other numbers stay the same, as if an independent error were added: so the
+    prior becomes looser in every direction. With the same correlations, or without any, it would
+    become tighter in some direction for no reason.
     """
-    number, correlations = numbers_of(intrinsics, cover)[name], correlations_of(intrinsics, cover)
+    number = numbers_of(intrinsics, cover)[name]
+    correlations = correlations_of(intrinsics, cover)
     wider = replace_numbers(intrinsics, cover, {name: replace(number, sigma=factor * number.sigma)})
     wider = replace_correlations(
         *wider,

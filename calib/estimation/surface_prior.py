@@ -1,16 +1,15 @@
-"""How uneven and how smooth the glass is likely to be: its figure is left free, its texture is a
-Gaussian process.
+"""The prior of the glass's relief: a free figure plus a texture that is a Gaussian process.
 
-The figure, polynomials of the patch, is what makes a lens of the glass (focus, astigmatism, coma
-and their higher orders): no glass is shaped at random there, so a prior that shrinks it spoils what
-lies nearer than the trained depths, and one that ends at some degree lets what is cut off pass for
-a lens, and the sigmas for too small. So it is free up to the fourth degree and falls off from
-there. The texture is what is finer. How high and how long its bumps are is chosen by evidence: a
-weak prior would leave them free to take up noise.
+The figure, a polynomial over the patch, makes a lens of the glass (focus, astigmatism, coma and
+their higher orders). No glass has a random figure, so a prior that shrinks it spoils the maps at
+depths nearer than the trained ones; and a prior that ends at some degree lets the missing degrees
+pass for a lens and makes the sigmas too small. So the figure is free up to the fourth degree and
+its standard deviation falls off from there. The texture is everything finer. The evidence chooses
+the height and the length of its bumps: a weak prior would let them fit noise.
 
 Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence; C. E. Rasmussen, C. K. I.
-    Williams, Gaussian processes for
-machine learning (2006), sections 2.7 and 4.2.1, for free polynomials beside a squared exponential.
+Williams, Gaussian processes for machine learning (2006), sections 2.7 and 4.2.1, for free
+polynomials beside a squared exponential.
 """
 
 from collections.abc import Callable
@@ -32,125 +31,142 @@ FIGURE_DEGREE = 10
 FIGURE_FREE = 4
 """The highest degree that is free."""
 FIGURE_FALL = 0.2
-"""From one degree above that to the next."""
+"""The factor of the standard deviation from one degree above that to the next."""
 FIGURE_HEIGHT = 3e-4
-"""m: standard deviation of a free Legendre polynomial's coefficient, thirty times what glass does
-(`GLASS_FIGURE`), so that it is free: with a fifteenth of it, or chosen by evidence down to there,
-maps through 60 um of figure were off by 1.35 times their sigma, with a third by 0.99, with this by
-0.90 (twelve sessions, every number held).
+"""m: the standard deviation of a free Legendre polynomial's coefficient, thirty times what glass
+has (`GLASS_FIGURE`), so that it is free. With a fifteenth of it, or with a value chosen by evidence
+down to that, maps through 60 um of figure were off by 1.35 times their sigma; with a third, by
+0.99; with this value, by 0.90 (twelve sessions, every number held).
 """
-LEAST_HEIGHT = 1e-9
-"""m: what is left independent from centre to centre, so that the covariance can be inverted."""
+MIN_HEIGHT = 1e-9
+"""m: the standard deviation of an independent part at each centre, so that the covariance can be
+inverted.
+"""
 SIGMA_BOUNDS = (1e-4, 1e2)
 """px"""
 HEIGHT_BOUNDS = (1e-9, 3e-3)
 """m"""
 LENGTH_BOUNDS = (0.08, 3.0)
-"""Of the patch."""
-HEIGHTS = (1e-7, 1e-6, 1e-5)
-LENGTHS = (0.15, 0.5)
-"""Where the search looks before it starts."""
+"""In units of the patch's side."""
+START_HEIGHTS = (1e-7, 1e-6, 1e-5)
+START_LENGTHS = (0.15, 0.5)
+"""The heights (m) and lengths (of the patch) among which the search chooses its start."""
 
 
 @dataclass(frozen=True, slots=True)
 class Smoothness:
-    """The texture's heights are normal, and correlated over a length."""
+    """The parameters of the texture, a Gaussian process of heights."""
 
     height: float
-    """m: standard deviation."""
+    """m: the standard deviation."""
     length: float
-    """The correlation exp(-d^2 / (2 length^2)), d measured with the patch's sides as one."""
+    """The correlation is exp(-d^2 / (2 length^2)) at a distance d, with the patch's sides as
+    one.
+    """
 
     def precision(self, relief: Relief) -> Array:
-        """(n, n) inverse covariance of the amplitudes, row by row, that gives the heights at the
-        centres this distribution.
+        """Return the (n, n) inverse prior covariance of the amplitudes, row by row, for which the
+        heights at the centres have this distribution.
         """
-        root = solve_triangular(self.root(relief), basis(relief), lower=True)
+        root = solve_triangular(self.root(relief), relief_basis(relief), lower=True)
         precision: Array = root.T @ root
         return precision
 
     def root(self, relief: Relief, glass: Glass | None = None) -> Array:
-        """(n, n) m, the lower Cholesky factor of the covariance of the heights at the centres.
+        """Return the (n, n) m lower Cholesky factor of the covariance of the heights at the
+        centres.
 
-        Args: glass: a figure that is known.
+        Args:
+            glass: the prior of the figure, if there is one.
         """
         root: Array = cholesky(self.covariance(relief, glass), lower=True)
         return root
 
     def covariance(self, relief: Relief, glass: Glass | None = None) -> Array:
-        """(n, n) m^2, of the heights at the centres."""
-        axes = [np.linspace(-1, 1, n) for n in relief.grid]
-        one, two = (
-            np.exp(-((c[:, None] - c) ** 2) / (8 * self.length**2)) for c in axes
-        )  # a side is 2 long here
-        texture = self.height**2 * np.kron(one, two) + LEAST_HEIGHT**2 * np.eye(len(one) * len(two))
+        """Return the (n, n) m^2 covariance of the heights at the centres."""
+        first = self._correlation(relief.grid[0])
+        second = self._correlation(relief.grid[1])
+        independent = MIN_HEIGHT**2 * np.eye(len(first) * len(second))
+        texture = self.height**2 * np.kron(first, second) + independent
         if not glass:
-            return np.asarray(texture + figure(relief.grid))
-        known = waves(relief, glass.low, glass.high, glass.degree)
+            return np.asarray(texture + figure_covariance(relief.grid))
+        to_heights = figure_heights(relief, glass.low, glass.high, glass.degree)
         return np.asarray(
-            texture + figure(relief.grid, glass.degree) + known @ glass.covariance @ known.T
+            texture
+            + figure_covariance(relief.grid, glass.degree)
+            + to_heights @ glass.covariance @ to_heights.T
         )
+
+    def _correlation(self, count: int) -> Array:
+        """Return the (count, count) correlations of a row of centres; a side is 2 long here."""
+        centres = np.linspace(-1, 1, count)
+        distance = centres[:, None] - centres
+        return np.asarray(np.exp(-(distance**2) / (8 * self.length**2)))
 
 
 @lru_cache(maxsize=8)
-def figure(grid: tuple[int, int], beyond: int = -1) -> Array:
-    """(n, n) m^2, the covariance of the figure's heights at the centres, by what is `beyond` a
-    degree. Not to be written to.
+def figure_covariance(grid: tuple[int, int], degree: int = -1) -> Array:
+    """Return the (n, n) m^2 covariance of the figure's heights at the centres, from the polynomials
+    above a degree. The array is shared; do not write to it.
     """
-    first, second = (
-        legvander(np.linspace(-1, 1, n), FIGURE_DEGREE) for n in grid
-    )  # (n, degree + 1)
-    those = [(i, k) for i, k in polynomial_degrees(FIGURE_DEGREE) if i + k > beyond]
+    rows, columns = grid
+    first = legvander(np.linspace(-1, 1, rows), FIGURE_DEGREE)  # (rows, degree + 1)
+    second = legvander(np.linspace(-1, 1, columns), FIGURE_DEGREE)
     heights = np.array(
-        [figure_height(i + k) * np.kron(first[:, i], second[:, k]) for i, k in those]
+        [
+            figure_height(i + k) * np.kron(first[:, i], second[:, k])
+            for i, k in polynomial_degrees(FIGURE_DEGREE)
+            if i + k > degree
+        ]
     )
     covariance: Array = heights.T @ heights
     return covariance
 
 
-def waves(
+def figure_heights(
     relief: Relief, low: tuple[float, float], high: tuple[float, float], degree: int
 ) -> Array:
-    """(n, N) heights at the centres by the coefficients of a figure over a patch."""
-    centres = [
-        np.linspace(one, two, n)
-        for one, two, n in zip(relief.low, relief.high, relief.grid, strict=True)
-    ]
-    within = [(2 * c - a - b) / (b - a) for c, a, b in zip(centres, low, high, strict=True)]
-    first, second = (legvander(c, degree) for c in within)
+    """Return the (n, N) matrix from the coefficients of a figure over a patch to the heights at the
+    centres.
+    """
+    rows, columns = relief.grid
+    first_centres = np.linspace(relief.low[0], relief.high[0], rows)
+    second_centres = np.linspace(relief.low[1], relief.high[1], columns)
+    first = legvander((2 * first_centres - low[0] - high[0]) / (high[0] - low[0]), degree)
+    second = legvander((2 * second_centres - low[1] - high[1]) / (high[1] - low[1]), degree)
     return np.stack(
         [np.kron(first[:, i], second[:, k]) for i, k in polynomial_degrees(degree)], axis=1
     )
 
 
 def expected_amplitudes(relief: Relief, glass: Glass | None) -> Array:
-    """(rows, columns) m, of the mean of the relief's prior."""
+    """Return the (rows, columns) m amplitudes of the mean of the relief's prior."""
     if not glass:
         return np.zeros(relief.grid)
-    heights = waves(relief, glass.low, glass.high, glass.degree) @ glass.mean
-    return np.asarray(np.linalg.solve(basis(relief), heights).reshape(relief.grid))
+    heights = figure_heights(relief, glass.low, glass.high, glass.degree) @ glass.mean
+    return np.asarray(np.linalg.solve(relief_basis(relief), heights).reshape(relief.grid))
 
 
 def figure_height(degree: int) -> float:
-    """m: standard deviation of the coefficient of a polynomial of this degree, both directions
-    together.
+    """Return the prior standard deviation, m, of the coefficient of a polynomial of this total
+    degree.
     """
     return FIGURE_HEIGHT * FIGURE_FALL ** max(0, degree - FIGURE_FREE)
 
 
-def basis(relief: Relief) -> Array:
-    """(n, n) heights at the centres by the amplitudes."""
-    one, two = (
-        np.exp(-((np.arange(n)[:, None] - np.arange(n)) ** 2) / (2 * relief.beta))
-        for n in relief.grid
-    )
-    return np.asarray(np.kron(one, two), dtype=np.float64)
+def relief_basis(relief: Relief) -> Array:
+    """Return the (n, n) matrix from the amplitudes to the heights at the centres."""
+    rows = np.arange(relief.grid[0])
+    columns = np.arange(relief.grid[1])
+    first = np.exp(-((rows[:, None] - rows) ** 2) / (2 * relief.beta))
+    second = np.exp(-((columns[:, None] - columns) ** 2) / (2 * relief.beta))
+    return np.asarray(np.kron(first, second), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
 class Quadratic:
-    """The sum of squares by the shared parameters x, poses adapted: cost(x) = cost - 2 score^T x +
-    x^T hessian x, in px^2.
+    """The sum of squares as a function of the shared parameters x, with the poses eliminated:
+    cost(x) = cost - 2 score^T x + x^T hessian x, in px^2.
     """
 
     hessian: Array
@@ -160,25 +176,27 @@ class Quadratic:
     cost: float
     """px^2, at x = 0."""
     freedom: int
-    """Residuals less the parameters of the poses."""
+    """The number of residuals minus that of the view parameters."""
 
     @staticmethod
     def around(
         hessian: Array, gradient: Array, square: float, freedom: int, shared: Array
     ) -> "Quadratic":
-        """From the (S, S) Hessian, the (S,) gradient and the sum of squares at (S,) parameters."""
-        turned = hessian @ shared
+        """Return the quadratic with the (S, S) Hessian, the (S,) gradient and the sum of squares at
+        (S,) shared parameters.
+        """
+        product = hessian @ shared
         return Quadratic(
             hessian,
-            turned - gradient,
-            square - 2 * float(gradient @ shared) + float(shared @ turned),
+            product - gradient,
+            square - 2 * float(gradient @ shared) + float(shared @ product),
             freedom,
         )
 
 
 class MarginalLikelihood:
-    """The probability of the corners, the shared parameters integrated out, for any noise and
-    smoothness: the evidence.
+    """The evidence: the probability of the corners for any noise and smoothness, with the shared
+    parameters integrated out.
     """
 
     def __init__(
@@ -190,12 +208,12 @@ class MarginalLikelihood:
     ) -> None:
         """
         Args:
-            quadratic: of the amplitudes, then the free parameters over their scales.
-            relief: whose amplitudes are estimated; None without one.
+            quadratic: the quadratic in the amplitudes, then the free parameters over their scales.
+            relief: the relief whose amplitudes are estimated; None without one.
             free_root: (F, F) R with R R^T the prior covariance of the free parameters, over their
                 scales.
-            joint_root: (S, S) the same of the heights at the centres and the free parameters, where
-                these are not independent.
+            joint_root: a function that returns the (S, S) root of the joint prior covariance of the
+                heights at the centres and the free parameters, if these are not independent.
         """
         self._relief, self._freedom, self._cost = relief, quadratic.freedom, quadratic.cost
         amplitudes = len(quadratic.score) - len(free_root)
@@ -204,13 +222,16 @@ class MarginalLikelihood:
         if not joint_root:
             to_x[amplitudes:, amplitudes:] = free_root  # free parameters, whitened by their prior
         if relief:
-            to_x[:amplitudes, :amplitudes] = np.linalg.inv(basis(relief))  # heights at the centres
+            to_x[:amplitudes, :amplitudes] = np.linalg.inv(
+                relief_basis(relief)
+            )  # heights at the centres
         self._hessian, self._score = to_x.T @ quadratic.hessian @ to_x, to_x.T @ quadratic.score
 
     def log(self, sigma: float, smoothness: Smoothness | None) -> float:
-        """The logarithm, up to a constant; -infinity where it cannot be computed.
+        """Return the logarithm of the evidence, up to a constant; -infinity if it cannot be
+        computed.
 
-        With heights = root z, z standard normal, everything is a correction to the identity: no
+        With heights = root z, z standard normal, everything is a correction to the identity, so no
         prior is ever inverted.
         """
         root = np.eye(len(self._score))
@@ -225,37 +246,45 @@ class MarginalLikelihood:
         except LinAlgError:
             return -np.inf
         explained = solve_triangular(factor, root.T @ self._score / sigma**2, lower=True)
-        least = self._cost / sigma**2 - float(explained @ explained)
-        return float(-np.log(factor.diagonal()).sum() - 0.5 * least - self._freedom * np.log(sigma))
+        minimum = self._cost / sigma**2 - float(explained @ explained)
+        log_determinant = np.log(factor.diagonal()).sum()
+        return float(-log_determinant - 0.5 * minimum - self._freedom * np.log(sigma))
 
 
-def most_probable(
+def maximise_evidence(
     evidence: MarginalLikelihood, sigma: float, start: Smoothness | None
 ) -> tuple[float, Smoothness | None]:
-    """The noise (px, per axis) and the smoothness with the largest evidence; no smoothness without
-    a relief.
+    """Return the noise (px, per axis) and the smoothness with the largest evidence; no smoothness
+    without a relief.
 
-    The search begins at the best of a start and a few others.
+    The search starts at the best of `start` and a few other points.
     """
-    if start:  # the evidence has several tops
+    if start:  # the evidence has several maxima
         start = max(
-            (start, *(Smoothness(height, length) for height in HEIGHTS for length in LENGTHS)),
+            (
+                start,
+                *(
+                    Smoothness(height, length)
+                    for height in START_HEIGHTS
+                    for length in START_LENGTHS
+                ),
+            ),
             key=lambda s: evidence.log(sigma, s),
         )
-    begin = [sigma, start.height, start.length] if start else [sigma]
-    bounds = [SIGMA_BOUNDS, HEIGHT_BOUNDS, LENGTH_BOUNDS][: len(begin)]
+    initial = [sigma, start.height, start.length] if start else [sigma]
+    bounds = [SIGMA_BOUNDS, HEIGHT_BOUNDS, LENGTH_BOUNDS][: len(initial)]
 
     def badness(logs: Array) -> float:
-        noise, *rest = np.exp(logs).tolist()
-        return -max(evidence.log(noise, Smoothness(*rest) if rest else None), -1e300)
+        noise, *texture = np.exp(logs).tolist()
+        return -max(evidence.log(noise, Smoothness(*texture) if texture else None), -1e300)
 
     limits = [(float(np.log(low)), float(np.log(high))) for low, high in bounds]
-    found = minimize(
+    result = minimize(
         badness,
-        np.clip(np.log(begin), *np.transpose(limits)),
+        np.clip(np.log(initial), *np.transpose(limits)),
         bounds=limits,
         method="Nelder-Mead",
         options={"xatol": 0.01, "fatol": 0.01},
     )
-    sigma, *rest = np.exp(found.x).tolist()
-    return sigma, Smoothness(*rest) if rest else None
+    sigma, *texture = np.exp(result.x).tolist()
+    return sigma, Smoothness(*texture) if texture else None

@@ -117,7 +117,7 @@ def port_of(calibration: Calibration) -> Port:
             f"--format calibmar has flat and dome ports, and this cover is a {shape}: write"
             " --format generic, which holds every shape."
         )
-    _, adjusted = path.adjusted(torch.zeros((1, 2), dtype=torch.float64), values)
+    _, adjusted = path.adjust_pixels(torch.zeros((1, 2), dtype=torch.float64), values)
     inner, outer = path.cover
     thickness = float(adjusted["cover.thickness"])
     glass_index = float(adjusted["cover.refractive_index"])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.errors import InputError
-from calib.estimation.model_choice import simplest
+from calib.estimation.model_choice import simplest_model
 from calib.export.formats import OPENCV as OPENCV_LENSES
 from calib.export.formats import SPLINED, ExportLens
 from calib.export.lens_fit import fit_lens, project
@@ -155,7 +155,7 @@ def best_central(
         check_rays = SampledRays.sample(calibration, CHECK_GRID)
         models = [_fit(calibration, rays, check_rays, depth, lens) for lens in lenses]
     misfits = {index: model.misfit_at_depth.rms_px for index, model in enumerate(models)}
-    return models[simplest(misfits, MIN_IMPROVEMENT)]
+    return models[simplest_model(misfits, MIN_IMPROVEMENT)]
 
 
 def remove_cover(calibration: Calibration) -> Calibration:

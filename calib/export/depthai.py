@@ -70,7 +70,7 @@ def mesh(field: RayField, depth: float, steps: tuple[int, int]) -> NDArray[np.fl
     columns = np.arange(0, field.width + step_x, step_x, dtype=np.float64)
     rows = np.arange(0, field.height + step_y, step_y, dtype=np.float64)
     pixels = np.stack(np.meshgrid(columns, rows), -1)
-    distorted, _ = field.distorted(pixels.reshape(-1, 2), depth)
+    distorted, _ = field.distort_pixels(pixels.reshape(-1, 2), depth)
     return np.where(np.isfinite(distorted), distorted, -1.0).astype("<f4").reshape(pixels.shape)
 
 

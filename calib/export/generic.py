@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.export.export import ExportedFiles, ExportRequest
-from calib.undistortion.grids import middles
+from calib.undistortion.grids import midpoints
 from calib.undistortion.ray_field import RayField
 from calib.undistortion.spline import Spline
 
@@ -92,8 +92,8 @@ def lines(field: RayField, pinhole: Array, pixels: Array) -> tuple[Array, Array]
     """
     focal = pinhole[:2]
     centre = pinhole[2:]
-    at_infinity = field.undistorted(pixels, np.inf)
-    parallax = field.undistorted(pixels, 1.0) - at_infinity
+    at_infinity = field.undistort_pixels(pixels, np.inf)
+    parallax = field.undistort_pixels(pixels, 1.0) - at_infinity
     points = np.concatenate([parallax / focal, np.zeros((len(pixels), 1))], -1)
     towards = np.concatenate([(at_infinity - centre) / focal, np.ones((len(pixels), 1))], -1)
     return points, towards / np.linalg.norm(towards, axis=-1, keepdims=True)
@@ -105,9 +105,9 @@ def misfit(
     """Return the misfit in px of the undistorted picture at CHECK_DEPTH, RMS and at worst, midway
     between the nodes where the camera sees.
     """
-    pixels = np.stack(np.meshgrid(middles(points.nodes_x), middles(points.nodes_y)), -1).reshape(
-        -1, 2
-    )
+    pixels = np.stack(
+        np.meshgrid(midpoints(points.nodes_x), midpoints(points.nodes_y)), -1
+    ).reshape(-1, 2)
     pixels = pixels[field.sees(pixels[:, 0], pixels[:, 1], np.inf)]
     exact = _points_at_check_depth(*lines(field, pinhole, pixels))
     fitted = _points_at_check_depth(points.at(pixels)[0], directions.at(pixels)[0])

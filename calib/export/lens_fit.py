@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from calib.estimation.model_choice import simplest
+from calib.estimation.model_choice import simplest_model
 from calib.export.formats import ExportLens
 from calib.session.camera import Intrinsics
 from calib.session.lens import FISHEYE, OPENCV
@@ -100,7 +100,7 @@ def fit_lens(tangents: Array, pixels: Array, bare: Sequence[float], lens: Export
         for parameters, rms in candidates
         if _denominator(parameters, tangents) > MIN_DENOMINATOR
     ] or candidates[:1]
-    best = simplest({index: rms for index, (_, rms) in enumerate(sound)}, MIN_IMPROVEMENT)
+    best = simplest_model({index: rms for index, (_, rms) in enumerate(sound)}, MIN_IMPROVEMENT)
     return sound[best][0][: 4 + lens.coefficients]
 
 

@@ -14,12 +14,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from calib.corners.view import View
-from calib.estimation.doubt import DOUBT, MOST_DOUBTED, farthest, still_contradicted
 from calib.estimation.levenberg_marquardt import Outcome
-from calib.estimation.noise import on_board, short_scale_noise
+from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
+from calib.estimation.prior_conflict import (
+    MAX_CONFLICTS,
+    PRIOR_INFLATION,
+    contradicts_prior,
+    largest_prior_conflict,
+)
 from calib.estimation.relief_heights import height_spread
-from calib.estimation.stated_priors import widened
+from calib.estimation.stated_priors import widen_prior
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
 from calib.progress import Progress
 from calib.session.freeing import AUTO
@@ -74,7 +79,9 @@ def believing(
     observations = Observations.of(views, setup.board)
     believed = Believed(fitted, setup, setup)
     credible, may_hold = _credible(fitted), AUTO in settings.free and setup != told
-    if credible and not (may_hold and fitted.joint and farthest(fitted.joint, beyond=STRAINED)):
+    if credible and not (
+        may_hold and fitted.joint and largest_prior_conflict(fitted.joint, threshold=STRAINED)
+    ):
         return believed
     if not may_hold:
         return _doubting(believed, observations, views, settings, progress)
@@ -109,20 +116,22 @@ def _doubting(
     """
     while (
         (joint := believed.fitted.joint)
-        and len(believed.doubted) < MOST_DOUBTED
+        and len(believed.doubted) < MAX_CONFLICTS
         and at_noise(believed, views)
     ):
-        name = farthest(joint, believed.doubted)
+        name = largest_prior_conflict(joint, believed.doubted)
         if not name:
             break
-        intrinsics, cover = widened(believed.setup.intrinsics, believed.setup.cover, name, DOUBT)
+        intrinsics, cover = widen_prior(
+            believed.setup.intrinsics, believed.setup.cover, name, PRIOR_INFLATION
+        )
         wider = replace(believed.setup, intrinsics=intrinsics, cover=cover)
         again = fit_stages(
             wider, observations, settings, progress, purpose=f"{name.partition('.')[2]} doubted"
         )
         if not (
             again.joint
-            and still_contradicted(again.joint, name, float(joint.parameters.priors.sigmas[name]))
+            and contradicts_prior(again.joint, name, float(joint.parameters.priors.sigmas[name]))
         ):
             break
         believed = Believed(again, wider, believed.declared, (*believed.doubted, name))
@@ -132,7 +141,7 @@ def _doubting(
 def _credible(fitted: Fitted) -> bool:
     """Whether the fit converged, to numbers that keep to their tolerances."""
     joint = fitted.joint
-    return not joint or (joint.outcome is Outcome.CONVERGED and not farthest(joint))
+    return not joint or (joint.outcome is Outcome.CONVERGED and not largest_prior_conflict(joint))
 
 
 def _decisive(doubting: Fitted, exact: Fitted) -> bool:
@@ -148,5 +157,5 @@ def at_noise(believed: Believed, views: Sequence[View]) -> bool:
     """Whether a fit leaves little but the corners' noise."""
     fitted = believed.fitted
     return fitted.stages[-1].rms_px <= AT_NOISE * short_scale_noise(
-        on_board(fitted.residuals.image, views), believed.setup.board
+        on_board_grid(fitted.residuals.image, views), believed.setup.board
     )

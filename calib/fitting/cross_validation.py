@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.corners.view import View, pose_labels
-from calib.estimation.model_choice import simplest
+from calib.estimation.model_choice import simplest_model
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.stages import Settings, Setup, fit_stages
@@ -111,6 +111,6 @@ def choose_grid(
         errors[grid] = error
         if error >= (1 - WORTH) * lowest:
             break
-    return simplest(errors, WORTH), {
+    return simplest_model(errors, WORTH), {
         f"{around}x{along}": error for (around, along), error in errors.items()
     }

@@ -9,8 +9,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from calib.calibration import Calibration
-from calib.effects.effect import Unknown
-from calib.estimation.doubt import CONTRADICTED, apart, apart_without
+from calib.effects.effect import EffectParameter
+from calib.estimation.prior_conflict import (
+    CONFLICT_THRESHOLD,
+    independent_deviation,
+    normalised_deviation,
+)
 from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
 from calib.session.cover import SHAPES
@@ -56,18 +60,20 @@ class Comparison:
         return not self.tolerance
 
     @property
-    def apart(self) -> float:
+    def normalised_deviation(self) -> float:
         """How far the estimate is from what is declared, in standard deviations of what that
-        distance may be: see `calib.estimation.doubt`. An estimate that owes nothing to what is
-        declared has a variance of its own.
+        distance may be: see `calib.estimation.prior_conflict`. An estimate that owes nothing to
+        what is declared has a variance of its own.
         """
         distance = self.estimate - self.declared
-        return (apart_without if self.doubted else apart)(distance, self.tolerance, self.sigma)
+        return (independent_deviation if self.doubted else normalised_deviation)(
+            distance, self.tolerance, self.sigma
+        )
 
     @property
     def contradicted(self) -> bool:
         """Whether the views and what is declared cannot both be right."""
-        return self.doubted or self.apart > CONTRADICTED
+        return self.doubted or self.normalised_deviation > CONFLICT_THRESHOLD
 
     @property
     def corrected(self) -> bool:
@@ -122,7 +128,7 @@ def own_parameters(calibration: Calibration) -> Iterator[Comparison]:
         if not declared & set(added.unknown.shifts):
             param = added.unknown.param
             unit, per_si = PREFIXES.get(param.unit, (param.unit, 1.0))
-            supposed, tolerance = added.unknown.begin * per_si, added.unknown.sigma * per_si
+            supposed, tolerance = added.unknown.initial * per_si, added.unknown.sigma * per_si
             yield Comparison(
                 param.name,
                 unit,
@@ -139,7 +145,7 @@ class _Scalar:
     """A scalar parameter of an effect, in SI units."""
 
     effect: str
-    unknown: Unknown
+    unknown: EffectParameter
     value: float
     sigma: float
 
@@ -161,7 +167,7 @@ class _Scalar:
 
 def _scalars(calibration: Calibration) -> Iterator[_Scalar]:
     for added in calibration.effects:
-        for unknown in added.effect.unknowns:
+        for unknown in added.effect.effect_parameters:
             value, sigma = added.parameters[unknown.param.name]
             if not value.ndim:
                 yield _Scalar(added.effect.name, unknown, float(value), float(sigma))

@@ -15,7 +15,7 @@ from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.inputs import read_views
 from calib.fitting.posable import posable
-from calib.optics.board_target import with_parts
+from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.progress import Progress, Silent
@@ -87,11 +87,11 @@ def evaluate(
         raise NotEnoughDataError(
             f"{session.path} has no view to evaluate with: take pictures that show the whole board."
         )
-    observations = Observations.of(views, session.board).timed(None, ours.height)
+    observations = Observations.of(views, session.board).add_times(None, ours.height)
     with single_thread():
-        if halves or path.private:
+        if halves or path.has_private_blocks:
             noise = (
-                float(calibration.settings.get("sigma_px", 1.0)) if path.private else 1.0
+                float(calibration.settings.get("sigma_px", 1.0)) if path.has_private_blocks else 1.0
             )  # else there is no prior to weigh
             poses, missed = _by_halves(path, values, observations, poses, noise)
         else:
@@ -117,11 +117,11 @@ def _by_halves(
     """Each half of a view's corners measured with the parameters that the other half gives: where a
     view has so many of its own that they would hide its error. sigma: px, of a corner.
     """
-    poses = with_parts(poses, path.view_parts)
+    poses = with_blocks(poses, path.view_blocks)
     odd = (torch.arange(len(observations.pixels)) - observations.starts[observations.view]) % 2 == 1
     image, board = torch.empty_like(observations.pixels), torch.empty_like(observations.pixels)
     for scored in (odd, ~odd):
-        own, _ = refit_poses(path, values, observations.kept(~scored), poses, sigma=sigma)
+        own, _ = refit_poses(path, values, observations.select_rows(~scored), poses, sigma=sigma)
         missed = residuals(path, values, observations, own)
         image[scored], board[scored] = missed.image[scored], missed.board[scored]
     return own, Residuals(image, board)

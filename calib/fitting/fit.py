@@ -8,10 +8,10 @@ import numpy as np
 from calib.calibration import Calibration, Declared
 from calib.corners.view import RejectedPicture, View, pose_labels
 from calib.errors import NotEnoughDataError
-from calib.estimation.noise import on_board, short_scale_noise
+from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals
-from calib.estimation.robust import outlying
+from calib.estimation.robust import outlier_mask
 from calib.estimation.stated_priors import with_estimates
 from calib.fitting.believing import believing
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
@@ -132,10 +132,10 @@ def fit(
         exact_hit=settings.exact_hit,
         views=views,
         poses=fitted.poses.numpy(),
-        covariance=joint.known_covariance if joint else np.zeros((0, 0)),
+        covariance=joint.saved_covariance if joint else np.zeros((0, 0)),
         rejected=rejected,
         stages=fitted.stages,
-        noise_px=short_scale_noise(on_board(fitted.residuals.image, views), session.board),
+        noise_px=short_scale_noise(on_board_grid(fitted.residuals.image, views), session.board),
         settings={
             "method": settings.method,
             "grid": list(settings.grid or ()),
@@ -151,7 +151,7 @@ def fit(
         }
         | ({"cross_validation": asdict(validation)} if validation else {})
         | ({PRIOR: prior} if expectation else {})
-        | (joint.said() if joint else {}),
+        | (joint.record() if joint else {}),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
         stated=Declared(believed.declared.intrinsics, believed.declared.cover, believed.doubted),
     )
@@ -162,7 +162,7 @@ def _without_outliers(
 ) -> tuple[tuple[View, ...], tuple[RejectedPicture, ...]]:
     squared = (missed.image**2).sum(-1)
     errors = np.array([float(own.nanmean().sqrt()) for own in observations.per_view(squared)])
-    bad = outlying(errors)
+    bad = outlier_mask(errors)
     reasons = (
         (
             f"its {error:.2f} px do not fit the {np.nanmedian(errors):.2f} px of the other views"

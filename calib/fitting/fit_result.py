@@ -28,7 +28,7 @@ def with_fit(
                     joint.values[unknown.param.name].numpy(),
                     joint.sigma_of(unknown.param.name).numpy(),
                 )
-                for unknown in effect.unknowns
+                for unknown in effect.effect_parameters
             },
         )
         for effect in model.effects
@@ -45,10 +45,10 @@ def with_fit(
             else calibration.amplitudes
         ),
         poses=joint.poses.numpy(),
-        covariance=joint.known_covariance,
+        covariance=joint.saved_covariance,
         effects=effects,
         stages=(*stages, Stage(EFFECTS_STAGE, residual.rms_px, residual.rmse_cm))
         if effects
         else stages,
-        settings=calibration.settings | joint.said(),
+        settings=calibration.settings | joint.record(),
     )

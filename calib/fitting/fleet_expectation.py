@@ -9,8 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.corners.view import View
+from calib.estimation.likelihood_information import (
+    LikelihoodInformation,
+    PriorConflict,
+    prior_conflict,
+)
 from calib.estimation.observations import Observations
-from calib.estimation.surprise import Surprise, Told, surprise
 from calib.fitting.believing import Believed, at_noise, believing, log_evidence
 from calib.fitting.inputs import Gathered
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
@@ -81,14 +85,14 @@ class Expectation:
             found, numbers, used=True
         )
 
-    def _surprise(self, fitted: Fitted) -> tuple[Surprise, dict[str, float]]:
+    def _surprise(self, fitted: Fitted) -> tuple[PriorConflict, dict[str, float]]:
         """Of the whole, and how far each number is pulled, in standard deviations."""
         joint = fitted.joint
         names = tuple(
             name for name in self.prior.names if joint and name in joint.parameters.priors.sigmas
         )
         if not (joint and joint.finite and names):
-            return Surprise(0.0, 0, 1.0), {}
+            return PriorConflict(0.0, 0, 1.0), {}
         parameters = joint.parameters
         places = parameters.entries(names)
         scales = np.array(
@@ -100,11 +104,13 @@ class Expectation:
             for values in (joint.values, parameters.origin)
         )
         prior = covariance_of(self.told.intrinsics, self.told.cover, names)
-        told = Told.between(mean, covariance, before, prior)
-        pulls = dict(zip(names, map(float, told.pulls(before, prior)), strict=True))
-        return surprise(told, before, prior), pulls
+        told = LikelihoodInformation.between(mean, covariance, before, prior)
+        pulls = dict(zip(names, map(float, told.deviations(before, prior)), strict=True))
+        return prior_conflict(told, before, prior), pulls
 
-    def _said(self, found: Surprise, pulls: dict[str, float], *, used: bool) -> dict[str, object]:
+    def _said(
+        self, found: PriorConflict, pulls: dict[str, float], *, used: bool
+    ) -> dict[str, object]:
         farthest = max(pulls, key=lambda name: abs(pulls[name]), default="")
         return {
             "file": str(self.prior.file.resolve()),

@@ -13,7 +13,14 @@ from torch import Tensor
 from calib.calibration import Stage
 from calib.errors import NotEnoughDataError
 from calib.estimation.gradient_fit import descend
-from calib.estimation.joint_fit import FIRST_SIGMA, GOOD_GLASS, ROUGH, JointFit, Start, fit_joint
+from calib.estimation.joint_fit import (
+    FIRST_SIGMA,
+    GOOD_GLASS,
+    ROUGH_ROUNDS,
+    JointFit,
+    Start,
+    fit_joint,
+)
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
@@ -130,7 +137,7 @@ def fit_stages(
         poses = earlier.poses
     elif priors.sigmas and settings.method == "joint" and not setup.cover.glass:
         # What a wrong number explains is explained by it before there is a relief that could.
-        rough = fit_joint(path, values, observations, poses, priors=priors, rounds=ROUGH)
+        rough = fit_joint(path, values, observations, poses, priors=priors, rounds=ROUGH_ROUNDS)
         start, poses = replace(rough.start, smoothness=GOOD_GLASS), rough.poses
     assert settings.grid, "to be chosen before"
     around, along = settings.grid

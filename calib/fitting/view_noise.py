@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from calib.corners.view import View
-from calib.estimation.noise import noise_of_views, on_board
+from calib.estimation.noise import noise_of_views, on_board_grid
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals
 from calib.session.board import Board
@@ -42,7 +42,7 @@ def with_own_noise(
     the worst first.
     """
     weighed = missed.image * observations.weight[:, None].to(missed.image)
-    noise, spread = noise_of_views(on_board(torch.as_tensor(weighed), views), board)
+    noise, spread = noise_of_views(on_board_grid(torch.as_tensor(weighed), views), board)
     known = np.isfinite(noise)
     if not known.any() or not (median := float(np.median(noise[known]))) > 0:
         return tuple(views), {}

@@ -13,10 +13,10 @@ import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
-from calib.estimation.doubt import DOUBT
-from calib.estimation.stated_priors import widened
-from calib.estimation.surface_prior import Smoothness, basis, figure_height, waves
-from calib.estimation.surprise import Told
+from calib.estimation.likelihood_information import LikelihoodInformation
+from calib.estimation.prior_conflict import PRIOR_INFLATION
+from calib.estimation.stated_priors import widen_prior
+from calib.estimation.surface_prior import Smoothness, figure_height, figure_heights, relief_basis
 from calib.fleet.population import Population
 from calib.optics.build import covered_path, footprint
 from calib.optics.relief import Relief
@@ -96,7 +96,7 @@ class Common:
             )
         return axes
 
-    def told(self, one: Calibration) -> Told:
+    def told(self, one: Calibration) -> LikelihoodInformation:
         """What a camera's views say, and its own measurements: its calibration, less what the
         drawing had put in.
         """
@@ -114,7 +114,7 @@ class Common:
             [*(estimate[name].value for name in self.names), *to_figure @ one.amplitudes.ravel()]
         )
         stated, prior = self._prior(one, to_figure)
-        return Told.between(mean, own @ one.covariance @ own.T, stated, prior)
+        return LikelihoodInformation.between(mean, own @ one.covariance @ own.T, stated, prior)
 
     def described(self, known: Population) -> tuple[Intrinsics, Cover]:
         """What is expected of the next camera, in the words of a session."""
@@ -143,12 +143,16 @@ class Common:
         """(N, amplitudes): the figure over the patch that comes nearest to a relief."""
         points = Relief(self.low, self.high, (LATTICE, LATTICE))
         first, second = (
-            relief.bells(torch.linspace(low, high, LATTICE, dtype=torch.float64), axis)[0].T.numpy()
+            relief.gaussians(torch.linspace(low, high, LATTICE, dtype=torch.float64), axis)[
+                0
+            ].T.numpy()
             for axis, (low, high) in enumerate(zip(self.low, self.high, strict=True))
         )
         return np.asarray(
             np.linalg.lstsq(
-                waves(points, self.low, self.high, self.degree), np.kron(first, second), rcond=None
+                figure_heights(points, self.low, self.high, self.degree),
+                np.kron(first, second),
+                rcond=None,
             )[0]
         )
 
@@ -160,13 +164,13 @@ class Common:
         intrinsics, cover = one.declared.intrinsics, one.declared.cover
         declared, drawing = numbers_of(intrinsics, cover), numbers_of(self.intrinsics, self.cover)
         for name in one.declared.doubted:
-            intrinsics, cover = widened(intrinsics, cover, name, DOUBT)
+            intrinsics, cover = widen_prior(intrinsics, cover, name, PRIOR_INFLATION)
         for name in self.names:
             if declared[name] != drawing[name]:  # a measurement of this camera, which stays
-                intrinsics, cover = widened(intrinsics, cover, name, LOOSE)
+                intrinsics, cover = widen_prior(intrinsics, cover, name, LOOSE)
         said = one.settings["relief_prior"]
         heights = Smoothness(said["height_m"], said["length_of_patch"]).covariance(one.relief)
-        from_heights = np.linalg.solve(basis(one.relief).T, to_figure.T).T
+        from_heights = np.linalg.solve(relief_basis(one.relief).T, to_figure.T).T
         count = len(self.names)
         prior = np.zeros((count + len(to_figure),) * 2)
         prior[:count, :count] = covariance_of(intrinsics, cover, self.names)

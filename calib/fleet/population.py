@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.estimation.surprise import Told
+from calib.estimation.likelihood_information import LikelihoodInformation
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class Population:
 
 
 def population(
-    cameras: Sequence[Told], centre: Array, axes: Array, draws: int = DRAWS
+    cameras: Sequence[LikelihoodInformation], centre: Array, axes: Array, draws: int = DRAWS
 ) -> Population:
     """What to expect of the next camera.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.calibration import Calibration
 from calib.errors import InputError, NotEnoughDataError, RefracalError, brief
-from calib.estimation.surprise import Told, surprise
+from calib.estimation.likelihood_information import LikelihoodInformation, prior_conflict
 from calib.fleet.common import Common
 from calib.fleet.population import FEWEST, ROUGHLY, Population, population
 from calib.fleet.result import CAMERAS, Result, State, read_result
@@ -192,7 +192,9 @@ def _check_enough(fleet: Path, found: Mapping[str, object], out: Mapping[str, st
         )
 
 
-def _leave_outliers(told: dict[str, Told], common: Common, out: dict[str, str]) -> None:
+def _leave_outliers(
+    told: dict[str, LikelihoodInformation], common: Common, out: dict[str, str]
+) -> None:
     """Without those that the others do not expect, the farthest first."""
     alarm = ALARM / len(told)
     while len(told) > FEWEST:
@@ -216,11 +218,11 @@ def _leave_outliers(told: dict[str, Told], common: Common, out: dict[str, str]) 
         del told[worst]
 
 
-def _surprise(one: Told, known: Population) -> float:
-    return surprise(one, known.mean, known.covariance).p_value
+def _surprise(one: LikelihoodInformation, known: Population) -> float:
+    return prior_conflict(one, known.mean, known.covariance).p_value
 
 
-def _farthest(one: Told, known: Population, common: Common) -> str:
+def _farthest(one: LikelihoodInformation, known: Population, common: Common) -> str:
     """The number that its views pull farthest, in the standard deviations that it may have."""
-    at = int(np.argmax(np.abs(one.pulls(known.mean, known.covariance))))
+    at = int(np.argmax(np.abs(one.deviations(known.mean, known.covariance))))
     return common.names[at] if at < len(common.names) else "glass"

@@ -19,8 +19,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.estimation.elimination import eliminated, problem_at
-from calib.estimation.joint_fit import JointFit, inverse
+from calib.estimation.elimination import landing_problem, project_out
+from calib.estimation.joint_fit import JointFit, invert_precision
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.residuals import residuals
 from calib.inference.laplace_evidence import schur_factors, view_columns
@@ -137,11 +137,11 @@ class _Expansion:
                 for view_columns, mask in zip(columns, rows, strict=True)
             ]
             pose_schur, pose_own_steps = _eliminate_own(selected, precision)
-        problem = problem_at(
+        problem = landing_problem(
             fitted.model.path, fitted.parameters(), fitted.observations, joint.poses, joint.sigma
         )
         origin = torch.zeros(fitted.model.parameters.count, dtype=torch.float64)
-        losses = problem.losses(*problem.missed(origin, joint.poses))
+        losses = problem.losses(*problem.residual(origin, joint.poses))
         shared = torch.from_numpy(np.append(fitted.deviation, 1.0)).expand(len(columns), -1)
         point = torch.cat([joint.poses * (precision > 0), shared], 1)
         residual = torch.cat(
@@ -159,7 +159,7 @@ class _Expansion:
             pose_own_steps=pose_own_steps,
             problem=problem,
             losses=losses,
-            squares=squares + problem.prior_of_blocks(joint.poses),
+            squares=squares + problem.block_prior(joint.poses),
         )
 
     def without(
@@ -199,24 +199,24 @@ class _Expansion:
         start = torch.from_numpy(fitted.deviation)
         reduced = self.schur[~removed].sum(0)
         hessian = reduced[:-1, :-1] + precision
-        covariance = inverse(hessian)
+        covariance = invert_precision(hessian)
         optimum = -covariance @ reduced[:-1, -1]
         vector = optimum
         if damping:
-            damped = inverse(hessian + damping * hessian.diagonal().diag())
+            damped = invert_precision(hessian + damping * hessian.diagonal().diag())
             vector = start + damped @ (hessian @ (optimum - start))
         values = parameters.values(vector)
         values |= {
-            param.name: values[param.name].clamp_min(param.least) for param in parameters.free
+            param.name: values[param.name].clamp_min(param.minimum) for param in parameters.free
         }
         homogeneous = torch.cat([vector, vector.new_ones(1)])
         without_prior = view_precision(fitted.model.path, joint.poses) == 0
         own_steps = torch.where(removed[:, None, None], self.pose_own_steps, self.own_steps)
         poses = joint.poses * without_prior - own_steps @ homogeneous
-        residual, visible = self.problem.missed(self.problem.parameters.vector(values), poses)
+        residual, visible = self.problem.residual(self.problem.parameters.vector(values), poses)
         increase = self.problem.losses(residual, visible) - self.losses
-        own_increase = self.problem.prior_of_blocks(poses)
-        own_increase = own_increase - self.problem.prior_of_blocks(joint.poses)
+        own_increase = self.problem.block_prior(poses)
+        own_increase = own_increase - self.problem.block_prior(joint.poses)
         prior_decrease = float(start @ precision @ start - vector @ precision @ vector)
         remaining_increase = (_sum_by_view(fitted, increase) + own_increase)[~removed].sum()
         remainder = float((vector - optimum) @ hessian @ (vector - optimum))
@@ -247,10 +247,12 @@ class _Expansion:
     def _score_fit(self, joint: JointFit, removed: Tensor) -> FitWithout:
         """Fit the poses of the removed views to a fit without them."""
         fitted = self.fitted
-        views = fitted.observations.without(~removed)
+        views = fitted.observations.without_views(~removed)
         poses = joint.poses.clone()
         pose_corners = self.pose_corners[removed[fitted.observations.view]]
-        poses[removed] = fitted.model.seen(joint, views.kept(pose_corners), joint.poses[removed])
+        poses[removed] = fitted.model.fit_poses(
+            joint, views.select_rows(pose_corners), joint.poses[removed]
+        )
         residual = residuals(fitted.model.path, joint.values, views, poses[removed]).image
         return FitWithout(
             replace(joint, poses=poses),
@@ -265,7 +267,7 @@ class _Expansion:
             if is_removed:
                 own_columns = columns[:, : -size - 1].numpy()
                 shared_columns = columns[:, -size - 1 : -1].numpy()
-                jacobian = torch.from_numpy(eliminated(own_columns, shared_columns))
+                jacobian = torch.from_numpy(project_out(own_columns, shared_columns))
                 variance = ((jacobian @ covariance) * jacobian).sum(1)
                 variances.append(variance.reshape(-1, 2).mean(1))
         return torch.cat(variances).nan_to_num(torch.inf)
@@ -297,8 +299,8 @@ def _fit_remaining(fitted: FittedModel, removed: Tensor) -> JointFit:
     """Fit the remaining views from the fit to all."""
     joint = fitted.joint
     tolerance = TOLERANCE * fitted.model.parameters.count / joint.cost
-    remaining = fitted.model.fitted(
-        fitted.observations.without(removed), joint.poses[~removed], joint.start, (tolerance,)
+    remaining = fitted.model.fit(
+        fitted.observations.without_views(removed), joint.poses[~removed], joint.start, (tolerance,)
     )
     poses = joint.poses.clone()
     poses[~removed] = remaining.poses

@@ -6,9 +6,9 @@ import torch
 
 from calib.calibration import Calibration
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.doubt import DOUBT
+from calib.estimation.prior_conflict import PRIOR_INFLATION
 from calib.estimation.priors import Priors
-from calib.estimation.stated_priors import priors_of, widened
+from calib.estimation.stated_priors import priors_of, widen_prior
 from calib.estimation.surface_prior import expected_amplitudes
 from calib.optics.relief import AMPLITUDES
 from calib.session.tolerances import OWN_CENTRE, OWN_COEFFICIENT, OWN_FOCAL
@@ -28,7 +28,7 @@ def base_model(calibration: Calibration) -> CameraModel:
     path, values = as_declared.model()
     intrinsics, cover = declared.intrinsics, declared.cover
     for name in declared.doubted:
-        intrinsics, cover = widened(intrinsics, cover, name, DOUBT)
+        intrinsics, cover = widen_prior(intrinsics, cover, name, PRIOR_INFLATION)
     priors = priors_of(intrinsics, cover, path)
     if calibration.settings.get("intrinsics_from") == "views":
         focal = OWN_FOCAL.sigma * float(values["camera.fx"])

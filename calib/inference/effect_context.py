@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from calib.effects.effect import Surroundings
-from calib.estimation.elimination import eliminated, view_equations
+from calib.effects.effect import EffectContext
+from calib.estimation.elimination import project_out, view_equations
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
 from calib.inference.score_test import FittedModel
@@ -33,7 +33,7 @@ def fine_relief_place(fitted: FittedModel) -> Tensor | None:
     fine = Relief(coarse.low, coarse.high, (rows, columns))
     fixed = Relief(coarse.low, coarse.high, coarse.grid, coarse.beta, "coarse")
     joint = fitted.joint
-    interface = replace(outer, relief=fine, more=(*outer.more, fixed))
+    interface = replace(outer, relief=fine, extra_reliefs=(*outer.extra_reliefs, fixed))
     fine_path = replace(path, cover=(*path.cover[:-1], interface))
     zero = torch.zeros(fine.grid, dtype=torch.float64)
     values = {**joint.values, "coarse.amplitudes": joint.values[AMPLITUDES], AMPLITUDES: zero}
@@ -43,7 +43,7 @@ def fine_relief_place(fitted: FittedModel) -> Tensor | None:
     for view in view_equations(
         fine_path, parameters, fitted.observations, joint.poses, joint.sigma
     ):
-        jacobian = eliminated(view.own, view.shared)
+        jacobian = project_out(view.jacobian_block, view.jacobian_shared)
         scores += jacobian.T @ view.residual
         squares += (jacobian**2).sum(0)
     visible = squares > 1e-3 * squares.max()
@@ -56,11 +56,11 @@ def fine_relief_place(fitted: FittedModel) -> Tensor | None:
 
 def effect_context(
     fitted: FittedModel, board: Board, camera: Camera, *, locate: bool
-) -> Surroundings:
+) -> EffectContext:
     """Return the context of a fit for proposing effects; with `locate`, it includes the place of a
     finer relief, which takes a while.
     """
-    return Surroundings(
+    return EffectContext(
         board,
         camera.width,
         camera.height,

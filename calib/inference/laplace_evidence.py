@@ -30,8 +30,8 @@ def view_columns(fitted: FittedModel) -> Iterator[Tensor]:
     deviation = torch.from_numpy(fitted.deviation)
     has_prior = view_precision(fitted.model.path, fitted.joint.poses) > 0
     for view, pose in zip(fitted.equations(), fitted.joint.poses, strict=True):
-        own_jacobian = torch.from_numpy(view.own)
-        jacobian = torch.from_numpy(view.shared)
+        own_jacobian = torch.from_numpy(view.jacobian_block)
+        jacobian = torch.from_numpy(view.jacobian_shared)
         residual = torch.from_numpy(view.residual)
         at_means = residual - own_jacobian @ (pose * has_prior) - jacobian @ deviation
         yield torch.cat([own_jacobian, jacobian, at_means[:, None]], 1)

@@ -168,11 +168,11 @@ def variance_shares(
 ) -> list[VarianceShare]:
     """Return the shares of the variance of a fit's residuals."""
     visible = torch.isfinite(residuals.image).all(-1)
-    corners = observations.kept(visible)
+    corners = observations.select_rows(visible)
     timed = corners.with_times(joint.values)
     depth = model.path.place(corners.corners, timed, joint.poses[corners.view])[:, 2]
     rays = model.path.trace(corners.pixels, timed)
-    pinhole = model.path.lens(*model.path.adjusted(corners.pixels, timed)).direction
+    pinhole = model.path.lens(*model.path.adjust_pixels(corners.pixels, timed)).direction
     incidence = pinhole.dot(rays.direction) if model.path.cover else pinhole.z
     scene = ResidualScene(
         observations=corners,

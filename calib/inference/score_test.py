@@ -21,16 +21,16 @@ from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.elimination import (
     ViewEquations,
-    eliminated,
     information,
-    orthonormal,
+    orthonormal_basis,
+    project_out,
     view_equations,
 )
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.inference.jackknife import jackknife_p_value
-from calib.optics.board_target import columns
+from calib.optics.board_target import block_columns
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ class ScoreTest:
 
     def span(self) -> Array:
         """Return (2M, n) orthonormal directions in which only this effect moves corners."""
-        return orthonormal(self.jacobian)
+        return orthonormal_basis(self.jacobian)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +97,7 @@ class FittedModel:
     def candidates(self, effects: Sequence[Effect]) -> list[ScoreTest]:
         """Test effects, each without the others, with priors adapted to the residual."""
         tests = self.tests(effects)
-        tuned = [test.effect.tuned(test.information, test.score) for test in tests]
+        tuned = [test.effect.tune(test.information, test.score) for test in tests]
         changed = [new for new, test in zip(tuned, tests, strict=True) if new != test.effect]
         changed_tests = iter(self.tests(changed))
         return [
@@ -120,7 +120,7 @@ class FittedModel:
             names: set[str] = set()
             batch: dict[int, Effect] = {}
             for index, effect in remaining.items():
-                effect_names = {effect.name, *(u.param.name for u in effect.unknowns)}
+                effect_names = {effect.name, *(u.param.name for u in effect.effect_parameters)}
                 if not names & effect_names:
                     names |= effect_names
                     batch[index] = effect
@@ -131,8 +131,10 @@ class FittedModel:
     def _test_batch(self, effects: Sequence[Effect]) -> list[ScoreTest]:
         """Test effects without common parameters from one linearisation."""
         views = list(self.equations(effects))
-        blocks = columns(self.model.with_effects(effects).path.view_parts)
-        own_columns = np.concatenate([np.r_[blocks[block]] for block in self.model.path.view_parts])
+        blocks = block_columns(self.model.with_effects(effects).path.view_blocks)
+        own_columns = np.concatenate(
+            [np.r_[blocks[block]] for block in self.model.path.view_blocks]
+        )
         parameters = self.parameters(effects)
         reduced = _ReducedSystem.of(
             views,
@@ -148,7 +150,7 @@ class FittedModel:
                     self._test_view_effect(effect, views, own_columns, blocks[effect.per_view])
                 )
             else:
-                entries = parameters.entries(u.param.name for u in effect.unknowns)
+                entries = parameters.entries(u.param.name for u in effect.effect_parameters)
                 tests.append(reduced.test(effect, entries, self._freedom()))
         return tests
 
@@ -163,7 +165,9 @@ class FittedModel:
         """
         model = self.model.with_effects(effects)
         neutral = {
-            name: value for effect in effects for name, value in self.model.neutral(effect).items()
+            name: value
+            for effect in effects
+            for name, value in self.model.neutral_values(effect).items()
         }
         values = {**self.joint.values, **neutral}
         return Parameters.of(model.path, values, model.priors, last=neutral)
@@ -175,7 +179,7 @@ class FittedModel:
             model.path,
             self.parameters(effects),
             self.observations,
-            model.padded(self.joint.poses),
+            model.pad_poses(self.joint.poses),
             self.joint.sigma,
         )
 
@@ -206,9 +210,11 @@ class FittedModel:
         squares = 0.0
         dof = 0
         for view in views:
-            fitted_columns = view.own[:, own_columns]
-            residual = eliminated(fitted_columns, view.residual)
-            directions = orthonormal(eliminated(fitted_columns, view.own[:, added]))
+            fitted_columns = view.jacobian_block[:, own_columns]
+            residual = project_out(fitted_columns, view.residual)
+            directions = orthonormal_basis(
+                project_out(fitted_columns, view.jacobian_block[:, added])
+            )
             chi2 += float(((directions.T @ residual) ** 2).sum())
             squares += float((residual**2).sum())
             dof += directions.shape[1]
@@ -258,10 +264,15 @@ class _ReducedSystem:
         deviation: Array,
     ) -> _ReducedSystem:
         """Reduce the equations; the first `fitted` shared parameters are those of the fit."""
-        view_residuals = [eliminated(view.own[:, own_columns], view.residual) for view in views]
+        view_residuals = [
+            project_out(view.jacobian_block[:, own_columns], view.residual) for view in views
+        ]
         residual = np.concatenate(view_residuals)
         jacobian = np.concatenate(
-            [eliminated(view.own[:, own_columns], view.shared) for view in views]
+            [
+                project_out(view.jacobian_block[:, own_columns], view.jacobian_shared)
+                for view in views
+            ]
         )
         fitted_jacobian = jacobian[:, :fitted]
         prior = precision[:fitted, :fitted]

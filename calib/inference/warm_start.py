@@ -17,8 +17,8 @@ import torch
 from torch import Tensor
 
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.elimination import problem_at
-from calib.estimation.joint_fit import ROUGH, JointFit, Start, inverse
+from calib.estimation.elimination import landing_problem
+from calib.estimation.joint_fit import ROUGH_ROUNDS, JointFit, Start, invert_precision
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refine_poses_in_image, rough_poses
 from calib.estimation.residuals import residuals
@@ -47,7 +47,7 @@ def start_without_effects(
     removed = {
         name: value
         for effect in previous.effects
-        for name, value in previous.neutral(effect).items()
+        for name, value in previous.neutral_values(effect).items()
         if name not in names
     }
     if not removed:
@@ -68,21 +68,21 @@ def _conditional_mean(joint: JointFit, removed: Values) -> Values:
         return {}
     vector = parameters.vector(joint.values)
     step = parameters.vector({**joint.values, **removed}) - vector
-    precision = inverse(joint.covariance[entries][:, entries])
+    precision = invert_precision(joint.covariance[entries][:, entries])
     mean = vector + joint.covariance[:, entries] @ (precision @ step[entries])
     values = parameters.values(mean)
     return values | {
-        param.name: values[param.name].clamp_min(param.least) for param in parameters.free
+        param.name: values[param.name].clamp_min(param.minimum) for param in parameters.free
     }
 
 
 def _cost(model: CameraModel, start: Start, joint: JointFit, observations: Observations) -> float:
     """Return the cost of a start after one step of the poses."""
     values = {name: start.values.get(name, mean) for name, mean in model.means.items()}
-    poses = model.padded(joint.poses)
+    poses = model.pad_poses(joint.poses)
     parameters = replace(model.parameters, origin=values)
-    problem = problem_at(model.path, parameters, observations, poses, joint.sigma)
-    return problem.settled(poses.new_zeros(parameters.count), poses)[1]
+    problem = landing_problem(model.path, parameters, observations, poses, joint.sigma)
+    return problem.inner_step(poses.new_zeros(parameters.count), poses)[1]
 
 
 def start_with_effect(model: CameraModel, observations: Observations, joint: JointFit) -> JointFit:
@@ -91,15 +91,15 @@ def start_with_effect(model: CameraModel, observations: Observations, joint: Joi
     It is unchanged if the effect starts at its neutral value, or was already fitted.
     """
     effect = model.effects[-1]
-    if all(u.start is None or u.param.name in joint.values for u in effect.unknowns):
+    if all(u.start is None or u.param.name in joint.values for u in effect.effect_parameters):
         return joint
     free = {param.name for param in model.parameters.free}
     values = {name: joint.values.get(name, mean) for name, mean in model.means.items()}
-    candidates = [shift for shift in effect.displaced(values) if shift.keys() <= free]
+    candidates = [shift for shift in effect.alternative_starts(values) if shift.keys() <= free]
     if candidates:
         chosen = torch.zeros(len(joint.poses), dtype=torch.bool)
         chosen[torch.linspace(0, len(chosen) - 1, START_VIEWS).round().long()] = True
-        views = observations.without(~chosen)
+        views = observations.without_views(~chosen)
         poses = joint.poses[chosen]
 
         values |= min(
@@ -113,14 +113,14 @@ def start_with_effect(model: CameraModel, observations: Observations, joint: Joi
 def rough_fit(model: CameraModel, observations: Observations, joint: JointFit) -> JointFit:
     """Fit the model roughly, from a fit without its last effect."""
     start = start_with_effect(model, observations, joint)
-    return model.fitted(observations, start.poses, start.start, ROUGH)
+    return model.fit(observations, start.poses, start.start, ROUGH_ROUNDS)
 
 
 def _fit_poses(
     model: CameraModel, observations: Observations, initial: Tensor, sigma: float, values: Values
 ) -> tuple[float, Tensor]:
     """Return the median error in px and the (V, B) poses, from (V, B') initial poses."""
-    poses = model.padded(initial)
+    poses = model.pad_poses(initial)
     rough = rough_poses(model.path, values, observations)
     poses[:, :6] = torch.where(torch.isfinite(rough), rough, poses[:, :6])
     poses = refine_poses_in_image(

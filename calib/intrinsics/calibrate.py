@@ -8,7 +8,7 @@ import numpy as np
 from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture, View, pose_labels
 from calib.errors import NotEnoughDataError
-from calib.estimation.robust import outlying
+from calib.estimation.robust import outlier_mask
 from calib.intrinsics.advice import TILT
 from calib.intrinsics.flat_views import spread_deg, with_profile
 from calib.intrinsics.lens_choice import choose_lens, fit_choice
@@ -54,7 +54,7 @@ def calibrate_bare(
     advance = progress.task("Intrinsics", 1)
     while True:
         solved = fit_choice(choice, kept, board, size)
-        bad = outlying(solved.per_view)
+        bad = outlier_mask(solved.per_view)
         if not bad.any():
             break
         rejected += [

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
-from calib.estimation.model_choice import simplest
+from calib.estimation.model_choice import simplest_model
 from calib.intrinsics.advice import NO_FIT
 from calib.intrinsics.flat_views import FLAT_DEG, best_of_starts, spread_deg
 from calib.intrinsics.held_out_views import folds_of, held_out_errors, summed
@@ -52,7 +52,7 @@ def choose_lens(views: Sequence[View], board: Board, camera: Camera, progress: P
         scores = _by_rays(SPLINES, views, board, size, progress)
         if not scores:
             raise NotEnoughDataError(NO_FIT)
-        return Choice(None, simplest(scores, WORTH), _named(scores))
+        return Choice(None, simplest_model(scores, WORTH), _named(scores))
     held_out: dict[str, float] = {}
     if count is None:
         count, by_count = _choose_count(views, board, size, progress)
@@ -67,7 +67,7 @@ def choose_lens(views: Sequence[View], board: Board, camera: Camera, progress: P
     least = held_out[str(count)]
     held_out |= _named(scores)
     better = {lens: error for lens, error in scores.items() if error < (1 - WORTH) * least}
-    return Choice(count, simplest(better, WORTH) if better else None, held_out)
+    return Choice(count, simplest_model(better, WORTH) if better else None, held_out)
 
 
 def fit_choice(
@@ -141,4 +141,4 @@ def _choose_count(
 
         scores[count] = summed(held_out_errors(views, board, further))
     advance(folds * len(COEFFICIENTS), "")
-    return simplest(scores, WORTH), scores
+    return simplest_model(scores, WORTH), scores

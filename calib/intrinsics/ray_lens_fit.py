@@ -14,7 +14,7 @@ from torch import Tensor
 
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
-from calib.estimation.joint_fit import AGAIN, ROUNDS, JointFit, fit_joint
+from calib.estimation.joint_fit import ROUNDS, WARM_ROUNDS, JointFit, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, rough_poses
 from calib.estimation.priors import Priors
@@ -24,7 +24,7 @@ from calib.intrinsics.ray_lens import RayLens
 from calib.optics.build import pinhole_path
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.optics.splined import GRID, SHIFTS, Grid, Splined
+from calib.optics.splined_fisheye import GRID, SHIFTS, Grid, SplinedFisheye
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.lens import FISHEYE, NAMES, SPLINED
@@ -39,7 +39,7 @@ FOCALS = tuple(2.0 ** (step / 2) for step in range(-5, 4))
 MOST_TRIED = 8
 """Views that choose among them."""
 FACTORS = tuple(10.0 ** (step / 2) for step in range(-4, 3))
-"""Sizes of a spline that are tried, times `calib.optics.splined.SIZE`."""
+"""Sizes of a spline that are tried, times `calib.optics.splined_fisheye.PRIOR_SCALE`."""
 LOOSE_FOCAL, LOOSE_CENTRE, LOOSE_COEFFICIENT = 1.0, 0.5, 1.0
 """Standard deviations of priors that hold nothing back: of the focal length, of the picture's
 longer side, and as they are.
@@ -149,7 +149,7 @@ def _fitted(
         poses,
         priors=priors,
         start=start,
-        rounds=AGAIN if start else ROUNDS,
+        rounds=WARM_ROUNDS if start else ROUNDS,
     )
     if not joint.finite:
         raise NotEnoughDataError(NO_FIT)
@@ -169,11 +169,11 @@ def _with_spline(
     grid = Grid(size, (columns, rows))
     flat = torch.zeros(columns * rows, dtype=torch.float64)
     path, values = (
-        Path(Splined(grid)),
+        Path(SplinedFisheye(grid)),
         {
             **plain.values,
             **dict.fromkeys(SHIFTS, flat),
-            GRID: grid.described,
+            GRID: grid.encoded,
         },
     )
 

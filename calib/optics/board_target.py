@@ -1,8 +1,8 @@
-"""The board as the last stage of the ray path: where a ray lands, in nominal board coordinates, and
-where a corner is in space.
+"""The board is the last stage of the ray path: it gives the point in nominal board coordinates
+where a ray lands, and the place of a corner in space.
 
-Bends move its surface along the normal; prints move its corners in its plane; a rolling shutter
-moves it line by line.
+Bends move the board's surface along its normal. Prints move its corners in its plane. A rolling
+shutter moves the board line by line.
 """
 
 from __future__ import annotations
@@ -15,54 +15,56 @@ import torch
 from torch import Tensor
 
 from calib.optics import rotation
-from calib.optics.linear_part import LinearPart
+from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Param, Values
 from calib.optics.rays import MISSED_TARGET, Rays
 from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
 
-STEPS = 3
-"""Newton steps onto a board that is not flat, before the differentiable one, at most: bends of
+MAX_ITERATIONS = 3
+"""The limit on Newton steps onto a board that is not flat, before the differentiable step. Bends of
 millimetres over a board need two.
 """
-CLOSE = 1e-6
-"""m: after steps no longer, one more is exact, as it leaves half the board's curvature times their
-square.
+STEP_TOLERANCE = 1e-6
+"""m. After a step this short, one more step is exact: its error is half the board's curvature times
+the square of the step.
 """
 
 
 POSE, MOTION, FLEX = "pose", "motion", "flex"
-PARTS = {POSE: 6, MOTION: 6, FLEX: 3}
-"""What a view may have for itself, in this order, and the number of its parameters.
+VIEW_BLOCKS = {POSE: 6, MOTION: 6, FLEX: 3}
+"""The blocks of per-view parameters in their order, and the number of parameters in each.
 
-Every view has a pose.
+Every view has a pose; the other blocks are optional.
 """
 
 
-def columns(parts: Iterable[str]) -> dict[str, slice]:
-    """Where these parts stand among a view's own parameters."""
-    found, end = {}, 0
-    for part in (part for part in PARTS if part in parts):
-        found[part] = slice(end, end + PARTS[part])
-        end += PARTS[part]
-    return found
+def block_columns(blocks: Iterable[str]) -> dict[str, slice]:
+    """Return the columns of each of these blocks among the parameters of one view."""
+    columns, end = {}, 0
+    for block in (block for block in VIEW_BLOCKS if block in blocks):
+        columns[block] = slice(end, end + VIEW_BLOCKS[block])
+        end += VIEW_BLOCKS[block]
+    return columns
 
 
-def parts_of(count: int) -> tuple[str, ...]:
-    """Those of a view with so many parameters of its own: 6, 9, 12 or 15."""
+def blocks_of_size(count: int) -> tuple[str, ...]:
+    """Return the blocks of a view that has this many parameters: 6, 9, 12 or 15."""
     return (POSE, *([MOTION] if count >= 12 else []), *([FLEX] if count % 6 else []))
 
 
-def with_parts(parameters: Tensor, parts: Iterable[str]) -> Tensor:
-    """(V, B) parameters of views with other parts: what is new is zero, and what is not among them
-    is dropped.
+def with_blocks(parameters: Tensor, blocks: Iterable[str]) -> Tensor:
+    """Return the (V, B) parameters of views with exactly these blocks: a new block is zero, and a
+    block that is not named is dropped.
     """
-    there = columns(parts_of(parameters.shape[1]))
+    columns = block_columns(blocks_of_size(parameters.shape[1]))
     zero = parameters.new_zeros(len(parameters), 1)
     return torch.cat(
         [
-            parameters[:, there[part]] if part in there else zero.expand(-1, PARTS[part])
-            for part in columns(parts)
+            parameters[:, columns[block]]
+            if block in columns
+            else zero.expand(-1, VIEW_BLOCKS[block])
+            for block in block_columns(blocks)
         ],
         1,
     )
@@ -70,68 +72,68 @@ def with_parts(parameters: Tensor, parts: Iterable[str]) -> Tensor:
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Where boards stand: T_camera_board as a rotation and a translation."""
+    """The poses of boards: T_camera_board as a rotation and a translation."""
 
     turn: Tensor
     """(..., 3, 3)"""
     shift: Tensor
     """(..., 3) m"""
     motion: Tensor | None = None
-    """(..., 6): by how much a board turns (rotation vector in the camera frame, rad) and moves (m)
-    during a picture's readout.
+    """(..., 6): the rotation (rotation vector in the camera frame, rad) and translation (m) of the
+    board during the readout of its picture.
     """
 
     flex: Tensor | None = None
-    """(..., 3) m: how a view's board bends otherwise than the others', as `Flexed` has it."""
+    """(..., 3) m: the bend of the board in this view alone, in the terms of `FlexBend`."""
 
     @staticmethod
     def of(parameters: Tensor) -> Placement:
-        """From (..., B) own parameters of views: rotation vector (rad), translation (m), and behind
-        them what else there is of PARTS.
+        """Return the placements of (..., B) view parameters: rotation vector (rad), translation
+        (m), then the optional blocks in the order of VIEW_BLOCKS.
         """
-        there = columns(parts_of(parameters.shape[-1]))
-        motion, flex = (
-            parameters[..., there[part]] if part in there else None for part in (MOTION, FLEX)
-        )
+        columns = block_columns(blocks_of_size(parameters.shape[-1]))
+        motion = parameters[..., columns[MOTION]] if MOTION in columns else None
+        flex = parameters[..., columns[FLEX]] if FLEX in columns else None
         return Placement(rotation.matrix(parameters[..., :3]), parameters[..., 3:6], motion, flex)
 
     def __getitem__(self, rows: Tensor) -> Placement:
-        motion, flex = (None if part is None else part[rows] for part in (self.motion, self.flex))
+        motion = None if self.motion is None else self.motion[rows]
+        flex = None if self.flex is None else self.flex[rows]
         return Placement(self.turn[rows], self.shift[rows], motion, flex)
 
-    def during(self, line: Tensor | None) -> Placement:
-        """Where the boards are while a line (...) of the picture is read, from -0.5, the first, to
-        0.5.
+    def at_line(self, line: Tensor | None) -> Placement:
+        """Return the placements at the time when a line (...) of the picture is read: -0.5 is the
+        first line, 0.5 the last.
         """
         if self.motion is None or line is None:
             return self
-        moved = self.motion * line.unsqueeze(-1)
+        motion = self.motion * line.unsqueeze(-1)
         return Placement(
-            rotation.matrix(moved[..., :3]) @ self.turn, self.shift + moved[..., 3:], flex=self.flex
+            rotation.matrix(motion[..., :3]) @ self.turn,
+            self.shift + motion[..., 3:],
+            flex=self.flex,
         )
 
 
 class Bend(Protocol):
-    """What makes a printed board not flat."""
+    """A deviation of the board's surface from a plane."""
 
     @property
     def params(self) -> tuple[Param, ...]: ...
 
     def height(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor, Tensor]:
-        """(...) m board coordinates to (...) m away from the camera, and its slopes by x and by y,
-        of which no derivatives are asked.
+        """Return the (...) m height at (...) m board coordinates, positive away from the camera,
+        and its slopes by x and by y. Nobody differentiates the slopes.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Flexed:
-    """A board that bends in one view as it does in no other: xx (1 - u^2) + xy u v + yy (1 -
-    v^2).
-    """
+class FlexBend:
+    """A bend that each view's board has for itself: xx (1 - u^2) + xy u v + yy (1 - v^2)."""
 
     half: tuple[float, float]
-    """m, where u and v are 1."""
+    """m: half the board's width and height; u = x / half[0], v = y / half[1]."""
     sizes: Tensor
     """(..., 3) m: xx, xy, yy of each ray's board."""
 
@@ -150,31 +152,34 @@ class Flexed:
         )
 
     def weights(self, x: Tensor, y: Tensor) -> Tensor:
-        """(..., 3) of the height by each size."""
+        """Return the (..., 3) derivatives of the height by the three sizes."""
         u, v = x / self.half[0], y / self.half[1]
         return torch.stack([1 - u * u, u * v, 1 - v * v], -1)
 
 
 class Print(Protocol):
-    """What puts printed corners elsewhere than the board's description says."""
+    """A shift of the printed corners within the board's plane."""
 
     @property
     def params(self) -> tuple[Param, ...]: ...
 
-    def printed(self, x: Tensor, y: Tensor, values: Values) -> Printed:
-        """Where (...) m nominal board coordinates are."""
+    def shift_corners(self, x: Tensor, y: Tensor, values: Values) -> PrintShift:
+        """Return the shifts of the corners at (...) m nominal board coordinates."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Printed:
-    """By how much corners are moved."""
+class PrintShift:
+    """Shifts of corners within the board's plane."""
 
-    across: Tensor
+    shift_x: Tensor
     """(...) m, along x."""
-    down: Tensor
+    shift_y: Tensor
+    """(...) m, along y."""
     slopes: tuple[tuple[Tensor | float, Tensor | float], tuple[Tensor | float, Tensor | float]]
-    """Of `across` by x and by y, and of `down`; (...) each, of which no derivatives are asked."""
+    """The (...) derivatives of `shift_x` by x and y, then of `shift_y` by x and y. Nobody
+    differentiates them.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,66 +189,71 @@ class Target:
     bends: tuple[Bend, ...] = ()
     prints: tuple[Print, ...] = ()
     flex: tuple[float, float] | None = None
-    """m, half the board's size, where it bends otherwise in every view."""
+    """m: half the board's size, if the board bends differently in every view."""
 
     @property
     def params(self) -> tuple[Param, ...]:
         return (
             *(param for bend in self.bends for param in bend.params),
-            *(param for part in self.prints for param in part.params),
+            *(param for print_ in self.prints for param in print_.params),
         )
 
     def __call__(self, rays: Rays, placement: Placement, values: Values) -> tuple[Tensor, Tensor]:
-        """Where rays meet the board.
+        """Intersect rays with the board.
 
         Args:
             rays: (...) bundle in the camera frame.
-            placement: (...) of each ray's board.
+            placement: (...), that of each ray's board.
             values: the parameters of bends and prints.
 
         Returns:
             (..., 2) m nominal board coordinates, and (...) uint8 failures.
         """
-        landed, _, failure = self._met(rays, placement, values)
+        landed, _, failure = self._intersect(rays, placement, values)
         return torch.stack(self._nominal(landed.x, landed.y, values), -1), failure
 
-    def adapting(
+    def intersect_with_derivatives(
         self, rays: Rays, placement: Placement, values: Values
     ) -> tuple[Tensor, Tensor, list[Tensor]]:
-        """Where rays meet the board, and how that changes with where the board is: in closed form,
-        as an implicit function's.
+        """Intersect rays with the board, and differentiate the landing points by the board's
+        parameters in closed form (implicit function theorem).
 
         Returns:
-            (..., 2) m and (...) failures, as when called; (..., 2, 3, 3) by the entries of the
-            board's rotation, (..., 2, 3) by its place, and, where it bends otherwise in each view,
-            (..., 2, 3) by how. The prints' slopes, thousandths, are left out of these.
+            (..., 2) m landing points and (...) failures, as `__call__` returns them; and the
+            derivatives of the landing points: (..., 2, 3, 3) by the entries of the board's
+            rotation, (..., 2, 3) by its translation, and, if the board bends differently in every
+            view, (..., 2, 3) by its flex. These neglect the slopes of the prints, which are
+            thousandths.
         """
-        landed, direction, failure = self._met(rays, placement, values)
+        landed, direction, failure = self._intersect(rays, placement, values)
         by_x, by_y = torch.zeros_like(landed.x), torch.zeros_like(landed.x)
         for bend in self._bends(placement):
-            _, more_x, more_y = bend.height(landed.x, landed.y, values)
-            by_x, by_y = by_x + more_x, by_y + more_y
-        across = torch.stack([direction.x, direction.y], -1) / (
+            _, slope_x, slope_y = bend.height(landed.x, landed.y, values)
+            by_x, by_y = by_x + slope_x, by_y + slope_y
+        # Per metre that the surface moves along its z axis, (..., 2).
+        by_height = torch.stack([direction.x, direction.y], -1) / (
             direction.z - by_x * direction.x - by_y * direction.y
         ).unsqueeze(-1)
         normal = torch.stack([-by_x, -by_y, torch.ones_like(by_x)], -1)
-        along = torch.eye(3).to(normal)[:2] - across.unsqueeze(-1) * normal.unsqueeze(
-            -2
-        )  # the board, as rays glide over it
+        # Per metre that the ray's points move in the board frame, (..., 2, 3).
+        by_point = torch.eye(3).to(normal)[:2] - by_height.unsqueeze(-1) * normal.unsqueeze(-2)
         reach = (placement.turn @ landed.stacked().unsqueeze(-1)).squeeze(-1)
-        changes = [along.unsqueeze(-2) * reach[..., None, :, None], -along @ placement.turn.mT]
+        derivatives = [
+            by_point.unsqueeze(-2) * reach[..., None, :, None],
+            -by_point @ placement.turn.mT,
+        ]
         if self.flex and placement.flex is not None:
-            changes.append(
-                across.unsqueeze(-1)
-                * Flexed(self.flex, placement.flex).weights(landed.x, landed.y).unsqueeze(-2)
+            derivatives.append(
+                by_height.unsqueeze(-1)
+                * FlexBend(self.flex, placement.flex).weights(landed.x, landed.y).unsqueeze(-2)
             )
-        return torch.stack(self._nominal(landed.x, landed.y, values), -1), failure, changes
+        return torch.stack(self._nominal(landed.x, landed.y, values), -1), failure, derivatives
 
-    def _met(
+    def _intersect(
         self, rays: Rays, placement: Placement, values: Values
     ) -> tuple[Vector, Vector, Tensor]:
-        """(...) m where rays meet the printed board, in its frame, their directions there, and the
-        failures.
+        """Return the (...) m points in the board frame where rays meet the board, the rays'
+        directions in that frame, and the failures.
         """
         bends = self._bends(placement)
         turn = Rotation.of(placement.turn)
@@ -252,87 +262,97 @@ class Target:
         grazing = direction.z.abs() < 1e-6
         distance = -origin.z / torch.where(grazing, torch.ones_like(direction.z), direction.z)
         with torch.no_grad():
-            for _ in range(STEPS if bends else 0):
-                before, distance = distance, _closer(bends, origin, direction, distance, values)
-                if bool(((distance - before).abs() < CLOSE).all()):
+            for _ in range(MAX_ITERATIONS if bends else 0):
+                previous = distance
+                distance = _newton_step(bends, origin, direction, distance, values)
+                if bool(((distance - previous).abs() < STEP_TOLERANCE).all()):
                     break
         if bends:
-            distance = _closer(bends, origin, direction, distance, values)
+            distance = _newton_step(bends, origin, direction, distance, values)
         landed = origin + direction * distance
         return (
             landed,
             direction,
-            rays.moved(landed, direction, (grazing | (distance <= 0), MISSED_TARGET)).failure,
+            rays.advance(landed, direction, (grazing | (distance <= 0), MISSED_TARGET)).failure,
         )
 
     def place(self, corners: Tensor, placement: Placement, values: Values) -> Tensor:
-        """(..., 2) m nominal board coordinates on (...) boards to (..., 3) m in the camera
-        frame.
+        """Return the (..., 3) m points in the camera frame of corners at (..., 2) m nominal board
+        coordinates on (...) boards.
         """
         x, y = corners.unbind(-1)
-        for part in self.prints:
-            moved = part.printed(corners[..., 0], corners[..., 1], values)
-            x, y = x + moved.across, y + moved.down
+        for print_ in self.prints:
+            shift = print_.shift_corners(corners[..., 0], corners[..., 1], values)
+            x, y = x + shift.shift_x, y + shift.shift_y
         z = sum(
             (bend.height(x, y, values)[0] for bend in self._bends(placement)), torch.zeros_like(x)
         )
         return Rotation.of(placement.turn).turn(Vector(x, y, z)).stacked() + placement.shift
 
-    def linear_parts(
+    def linear_terms(
         self, landed: Tensor, values: Values
-    ) -> Iterator[tuple[LinearPart, Tensor, Tensor]]:
-        """Those of the board's parts that are linear in their parameters, and the (...) coordinates
-        that they are asked at, of rays that landed at (..., 2) m nominal board coordinates.
+    ) -> Iterator[tuple[LinearTerm, Tensor, Tensor]]:
+        """Yield the bends and prints that are linear in their parameters, each with the two (...)
+        coordinates at which it acts, for rays that landed at (..., 2) m nominal board coordinates.
         """
         x, y = landed.unbind(-1)
-        moved = [part.printed(x, y, values) for part in self.prints]
-        across, down = x + sum(each.across for each in moved), y + sum(each.down for each in moved)
-        yield from ((bend, across, down) for bend in self.bends if isinstance(bend, LinearPart))
-        yield from ((part, x, y) for part in self.prints if isinstance(part, LinearPart))
+        shifts = [print_.shift_corners(x, y, values) for print_ in self.prints]
+        printed_x = x + sum(shift.shift_x for shift in shifts)
+        printed_y = y + sum(shift.shift_y for shift in shifts)
+        for bend in self.bends:
+            if isinstance(bend, LinearTerm):
+                yield bend, printed_x, printed_y
+        for print_ in self.prints:
+            if isinstance(print_, LinearTerm):
+                yield print_, x, y
 
     def _bends(self, placement: Placement) -> tuple[Bend, ...]:
         return (
             self.bends
             if self.flex is None or placement.flex is None
-            else (*self.bends, Flexed(self.flex, placement.flex))
+            else (*self.bends, FlexBend(self.flex, placement.flex))
         )
 
     def _nominal(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor]:
-        """Printed to nominal board coordinates: a step towards these, and a differentiable one from
-        where it led. What is left then goes with the fourth power of the shift.
+        """Turn printed into nominal (...) m board coordinates by two Newton steps; the second is
+        differentiable. The remaining error is of the fourth power of the shift.
         """
         if not self.prints:
             return x, y
         with torch.no_grad():
-            near = self._unprinted(x, y, (x, y), values)
-        return self._unprinted(x, y, near, values)
+            start = self._nominal_step(x, y, (x, y), values)
+        return self._nominal_step(x, y, start, values)
 
-    def _unprinted(
-        self, x: Tensor, y: Tensor, near: tuple[Tensor, Tensor], values: Values
+    def _nominal_step(
+        self, x: Tensor, y: Tensor, start: tuple[Tensor, Tensor], values: Values
     ) -> tuple[Tensor, Tensor]:
-        """Newton's step from near the (...) m nominal coordinates of what is printed at (x, y)."""
-        at_x, at_y = (at.detach() for at in near)
-        moved = [part.printed(at_x, at_y, values) for part in self.prints]
-        off_x, off_y = (
-            at_x + sum(each.across for each in moved) - x,
-            at_y + sum(each.down for each in moved) - y,
+        """Take Newton's step from `start` towards the (...) m nominal coordinates of the corner
+        that is printed at (x, y).
+        """
+        at_x = start[0].detach()
+        at_y = start[1].detach()
+        shifts = [print_.shift_corners(at_x, at_y, values) for print_ in self.prints]
+        error_x = at_x + sum(shift.shift_x for shift in shifts) - x
+        error_y = at_y + sum(shift.shift_y for shift in shifts) - y
+        xx = sum(shift.slopes[0][0] for shift in shifts) + 1
+        xy = sum(shift.slopes[0][1] for shift in shifts)
+        yx = sum(shift.slopes[1][0] for shift in shifts)
+        yy = sum(shift.slopes[1][1] for shift in shifts) + 1
+        determinant = xx * yy - xy * yx
+        return (
+            at_x - (yy * error_x - xy * error_y) / determinant,
+            at_y - (xx * error_y - yx * error_x) / determinant,
         )
-        (xx, xy), (yx, yy) = (
-            [sum(each.slopes[axis][by] for each in moved) + (axis == by) for by in (0, 1)]
-            for axis in (0, 1)
-        )
-        size = xx * yy - xy * yx
-        return at_x - (yy * off_x - xy * off_y) / size, at_y - (xx * off_y - yx * off_x) / size
 
 
-def _closer(
+def _newton_step(
     bends: Iterable[Bend], origin: Vector, direction: Vector, distance: Tensor, values: Values
 ) -> Tensor:
-    """Newton's step along the rays, onto the bent board."""
+    """Return the (...) m distance along the rays after Newton's step onto the bent board."""
     point = origin + direction * distance
-    above, slope = point.z, direction.z
+    gap, slope = point.z, direction.z
     for bend in bends:
         height, by_x, by_y = bend.height(point.x, point.y, values)
-        above, slope = above - height, slope - by_x * direction.x - by_y * direction.y
+        gap, slope = gap - height, slope - by_x * direction.x - by_y * direction.y
     slope = slope.detach()
-    return distance - above / torch.where(slope.abs() < 1e-6, torch.ones_like(slope), slope)
+    return distance - gap / torch.where(slope.abs() < 1e-6, torch.ones_like(slope), slope)

@@ -1,4 +1,4 @@
-"""From the description in a session to a ray path and its parameters."""
+"""Functions that build a ray path and its parameters from the description in a session."""
 
 import torch
 from torch import Tensor
@@ -15,24 +15,24 @@ from calib.optics.lens_model import LensModel
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import Relief
-from calib.optics.splined import GRID, SHIFTS, Grid, Splined
+from calib.optics.splined_fisheye import GRID, SHIFTS, Grid, SplinedFisheye
 from calib.optics.surface import Surface
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
 from calib.session.lens import FISHEYE, NAMES, OPENCV
 
-BEYOND = 0.2
-"""How far the relief's centres reach beyond what the image sees, as a fraction of it, on each side.
-Without centres beyond the edge a sum of Gaussians falls off there, and an even thickness, say,
-could not be held (the bumps fixture keeps 0.060 px, not 0.030).
+FOOTPRINT_MARGIN = 0.2
+"""The margin of the relief's patch on each side, as a fraction of the patch that the image sees.
+Without centres outside that patch a sum of Gaussians falls off towards its edge, and cannot
+represent, say, a constant thickness error (the bumps fixture then has 0.060 px, not 0.030).
 """
 
 LATTICE = 41
-"""Pixels along each side of the image that measure which part of the glass it sees."""
+"""The number of pixels along each side of the image that sample the patch of glass it sees."""
 
 
 def pinhole_path(intrinsics: Intrinsics) -> tuple[Path, dict[str, Tensor]]:
-    """The camera without its cover."""
+    """Return the path of the camera without its cover, and its values."""
     coefficients = (
         dict(zip(intrinsics.names, intrinsics.distortion, strict=True))
         if intrinsics.distorts
@@ -48,21 +48,21 @@ def pinhole_path(intrinsics: Intrinsics) -> tuple[Path, dict[str, Tensor]]:
             name: torch.tensor(shifts, dtype=torch.float64)
             for name, shifts in zip(SHIFTS, (spline.x, spline.y), strict=True)
         }
-        values[GRID] = Grid(spline.size, (spline.columns, spline.rows)).described
+        values[GRID] = Grid(spline.size, (spline.columns, spline.rows)).encoded
     return Path(lens_of(values)), values
 
 
 def lens_of(values: Values) -> Lens:
-    """The lens whose numbers are among the values of a path."""
+    """Return the lens whose parameters are among the values of a path."""
     if GRID in values:
-        return Splined(Grid.of(values))
+        return SplinedFisheye(Grid.of(values))
     if f"camera.{NAMES[FISHEYE][0]}" in values:
         return Fisheye()
     return LensModel(sum(f"camera.{name}" in values for name in NAMES[OPENCV]))
 
 
 def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, Tensor]]:
-    """The camera behind its perfect, smooth cover."""
+    """Return the path of the camera behind its perfect, smooth cover, and its values."""
     path, values = pinhole_path(intrinsics)
     if cover.shape == "none":
         return path, values
@@ -72,7 +72,7 @@ def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, 
     }
     if cover.shape == "cylinder":
         parameters["cover.radius_slope"] = torch.zeros((), dtype=torch.float64)
-    surface, frame = _placed(cover)
+    surface, frame = _surface_in_frame(cover)
     return (
         Path(path.lens, (Interface("inner", surface, frame), Interface("outer", surface, frame))),
         values | parameters,
@@ -80,9 +80,9 @@ def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, 
 
 
 def with_relief(path: Path, relief: Relief, *, exact_hit: bool = True) -> Path:
-    """The same path with an uneven outer surface.
+    """Return the same path with an uneven outer surface.
 
-    Its values need relief.amplitudes, of the shape relief.grid.
+    The values of this path must hold relief.amplitudes, of shape relief.grid.
     """
     inner, outer = path.cover
     return Path(
@@ -95,8 +95,8 @@ def with_relief(path: Path, relief: Relief, *, exact_hit: bool = True) -> Path:
 def footprint(
     path: Path, values: Values, width: int, height: int
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The patch for the relief, low and high chart coordinates: what an image of width x height px
-    sees of the glass, and some more.
+    """Return the relief's patch, as its low and its high chart coordinates: the patch of glass that
+    an image of width x height px sees, and a margin around it.
     """
     columns = torch.linspace(-0.5, width - 0.5, LATTICE, dtype=torch.float64)
     rows = torch.linspace(-0.5, height - 0.5, LATTICE, dtype=torch.float64)
@@ -104,52 +104,58 @@ def footprint(
     rays = path.trace(pixels, values)
     outer = path.cover[-1]
     first, second = outer.surface.chart(outer.frame.at(values).enter(rays.origin))
-    seen = rays.failure == 0
-    if not bool(seen.any()):
+    arrived = rays.failure == 0
+    if not bool(arrived.any()):
         raise InputError(
             "cover: no ray of the camera leaves this cover; check its radius, offset and thickness"
             " in session.yaml."
         )
-    first, second = first[seen], second[seen]
-    lows, highs = [c.min() for c in (first, second)], [c.max() for c in (first, second)]
-    beyond = [BEYOND * (high - low) for low, high in zip(lows, highs, strict=True)]
-    (a, b), (c, d) = (
-        [float(edge + sign * more) for edge, more in zip(edges, beyond, strict=True)]
-        for edges, sign in ((lows, -1), (highs, 1))
-    )
-    return (a, b), (c, d)
+    first_low, first_high = _with_margin(first[arrived])
+    second_low, second_high = _with_margin(second[arrived])
+    return (first_low, second_low), (first_high, second_high)
 
 
-def _placed(cover: Cover) -> tuple[Surface, CoverFrame]:
-    """The cover's surface, and where it stands.
+def _with_margin(coordinates: Tensor) -> tuple[float, float]:
+    """Return the range of these coordinates, widened by FOOTPRINT_MARGIN on both sides."""
+    low, high = coordinates.min(), coordinates.max()
+    margin = FOOTPRINT_MARGIN * (high - low)
+    return float(low - margin), float(high + margin)
 
-    Every shape of calib.session.cover.SHAPES that has glass is here.
+
+def _surface_in_frame(cover: Cover) -> tuple[Surface, CoverFrame]:
+    """Return the cover's surface and the frame that it stands in.
+
+    Every shape of calib.session.cover.SHAPES that has glass has a case here.
     """
     match cover.shape:
         case "cone" | "cylinder":
-            return Cone(), CoverFrame(origin=_names(cover, "axis_offset"), tilt=_turned(cover))
-        case (
-            "flat"
-            # turned about the point of its inner face on the optical axis, so the distance along
-            # that axis stays
-        ):
-            return Flat(), CoverFrame(origin=(None, None, "cover.distance"), tilt=_turned(cover))
+            return Cone(), CoverFrame(origin=_names(cover, "axis_offset"), tilt=_tilt_names(cover))
+        case "flat":
+            # Turned about the point of its inner face on the optical axis, so the distance along
+            # that axis stays.
+            frame = CoverFrame(origin=(None, None, "cover.distance"), tilt=_tilt_names(cover))
+            return Flat(), frame
         case "dome":
             return Dome(), CoverFrame(origin=_names(cover, "centre"))
-        case other:
-            raise ValueError(f"{other!r} is not a shape of calib.session.cover.SHAPES")
+        case shape:
+            raise ValueError(f"{shape!r} is not a shape of calib.session.cover.SHAPES")
 
 
 def _names(cover: Cover, key: str) -> Names:
-    """What the values call a number's x, y and z; None for those that the shape does not have."""
-    x, y, z = (
-        f"cover.{key}.{axis}" if f"{key}.{axis}" in cover.parameters else None for axis in "xyz"
-    )
-    return x, y, z
+    """Return the names of the values that hold a vector's x, y and z; None for a component that the
+    shape does not have.
+    """
+    return _name(cover, f"{key}.x"), _name(cover, f"{key}.y"), _name(cover, f"{key}.z")
 
 
-def _turned(cover: Cover) -> Names:
-    """The tilt's names; none for a tilt that is zero and stays zero, which saves the rotations."""
+def _name(cover: Cover, key: str) -> str | None:
+    return f"cover.{key}" if key in cover.parameters else None
+
+
+def _tilt_names(cover: Cover) -> Names:
+    """Return the tilt's names; None for a tilt that is zero and not estimated, which saves its
+    rotations.
+    """
     tilt = [number for name, number in cover.parameters.items() if name.startswith("tilt.")]
     return (
         (None, None, None)

@@ -31,7 +31,7 @@ class Cone:
         slope = values["cover.radius_slope"]
         radius = (
             values["cover.inner_radius"] + height + slope * origin.y
-        )  # (...) of the surface beside the origin
+        )  # (...) of the surface at the origin's y
         # a t^2 + 2 b t + c = 0, and c < 0 inside: the way out is -c / (b + sqrt(b^2 - a c)), which
         # stays exact for a -> 0.
         steep = slope * direction.y
@@ -39,14 +39,14 @@ class Cone:
         b = origin.x * direction.x + origin.z * direction.z - steep * radius
         c = origin.x**2 + origin.z**2 - radius**2
         disc = b**2 - a * c
-        hopeless = disc <= 0
-        below = b + torch.where(hopeless, torch.ones_like(disc), disc).sqrt()
-        hopeless = hopeless | (below <= 1e-9)
+        no_root = disc <= 0
+        below = b + torch.where(no_root, torch.ones_like(disc), disc).sqrt()
+        no_root = no_root | (below <= 1e-9)
         distance = torch.where(
-            hopeless, torch.zeros_like(c), -c / torch.where(hopeless, torch.ones_like(below), below)
+            no_root, torch.zeros_like(c), -c / torch.where(no_root, torch.ones_like(below), below)
         )
         beyond_apex = radius + steep * distance <= 0
-        return distance, hopeless | beyond_apex | (distance < 0)
+        return distance, no_root | beyond_apex | (distance < 0)
 
     def height(self, points: Vector, values: Values) -> Tensor:
         return _rho(points) - values["cover.inner_radius"] - values["cover.radius_slope"] * points.y
@@ -64,5 +64,7 @@ class Cone:
 
 
 def _rho(points: Vector) -> Tensor:
-    """(...) m from the axis, never quite zero, so that its derivative exists."""
+    """Return the (...) m distance from the axis, never exactly zero, so that it is
+    differentiable.
+    """
     return (points.x**2 + points.z**2 + 1e-30).sqrt()

@@ -1,4 +1,4 @@
-"""Where the cover stands in the camera frame."""
+"""The pose of the cover in the camera frame."""
 
 from __future__ import annotations
 
@@ -24,51 +24,53 @@ class CoverFrame:
     """t, m: the cover's origin in the camera frame."""
     tilt: Names = (None, None, None)
     """R's rotation vector, rad: the cover is turned about its own origin."""
-    more: tuple[Names, ...] = ()
-    """Further turns on top of that, rad."""
+    extra_tilts: tuple[Names, ...] = ()
+    """Further rotation vectors, rad, each about the axes of the frame that the ones before it have
+    turned: R = R(tilt) R(first) R(second) ...
+    """
 
     @property
     def params(self) -> tuple[Param, ...]:
-        turns = (n for names in (self.tilt, *self.more) for n in names if n)
+        turns = (n for names in (self.tilt, *self.extra_tilts) for n in names if n)
         return (
             *(Param(n, "m", 1e-3) for n in self.origin if n),
             *(Param(n, "rad", 1e-2) for n in turns),
         )
 
-    def at(self, values: Values) -> Standing:
-        """Where these values put it."""
+    def at(self, values: Values) -> CoverPose:
+        """Return the cover's pose for these values."""
         zero = next(iter(values.values())).new_zeros(())
         turns = (
-            Rotation.by(_named(names, values, zero))
-            for names in (self.tilt, *self.more)
+            Rotation.from_rotvec(_vector(names, values, zero))
+            for names in (self.tilt, *self.extra_tilts)
             if any(names)
         )
-        return Standing(_named(self.origin, values, zero), tuple(turns))
+        return CoverPose(_vector(self.origin, values, zero), tuple(turns))
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
-    """A cover's frame in the camera frame."""
+class CoverPose:
+    """T_camera_cover as a translation and a product of rotations."""
 
     shift: Vector
     """m"""
     turns: tuple[Rotation, ...]
-    """The first turns the cover about its own origin, each of the others on top of that."""
+    """R is their product, from left to right."""
 
     def enter(self, point: Vector) -> Vector:
-        """Points of the camera frame in the cover's frame."""
+        """Transform points from the camera frame into the cover's frame."""
         return self.turn(point - self.shift)
 
     def leave(self, point: Vector) -> Vector:
-        """Points of the cover's frame in the camera frame."""
+        """Transform points from the cover's frame into the camera frame."""
         return self.turn(point, back=True) + self.shift
 
     def turn(self, direction: Vector, *, back: bool = False) -> Vector:
-        """Directions of the camera frame in the cover's frame, or back."""
+        """Turn directions from the camera frame into the cover's frame, or back."""
         for turn in self.turns[:: -1 if back else 1]:
             direction = turn.turn(direction, back=not back)
         return direction
 
 
-def _named(names: Names, values: Values, zero: Tensor) -> Vector:
+def _vector(names: Names, values: Values, zero: Tensor) -> Vector:
     return Vector(*(values[name] if name else zero for name in names))

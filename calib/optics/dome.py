@@ -23,11 +23,11 @@ class Dome:
     def reach(
         self, origin: Vector, direction: Vector, height: Tensor, values: Values
     ) -> tuple[Tensor, Tensor]:
-        along = origin.dot(direction)
-        inside = (values["cover.inner_radius"] + height) ** 2 - origin.dot(origin)  # (...) m^2
-        missed = inside <= 0
-        root = torch.where(missed, torch.ones_like(inside), along**2 + inside).sqrt()
-        return torch.where(missed, torch.zeros_like(root), root - along), missed
+        axial = origin.dot(direction)
+        power = (values["cover.inner_radius"] + height) ** 2 - origin.dot(origin)  # (...) m^2
+        no_hit = power <= 0
+        root = torch.where(no_hit, torch.ones_like(power), axial**2 + power).sqrt()
+        return torch.where(no_hit, torch.zeros_like(root), root - axial), no_hit
 
     def height(self, points: Vector, values: Values) -> Tensor:
         return _length(points) - values["cover.inner_radius"]
@@ -49,10 +49,12 @@ class Dome:
 
 
 def _length(points: Vector) -> Tensor:
-    """(...) m from the centre, never quite zero, so that its derivative exists."""
+    """Return the (...) m distance from the centre, never exactly zero, so that it is
+    differentiable.
+    """
     return (points.dot(points) + 1e-30).sqrt()
 
 
 def _rho2(points: Vector) -> Tensor:
-    """(...) m^2, squared distance from the y axis, never quite zero."""
+    """Return the (...) m^2 squared distance from the y axis, never exactly zero."""
     return points.x**2 + points.z**2 + 1e-30

@@ -2,9 +2,8 @@
 axis, which may exceed 90 degrees.
 
 Source: J. Kannala, S. S. Brandt, A generic camera model and calibration method for conventional,
-    wide-angle, and fish-eye lenses (2006),
-equation 6, with its first factor in the focal lengths, as cv2.fisheye has it: theta_d = theta (1 +
-kb1 theta^2 + ... + kb4 theta^8).
+wide-angle, and fish-eye lenses (2006), equation 6. The focal lengths contain its first factor, as
+in cv2.fisheye: theta_d = theta (1 + kb1 theta^2 + ... + kb4 theta^8).
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from calib.optics.lens import PINHOLE, entrance, normalised
+from calib.optics.lens import PINHOLE, entrance_point, normalise_pixels
 from calib.optics.params import Param, Values
 from calib.optics.rays import LENS, Rays
 from calib.optics.vector import Vector
@@ -26,11 +25,11 @@ from calib.session.lens import FISHEYE, NAMES
 NEWTON_STEPS = 40
 CONVERGED = 1e-13
 """rad"""
-TINY = 1e-12
-"""A distance from the axis that may be divided by."""
+MIN_DISTANCE = 1e-12
+"""The smallest distance from the axis that is used as a divisor."""
 PROBES = 16
-"""Angles between the axis and a ray at which the polynomial must rise: past a maximum it images
-other angles once more.
+"""The number of angles between the axis and a ray at which the polynomial must rise. Beyond a
+maximum of the polynomial, two angles would share a pixel.
 """
 
 COEFFICIENTS = tuple(Param(f"camera.{name}", "", 1e-3) for name in NAMES[FISHEYE])
@@ -38,7 +37,7 @@ COEFFICIENTS = tuple(Param(f"camera.{name}", "", 1e-3) for name in NAMES[FISHEYE
 
 @dataclass(frozen=True, slots=True)
 class Fisheye:
-    """Reads camera.fx, .fy, .cx, .cy and the four coefficients."""
+    """A lens that reads camera.fx, .fy, .cx, .cy and the four coefficients."""
 
     pupil: tuple[Param, ...] = ()
     wide: ClassVar[bool] = True
@@ -51,22 +50,22 @@ class Fisheye:
         return replace(self, pupil=pupil)
 
     def __call__(self, pixels: Tensor, values: Values) -> Rays:
-        x, y = normalised(pixels, values)
-        distance = (x * x + y * y).clamp_min(TINY**2).sqrt()
-        angle, failed = incidence(distance, _coefficients(values))
+        x, y = normalise_pixels(pixels, values)
+        distance = (x * x + y * y).clamp_min(MIN_DISTANCE**2).sqrt()
+        angle, failed = incidence_angle(distance, _coefficients(values))
         outward = angle.sin() / distance
         return Rays(
-            entrance(angle, values, self.pupil),
+            entrance_point(angle, values, self.pupil),
             Vector(x * outward, y * outward, angle.cos()),
             failed.to(torch.uint8) * LENS,
         )
 
     def project(self, points: Tensor, values: Values) -> Tensor:
-        """Beside and behind the pinhole, too; what the lens does not see lands where its polynomial
-        says.
+        """Return the (..., 2) px of (..., 3) m points, which may be beside and behind the pinhole.
+        A point that the lens does not see gets the pixel that the polynomial gives for its angle.
         """
         x, y, z = points.unbind(-1)
-        outward = (x * x + y * y).clamp_min(TINY**2).sqrt()
+        outward = (x * x + y * y).clamp_min(MIN_DISTANCE**2).sqrt()
         gain = _distance(torch.atan2(outward, z), _coefficients(values))[0] / outward
         return torch.stack(
             [
@@ -77,23 +76,24 @@ class Fisheye:
         )
 
 
-def incidence(distance: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
-    """The angle from the axis of what is imaged at a distance from the principal point, by Newton's
-    method, with exact first derivatives.
+def incidence_angle(distance: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
+    """Return the angle from the axis whose ray is imaged at a distance from the principal point, by
+    Newton's method, with exact first derivatives.
 
     Args:
         distance: (...) over the focal length.
         coefficients: () or (...) each.
 
     Returns:
-        (...) rad, and (...) bool, true where no angle up to 180 degrees is imaged there. Those rows
-        keep a finite value.
+        (...) rad, and (...) bool, true where no angle up to 180 degrees is imaged. Those rows keep
+        a finite value.
     """
-    still, fixed = distance.detach(), [c.detach() for c in coefficients]
-    angle = still.clamp_max(math.pi / 2)
+    goal = distance.detach()
+    fixed = [c.detach() for c in coefficients]
+    angle = goal.clamp_max(math.pi / 2)
     for _ in range(NEWTON_STEPS):
         reached, rise = _distance(angle, fixed)
-        step = (reached - still) / torch.where(rise.abs() < 1e-9, torch.full_like(rise, 1e-9), rise)
+        step = (reached - goal) / torch.where(rise.abs() < 1e-9, torch.full_like(rise, 1e-9), rise)
         longest = 0.5 * (0.1 + angle.abs())
         angle = angle - step.clamp(-longest, longest)
         if bool((step.abs() <= CONVERGED).all()):
@@ -104,7 +104,7 @@ def incidence(distance: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor,
         1 / PROBES, 1, PROBES, dtype=angle.dtype, device=angle.device
     )
     rises = (_distance(between, [c.unsqueeze(-1) for c in fixed])[1] > 0).all(-1)
-    failed = ~((reached.detach() - still).abs() < 1e3 * CONVERGED) | ~rises | (angle > math.pi)
+    failed = ~((reached.detach() - goal).abs() < 1e3 * CONVERGED) | ~rises | (angle > math.pi)
     zero = torch.zeros_like(angle)
     step = torch.where(
         failed, zero, (reached - distance) / torch.where(failed, torch.ones_like(rise), rise)
@@ -113,8 +113,8 @@ def incidence(distance: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor,
 
 
 def _distance(angle: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
-    """(...) rad to the distance from the principal point, over the focal length, and its
-    derivative.
+    """Return the distance from the principal point, over the focal length, at (...) rad from the
+    axis, and its derivative by the angle.
     """
     first, second, third, fourth = coefficients
     square = angle * angle

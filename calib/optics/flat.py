@@ -1,4 +1,4 @@
-"""A window: parallel planes across the z axis of the cover's frame."""
+"""A window: parallel planes perpendicular to the z axis of the cover's frame."""
 
 # ruff: noqa: ARG002 - a plane has no use for some of what the protocol passes.
 
@@ -13,11 +13,11 @@ from calib.optics.vector import Vector
 
 @dataclass(frozen=True, slots=True)
 class Flat:
-    """Surfaces z = height: the thickness is constant along the normal. It has no parameters of its
-    own, only its frame's.
+    """Surfaces z = height: the thickness is constant along the normal. Only its frame has
+    parameters.
 
-    Its chart is (y, x) in m, so that the first coordinate runs down and the second to the right, as
-    on an upright cone.
+    Its chart is (y, x) in m: the first coordinate runs down and the second to the right, as on an
+    upright cone.
     """
 
     params: tuple[Param, ...] = ()
@@ -25,12 +25,12 @@ class Flat:
     def reach(
         self, origin: Vector, direction: Vector, height: Tensor, values: Values
     ) -> tuple[Tensor, Tensor]:
-        away = direction.z <= 1e-6
+        grazing = direction.z <= 1e-6
         distance = (height - origin.z) / torch.where(
-            away, torch.ones_like(direction.z), direction.z
+            grazing, torch.ones_like(direction.z), direction.z
         )
-        missed = away | (distance < 0)
-        return torch.where(missed, torch.zeros_like(distance), distance), missed
+        failed = grazing | (distance < 0)
+        return torch.where(failed, torch.zeros_like(distance), distance), failed
 
     def height(self, points: Vector, values: Values) -> Tensor:
         return points.z

@@ -1,9 +1,9 @@
-"""Refraction at one surface of the cover: intersect the ray with it, bend the ray by Snell's law at
-the normal there.
+"""Refraction at one surface of the cover: intersect the ray with the surface, and bend the ray by
+Snell's law at the normal of the hit point.
 
-The outer surface may carry a relief. Its intersection is found by Newton's method along the ray;
-the last step is taken with derivatives, which makes them exact (implicit function theorem). A ray
-that misses or is totally reflected keeps finite values and a failure code.
+The outer surface may carry a relief. Newton's method along the ray finds the intersection with it;
+the last step is differentiable, which makes the derivatives exact (implicit function theorem). A
+ray that misses or is totally reflected keeps finite values and gets a failure code.
 """
 
 from dataclasses import dataclass
@@ -21,18 +21,18 @@ from calib.optics.surface import Surface
 from calib.optics.vector import Vector
 
 RELIEF_STEPS = 2
-"""Newton steps onto an uneven surface before the differentiable one. Each about squares the error:
-from a perfect surface 1e-4 m away, over bumps 3 mm wide, 5e-8 m, then 1e-14 m.
+"""Newton steps onto an uneven surface before the differentiable step. Each step about squares the
+error: from a perfect surface 1e-4 m away, over bumps 3 mm wide, 5e-8 m, then 1e-14 m.
 """
 
-THINNEST = 5e-5
-"""m: session.yaml takes no thinner glass."""
+MIN_THICKNESS = 5e-5
+"""m: session.yaml accepts no thinner glass."""
 
 
 @dataclass(frozen=True, slots=True)
 class Interface:
-    """One surface of the cover, inner (into the glass) or outer (out of it), as a stage of the ray
-    path.
+    """One surface of the cover as a stage of the ray path: rays enter the glass at the inner
+    surface and leave it at the outer one.
     """
 
     name: Literal["inner", "outer"]
@@ -40,31 +40,32 @@ class Interface:
     frame: CoverFrame
     relief: Relief | None = None
     exact_hit: bool = True
-    """Whether the relief moves the hit point, or only bends the normal as in the paper."""
-    more: tuple[Relief, ...] = ()
-    """Added to the relief."""
+    """True if the relief moves the hit point; False if it only tilts the normal, as in the paper.
+    """
+    extra_reliefs: tuple[Relief, ...] = ()
+    """Further reliefs; the surface carries the sum of all."""
 
     @property
     def reliefs(self) -> tuple[Relief, ...]:
-        return (*((self.relief,) if self.relief else ()), *self.more)
+        return (*((self.relief,) if self.relief else ()), *self.extra_reliefs)
 
     @property
     def params(self) -> tuple[Param, ...]:
-        own = [Param("cover.refractive_index", "", 1e-2)]
+        glass = [Param("cover.refractive_index", "", 1e-2)]
         if self.name == "outer":
-            own += [
-                Param("cover.thickness", "m", 1e-3, least=THINNEST),
+            glass += [
+                Param("cover.thickness", "m", 1e-3, minimum=MIN_THICKNESS),
                 Param("cover.outside_index", "", 1e-2),
             ]
         return (
             *self.surface.params,
             *self.frame.params,
-            *own,
+            *glass,
             *(param for relief in self.reliefs for param in relief.params),
         )
 
     def __call__(self, rays: Rays, values: Values) -> Rays:
-        """Rays before the surface to rays that start on it, bent."""
+        """Turn rays that travel towards the surface into the refracted rays that start on it."""
         frame = self.frame.at(values)
         origin, direction = frame.enter(rays.origin), frame.turn(rays.direction)
         glass = values["cover.refractive_index"]
@@ -74,57 +75,60 @@ class Interface:
         else:
             height, ratio = values["cover.thickness"], glass / values["cover.outside_index"]
             missed_code, reflected_code = MISSED_OUTER, REFLECTED_OUTER
-        distance, missed = self.surface.reach(origin, direction, height, values)
+        distance, failed = self.surface.reach(origin, direction, height, values)
         if self.reliefs and self.exact_hit:
-            distance = self._onto_relief(origin, direction, distance, height, values)
+            distance = self._relief_distance(origin, direction, distance, height, values)
         point = origin + direction * distance
-        bent, reflected = refract(direction, self._outwards(point, values)[0].unit(), ratio)
-        return rays.moved(
+        refracted, reflected = refract(
+            direction, self._outward_gradient(point, values)[0].unit(), ratio
+        )
+        return rays.advance(
             frame.leave(point),
-            frame.turn(bent, back=True),
-            (missed, missed_code),
+            frame.turn(refracted, back=True),
+            (failed, missed_code),
             (reflected, reflected_code),
         )
 
-    def _outwards(self, point: Vector, values: Values) -> tuple[Vector, Tensor | float]:
-        """The gradient of the height above the surface, relief included, and the relief's (...) m
-        there.
+    def _outward_gradient(self, point: Vector, values: Values) -> tuple[Vector, Tensor | float]:
+        """Return the gradient of the height above the surface with its relief, and the relief's
+        (...) m height, at a point.
         """
         gradient = self.surface.gradient(point, values)
         if not self.reliefs:
             return gradient, 0.0
         chart = self.surface.chart(point)
-        bump, first, second = (
-            sum(parts[1:], parts[0])
-            for parts in zip(*(r.height(chart, values) for r in self.reliefs), strict=True)
-        )
+        bump, first, second = self.reliefs[0].height(chart, values)
+        for relief in self.reliefs[1:]:
+            height, by_first, by_second = relief.height(chart, values)
+            bump, first, second = bump + height, first + by_first, second + by_second
         return gradient - self.surface.chart_gradient(point, first, second), bump
 
-    def _onto_relief(
+    def _relief_distance(
         self, origin: Vector, direction: Vector, start: Tensor, height: Tensor, values: Values
     ) -> Tensor:
-        """The (...) m along the ray to the uneven surface, with exact first derivatives."""
-        still = {param.name: values[param.name].detach() for param in self.params}
-        origin_, direction_, height_, distance = (
-            origin.detach(),
-            direction.detach(),
-            height.detach(),
-            start.detach(),
-        )
+        """Return the (...) m distance along the ray to the uneven surface, with exact first
+        derivatives.
+        """
+        constants = {param.name: values[param.name].detach() for param in self.params}
+        fixed_origin = origin.detach()
+        fixed_direction = direction.detach()
+        fixed_height = height.detach()
+        distance = start.detach()
         for _ in range(RELIEF_STEPS):
-            above, slope = self._above(origin_ + direction_ * distance, direction_, height_, still)
-            distance = distance - above / slope
+            point = fixed_origin + fixed_direction * distance
+            gap, slope = self._gap(point, fixed_direction, fixed_height, constants)
+            distance = distance - gap / slope
         # Newton's last step, taken with derivatives, is the implicit function theorem.
-        above, slope = self._above(origin + direction * distance, direction, height, values)
-        return distance - above / slope.detach()
+        gap, slope = self._gap(origin + direction * distance, direction, height, values)
+        return distance - gap / slope.detach()
 
-    def _above(
+    def _gap(
         self, point: Vector, direction: Vector, height: Tensor, values: Values
     ) -> tuple[Tensor, Tensor]:
-        """(...) m above the uneven surface, and its (...) change per metre along the ray, kept away
-        from zero.
+        """Return the (...) m height of a point above the uneven surface, and the change of this
+        height per metre along the ray. That change is never close to zero.
         """
-        gradient, bump = self._outwards(point, values)
+        gradient, bump = self._outward_gradient(point, values)
         slope = gradient.dot(direction)
         safe = torch.where(slope.abs() < 1e-3, torch.ones_like(slope), slope)
         return self.surface.height(point, values) - height - bump, safe

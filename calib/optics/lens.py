@@ -1,5 +1,5 @@
-"""What every lens model is to the ray path: pixels to rays, from one point of the axis or, where
-the entrance pupil moves, from several.
+"""The protocol of a lens model in the ray path: it turns pixels into rays, from one point of the
+axis or, if the entrance pupil moves, from several.
 """
 
 from __future__ import annotations
@@ -15,11 +15,9 @@ from calib.optics.vector import Vector
 
 PINHOLE = tuple(Param(f"camera.{name}", "px", 1.0) for name in ("fx", "fy", "cx", "cy"))
 PUPIL = tuple(Param(f"entrance_pupil.{name}", "m", 1e-3) for name in ("e2", "e4"))
-"""By how much the entrance pupil moves along the axis: times the angle's square and its fourth
-power, rad.
-"""
-PUPIL_ASIDE = tuple(Param(f"entrance_pupil.{name}", "m", 1e-3) for name in ("x2", "y2"))
-"""By how much it moves across the axis, to the same side for all rays: times the angle's square."""
+"""The axial shift of the entrance pupil is e2 angle^2 + e4 angle^4, the angle in rad."""
+PUPIL_LATERAL = tuple(Param(f"entrance_pupil.{name}", "m", 1e-3) for name in ("x2", "y2"))
+"""The lateral shift of the entrance pupil is (x2, y2) angle^2: all rays move to the same side."""
 
 
 class Lens(Protocol):
@@ -30,47 +28,47 @@ class Lens(Protocol):
 
     @property
     def pupil(self) -> tuple[Param, ...]:
-        """What says how the entrance pupil moves; () where it keeps still."""
+        """The parameters of the entrance pupil's motion; () if it does not move."""
         ...
 
     @property
     def wide(self) -> bool:
-        """Whether it can see more than what is in front of the pinhole."""
+        """True if the lens can see points that are not in front of the pinhole."""
         ...
 
     def with_pupil(self, pupil: tuple[Param, ...]) -> Lens:
-        """The same lens with an entrance pupil that moves so."""
+        """Return the same lens with these parameters of the entrance pupil's motion."""
         ...
 
     def __call__(self, pixels: Tensor, values: Values) -> Rays:
-        """(..., 2) px to rays that start at the entrance pupil."""
+        """Return the rays of (..., 2) px, starting at the entrance pupil."""
         ...
 
     def project(self, points: Tensor, values: Values) -> Tensor:
-        """(..., 3) m that the lens sees to (..., 2) px, as if there were no cover and the pupil
-        kept still.
+        """Return the (..., 2) px of (..., 3) m points that the lens sees, as if there were no cover
+        and the pupil did not move.
         """
         ...
 
 
-def normalised(pixels: Tensor, values: Values) -> tuple[Tensor, Tensor]:
-    """(..., 2) px to (...) x and y over the focal lengths, from the principal point on."""
-    return (pixels[..., 0] - values["camera.cx"]) / values["camera.fx"], (
-        pixels[..., 1] - values["camera.cy"]
-    ) / values["camera.fy"]
+def normalise_pixels(pixels: Tensor, values: Values) -> tuple[Tensor, Tensor]:
+    """Return the (...) normalised x and y of (..., 2) px: offsets from the principal point, over
+    the focal lengths.
+    """
+    x = (pixels[..., 0] - values["camera.cx"]) / values["camera.fx"]
+    y = (pixels[..., 1] - values["camera.cy"]) / values["camera.fy"]
+    return x, y
 
 
-def entrance(angle: Tensor, values: Values, pupil: tuple[Param, ...]) -> Vector:
-    """(...) m where a ray at (...) rad from the axis enters the lens."""
-    square, along, right, down = (
-        angle**2,
-        torch.zeros_like(angle),
-        torch.zeros_like(angle),
-        torch.zeros_like(angle),
-    )
+def entrance_point(angle: Tensor, values: Values, pupil: tuple[Param, ...]) -> Vector:
+    """Return the (...) m entrance pupil of a ray at (...) rad from the axis."""
+    square = angle**2
+    x = torch.zeros_like(angle)
+    y = torch.zeros_like(angle)
+    z = torch.zeros_like(angle)
     if pupil:
-        second, fourth = (values[param.name] for param in PUPIL)
-        along = square * (second + square * fourth)
-    if set(PUPIL_ASIDE) <= set(pupil):
-        right, down = (square * values[param.name] for param in PUPIL_ASIDE)
-    return Vector(right, down, along)
+        z = square * (values[PUPIL[0].name] + square * values[PUPIL[1].name])
+    if set(PUPIL_LATERAL) <= set(pupil):
+        x = square * values[PUPIL_LATERAL[0].name]
+        y = square * values[PUPIL_LATERAL[1].name]
+    return Vector(x, y, z)

@@ -14,17 +14,17 @@ from torch import Tensor
 
 Values = Mapping[str, Tensor]
 """Every value of a ray path by name, in SI units and pixels: () for a scalar, (rows, columns) for a
-relief's amplitudes. Of a scalar there may also be one for each ray, (...).
+relief's amplitudes. A scalar may also be a (...) tensor with a value for each ray.
 """
 
 TIME = "seen.time"
 LINE = "seen.line"
-"""Optional values, (...) each: when each ray was seen, in the session and during its picture's
-readout, both from -0.5 to 0.5. Without them it was in the middle.
+"""Optional values, (...) each: the time of each ray's exposure within the session and within its
+picture's readout, both from -0.5 to 0.5. Without them all times are 0, the middle.
 """
 NEAR = "lens.near"
-"""Optional, (..., 2): about where each ray goes, x, y at z = 1, NaN where that is not known: a lens
-that searches for rays begins there.
+"""Optional, (..., 2): an estimate of each ray's direction, x and y at z = 1, NaN where there is
+none. A lens that inverts its distortion by iteration starts at it.
 """
 
 
@@ -37,6 +37,6 @@ class Param:
     scale: float
     """The size of a typical change, in the unit."""
     shape: tuple[int, ...] = ()
-    """Of the value: () for a scalar."""
-    least: float = -math.inf
-    """Below it there is no such thing."""
+    """The shape of the value: () for a scalar."""
+    minimum: float = -math.inf
+    """The smallest value that is physically possible, in the unit."""

@@ -1,9 +1,9 @@
 """The ray path: from a pixel through the lens, then through each surface of the cover in order, to
 the board.
 
-`Path` is an ordered tuple of stages, the paper's Fig. 3. Effects change it: by adjustments before
-the lens, by other stages, by a board that is not flat. Forward tracing is from the camera outwards;
-`projection` solves the inverse.
+`Path` is an ordered tuple of stages, the paper's Fig. 3. An effect changes the path: it adds an
+adjustment in front of the lens, replaces a stage, or bends the board. Forward tracing goes from the
+camera outwards; `projection` solves the inverse.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,24 +16,25 @@ from torch import Tensor
 from calib.optics.board_target import FLEX, MOTION, POSE, Placement, Target
 from calib.optics.interface import Interface
 from calib.optics.lens import Lens
-from calib.optics.linear_part import LinearPart
+from calib.optics.linear_term import LinearTerm
 from calib.optics.params import LINE, Param, Values
 from calib.optics.rays import Rays
 from calib.optics.relief import Relief
 
 
 class Adjustment(Protocol):
-    """Changes what the stages read, before a ray starts: a focal length that drifts, a corner that
-    the detector puts aside.
+    """A change of the pixels and values before a ray starts, for example a focal length that
+    drifts, or a bias of the corner detector.
 
-    It leads from the seen pixel to the true one: what was seen too far right by s is moved by -s.
+    It leads from the observed pixel to the true one: if corners are observed too far right by s, it
+    moves their pixels by -s.
     """
 
     @property
     def params(self) -> tuple[Param, ...]: ...
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        """(..., 2) px and the parameters, as the stages are to have them."""
+        """Return the (..., 2) px and the values that the stages read."""
         ...
 
 
@@ -49,110 +50,108 @@ class Path:
     target: Target = field(default_factory=Target)
     adjustments: tuple[Adjustment, ...] = ()
     shutter: bool = False
-    """Whether boards move while a picture is read out: then every view has a motion beside its
-    pose.
+    """True if boards move while a picture is read out: then every view has a motion block next to
+    its pose.
     """
-    sizes: tuple[tuple[str, float], ...] = ()
-    """How large the parts are that views have for themselves beside their poses, over what is
-    possible at most; 1 of those not named.
+    block_scales: tuple[tuple[str, float], ...] = ()
+    """(block, scale): the size of a per-view block over its largest plausible size; 1 for a block
+    that is not listed.
     """
 
     @property
     def params(self) -> tuple[Param, ...]:
-        """Every number that some stage reads, once, in the order of the path."""
-        read = [
+        """Every parameter that some stage reads, once, in the order of the path."""
+        params = [
             param
             for stage in (*self.adjustments, *self.stages, self.target)
             for param in stage.params
         ]
-        return tuple({param.name: param for param in read}.values())
+        return tuple({param.name: param for param in params}.values())
 
     @property
     def central(self) -> bool:
-        """Whether all rays come from one point, so that a picture is distorted alike at every
-        depth.
+        """True if all rays come from one point, so that the distortion of a picture does not depend
+        on depth.
         """
         return not (self.cover or self.lens.pupil)
 
     @property
     def directly_projects(self) -> bool:
-        """Whether the lens alone says which pixel sees a point, beside and behind the pinhole,
-        too.
-        """
+        """True if the lens alone gives the pixel of a point, even beside and behind the pinhole."""
         return self.lens.wide and self.central and not self.adjustments
 
     @property
-    def view_parts(self) -> tuple[str, ...]:
-        """What every view has for itself, of `board_target.PARTS`."""
+    def view_blocks(self) -> tuple[str, ...]:
+        """The blocks of `board_target.VIEW_BLOCKS` that every view has."""
         return (POSE, *([MOTION] if self.shutter else []), *([FLEX] if self.target.flex else []))
 
     @property
-    def private(self) -> bool:
-        """Whether views have more for themselves than a pose."""
-        return len(self.view_parts) > 1
+    def has_private_blocks(self) -> bool:
+        """True if views have parameters of their own in addition to their poses."""
+        return len(self.view_blocks) > 1
 
     @property
     def relief(self) -> Relief | None:
-        """Of the cover's outer surface."""
+        """The relief of the cover's outer surface."""
         return self.cover[-1].relief if self.cover else None
 
     @property
     def stages(self) -> tuple[Lens | Interface, ...]:
-        """What a ray passes before the board."""
+        """The stages that a ray passes before the board."""
         return (self.lens, *self.cover)
 
     def trace(self, pixels: Tensor, values: Values) -> Rays:
-        """(..., 2) px to the rays that leave the cover."""
-        pixels, values = self.adjusted(pixels, values)
-        return self.onward(self.lens(pixels, values), values, 1)
+        """Return the rays of (..., 2) px where they leave the cover."""
+        pixels, values = self.adjust_pixels(pixels, values)
+        return self.trace_from(self.lens(pixels, values), values, 1)
 
-    def adjusted(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        """(..., 2) px and the parameters as the stages read them."""
+    def adjust_pixels(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+        """Return the (..., 2) px and the values after all adjustments, as the stages read them."""
         for adjust in self.adjustments:
             pixels, values = adjust(pixels, values)
         return pixels, values
 
-    def linear_parts(
+    def linear_terms(
         self, pixels: Tensor, values: Values, landed: Tensor | None = None
-    ) -> Iterator[tuple[LinearPart, Tensor, Tensor]]:
-        """Its parts that are linear in their parameters, and the (...) coordinates that they are
-        asked at, by rays of (..., 2) px that landed at (..., 2) m nominal board coordinates; None:
-        no board is asked about.
+    ) -> Iterator[tuple[LinearTerm, Tensor, Tensor]]:
+        """Yield the terms that are linear in their parameters, each with the two (...) coordinates
+        at which it acts, for rays of (..., 2) px that landed at (..., 2) m nominal board
+        coordinates. Without `landed`, the board's terms are left out.
         """
         for adjust in self.adjustments:
-            if isinstance(adjust, LinearPart):
+            if isinstance(adjust, LinearTerm):
                 yield adjust, pixels[..., 0], pixels[..., 1]
             pixels, values = adjust(pixels, values)
         if landed is not None:
-            yield from self.target.linear_parts(landed, values)
+            yield from self.target.linear_terms(landed, values)
 
-    def onward(self, rays: Rays, values: Values, passed: int) -> Rays:
-        """Rays that have passed the lens and `passed` stages in all to the rays that leave the
-        cover; values already adjusted.
+    def trace_from(self, rays: Rays, values: Values, passed: int) -> Rays:
+        """Trace rays that have passed the first `passed` stages, the lens included, to where they
+        leave the cover. The values are already adjusted.
         """
         for interface in self.cover[passed - 1 :]:
             rays = interface(rays, values)
         return rays
 
     def land(self, pixels: Tensor, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., 2) px and (..., B) own parameters of boards, their poses first, to (..., 2) m on
-        the board and (...) uint8 failures.
+        """Return the (..., 2) m nominal board coordinates where the rays of (..., 2) px land, and
+        (...) uint8 failures. `poses` are the (..., B) view parameters of the boards, pose first.
         """
         return self.target(
-            self.trace(pixels, values), Placement.of(poses).during(values.get(LINE)), values
+            self.trace(pixels, values), Placement.of(poses).at_line(values.get(LINE)), values
         )
 
     def place(self, corners: Tensor, values: Values, poses: Tensor) -> Tensor:
-        """(..., 2) m board coordinates on boards with (..., B) own parameters to (..., 3) m in the
-        camera frame.
+        """Return the (..., 3) m points in the camera frame of (..., 2) m board coordinates, on
+        boards with (..., B) view parameters, pose first.
         """
-        return self.target.place(corners, Placement.of(poses).during(values.get(LINE)), values)
+        return self.target.place(corners, Placement.of(poses).at_line(values.get(LINE)), values)
 
 
-def by_row(outputs: Tensor, inputs: Sequence[Tensor]) -> list[Tensor]:
-    """Derivatives of a function that treats every row by itself.
+def row_derivatives(outputs: Tensor, inputs: Sequence[Tensor]) -> list[Tensor]:
+    """Return the derivatives of a function whose output rows depend on their own input rows only.
 
-    Two reverse passes serve any number of inputs, so this is far cheaper than a forward pass for
+    The k reverse passes serve any number of inputs, so this is far cheaper than a forward pass for
     each input.
 
     Args:
@@ -160,7 +159,7 @@ def by_row(outputs: Tensor, inputs: Sequence[Tensor]) -> list[Tensor]:
         inputs: (N, ...) each, requiring gradients: row n of the outputs depends on row n alone.
 
     Returns:
-        For each input its (N, k, ...) derivative, zero where the outputs do not depend on it.
+        The (N, k, ...) derivative by each input, zero where the outputs do not depend on it.
     """
     k = outputs.shape[-1]
     passes = [

@@ -1,26 +1,26 @@
 """Forward projection: from a point in space to the pixel that sees it, by Newton's method on the
-rays.
+pixel's ray.
 """
 
 import torch
 from torch import Tensor
 
 from calib.optics.params import Values
-from calib.optics.path import Path, by_row
+from calib.optics.path import Path, row_derivatives
 
-STEPS = 30
-LONGEST_STEP = 200.0
-"""px: where a start is poor, several short steps are safer than one long one."""
+MAX_ITERATIONS = 30
+MAX_STEP = 200.0
+"""px: from a poor start, several short steps are safer than one long step."""
 CONVERGED = 1e-9
 """px"""
-ACCEPTED = 1e-7
-"""px: the last step of a pixel that counts as found."""
-SAME = 1e-9
-"""rad: between a point and the ray of its pixel."""
+MAX_FINAL_STEP = 1e-7
+"""px: a longer last step means that no pixel sees the point."""
+ANGLE_TOLERANCE = 1e-9
+"""rad: the largest angle between a point and the ray of its pixel."""
 
 
 def project(path: Path, values: Values, points: Tensor, start: Tensor | None = None) -> Tensor:
-    """The pixel whose ray passes through each point.
+    """Return the pixel whose ray passes through each point.
 
     Args:
         points: (N, 3) m in the camera frame.
@@ -29,54 +29,58 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
 
     Returns:
         (N, 2) px; NaN for a point that is not in front of the camera and its cover, or that no ray
-        reaches. A wide lens without a cover sees what is not in front of it, too.
+        reaches. A wide lens without a cover also sees points that are not in front of it.
     """
     if path.directly_projects:
-        return _by_lens(path, values, points)
+        return _project_by_lens(path, values, points)
     front = points[..., 2] > 1e-6
     goal = torch.where(front.unsqueeze(-1), points, torch.ones_like(points))
     pixels = (path.lens.project(goal, values) if start is None else start).clone()
     depth = goal[..., 2]
     last = torch.full_like(depth, torch.inf)
-    for _ in range(STEPS):
-        error, jacobian, ahead, failure = _miss(path, values, pixels, goal[..., :2], depth)
+    for _ in range(MAX_ITERATIONS):
+        error, jacobian, ahead, failure = _linearised_residual(
+            path, values, pixels, goal[..., :2], depth
+        )
         step = torch.linalg.solve_ex(jacobian, error.unsqueeze(-1)).result.squeeze(-1)
         length = step.norm(dim=-1)
         usable = torch.isfinite(length) & (failure == 0)
         last = torch.where(usable, length, torch.full_like(length, torch.inf))
-        short = (LONGEST_STEP / length.clamp_min(LONGEST_STEP)).unsqueeze(-1)
+        short = (MAX_STEP / length.clamp_min(MAX_STEP)).unsqueeze(-1)
         pixels = torch.where(usable.unsqueeze(-1), pixels - short * step, pixels)
         if bool((last[front & usable] < CONVERGED).all()):
             break
     return torch.where(
-        (front & ahead & (last < ACCEPTED)).unsqueeze(-1),
+        (front & ahead & (last < MAX_FINAL_STEP)).unsqueeze(-1),
         pixels,
         torch.full_like(pixels, torch.nan),
     )
 
 
-def _by_lens(path: Path, values: Values, points: Tensor) -> Tensor:
-    """(N, 2) px where the lens images each point, NaN where it sees another direction there."""
+def _project_by_lens(path: Path, values: Values, points: Tensor) -> Tensor:
+    """Return the (N, 2) px where the lens images each point; NaN where the ray of that pixel has
+    another direction.
+    """
     pixels = path.lens.project(points, values)
     rays = path.lens(pixels, values)
-    off = (rays.direction.stacked() - points / points.norm(dim=-1, keepdim=True)).norm(dim=-1)
+    error = (rays.direction.stacked() - points / points.norm(dim=-1, keepdim=True)).norm(dim=-1)
     return torch.where(
-        ((rays.failure == 0) & (off < SAME)).unsqueeze(-1),
+        ((rays.failure == 0) & (error < ANGLE_TOLERANCE)).unsqueeze(-1),
         pixels,
         torch.full_like(pixels, torch.nan),
     )
 
 
-def _miss(
+def _linearised_residual(
     path: Path, values: Values, pixels: Tensor, goal: Tensor, depth: Tensor
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """By how much (N, 2) m each pixel's ray passes the goal in the plane of its depth, the (N, 2,
-    2) derivative, (N) bool whether the goal lies beyond the ray's exit from the cover, (N)
-    failures.
+    """Return the (N, 2) m offset of each pixel's ray from its goal in the plane of the goal's
+    depth, its (N, 2, 2) derivative by the pixel, (N) bool, true where the goal lies beyond the
+    ray's exit from the cover, and (N) failures.
     """
     with torch.enable_grad():
-        at = pixels.detach().requires_grad_()
-        rays = path.trace(at, values)
+        variable = pixels.detach().requires_grad_()
+        rays = path.trace(variable, values)
         error = rays.at_depth(depth) - goal
-        (jacobian,) = by_row(error, [at])
+        (jacobian,) = row_derivatives(error, [variable])
     return error.detach(), jacobian, (depth > rays.origin.z).detach(), rays.failure

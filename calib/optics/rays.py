@@ -1,6 +1,4 @@
-"""A bundle of rays: origins, unit directions, and for each ray the first failure on its way, if
-there was one.
-"""
+"""A bundle of rays: origins, unit directions, and for each ray its first failure, if any."""
 
 from dataclasses import dataclass
 
@@ -18,9 +16,7 @@ FAILURES = (
     "totally reflected at the cover's outer surface",
     "missed the board's plane",
 )
-"""A ray's `failure` is an index into this tuple: the first thing that went wrong on its way, 0
-where nothing did.
-"""
+"""A ray's `failure` is an index into this tuple: the first failure on its way, 0 if it arrived."""
 
 LENS, MISSED_INNER, REFLECTED_INNER, MISSED_OUTER, REFLECTED_OUTER, MISSED_TARGET = range(1, 7)
 
@@ -29,7 +25,7 @@ LENS, MISSED_INNER, REFLECTED_INNER, MISSED_OUTER, REFLECTED_OUTER, MISSED_TARGE
 class Rays:
     """Rays in the camera frame.
 
-    A failed ray stays finite, and so do its gradients; `failure` says that it means nothing.
+    A failed ray stays finite, and so do its gradients, but they have no meaning.
     """
 
     origin: Vector
@@ -39,23 +35,22 @@ class Rays:
     failure: Tensor
     """(...) uint8, index into FAILURES"""
 
-    def moved(
+    def advance(
         self,
         origin: Vector,
         direction: Vector,
-        failed: tuple[Tensor, int],
-        *more: tuple[Tensor, int],
+        *failures: tuple[Tensor, int],
     ) -> "Rays":
-        """The rays after a stage; each (where, code) enters a failure where nothing went wrong
-        before.
+        """Return the rays after a stage. Each (mask, code) sets the failure of the masked rays that
+        have none yet.
         """
         failure = self.failure
-        for where, code in (failed, *more):
-            failure = torch.where((failure == 0) & where, torch.full_like(failure, code), failure)
+        for mask, code in failures:
+            failure = torch.where((failure == 0) & mask, torch.full_like(failure, code), failure)
         return Rays(origin, direction, failure)
 
     def at_depth(self, depth: Tensor) -> Tensor:
-        """(..., 2) m: x and y where each ray passes the plane z = depth (...) m."""
+        """Return the (..., 2) m x and y where each ray crosses the plane z = depth (...) m."""
         forward = torch.where(
             self.direction.z.abs() < 1e-9, torch.ones_like(self.direction.z), self.direction.z
         )

@@ -12,35 +12,37 @@ from calib.optics.vector import Vector
 
 @dataclass(frozen=True, slots=True)
 class Rotation:
-    """(...) rotation matrices, entry by entry: what many vectors are turned by costs no sums over a
-    last axis of three.
+    """(...) rotation matrices stored by entry, so that the rotation of many vectors needs no sums
+    over a last axis of three.
     """
 
     rows: tuple[Vector, Vector, Vector]
 
     @staticmethod
     def of(matrices: Tensor) -> Rotation:
-        """From (..., 3, 3)."""
+        """Return the rotations of (..., 3, 3) matrices."""
         entries = matrices.flatten(-2).unbind(-1)
         return Rotation((Vector(*entries[:3]), Vector(*entries[3:6]), Vector(*entries[6:])))
 
     @staticmethod
-    def by(rotvec: Vector) -> Rotation:
-        """From (...) rotation vectors, rad. Rodrigues' formula, as `matrix` has it."""
+    def from_rotvec(rotvec: Vector) -> Rotation:
+        """Return the rotations of (...) rotation vectors, rad, by the same formula as `matrix`."""
         angle2 = rotvec.dot(rotvec)
         sine, cosine = _factors(angle2)
-        keep, turned, bent = 1 - cosine * angle2, rotvec * sine, rotvec * cosine
-        xy, yz, zx = bent.x * rotvec.y, bent.y * rotvec.z, bent.z * rotvec.x
+        keep = 1 - cosine * angle2
+        sine_part = rotvec * sine
+        scaled = rotvec * cosine
+        xy, yz, zx = scaled.x * rotvec.y, scaled.y * rotvec.z, scaled.z * rotvec.x
         return Rotation(
             (
-                Vector(keep + bent.x * rotvec.x, xy - turned.z, zx + turned.y),
-                Vector(xy + turned.z, keep + bent.y * rotvec.y, yz - turned.x),
-                Vector(zx - turned.y, yz + turned.x, keep + bent.z * rotvec.z),
+                Vector(keep + scaled.x * rotvec.x, xy - sine_part.z, zx + sine_part.y),
+                Vector(xy + sine_part.z, keep + scaled.y * rotvec.y, yz - sine_part.x),
+                Vector(zx - sine_part.y, yz + sine_part.x, keep + scaled.z * rotvec.z),
             )
         )
 
     def turn(self, vector: Vector, *, back: bool = False) -> Vector:
-        """Rotated, or rotated by the inverse."""
+        """Rotate a vector, or rotate it by the inverse."""
         first, second, third = self.rows
         if back:
             return first * vector.x + second * vector.y + third * vector.z
@@ -48,7 +50,7 @@ class Rotation:
 
 
 def matrix(rotvec: Tensor) -> Tensor:
-    """Rodrigues' formula.
+    """Return the rotation matrices of rotation vectors, by Rodrigues' formula.
 
     Args:
         rotvec: (..., 3) rad.
@@ -62,16 +64,16 @@ def matrix(rotvec: Tensor) -> Tensor:
     outer = rotvec.unsqueeze(-1) * rotvec.unsqueeze(-2)
     eye = torch.eye(3, dtype=rotvec.dtype, device=rotvec.device)
     # exp(w) = I + s [w] + c [w]^2, and [w]^2 = w w^T - |w|^2 I
-    turned: Tensor = (
+    sine_part: Tensor = (
         (1 - cosine * angle2)[..., None, None] * eye
         + sine[..., None, None] * cross
         + cosine[..., None, None] * outer
     )
-    return turned
+    return sine_part
 
 
 def _factors(angle2: Tensor) -> tuple[Tensor, Tensor]:
-    """(...) sin(a) / a and (1 - cos(a)) / a^2 of (...) a^2, smooth through zero."""
+    """Return (...) sin(a) / a and (1 - cos(a)) / a^2 for (...) a^2, smooth through zero."""
     small = angle2 < 1e-8
     safe2 = torch.where(small, torch.ones_like(angle2), angle2)  # masked before the root
     angle = safe2.sqrt()
@@ -82,7 +84,7 @@ def _factors(angle2: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def derivatives(rotvec: Tensor, turn: Tensor) -> Tensor:
-    """How rotation matrices change with their rotation vectors.
+    """Return the derivatives of rotation matrices by their rotation vectors.
 
     With J = I + a [w] + b [w]^2 (the left Jacobian of SO(3)), dR / dw_i = [J e_i] R. Source: T. D.
     Barfoot, State estimation for robotics (2017), equations 7.77 and 7.85.
@@ -108,7 +110,7 @@ def derivatives(rotvec: Tensor, turn: Tensor) -> Tensor:
 
 
 def _cross(vectors: Tensor) -> Tensor:
-    """(..., 3) to the (..., 3, 3) matrices [v] of v x."""
+    """Return the (..., 3, 3) cross-product matrices [v] of (..., 3) vectors."""
     x, y, z = vectors.unbind(-1)
     zero = torch.zeros_like(x)
     return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(

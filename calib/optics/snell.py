@@ -16,8 +16,7 @@ def refract(direction: Vector, normal: Vector, ratio: Tensor) -> tuple[Vector, T
 
     Returns:
         (...) unit bent directions, and (...) bool, true where the light is totally reflected. Those
-        rows keep their
-        direction: finite, with finite gradients.
+        rows keep their direction: finite, with finite gradients.
     """
     cos_in = direction.dot(normal)
     cos2_out = 1 - ratio**2 * (1 - cos_in**2)

@@ -1,5 +1,5 @@
-"""The shape of a cover as the ray path asks for it, in the cover's own frame: intersection, height,
-normal, and a chart for the relief.
+"""The protocol of a cover's shape, in the cover's own frame: intersection, height, normal, and a
+chart for the relief.
 
 A new shape is a file with a class of this protocol, and a case in `optics.build`.
 """
@@ -16,40 +16,42 @@ class Surface(Protocol):
     """A family of surfaces: the inner one at height 0, the outer one at the height of the cover's
     thickness.
 
-    `height` is measured along the direction in which the cover's thickness is (the radius of a
-    cone), from the inner surface outwards, so an uneven outer surface is height = thickness +
+    `height` is measured outwards from the inner surface, in the direction in which the thickness is
+    measured (along the radius of a cone). So an uneven outer surface is height = thickness +
     relief.
     """
 
     @property
     def params(self) -> tuple[Param, ...]:
-        """The parameters that it reads from the values."""
+        """The parameters that the surface reads from the values."""
         ...
 
     def reach(
         self, origin: Vector, direction: Vector, height: Tensor, values: Values
     ) -> tuple[Tensor, Tensor]:
-        """From a point inside, along a unit direction, to the surface at `height` m: (...) m along
-        the ray, (...) bool missed.
+        """Intersect rays from a point inside, along a unit direction, with the surface at `height`
+        m: return the (...) m distance along each ray, and (...) bool, true where it misses.
         """
         ...
 
     def height(self, points: Vector, values: Values) -> Tensor:
-        """(...) m above the inner surface."""
+        """Return the (...) m height of points above the inner surface."""
         ...
 
     def gradient(self, points: Vector, values: Values) -> Vector:
-        """The derivative of `height` by the point. It points outwards; its length need not be
-        one.
+        """Return the derivative of `height` by the point. It points outwards; its length need not
+        be one.
         """
         ...
 
     def chart(self, points: Vector) -> tuple[Tensor, Tensor]:
-        """The two (...) surface coordinates in which the relief's centres lie on a regular grid."""
+        """Return the two (...) surface coordinates in which the relief's centres form a regular
+        grid.
+        """
         ...
 
     def chart_gradient(self, points: Vector, first: Tensor, second: Tensor) -> Vector:
-        """first times the derivative of the first chart coordinate by the point, plus second times
-        that of the second.
+        """Return `first` times the derivative of the first chart coordinate by the point, plus
+        `second` times the derivative of the second chart coordinate.
         """
         ...

@@ -20,35 +20,35 @@ class Vector:
 
     @staticmethod
     def of(stacked: Tensor) -> Vector:
-        """From (..., 3)."""
+        """Return the vectors of a (..., 3) tensor."""
         return Vector(*stacked.unbind(-1))
 
     def stacked(self) -> Tensor:
-        """To (..., 3)."""
+        """Return the vectors as a (..., 3) tensor."""
         return torch.stack(torch.broadcast_tensors(self.x, self.y, self.z), -1)  # type: ignore[no-untyped-call]
 
-    def __add__(self, other: Vector) -> Vector:
-        return Vector(self.x + other.x, self.y + other.y, self.z + other.z)
+    def __add__(self, vector: Vector) -> Vector:
+        return Vector(self.x + vector.x, self.y + vector.y, self.z + vector.z)
 
-    def __sub__(self, other: Vector) -> Vector:
-        return Vector(self.x - other.x, self.y - other.y, self.z - other.z)
+    def __sub__(self, vector: Vector) -> Vector:
+        return Vector(self.x - vector.x, self.y - vector.y, self.z - vector.z)
 
     def __mul__(self, factor: Tensor) -> Vector:
         return Vector(self.x * factor, self.y * factor, self.z * factor)
 
-    def dot(self, other: Vector) -> Tensor:
-        """(...)"""
-        return self.x * other.x + self.y * other.y + self.z * other.z
+    def dot(self, vector: Vector) -> Tensor:
+        """Return the (...) scalar product."""
+        return self.x * vector.x + self.y * vector.y + self.z * vector.z
 
-    def cross(self, other: Vector) -> Vector:
+    def cross(self, vector: Vector) -> Vector:
         return Vector(
-            self.y * other.z - self.z * other.y,
-            self.z * other.x - self.x * other.z,
-            self.x * other.y - self.y * other.x,
+            self.y * vector.z - self.z * vector.y,
+            self.z * vector.x - self.x * vector.z,
+            self.x * vector.y - self.y * vector.x,
         )
 
     def unit(self) -> Vector:
-        """Scaled to length one. Not for zero vectors."""
+        """Return the vectors scaled to length one. No vector may be zero."""
         return self * self.dot(self).rsqrt()
 
     def detach(self) -> Vector:

@@ -189,7 +189,7 @@ class PlanningFit:
         _, failed = self.model.path.land(
             self.observations.pixels, self.model.means, self.poses[self.observations.view]
         )
-        seen = self.observations.kept(failed == 0)
+        seen = self.observations.select_rows(failed == 0)
         known = (
             view_information(self.model, seen, self.poses)
             if len(self.poses)

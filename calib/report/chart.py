@@ -28,7 +28,7 @@ def exit_points(evidence: Evidence, pixels: Array) -> Array:
     """
     outer = evidence.path.cover[-1]
     rays = evidence.path.trace(torch.from_numpy(pixels), evidence.values)
-    _, values = evidence.path.adjusted(torch.from_numpy(pixels), evidence.values)
+    _, values = evidence.path.adjust_pixels(torch.from_numpy(pixels), evidence.values)
     chart = torch.stack(outer.surface.chart(outer.frame.at(values).enter(rays.origin)), -1)
     return torch.where((rays.failure != 0).unsqueeze(-1), torch.nan, chart).numpy()
 

@@ -29,8 +29,8 @@ class Displacement:
         column = _nearest_node(flat[:, 0], field.nodes_x)
         row = _nearest_node(flat[:, 1], field.nodes_y)
         valid = field.valid[row, column, None]
-        far = np.where(valid, field.undistorted(flat, np.inf), np.nan)
-        near = np.where(valid, field.undistorted(flat, 1.0), np.nan)
+        far = np.where(valid, field.undistort_pixels(flat, np.inf), np.nan)
+        near = np.where(valid, field.undistort_pixels(flat, 1.0), np.nan)
         return Displacement((far - flat).reshape(pixels.shape), (near - far).reshape(pixels.shape))
 
     def at(self, depth: float) -> Array:

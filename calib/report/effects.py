@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from html import escape
 
 from calib.calibration import Calibration
-from calib.diagnosis.effect_description import describe_effect
+from calib.diagnosis.effect_description import describe_estimates
 from calib.diagnosis.finding import ParameterEstimate
 from calib.report.tables import bar, table
 
@@ -31,7 +31,7 @@ def effect_rows(calibration: Calibration) -> list[EffectRow]:
             candidate["held_out_px_before"],
             candidate["held_out_px_after"],
             "; ".join(
-                describe_effect(
+                describe_estimates(
                     candidate["effect"],
                     calibration,
                     {

@@ -89,7 +89,7 @@ def lines_across(evidence: Evidence, view: int) -> Iterator[BoardLine]:
         slope = np.where(np.abs(slope) < 1e-6, np.nan, slope)
         depth = pose[3:] @ rotation[:, 2] / slope  # m, on the board's plane
         near = depth > evidence.depth.min() / 2  # excludes the plane's passage past the camera
-        distorted, visible = evidence.field.distorted(line[near], depth[near])
+        distorted, visible = evidence.field.distort_pixels(line[near], depth[near])
         detections = np.isfinite(corners).all(-1)
         if visible.sum() > 2:
             yield BoardLine(distorted[visible], line, corners[detections], straight[detections])
@@ -123,7 +123,7 @@ def _corner_grids(evidence: Evidence, view: int) -> Array:
     flat = flat_path.place(observations.corners, {}, poses[:, :6])
     focal, _ = _pinhole(evidence)
     shift = focal * (flat[:, :2] / flat[:, 2:] - actual[:, :2] / actual[:, 2:]).numpy()
-    undistorted = evidence.field.undistorted(evidence.pixels, evidence.depth)
+    undistorted = evidence.field.undistort_pixels(evidence.pixels, evidence.depth)
     grids = np.full((2, board.count, 2), np.nan)
     detected = evidence.calibration.views[view].seen
     grids[0, detected] = (evidence.pixels + shift)[in_view]

@@ -84,5 +84,5 @@ def _row(comparison: Comparison) -> tuple[str, str, str, str]:
         escape(comparison.name),
         declared,
         comparison.estimated + source,
-        f"{comparison.apart:.1f} sigma",
+        f"{comparison.normalised_deviation:.1f} sigma",
     )

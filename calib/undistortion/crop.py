@@ -1,5 +1,5 @@
-"""Which part of the scene an undistorted picture shows: only what is valid, all that the camera
-sees, or something between.
+"""The window of an undistorted picture: only valid pixels, everything that the camera sees, or a
+mixture of the two.
 """
 
 from collections.abc import Sequence
@@ -12,18 +12,18 @@ from calib.undistortion.ray_field import RayField
 from calib.undistortion.window import Window
 
 LATTICE = 129
-"""Pixels along each side of the image at which its edges are looked for."""
+"""The number of pixels along each side of the image that sample its edges."""
 
 
-def cropped(
+def crop_window(
     field: RayField, depths: Sequence[float], alpha: float, size: tuple[int, int]
 ) -> Window:
-    """The window of cv2.getOptimalNewCameraMatrix, through the cover.
+    """Return the window of cv2.getOptimalNewCameraMatrix for a camera behind its cover.
 
     Args:
-        depths: m; all of them are respected.
+        depths: m; the window holds for all of them.
         alpha: 0 for a rectangle in which every pixel is valid, 1 for one that holds all pixels of
-            the camera; between, a mixture.
+            the camera, between 0 and 1 for a mixture.
         size: px, width and height of the picture.
     """
     if not 0 <= alpha <= 1:
@@ -31,21 +31,19 @@ def cropped(
             f"crop {alpha:g} is not from 0 to 1: write 0 for valid pixels only, 1 for everything"
             " that the camera sees."
         )
-    inner, outer = (
-        np.array([-np.inf, -np.inf, np.inf, np.inf]),
-        np.array([np.inf, np.inf, -np.inf, -np.inf]),
-    )
+    inner = np.array([-np.inf, -np.inf, np.inf, np.inf])
+    outer = np.array([np.inf, np.inf, -np.inf, -np.inf])
     for depth in depths:
-        for box, (shrink, grow) in (
-            (inner, (np.maximum, np.minimum)),
-            (outer, (np.minimum, np.maximum)),
-        ):
-            edges = _edges(field, depth, 0 if box is inner else 1)
-            box[:2], box[2:] = shrink(box[:2], edges[:2]), grow(box[2:], edges[2:])
+        edges = _edges(field, depth, 0)
+        inner[:2] = np.maximum(inner[:2], edges[:2])
+        inner[2:] = np.minimum(inner[2:], edges[2:])
+        edges = _edges(field, depth, 1)
+        outer[:2] = np.minimum(outer[:2], edges[:2])
+        outer[2:] = np.maximum(outer[2:], edges[2:])
     if (inner[:2] >= inner[2:]).any():
         if alpha < 1:
             raise InputError(
-                "no rectangle of the picture is valid throughout: crop with 1, or give the camera"
+                "no rectangle of the picture has valid pixels only: crop with 1, or give the camera"
                 " matrix of the picture."
             )
         inner = outer
@@ -56,13 +54,13 @@ def cropped(
 
 
 def _scale(box: Array, size: tuple[int, int]) -> Array:
-    """px of the picture for one of the bare pinhole camera, across and down."""
+    """Return px of the picture per px of the bare pinhole camera, along x and y."""
     return np.asarray((np.array(size) - 1) / (box[2:] - box[:2]))
 
 
 def _edges(field: RayField, depth: float, outer: int) -> Array:
-    """(4,) undistorted px left, top, right, bottom: the innermost of what lies on each edge of the
-    valid image, or the outermost.
+    """Return (4,) undistorted px left, top, right, bottom: the innermost points of the four edges
+    of the valid image, or with `outer` the outermost.
     """
     pixels = np.stack(
         np.meshgrid(
@@ -70,10 +68,10 @@ def _edges(field: RayField, depth: float, outer: int) -> Array:
         ),
         -1,
     )
-    at = field.undistorted(pixels.reshape(-1, 2), depth).reshape(pixels.shape)
-    x, y = np.moveaxis(
-        np.where(field.sees(pixels[..., 0], pixels[..., 1], depth)[..., None], at, np.nan), -1, 0
-    )
+    undistorted = field.undistort_pixels(pixels.reshape(-1, 2), depth).reshape(pixels.shape)
+    visible = field.sees(pixels[..., 0], pixels[..., 1], depth)
+    x = np.where(visible, undistorted[..., 0], np.nan)
+    y = np.where(visible, undistorted[..., 1], np.nan)
     if np.isnan(x).all():
         raise InputError(f"the camera sees nothing at {depth:g} m: write a depth beyond the cover.")
     if outer:

@@ -1,53 +1,54 @@
-"""Evenly spaced nodes over a picture, and the cells between them."""
+"""Functions on evenly spaced nodes over a picture and the cells between them."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.undistortion.spline import FEWEST
+from calib.undistortion.spline import MIN_NODES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-def grid(size: int, spacing: float, margin: float) -> Array:
-    """Evenly spaced nodes from -0.5 - margin to size - 0.5 + margin, about `spacing` apart and six
-    at least.
+def grid_nodes(size: int, spacing: float, margin: float) -> Array:
+    """Return evenly spaced nodes from -0.5 - margin to size - 0.5 + margin, about `spacing` apart,
+    at least six.
     """
-    count = max(FEWEST, int(np.ceil((size + 2 * margin) / spacing)) + 1)
+    count = max(MIN_NODES, int(np.ceil((size + 2 * margin) / spacing)) + 1)
     return np.linspace(-0.5 - margin, size - 0.5 + margin, count)
 
 
-def middles(nodes: Array) -> Array:
-    """(n - 1,) halfway between each two of (n,) nodes."""
+def midpoints(nodes: Array) -> Array:
+    """Return the (n - 1,) midpoints between neighbours of (n,) nodes."""
     return np.asarray((nodes[1:] + nodes[:-1]) / 2)
 
 
-def cell(at: NDArray[np.generic], nodes: Array) -> NDArray[np.intp]:
-    """Between which two of the evenly spaced nodes each coordinate lies: the index of the first."""
-    return np.asarray(
-        np.clip((at - nodes[0]) / (nodes[1] - nodes[0]), 0, len(nodes) - 2).astype(np.intp)
-    )
+def cell_index(coordinates: NDArray[np.generic], nodes: Array) -> NDArray[np.intp]:
+    """Return the index of the last of the evenly spaced nodes below each coordinate, from 0 to the
+    last but one.
+    """
+    steps = (coordinates - nodes[0]) / (nodes[1] - nodes[0])
+    return np.asarray(np.clip(steps, 0, len(nodes) - 2).astype(np.intp))
 
 
-def all_corners(nodes: Mask) -> Mask:
-    """(h - 1, w - 1) whether all four nodes around a cell are true."""
+def all_corners_true(nodes: Mask) -> Mask:
+    """Return (h - 1, w - 1), true for cells whose four nodes are all true."""
     return nodes[1:, 1:] & nodes[1:, :-1] & nodes[:-1, 1:] & nodes[:-1, :-1]
 
 
-def inner(sure: Mask) -> Mask:
-    """(h, w) which cells are more than two away from every one that is not sure, of (h, w): finer
-    nodes would not help the others.
+def interior_cells(solved: Mask) -> Mask:
+    """Return (h, w), true for cells that are more than two cells away from every unsolved cell:
+    finer nodes would not help the others.
     """
-    if sure.all():
-        return sure
-    from scipy.ndimage import distance_transform_edt  # which most covers do without
+    if solved.all():
+        return solved
+    from scipy.ndimage import distance_transform_edt  # most covers do not need it
 
-    return np.asarray(distance_transform_edt(sure) > 2)
+    return np.asarray(distance_transform_edt(solved) > 2)
 
 
-def extrapolated(field: Array, valid: Mask) -> Array:
-    """The (h, w, ...) field, with the value of the nearest valid node where it is not valid
-    itself.
+def extrapolate(field: Array, valid: Mask) -> Array:
+    """Return the (h, w, ...) field with the value of the nearest valid node at every node that is
+    not valid.
     """
     if valid.all():
         return field

@@ -1,10 +1,9 @@
 """Undistortion maps for any depth, from one field of rays.
 
-A pixel's ray leaves the cover at x_o along r_o, whatever the depth of what it meets. So the
+A pixel's ray leaves the cover at x_o along r_o, at whatever depth it meets an object. So the
 undistorted pixel at depth Z is exactly p_u = A + B / Z with A = K r_o / r_oz and B = K' (x_o - r_o
-x_oz / r_oz), K' without the principal point (the paper's Fig. 8). A and
-B are smooth: a coarse grid with cubic splines holds them, and the inverse that cv2.remap wants is
-    solved on a coarse grid as well.
+x_oz / r_oz), K' without the principal point (the paper's Fig. 8). A and B are smooth: cubic splines
+on a coarse grid hold them. The inverse that cv2.remap needs is solved on a coarse grid as well.
 """
 
 from dataclasses import dataclass, replace
@@ -22,41 +21,48 @@ from calib.undistortion.depth_map import DepthMap, depth_map
 from calib.undistortion.grids import (
     Array,
     Mask,
-    all_corners,
-    cell,
-    extrapolated,
-    grid,
-    inner,
-    middles,
+    all_corners_true,
+    cell_index,
+    extrapolate,
+    grid_nodes,
+    interior_cells,
+    midpoints,
 )
-from calib.undistortion.inverse import ACCEPTED, SPACING, Forward, invert, solve, spacings
+from calib.undistortion.inverse import (
+    MAX_ERROR,
+    SPACING,
+    ForwardMap,
+    grid_spacings,
+    invert,
+    solve_newton,
+)
 from calib.undistortion.spline import Spline
 from calib.undistortion.window import Window
 
 FINEST = 2
-MOST_NODES = 700_000
-"""Refinement stops before it would take more."""
+MAX_NODES = 700_000
+"""Refinement stops before a grid would have more nodes."""
 TOLERANCE = 0.002
-"""px: how far a spline should be from the traced rays.
+"""px: the largest difference between a spline and the traced rays.
 
-It leaves room for the second spline under the promised 0.01 px.
+It leaves room for the error of the second spline within the promised 0.01 px.
 """
 CHECK_DEPTH = 0.1
-"""m: where the splines are compared with rays.
+"""m: the depth at which the splines are compared with rays.
 
-Nearer than a board can be held, so parallax counts in full.
+A board cannot be held so near, so parallax counts in full.
 """
 MARGIN = 0.06
-"""How far the nodes reach beyond the image, as a fraction of its side: a spline needs neighbours at
+"""The margin of the nodes around the image, as a fraction of its side: a spline needs neighbours at
 the border.
 """
-NEAREST = 1e-3
-"""m: the least depth of a map.
+MIN_DEPTH = 1e-3
+"""m: the smallest depth of a map.
 
-Nearer, the point would lie in the lens or its cover, and parallax / depth loses its meaning.
+A nearer point would lie in the lens or its cover, and parallax / depth loses its meaning.
 """
-CHUNK = 65_536
-"""Rays traced at once: an uneven cover takes memory for every ray and bump."""
+BATCH_SIZE = 65_536
+"""The number of rays traced together: an uneven cover takes memory for every ray and bump."""
 
 
 @dataclass(frozen=True)
@@ -72,169 +78,189 @@ class RayField:
     at_infinity: Array
     """(h, w, 2) px, A: the undistorted pixel at infinite depth."""
     parallax: Array
-    """(h, w, 2) px m, B: what is added for each 1/m of inverse depth."""
+    """(h, w, 2) px m, B: the shift of the undistorted pixel per 1/m of inverse depth."""
     valid: Mask
     """(h, w), false where no ray leaves the cover, or where the lens or cover bends so sharply that
-    the nodes do not hold it. A and B are extrapolated there. Between four valid nodes, the splines
-    are true.
+    the splines are not accurate. A and B are extrapolated there. Between four valid nodes, the
+    splines are accurate.
     """
 
     nearest: Array
-    """(h, w) m: how far in front of the camera its ray leaves the cover. It sees nothing nearer."""
+    """(h, w) m: the z coordinate where the ray leaves the cover. A pixel sees nothing nearer."""
 
     @property
     def window(self) -> Window:
         """The picture of the bare pinhole camera."""
         return Window(self.width, self.height)
 
-    def forward(self, depth: float) -> Forward:
-        """From distorted to undistorted px at depth m, at the nodes and between them; infinity is a
-        depth.
-        """
-        return Forward(
+    def forward(self, depth: float) -> ForwardMap:
+        """Return undistortion at a depth in m, which may be infinite."""
+        return ForwardMap(
             self.nodes_x, self.nodes_y, self.at_infinity + self.parallax / depth, self.valid
         )
 
     def spline(self, depth: float) -> Spline:
-        """From distorted to undistorted px at depth m."""
+        """Return the spline from distorted to undistorted px at a depth in m."""
         return self.forward(depth).spline
 
-    def undistorted(self, pixels: Array, depth: float | Array) -> Array:
-        """(N, 2) distorted px to (N, 2) undistorted px at depth m, one for all or (N,)."""
-        return self._undistort(pixels, depth)[0]
-
-    def distorted(self, pixels: Array, depth: float | Array) -> tuple[Array, Mask]:
-        """(N, 2) undistorted px at depth m, one for all or (N,), to (N, 2) distorted px, and (N,)
-        whether the camera sees them.
+    def undistort_pixels(self, pixels: Array, depth: float | Array) -> Array:
+        """Return the (N, 2) undistorted px of (N, 2) distorted px at a depth in m, one for all or
+        (N,).
         """
-        each = np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))
-        starts = self.forward(float(np.median(each)) if len(each) else np.inf).starts(pixels)
-        found, converged = solve(
-            lambda some, rows: self._undistort(some, each[rows]), starts, pixels
+        return self._undistort_with_jacobian(pixels, depth)[0]
+
+    def distort_pixels(self, pixels: Array, depth: float | Array) -> tuple[Array, Mask]:
+        """Return the (N, 2) distorted px of (N, 2) undistorted px at a depth in m, one for all or
+        (N,), and (N,) true where the camera sees the point.
+        """
+        depths = np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))
+        median = float(np.median(depths)) if len(depths) else np.inf
+        starts = self.forward(median).newton_starts(pixels)
+        distorted, converged = solve_newton(
+            lambda subset, rows: self._undistort_with_jacobian(subset, depths[rows]),
+            starts,
+            pixels,
         )
-        return found, converged & self.sees(found[:, 0], found[:, 1], each)
+        return distorted, converged & self.sees(distorted[:, 0], distorted[:, 1], depths)
 
     def sees(
         self, x: NDArray[np.floating], y: NDArray[np.floating], depth: float | NDArray[np.floating]
     ) -> Mask:
-        """(...) whether distorted px lie on the image, see through the cover, and see as near as
-        depth m.
+        """Return (...), true for distorted px on the image whose rays leave the cover at a smaller
+        depth than `depth`, m.
         """
-        seen = (x >= -0.5) & (x <= self.width - 0.5) & (y >= -0.5) & (y <= self.height - 0.5)
+        visible = (x >= -0.5) & (x <= self.width - 0.5) & (y >= -0.5) & (y <= self.height - 0.5)
         near = bool((np.asarray(depth) <= self.nearest.max()).any())
         if near or not self.valid.all():
-            column, row = cell(x, self.nodes_x), cell(y, self.nodes_y)
-            seen &= all_corners(self.valid)[row, column]
+            column, row = cell_index(x, self.nodes_x), cell_index(y, self.nodes_y)
+            visible &= all_corners_true(self.valid)[row, column]
             if near:
-                out = sliding_window_view(self.nearest, (2, 2)).max((2, 3))
-                seen &= depth > out[row, column]
-        return seen
+                exit_depth = sliding_window_view(self.nearest, (2, 2)).max((2, 3))
+                visible &= depth > exit_depth[row, column]
+        return visible
 
     def map_at(self, depth: float, window: Window | None = None) -> DepthMap:
-        """The map of one depth, in m; infinity is a depth.
+        """Return the map of one depth in m, which may be infinite.
 
-        By default, of the picture that the bare pinhole camera takes.
+        The default window is the picture of the bare pinhole camera.
         """
         check_depth(depth)
         window = window or self.window
         return depth_map(invert(self.forward(depth), window), depth, window, self.sees)
 
     @cached_property
-    def _both(self) -> Spline:
-        """A and B, four components."""
+    def _spline(self) -> Spline:
+        """The spline of A and B, four components."""
         return Spline.through(
             self.nodes_x, self.nodes_y, np.concatenate([self.at_infinity, self.parallax], -1)
         )
 
-    def _undistort(self, pixels: Array, depth: float | Array) -> tuple[Array, Array]:
-        """(N, 2) undistorted px and their (N, 2, 2) Jacobians by (N, 2) distorted px, at depth m,
-        one for all or (N,).
+    def _undistort_with_jacobian(self, pixels: Array, depth: float | Array) -> tuple[Array, Array]:
+        """Return the (N, 2) undistorted px of (N, 2) distorted px at a depth in m, one for all or
+        (N,), and their (N, 2, 2) Jacobians.
         """
-        value, derivatives = self._both.at(pixels)
-        near = 1 / np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))  # 1/m
+        value, derivatives = self._spline.at(pixels)
+        depths = np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))
+        inverse_depth = 1 / depths  # 1/m
         return (
-            value[:, :2] + near[:, None] * value[:, 2:],
-            derivatives[:, :2] + near[:, None, None] * derivatives[:, 2:],
+            value[:, :2] + inverse_depth[:, None] * value[:, 2:],
+            derivatives[:, :2] + inverse_depth[:, None, None] * derivatives[:, 2:],
         )
 
 
 def check_depth(depth: float) -> None:
-    """Refuse what is not a distance of something that the camera can see."""
+    """Raise InputError unless the camera can see something at this depth in m."""
     if not depth > 0:
         raise InputError(
             f"depth {depth:g} is not a distance in front of the camera: write metres above 0, such"
             " as 1.0."
         )
-    if depth < NEAREST:
+    if depth < MIN_DEPTH:
         raise InputError(
-            f"depth {depth:g} m is too near: write metres from {NEAREST:g} on, beyond the cover,"
-            " such as 1.0."
+            f"depth {depth:g} m is too near: write {MIN_DEPTH:g} m or more, beyond the cover, such"
+            " as 1.0."
         )
 
 
 def ray_field(
     path: Path, values: Values, width: int, height: int, tolerance: float = TOLERANCE
 ) -> RayField:
-    """Trace the field, on a grid fine enough that between its nodes, too, its splines agree with
-    tracing, to `tolerance` px.
+    """Trace the field on a grid so fine that the splines agree with traced rays between its nodes,
+    to `tolerance` px.
     """
-    for spacing in spacings(FINEST):
-        columns, rows = (grid(size, spacing, MARGIN * size) for size in (width, height))
-        at, at_infinity, parallax, nearest, ok = _affine(path, values, columns, rows)
-        if spacing == SPACING and not ok.any():
+    for spacing in grid_spacings(FINEST):
+        columns = grid_nodes(width, spacing, MARGIN * width)
+        rows = grid_nodes(height, spacing, MARGIN * height)
+        traced = _trace_grid(path, values, columns, rows)
+        valid = traced.forward
+        if spacing == SPACING and not valid.any():
             raise InputError("No ray of this camera leaves its cover: check the cover's numbers.")
-        if spacing > SPACING and not ok.all():
+        if spacing > SPACING and not valid.all():
             continue
-        displacement = extrapolated(at_infinity - at, ok)
+        displacement = extrapolate(traced.at_infinity - traced.pixels, valid)
         field = RayField(
-            width,
-            height,
-            columns,
-            rows,
-            at + displacement,
-            extrapolated(parallax, ok),
-            ok,
-            extrapolated(nearest, ok),
+            width=width,
+            height=height,
+            nodes_x=columns,
+            nodes_y=rows,
+            at_infinity=traced.pixels + displacement,
+            parallax=extrapolate(traced.parallax, valid),
+            valid=valid,
+            nearest=extrapolate(traced.exit_z, valid),
         )
-        between, at_infinity, parallax, _, arrived = _affine(
-            path, values, middles(columns), middles(rows)
-        )
-        off = np.linalg.norm(
-            field.undistorted(between.reshape(-1, 2), CHECK_DEPTH).reshape(at_infinity.shape)
-            - at_infinity
-            - parallax / CHECK_DEPTH,
+        between = _trace_grid(path, values, midpoints(columns), midpoints(rows))
+        undistorted = field.undistort_pixels(between.pixels.reshape(-1, 2), CHECK_DEPTH)
+        error = np.linalg.norm(
+            undistorted.reshape(between.pixels.shape)
+            - between.at_infinity
+            - between.parallax / CHECK_DEPTH,
             axis=-1,
         )
-        sure = all_corners(ok) & arrived
-        good = sure & (off < ACCEPTED)
-        seen = (
-            np.abs(between - [(width - 1) / 2, (height - 1) / 2]) <= [width / 2, height / 2]
+        complete = all_corners_true(valid) & between.forward
+        accurate = complete & (error < MAX_ERROR)
+        on_image = (
+            np.abs(between.pixels - [(width - 1) / 2, (height - 1) / 2]) <= [width / 2, height / 2]
         ).all(-1)
-        if off[inner(sure) & seen].max(initial=0) < tolerance and (
-            spacing <= SPACING or good.all()
+        if error[interior_cells(complete) & on_image].max(initial=0) < tolerance and (
+            spacing <= SPACING or accurate.all()
         ):
             break
-        if 4 * len(columns) * len(rows) > MOST_NODES:
+        if 4 * len(columns) * len(rows) > MAX_NODES:
             break
-    bad = np.pad(~good, 1)
+    bad = np.pad(~accurate, 1)
     touched = bad[1:, 1:] | bad[1:, :-1] | bad[:-1, 1:] | bad[:-1, :-1]
-    return replace(field, valid=ok & ~touched)
+    return replace(field, valid=valid & ~touched)
 
 
-def _affine(
-    path: Path, values: Values, columns: Array, rows: Array
-) -> tuple[Array, Array, Array, Array, Mask]:
-    """The (h, w, 2) px of a grid, their A (h, w, 2) px and B (h, w, 2) px m, the (h, w) m in front
-    of the camera where their rays leave the cover, and (h, w) whether they go forward out of it.
-    """
-    at = np.stack(np.meshgrid(columns, rows), -1)
-    fx, fy, cx, cy = (values[f"camera.{name}"] for name in ("fx", "fy", "cx", "cy"))
-    chunks = []
-    for first in range(0, len(columns) * len(rows), CHUNK):
-        rays = path.trace(torch.from_numpy(at.reshape(-1, 2)[first : first + CHUNK]), values)
-        ok = (rays.failure == 0) & (rays.direction.z > 1e-3)
-        forward = torch.where(ok, rays.direction.z, torch.ones_like(rays.direction.z))
-        tan_x, tan_y = rays.direction.x / forward, rays.direction.y / forward
+@dataclass(frozen=True, slots=True)
+class _TracedGrid:
+    """The rays of a grid of pixels."""
+
+    pixels: Array
+    """(h, w, 2) px"""
+    at_infinity: Array
+    """(h, w, 2) px, A"""
+    parallax: Array
+    """(h, w, 2) px m, B"""
+    exit_z: Array
+    """(h, w) m: the z coordinate where the ray leaves the cover."""
+    forward: Mask
+    """(h, w), true where the ray leaves the cover and goes forward."""
+
+
+def _trace_grid(path: Path, values: Values, columns: Array, rows: Array) -> _TracedGrid:
+    pixels = np.stack(np.meshgrid(columns, rows), -1)
+    fx = values["camera.fx"]
+    fy = values["camera.fy"]
+    cx = values["camera.cx"]
+    cy = values["camera.cy"]
+    batches = []
+    for first in range(0, len(columns) * len(rows), BATCH_SIZE):
+        batch = torch.from_numpy(pixels.reshape(-1, 2)[first : first + BATCH_SIZE])
+        rays = path.trace(batch, values)
+        forward = (rays.failure == 0) & (rays.direction.z > 1e-3)
+        direction_z = torch.where(forward, rays.direction.z, torch.ones_like(rays.direction.z))
+        tan_x, tan_y = rays.direction.x / direction_z, rays.direction.y / direction_z
         at_infinity = torch.stack([fx * tan_x + cx, fy * tan_y + cy], -1)
         parallax = torch.stack(
             [
@@ -243,13 +269,12 @@ def _affine(
             ],
             -1,
         )
-        chunks.append((at_infinity, parallax, rays.origin.z, ok))
-    shape = at.shape[:2]
-    a, b, nearest, arrived = (torch.cat(parts).numpy() for parts in zip(*chunks, strict=True))
-    return (
-        at,
-        a.reshape(at.shape),
-        b.reshape(at.shape),
-        nearest.reshape(shape),
-        arrived.reshape(shape),
+        batches.append((at_infinity, parallax, rays.origin.z, forward))
+    shape = pixels.shape[:2]
+    return _TracedGrid(
+        pixels=pixels,
+        at_infinity=torch.cat([batch[0] for batch in batches]).numpy().reshape(pixels.shape),
+        parallax=torch.cat([batch[1] for batch in batches]).numpy().reshape(pixels.shape),
+        exit_z=torch.cat([batch[2] for batch in batches]).numpy().reshape(shape),
+        forward=torch.cat([batch[3] for batch in batches]).numpy().reshape(shape),
     )

@@ -1,19 +1,19 @@
-"""cv2.remap without its limit: it takes no picture or map of 32,767 pixels or more across or
-down.
+"""cv2.remap without its size limit: OpenCV takes no picture or map with a side of 32,767 pixels or
+more.
 """
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-MOST = 32_766
-"""Pixels across or down that OpenCV takes at once."""
+MAX_SIDE = 32_766
+"""The longest side, in pixels, that OpenCV takes."""
 TILE = 4096
-"""Pixels across and down of a part of a larger picture: few enough that the part of the source it
-is seen in is hardly ever too large.
+"""The side of a tile of a larger picture, in pixels: so small that the source region of a tile is
+hardly ever too large.
 """
-REACH = 8
-"""Pixels of the source around those that a part is seen at: Lanczos' interpolation takes four."""
+MARGIN = 8
+"""Pixels of the source around the region of a tile: Lanczos' interpolation takes four."""
 
 
 def remap(
@@ -24,26 +24,26 @@ def remap(
     border: int,
     into: NDArray | None = None,
 ) -> NDArray:
-    """As cv2.remap of float maps; beyond its limit, part by part.
+    """Return what cv2.remap returns for float maps; beyond its limit, tile by tile.
 
     Args:
         source: (H, W) or (H, W, C).
         x: (h, w) px of the source.
-        y: (h, w) likewise.
-        into: (h, w) or (h, w, C), where to write the result.
+        y: (h, w) px of the source.
+        into: (h, w) or (h, w, C), the array that receives the result.
     """
-    if max(*x.shape, *source.shape[:2]) <= MOST:
+    if max(*x.shape, *source.shape[:2]) <= MAX_SIDE:
         return cv2.remap(source, x, y, interpolation, into, border)
     if into is None:
         into = np.empty((*x.shape, *source.shape[2:]), source.dtype)
     for top in range(0, x.shape[0], TILE):
-        for left in range(0, x.shape[1], TILE):
-            part = slice(top, top + TILE), slice(left, left + TILE)
-            _remap_part(source, x[part], y[part], interpolation, border, into[part])
+        for x_min in range(0, x.shape[1], TILE):
+            tile = slice(top, top + TILE), slice(x_min, x_min + TILE)
+            _remap_tile(source, x[tile], y[tile], interpolation, border, into[tile])
     return into
 
 
-def _remap_part(
+def _remap_tile(
     source: NDArray,
     x: NDArray[np.float32],
     y: NDArray[np.float32],
@@ -51,15 +51,15 @@ def _remap_part(
     border: int,
     into: NDArray,
 ) -> None:
-    """From the part of the source that is seen, by halves where that is too large still."""
-    x, y = (
-        np.clip(at, -REACH, size - 1 + REACH)
-        for at, size in zip((x, y), source.shape[1::-1], strict=True)
-    )  # as far as borders go
-    (left, right), (top, bottom) = (
-        _reach(at, size) for at, size in zip((x, y), source.shape[1::-1], strict=True)
-    )
-    if max(right - left, bottom - top) > MOST and x.size > 1:
+    """Remap from the region of the source that the tile needs; halve the tile while this region is
+    too large.
+    """
+    height, width = source.shape[:2]
+    x = np.clip(x, -MARGIN, width - 1 + MARGIN)  # borders reach this far
+    y = np.clip(y, -MARGIN, height - 1 + MARGIN)
+    x_min, x_end = _source_range(x, width)
+    y_min, y_end = _source_range(y, height)
+    if max(x_end - x_min, y_end - y_min) > MAX_SIDE and x.size > 1:
         axis = int(np.argmax(x.shape))
         for a, b, out in zip(
             np.array_split(x, 2, axis),
@@ -67,21 +67,21 @@ def _remap_part(
             np.array_split(into, 2, axis),
             strict=True,
         ):
-            _remap_part(source, a, b, interpolation, border, out)
+            _remap_tile(source, a, b, interpolation, border, out)
         return
-    near = source[top:bottom, left:right]
+    region = source[y_min:y_end, x_min:x_end]
     into[...] = cv2.remap(
-        near, x - np.float32(left), y - np.float32(top), interpolation, None, border
+        region, x - np.float32(x_min), y - np.float32(y_min), interpolation, None, border
     ).reshape(into.shape)
 
 
-def _reach(at: NDArray[np.float32], size: int) -> tuple[int, int]:
-    """The first pixel that some coordinates are seen at, and the one after the last, with REACH on
-    both sides; at least one pixel.
+def _source_range(coordinates: NDArray[np.float32], size: int) -> tuple[int, int]:
+    """Return the first source pixel that the coordinates need and the one behind the last, with
+    MARGIN on both sides; at least one pixel.
     """
-    known = at[np.isfinite(at)]
-    if not known.size:
+    finite = coordinates[np.isfinite(coordinates)]
+    if not finite.size:
         return 0, 1
-    return max(0, min(size - 1, int(known.min()) - REACH)), min(
-        size, max(1, int(known.max()) + 2 + REACH)
-    )
+    start = max(0, min(size - 1, int(finite.min()) - MARGIN))
+    end = min(size, max(1, int(finite.max()) + 2 + MARGIN))
+    return start, end

@@ -1,4 +1,6 @@
-"""What part of the bare pinhole's image an undistorted picture shows, and how large."""
+"""The window of an undistorted picture: its size, and the area of the bare pinhole's image that it
+shows.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,11 @@ class Window:
     corner: tuple[float, float] = (0.0, 0.0)
     """px of the bare pinhole camera."""
     zoom: tuple[float, float] = (1.0, 1.0)
-    """How many of its pixels one of the picture's is wide and high."""
+    """px of the bare pinhole camera per px of the picture, along x and y."""
 
     def __post_init__(self) -> None:
         if self.width * self.height > MAX_PIXELS:
             raise InputError(
                 f"a picture of {self.width}x{self.height} px is too large for memory: write a width"
-                f" and height of {MAX_PIXELS:,} px in all at most."
+                f" and height that make at most {MAX_PIXELS:,} pixels."
             )

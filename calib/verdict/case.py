@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.registry import EFFECTS
-from calib.estimation.elimination import eliminated
+from calib.estimation.elimination import project_out
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
@@ -125,8 +125,10 @@ class Case:
         """
         at = self.optimum
         views = list(at.equations())
-        off = np.concatenate([eliminated(view.own, view.residual) for view in views])
-        rows = np.concatenate([eliminated(view.own, view.shared) for view in views])
+        off = np.concatenate([project_out(view.jacobian_block, view.residual) for view in views])
+        rows = np.concatenate(
+            [project_out(view.jacobian_block, view.jacobian_shared) for view in views]
+        )
         precision = at.prior_precision()
         gradient = rows.T @ off + precision @ at.deviation
         return float(np.sqrt(gradient @ np.linalg.solve(rows.T @ rows + precision, gradient)))
@@ -137,7 +139,7 @@ class Case:
         if not self.calibration.covariance.size:
             return ()
         found = [one for one in comparisons(self.calibration) if one.corrected]
-        return tuple(one.name for one in sorted(found, key=lambda one: -one.apart))
+        return tuple(one.name for one in sorted(found, key=lambda one: -one.normalised_deviation))
 
     @property
     def usual_depths(self) -> tuple[float, ...]:

@@ -27,9 +27,9 @@ def declared_numbers(case: Case) -> Iterator[Reason]:
         for one in comparisons(case.calibration)
         if one.contradicted and one.corrected and one.source != VIEWS
     ]
-    for one in sorted(wrong, key=lambda one: -one.apart):
+    for one in sorted(wrong, key=lambda one: -one.normalised_deviation):
         advice = (
             "find what the model lacks first, which may cause it" if lacking else ADVICE[one.source]
         )
-        said = f"{one}, {one.apart:.1f} standard deviations apart: {advice}."
+        said = f"{one}, {one.normalised_deviation:.1f} standard deviations apart: {advice}."
         yield Reason(said, case.next.fit(), (one.name,))

@@ -25,8 +25,8 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     progress.task(LOADING, 1)
     from calib.calibration import DERIVED, FILES, Calibration
     from calib.diagnosis.diagnose import diagnose
-    from calib.diagnosis.effect_description import describe_effect
-    from calib.effects.plainly import plainly
+    from calib.diagnosis.effect_description import describe_estimates
+    from calib.effects.description import describe_effect
     from calib.fitting.provenance import diagnosed
     from calib.io.file_set import FileSet
     from calib.io.output_folder import check_no_link
@@ -42,13 +42,15 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
         files.commit(instead_of=DERIVED)
     numbers = [
         [
-            plainly(candidate.effect),
-            *describe_effect(candidate.effect, diagnosed_calibration, candidate.parameters),
+            describe_effect(candidate.effect),
+            *describe_estimates(candidate.effect, diagnosed_calibration, candidate.parameters),
         ]
         for candidate in finding.candidates
         if candidate.accepted
     ]
-    words = {candidate.effect: plainly(candidate.effect) for candidate in finding.candidates}
+    words = {
+        candidate.effect: describe_effect(candidate.effect) for candidate in finding.candidates
+    }
     return summary(diagnosed_calibration, saved) | {
         "accepted": list(finding.accepted),
         "text": as_text(finding, numbers, words),

@@ -146,7 +146,7 @@ def make_undistortion(progress: Progress, calibration: Path, depth: float) -> di
     node_x, node_y = np.meshgrid(
         np.linspace(0, size[0] - 1, NODES[0]), np.linspace(0, size[1] - 1, NODES[1])
     )
-    nodes = field.undistorted(np.column_stack([node_x.ravel(), node_y.ravel()]), depth)
+    nodes = field.undistort_pixels(np.column_stack([node_x.ravel(), node_y.ravel()]), depth)
     return {
         "straight": LiveUndistortion(
             depth, size, x, y, nodes.reshape(*node_x.shape, 2).astype(np.float32)

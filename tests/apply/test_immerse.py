@@ -19,7 +19,7 @@ from calib.calibration import AddedEffect, Calibration
 from calib.cli import main
 from calib.diagnosis.all_free import all_free
 from calib.effects.cover_offset import CoverOffset
-from calib.effects.effect import Surroundings
+from calib.effects.effect import EffectContext
 from calib.effects.flat_port import FlatPort
 from calib.effects.free_field import FreeField
 from calib.effects.refractive_index import RefractiveIndex
@@ -480,11 +480,11 @@ def test_wrong_options_get_their_sentence(
 def test_an_effect_without_a_cause_is_told_of(dry: Calibration) -> None:
     path, values = dry.model()
     field, *_ = FreeField.propose(
-        Surroundings(dry.board, dry.camera.width, dry.camera.height, path, values)
+        EffectContext(dry.board, dry.camera.width, dry.camera.height, path, values)
     )
     nothing = {
         unknown.param.name: (np.zeros(unknown.param.shape), np.zeros(unknown.param.shape))
-        for unknown in field.unknowns
+        for unknown in field.effect_parameters
     }
     mended = replace(dry, covariance=np.zeros((0, 0)), effects=(AddedEffect(field, nothing),))
     assert immerse(mended, WATER).unexplained == ("free_field",)

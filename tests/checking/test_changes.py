@@ -22,7 +22,7 @@ def test_neutral_changes_nothing(cameras: Made) -> None:
         for change in checker.changes:
             neutral = {
                 u.param.name: torch.full(u.param.shape, u.neutral, dtype=torch.float64)
-                for u in change.unknowns
+                for u in change.effect_parameters
             }
             after = change.apply(path).trace(PIXELS, {**values, **neutral})
             for one, other in ((before.origin, after.origin), (before.direction, after.direction)):

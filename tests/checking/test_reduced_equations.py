@@ -25,7 +25,7 @@ DRAWS = 300
 def test_dense_algebra_says_the_same(cameras: Made) -> None:
     made, checker = cameras["flat"]
     later = Later.drawn(made, None, 5, 3)
-    seen = Observations.of(later.views(), made.board).timed(None, HEIGHT)
+    seen = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
     poses, prior = later.made.poses, checker.prior
     changes = checker.changes[:2]
     equations = ReducedEquations.of(prior, changes, seen, poses)
@@ -33,9 +33,11 @@ def test_dense_algebra_says_the_same(cameras: Made) -> None:
     views = list(
         view_equations(prior.model.with_effects(new).path, parameters, seen, poses, prior.sigma)
     )
-    still = block_diag(*(null_space(view.own.T).T for view in views))  # all that no pose does
+    still = block_diag(
+        *(null_space(view.jacobian_block.T).T for view in views)
+    )  # all that no pose does
     residual = still @ np.concatenate([view.residual for view in views])
-    shared = still @ np.concatenate([view.shared for view in views])
+    shared = still @ np.concatenate([view.jacobian_shared for view in views])
     jacobian, columns = shared[:, : len(prior.root)] @ prior.root, shared[:, len(prior.root) :]
     covariance = np.eye(len(residual)) + jacobian @ jacobian.T
     rows = np.column_stack([residual, columns])
@@ -86,7 +88,7 @@ def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:
 def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 6, 4)
-    seen = Observations.of(later.views(), made.board).timed(None, HEIGHT)
+    seen = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
     prior, changes = checker.prior, checker.changes
     parameters, new = parameters_with_changes(prior, changes)
     views = list(
@@ -96,11 +98,16 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
     )
     equations = ReducedEquations.of(prior, changes, seen, later.made.poses)
     columns = np.concatenate(
-        [parameters.entries(u.param.name for u in change.unknowns) for change in changes]
+        [parameters.entries(u.param.name for u in change.effect_parameters) for change in changes]
     )
-    bases = [null_space(view.own.T).T for view in views]
+    bases = [null_space(view.jacobian_block.T).T for view in views]
     rows = [
-        np.column_stack([view.shared[:, : len(prior.root)] @ prior.root, view.shared[:, columns]])
+        np.column_stack(
+            [
+                view.jacobian_shared[:, : len(prior.root)] @ prior.root,
+                view.jacobian_shared[:, columns],
+            ]
+        )
         for view in views
     ]
     rows = [basis @ own for basis, own in zip(bases, rows, strict=True)]
@@ -141,14 +148,14 @@ def test_a_change_is_measured_with_its_sign(cameras: Made) -> None:
     """To first order: minus the covariance times the score is what the focal length changed by."""
     made, checker = cameras["cone"]
     later = Later.drawn(made, Focal(), 7, 4)
-    truth = float(later.direction["focal.change"]) / Focal().unknowns[0].param.scale
-    seen = Observations.of(later.views(1, noise=0.0), made.board).timed(None, HEIGHT)
+    truth = float(later.direction["focal.change"]) / Focal().effect_parameters[0].param.scale
+    seen = Observations.of(later.views(1, noise=0.0), made.board).add_times(None, HEIGHT)
     poses = later.made.poses
     equations = ReducedEquations.of(checker.prior, (Focal(),), seen, poses)
     before = ReducedEquations.of(
         checker.prior,
         (Focal(),),
-        Observations.of(later.views(0, noise=0.0), made.board).timed(None, HEIGHT),
+        Observations.of(later.views(0, noise=0.0), made.board).add_times(None, HEIGHT),
         poses,
     )
     found, still = (one.predicted() for one in (equations, before))

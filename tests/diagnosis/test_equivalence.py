@@ -58,7 +58,7 @@ def test_a_window_and_a_moving_pupil_are_a_family(window: Diagnosis) -> None:
     assert {"flat_port", "entrance_pupil"} <= family.members.keys()
     assert 0.9 < sum(family.members.values()) < 1 + 1e-9
     assert "the lens" in family.name
-    assert "what stands before the lens" in family.name
+    assert "the space in front of the lens" in family.name
     assert family.experiment.startswith("To separate them, ")
     assert str(family) in window.remarks
     said = window.as_json()["families"]

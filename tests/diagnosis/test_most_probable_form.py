@@ -17,17 +17,15 @@ def test_one_fit_says_how_probable_the_forms_with_fewer_parameters_are(
     these estimate the noise anew.
     """
     hidden = BoardShape(0.08, 0.08, 3)
-    sizes = {unknown.param.name: 0.0 for unknown in hidden.unknowns} | {
+    sizes = {unknown.param.name: 0.0 for unknown in hidden.effect_parameters} | {
         "board_shape.xx": 5e-4,
         "board_shape.xxy": third,
     }
     calibration = without_cover(hidden, sizes, 0.1)
     observations, model = calibration.observations, full_model(calibration)
-    begin = model.fitted(observations, torch.from_numpy(calibration.poses))
+    begin = model.fit(observations, torch.from_numpy(calibration.poses))
     forms = [model.with_effect(form) for form in hidden.alternatives()]
-    fits = [
-        form.fitted(observations, begin.poses, begin.start, (1e-3, 1e-4, 1e-6)) for form in forms
-    ]
+    fits = [form.fit(observations, begin.poses, begin.start, (1e-3, 1e-4, 1e-6)) for form in forms]
     for form, fit in zip(forms, fits, strict=True):
         assert savage_dickey_log_odds(form, forms[-1], fits[-1]) == pytest.approx(
             fit.log_evidence - fits[-1].log_evidence, abs=1.0, rel=0.2

@@ -12,7 +12,7 @@ from calib.diagnosis.sentences import remarks
 from calib.diagnosis.trial import Trial
 from calib.effects.cover_tilt import CoverTilt
 from calib.effects.detector_bias import DetectorBias
-from calib.effects.effect import Effect, Surroundings, possible
+from calib.effects.effect import Effect, EffectContext, is_possible
 from calib.effects.flat_port import FlatPort
 from calib.effects.free_field import FreeField
 from calib.effects.registry import KINDS
@@ -29,10 +29,10 @@ TILT = CoverTilt("xy")
 def state_without_window() -> SearchState:
     made = without_cover(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
     base = base_model(made)
-    there = Surroundings(made.board, made.camera.width, made.camera.height, base.path, base.means)
+    there = EffectContext(made.board, made.camera.width, made.camera.height, base.path, base.means)
     model = base.with_effects([DetectorBias(), *FreeField.propose(there)])
     seen = made.observations
-    joint = model.fitted(seen, torch.from_numpy(made.poses))
+    joint = model.fit(seen, torch.from_numpy(made.poses))
     problem = SearchProblem(
         board=made.board,
         camera=made.camera,
@@ -70,7 +70,7 @@ def test_a_window_takes_what_is_on_it_along() -> None:
 def test_effects_on_a_cover_are_proposed_for_covers_alone() -> None:
     made = without_cover(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
     without = Path(LensModel(0))
-    there = Surroundings(made.board, 1640, 1232, without, {}, place=torch.zeros(2))
-    on_cover: list[type[Effect]] = [kind for kind in KINDS if not possible(kind, without)]
+    there = EffectContext(made.board, 1640, 1232, without, {}, place=torch.zeros(2))
+    on_cover: list[type[Effect]] = [kind for kind in KINDS if not is_possible(kind, without)]
     assert len(on_cover) == 8
     assert not [kind.name for kind in on_cover if kind.propose(there)]

@@ -32,7 +32,7 @@ def calibration() -> Calibration:
 
 
 def optimum(model: CameraModel, seen: Observations, poses: np.ndarray) -> FittedModel:
-    return FittedModel(model, seen, model.fitted(seen, torch.from_numpy(poses)))
+    return FittedModel(model, seen, model.fit(seen, torch.from_numpy(poses)))
 
 
 def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Calibration) -> None:
@@ -71,7 +71,7 @@ def test_the_name_that_a_field_should_have_had_is_near_it() -> None:
     made = fitted(hidden(BoardScale(), {"board_scale.x_over_y": 2e-2}))
     at = optimum(base_model(made), made.observations, made.poses)
     (field,) = FreeField.propose(effect_context(at, made.board, CAMERA, locate=False))
-    values = at.model.with_effect(field).fitted(made.observations, at.joint.poses).values
+    values = at.model.with_effect(field).fit(made.observations, at.joint.poses).values
     near = nearest_named(at, field, values, (BoardShape(0.08, 0.08), DetectorBias(), BoardScale()))
     assert near[0][0] == "board_scale"
     assert 0.5 < near[0][1] <= 1.0

@@ -17,15 +17,15 @@ def test_effects_are_left_in_the_simplest_form_that_the_corners_ask_for(third: f
     that has such a term.
     """
     hidden = BoardShape(0.08, 0.08, 3)
-    sizes = {unknown.param.name: 0.0 for unknown in hidden.unknowns} | {
+    sizes = {unknown.param.name: 0.0 for unknown in hidden.effect_parameters} | {
         "board_shape.xx": 5e-4,
         "board_shape.xxy": third,
     }
     calibration = without_cover(hidden, sizes, 0.1)
     observations, base = calibration.observations, base_model(calibration)
-    begin = full_model(calibration).fitted(observations, torch.from_numpy(calibration.poses))
+    begin = full_model(calibration).fit(observations, torch.from_numpy(calibration.poses))
     most = base.with_effects([BoardScale(True, 3, (0.08, 0.08)), BoardShape(0.08, 0.08, 4)])
-    joint = most.fitted(observations, begin.poses, begin.start, (1e-3, 1e-4))
+    joint = most.fit(observations, begin.poses, begin.start, (1e-3, 1e-4))
     found = simplified(ModelFit(most, joint), base, observations)
     assert found.model.effects == (
         BoardScale(half=(0.08, 0.08)),

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from calib.calibration import AddedEffect, Calibration
 from calib.corners.view import View
-from calib.effects.effect import Effect, Surroundings
+from calib.effects.effect import Effect, EffectContext
 from calib.effects.registry import KINDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
@@ -70,13 +70,13 @@ class Situation:
 
     @property
     def observations(self) -> Observations:
-        return Observations.of(self.views, BOARD).timed(TIMES, HEIGHT)
+        return Observations.of(self.views, BOARD).add_times(TIMES, HEIGHT)
 
     @property
     def model(self) -> CameraModel:
         return CameraModel(self.path, self.values, NONE)
 
-    def surroundings(self, estimated: Sequence[str] = (), placed: bool = True) -> Surroundings:
+    def surroundings(self, estimated: Sequence[str] = (), placed: bool = True) -> EffectContext:
         place = (
             torch.tensor(
                 [sum(ends) / 2 for ends in zip(self.relief.low, self.relief.high, strict=True)]
@@ -84,7 +84,7 @@ class Situation:
             if self.relief
             else None
         )
-        return Surroundings(
+        return EffectContext(
             BOARD,
             WIDTH,
             HEIGHT,
@@ -159,14 +159,14 @@ class Form:
         """Numbers with which it is there, and the (V, B) numbers of the views."""
         rng = np.random.default_rng(5)
         values = dict(self.model.means)
-        for unknown in self.effect.unknowns:
+        for unknown in self.effect.effect_parameters:
             off = rng.uniform(0.3, 0.6, unknown.param.shape) * rng.choice(
                 [-1.0, 1.0], unknown.param.shape
             )
             values[unknown.param.name] = values[
                 unknown.param.name
             ] + unknown.param.scale * torch.from_numpy(np.asarray(off))
-        poses = self.model.padded(self.there.poses)
+        poses = self.model.pad_poses(self.there.poses)
         size = 1e-3 if self.effect.per_view == FLEX else 0.01
         own = torch.from_numpy(rng.uniform(-size, size, (len(poses), poses.shape[1] - 6)))
         return values, torch.cat([poses[:, :6], own], 1)

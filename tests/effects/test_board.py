@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from calib.effects.board_flex import BoardFlex
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
-from calib.effects.effect import Effect, Surroundings
+from calib.effects.effect import Effect, EffectContext
 from calib.effects.free_field import FreeField
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.priors import NONE
@@ -23,7 +23,7 @@ POSE = np.array([0.5, -0.6, 0.2, -0.03, 0.02, 0.4])
 
 def proposed(kind: type[Effect]) -> Effect:
     path, values = pinhole_path(INTRINSICS)
-    return kind.propose(Surroundings(BOARD, WIDTH, HEIGHT, path, values))[0]
+    return kind.propose(EffectContext(BOARD, WIDTH, HEIGHT, path, values))[0]
 
 
 def land(effect: Effect, pixels: Array, parameters: dict[str, float | Array]) -> Array:
@@ -51,7 +51,7 @@ def test_board_shape_is_where_rays_meet_the_surface() -> None:
     effect = proposed(BoardShape)
     sizes = {
         unknown.param.name.removeprefix("board_shape."): float(rng.normal(0, 2e-4))
-        for unknown in effect.unknowns
+        for unknown in effect.effect_parameters
     }
     assert len(sizes) == 12
     series = np.zeros((5, 5))
@@ -84,7 +84,7 @@ def test_board_shape_takes_the_degree_that_made_the_residual() -> None:
     columns = rng.normal(0, 100.0, (400, 12))
     for degree, count in ((2, 3), (3, 7), (4, 12)):
         residual = columns[:, :count] @ rng.normal(0, 0.2, count) + rng.standard_normal(400)
-        assert effect.tuned(columns.T @ columns, columns.T @ residual).degree == degree
+        assert effect.tune(columns.T @ columns, columns.T @ residual).degree == degree
 
 
 def test_a_positive_bow_takes_the_middle_away_from_the_camera() -> None:
@@ -148,7 +148,10 @@ def test_an_uneven_print_is_opencv_s_view_of_points_moved_by_legendre_series() -
     """Oracle: numpy's Legendre series move the points, OpenCV shows them."""
     effect = proposed(BoardScale)
     rng = np.random.default_rng(4)
-    sizes = {unknown.param.name: float(rng.normal(0, unknown.sigma)) for unknown in effect.unknowns}
+    sizes = {
+        unknown.param.name: float(rng.normal(0, unknown.sigma))
+        for unknown in effect.effect_parameters
+    }
     assert len(sizes) == 16
     series = np.zeros((2, 4, 4))
     for name, size in sizes.items():
@@ -172,14 +175,14 @@ def test_board_scale_takes_the_form_that_made_the_residual() -> None:
     rng = np.random.default_rng(9)
     effect = proposed(BoardScale)
     assert isinstance(effect, BoardScale)
-    spread = np.array([unknown.sigma / unknown.param.scale for unknown in effect.unknowns])
+    spread = np.array([unknown.sigma / unknown.param.scale for unknown in effect.effect_parameters])
     columns = rng.normal(0, 100.0, (400, len(spread)))
     for form in effect.alternatives():
-        count = len(form.unknowns)
+        count = len(form.effect_parameters)
         residual = columns[:, :count] @ rng.normal(0, 0.3 * spread[:count]) + rng.standard_normal(
             400
         )
-        assert effect.tuned(columns.T @ columns, columns.T @ residual) == form
+        assert effect.tune(columns.T @ columns, columns.T @ residual) == form
 
 
 def test_free_field_over_the_board_is_a_cosine_transform_of_shifts() -> None:

@@ -63,7 +63,7 @@ def landed(
     path, values = pinhole_path(INTRINSICS)
     model = CameraModel(path, values, NONE).with_effect(effect)
     views = [View(f"{view}.png", pixels, np.ones(BOARD.count)) for view, pixels in enumerate(seen)]
-    observations = Observations.of(views, BOARD).timed(times, HEIGHT)
+    observations = Observations.of(views, BOARD).add_times(times, HEIGHT)
     given = {
         name.replace("__", "."): torch.tensor(value, dtype=torch.float64)
         for name, value in parameters.items()

@@ -10,7 +10,7 @@ from torch import Tensor
 from calib.effects.cover_offset import CoverOffset
 from calib.effects.cover_radius import CoverRadius
 from calib.effects.cover_tilt import CoverTilt
-from calib.effects.effect import Effect, Surroundings
+from calib.effects.effect import Effect, EffectContext
 from calib.effects.fine_surface import FineSurface
 from calib.effects.flat_port import WALL_INDEX, FlatPort
 from calib.effects.inner_surface import InnerSurface
@@ -53,7 +53,7 @@ def model(example: Example) -> CameraModel:
 
 def proposed(kind: type[Effect], model: CameraModel, place: Tensor | None = None) -> Effect:
     (effect,) = kind.propose(
-        Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, model.path, model.means, place=place)
+        EffectContext(Board(9, 9, 0.02), WIDTH, HEIGHT, model.path, model.means, place=place)
     )
     return effect
 
@@ -110,7 +110,7 @@ def test_cover_offset_is_a_camera_moved_the_other_way(example: Example) -> None:
         PIXELS, origin=-shift
     )
     given = {f"cover_offset.{name}": rise for name, rise in moved.items()}
-    assert given.keys() == {u.param.name for u in effect.unknowns}
+    assert given.keys() == {u.param.name for u in effect.effect_parameters}
     agrees(effect, base, given, (origins + shift, directions), moves=1e-5)
 
 
@@ -250,7 +250,7 @@ def test_flat_port_is_snell_through_parallel_plates(behind: str, outside: float)
     """
     path, values = pinhole_path(INTRINSICS)
     base = CameraModel(path, values, NONE)
-    there = Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values)
+    there = EffectContext(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values)
     (effect,) = (e for e in FlatPort.propose(there) if e.behind == behind)
     distance, wall, tilt = 0.03 if behind == "water" else 0.0, 0.008, {"x": 0.05, "y": -0.08}
     normal = turned(**tilt)[:, 2]
@@ -286,11 +286,11 @@ def test_what_cannot_be_is_not_proposed() -> None:
         FineSurface,
     )
     path, values = pinhole_path(INTRINSICS)
-    bare = Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, place=torch.zeros(2))
+    bare = EffectContext(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, place=torch.zeros(2))
     assert not [effect for kind in covers for effect in kind.propose(bare)]
     for example in EXAMPLES:
         path, values = covered_path(INTRINSICS, example.cover)
-        smooth = Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, place=torch.zeros(2))
+        smooth = EffectContext(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, place=torch.zeros(2))
         assert not [
             effect
             for kind in (FlatPort, InnerSurface, FineSurface)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.stats import Covariance, multivariate_normal
 
-from calib.effects.cosine_field import KNEES, SIZES, WAVES
+from calib.effects.cosine_field import KNEES, SIZE_FACTORS, WAVES
 from calib.effects.free_field import FreeField
 
 FIELD = FreeField((-0.1, -0.1), (0.1, 0.1), FreeField.first_size, 2.0)
-SCALE = FIELD.unknowns[0].param.scale
+SCALE = FIELD.effect_parameters[0].param.scale
 ROWS = 600
 
 
@@ -40,10 +40,10 @@ def test_the_evidence_is_the_residual_s_probability() -> None:
         return float(multivariate_normal.logpdf(residual, np.zeros(ROWS), covariance))
 
     best = max(
-        ((FreeField.first_size * factor, knee) for factor in SIZES for knee in KNEES),
+        ((FreeField.first_size * factor, knee) for factor in SIZE_FACTORS for knee in KNEES),
         key=lambda scale: density(*scale),
     )
-    chosen = FIELD.tuned(columns.T @ columns, columns.T @ residual)
+    chosen = FIELD.tune(columns.T @ columns, columns.T @ residual)
     assert (chosen.size, chosen.knee) == best
 
 
@@ -54,7 +54,7 @@ def test_scales_that_made_the_field_are_found_again(size: float, knee: float) ->
     steps off in one of three where the field is as small as the noise; so the median of five.
     """
     chosen = [
-        FIELD.tuned(columns.T @ columns, columns.T @ residual)
+        FIELD.tune(columns.T @ columns, columns.T @ residual)
         for columns, residual in (observed(size, knee, s) for s in range(5))
     ]
     assert abs(np.log(np.median([one.size for one in chosen]) / size)) < np.log(10) / 6

@@ -23,7 +23,7 @@ from calib.effects.registry import KINDS
 from calib.effects.serialise import Estimated, effect_from_yaml, effect_to_yaml
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
-from calib.estimation.residual_blocks import Landing, landings
+from calib.estimation.residual_blocks import ResidualBlock, make_residual_blocks
 from calib.optics.params import Values
 from tests.effects.forms import FORMS, SITUATIONS, Form, Situation, each_form
 
@@ -61,9 +61,9 @@ def test_every_effect_is_possible_somewhere(kind: type[Effect]) -> None:
 @each_form
 def test_neutral_parameters_change_no_landing(form: Form) -> None:
     model = form.model
-    neutral = {**form.there.values, **model.neutral(form.effect)}
+    neutral = {**form.there.values, **model.neutral_values(form.effect)}
     assert (
-        land(form, neutral, model.padded(form.there.poses)) - land_without(form.there)
+        land(form, neutral, model.pad_poses(form.there.poses)) - land_without(form.there)
     ).abs().max() < 1e-14  # m
 
 
@@ -71,8 +71,8 @@ def test_neutral_parameters_change_no_landing(form: Form) -> None:
 def test_its_parameters_are_read_by_the_path(form: Form) -> None:
     """What a path does not tell of, no fit estimates."""
     read = {param.name: param for param in form.model.path.params}
-    assert form.effect.unknowns or form.effect.per_view
-    for unknown in form.effect.unknowns:
+    assert form.effect.effect_parameters or form.effect.per_view
+    for unknown in form.effect.effect_parameters:
         assert read[unknown.param.name] == unknown.param
         assert unknown.param.name.startswith(f"{form.effect.name}.")
         assert unknown.sigma > 0
@@ -85,10 +85,10 @@ def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
     left of them.
     """
     values, poses = form.present()
-    for unknown in form.effect.unknowns:
+    for unknown in form.effect.effect_parameters:
         if unknown.shifts:
             name = unknown.param.name
-            other = {**form.there.values, **form.model.neutral(form.effect)}
+            other = {**form.there.values, **form.model.neutral_values(form.effect)}
             by_effect = land(form, {**other, name: values[name]}, poses)
             change = values[name]
             moved = {
@@ -105,7 +105,10 @@ def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
 
 def test_the_effects_on_declared_numbers_say_so() -> None:
     saying = {
-        form.effect.name for form in FORMS for unknown in form.effect.unknowns if unknown.shifts
+        form.effect.name
+        for form in FORMS
+        for unknown in form.effect.effect_parameters
+        if unknown.shifts
     }
     assert saying == {
         "principal_point",
@@ -127,7 +130,7 @@ def test_derivatives_agree_with_central_differences(form: Form) -> None:
     landing = _landing(form, values, poses)
     scales = [
         (u.param.name, u.param.scale, entry)
-        for u in form.effect.unknowns
+        for u in form.effect.effect_parameters
         for entry in np.ndindex(u.param.shape)
     ]
     at = landing.linearise(values, poses)
@@ -237,7 +240,7 @@ def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
     ("change", "reason"),
     [
         ({"name": "phlogiston"}, "phlogiston"),
-        ({"form": {"high": 1}}, "form.high of free_field is not one"),
+        ({"form": {"high": 1}}, "form.high of free_field is not of the right type"),
         ({"parameters": {}}, "free_field.board.x"),
         (
             {
@@ -259,12 +262,14 @@ def test_a_file_that_tells_of_no_effect_is_refused(change: dict[str, object], re
 
 def _landing(
     form: Form, values: dict[str, Tensor], poses: Tensor, *, relief_moves: bool = False
-) -> Landing:
+) -> ResidualBlock:
     seen = form.there.observations
     weights = torch.eye(2, dtype=torch.float64).expand(len(seen.pixels), 2, 2)
     relief = form.model.path.relief if relief_moves else None
-    parameters = Parameters(values, relief, tuple(u.param for u in form.effect.unknowns), NONE)
-    (landing,) = landings(form.model.path, parameters, seen, weights)
+    parameters = Parameters(
+        values, relief, tuple(u.param for u in form.effect.effect_parameters), NONE
+    )
+    (landing,) = make_residual_blocks(form.model.path, parameters, seen, weights)
     assert _residual(landing, values, poses)[1].all()
     return landing
 
@@ -280,9 +285,9 @@ def _compare(analytic: Tensor, numeric: Tensor, name: str) -> None:
 def _estimated(form: Form, values: dict[str, Tensor]) -> Estimated:
     return {
         u.param.name: (values[u.param.name].numpy(), np.full(u.param.shape, u.sigma))
-        for u in form.effect.unknowns
+        for u in form.effect.effect_parameters
     }
 
 
-def _residual(landing: Landing, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
+def _residual(landing: ResidualBlock, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
     return landing.residual(landing.rays(values), values, poses)

@@ -9,14 +9,14 @@ from scipy.stats import multivariate_normal
 
 from calib.corners.view import View
 from calib.estimation.gradient_fit import descend
-from calib.estimation.joint_fit import JointFit, fit_joint, inverse
+from calib.estimation.joint_fit import JointFit, fit_joint, invert_precision
 from calib.estimation.levenberg_marquardt import Outcome, minimise
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import pinhole_poses, refine_poses, refit_poses
 from calib.estimation.priors import Priors
-from calib.estimation.residual_blocks import landings, pixel_weights
+from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.residuals import residuals
 from calib.estimation.surface_prior import MarginalLikelihood, Quadratic, Smoothness
 from calib.optics.build import covered_path, footprint, with_relief
@@ -78,7 +78,7 @@ def test_derivatives_agree_with_central_differences() -> None:
     )
     parameters = Parameters.of(made.path, made.values, Priors(dict.fromkeys(names, 1.0)))
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
-    views = tuple(landings(made.path, parameters, made.observations, weights))
+    views = tuple(make_residual_blocks(made.path, parameters, made.observations, weights))
     nothing = torch.zeros(parameters.count, parameters.count, dtype=torch.float64)
     problem = LandingProblem(
         parameters, views, nothing, view_precision(made.path, made.poses), huber=torch.inf
@@ -119,7 +119,7 @@ def test_views_settle_where_a_fit_of_each_by_itself_ends(huber: float) -> None:
         made.path, made.values, Priors({"camera.fx": 1.0, "cover.thickness": 1.0})
     )
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
-    views = tuple(landings(made.path, parameters, made.observations, weights))
+    views = tuple(make_residual_blocks(made.path, parameters, made.observations, weights))
     nothing = torch.zeros(parameters.count, parameters.count, dtype=torch.float64)
     own = torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, 4.0], dtype=torch.float64)
     problem = LandingProblem(parameters, views, nothing, own, huber)
@@ -131,7 +131,7 @@ def test_views_settle_where_a_fit_of_each_by_itself_ends(huber: float) -> None:
 
     poses, found = made.poses, []
     for _ in range(4):
-        settled, cost = problem.settled(moved, poses)
+        settled, cost = problem.inner_step(moved, poses)
         assert cost == pytest.approx(problem.cost(moved, settled), rel=1e-12)
         assert whole(settled) <= whole(poses)
         poses = settled
@@ -139,7 +139,7 @@ def test_views_settle_where_a_fit_of_each_by_itself_ends(huber: float) -> None:
     rows = Parameters.none(parameters.values(moved))
     alone = LandingProblem(
         rows,
-        tuple(landings(made.path, rows, made.observations, weights)),
+        tuple(make_residual_blocks(made.path, rows, made.observations, weights)),
         torch.zeros(0, 0).double(),
         own,
         huber,
@@ -150,7 +150,7 @@ def test_views_settle_where_a_fit_of_each_by_itself_ends(huber: float) -> None:
     rng = torch.Generator().manual_seed(0)
     for _ in range(20):  # from far away a step may lead anywhere
         far = poses + 0.5 * torch.randn(3, 6, generator=rng).double()
-        assert whole(problem.settled(moved, far)[0]) <= whole(far)
+        assert whole(problem.inner_step(moved, far)[0]) <= whole(far)
 
 
 @pytest.mark.parametrize("huber", [torch.inf, 1e-3])
@@ -164,7 +164,7 @@ def test_bends_agree_with_central_differences(huber: float) -> None:
         made.path, made.values, Priors({"camera.fx": 1.0, "cover.thickness": 1.0})
     )
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
-    views = tuple(landings(made.path, parameters, made.observations, weights))
+    views = tuple(make_residual_blocks(made.path, parameters, made.observations, weights))
     nothing = torch.zeros(parameters.count, parameters.count, dtype=torch.float64)
     problem, smooth = (
         LandingProblem(
@@ -189,7 +189,7 @@ def test_bends_agree_with_central_differences(huber: float) -> None:
         )
 
     pieces = list(problem.linearise(here, made.poses))
-    bend = torch.cat(list(problem.bent(pieces, here, made.poses, move)))
+    bend = torch.cat(list(problem.second_derivative_along(pieces, here, made.poses, move)))
     weight = torch.cat([at.residual for at in pieces]).norm(dim=-1) / rows(0.0).norm(dim=-1)
     near = 0.05
     numeric = weight[:, None] * (rows(near) - 2 * rows(0.0) + rows(-near)) / near**2
@@ -201,7 +201,7 @@ def test_bends_agree_with_central_differences(huber: float) -> None:
 def test_a_run_of_views_at_a_time_gives_the_same_fit(
     made: Scene, fitted: tuple[Path, JointFit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("calib.estimation.residual_blocks.ROWS", 700)
+    monkeypatch.setattr("calib.estimation.residual_blocks.BATCH_SIZE", 700)
     path, values, poses = start(made)
     joint = fit_joint(path, values, made.observations, poses)
     assert (joint.poses - fitted[1].poses).abs().max() < 1e-9
@@ -390,7 +390,7 @@ def test_a_covariance_is_the_inverse_whatever_the_units() -> None:
     assert (lower @ back == np.eye(12)).all()
     exact = back.T @ back
     scale = np.logspace(-9, 4, 12)
-    found = inverse(torch.from_numpy(lower @ lower.T / np.outer(scale, scale))).numpy()
+    found = invert_precision(torch.from_numpy(lower @ lower.T / np.outer(scale, scale))).numpy()
     sigmas = scale * np.sqrt(exact.diagonal())
     assert (
         np.abs((found - exact * np.outer(scale, scale)) / np.outer(sigmas, sigmas)).max() < 1e-9
@@ -406,7 +406,7 @@ def test_what_rounding_alone_tells_is_open() -> None:
         [[4.0, 4e6, 0.0], [4e6, 4e12, 0.0], [0.0, 0.0, 9.0]], dtype=torch.float64
     )
     precision[0, 0] *= 1 - 1e-15  # as rounding leaves it
-    found = inverse(precision)
+    found = invert_precision(precision)
     assert (found == found.mT).all()
     assert found[2, 2] == pytest.approx(1 / 9)
     assert found[0, 0] > 1e10

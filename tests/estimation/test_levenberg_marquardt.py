@@ -11,8 +11,8 @@ from torch import Tensor
 
 from calib.estimation import levenberg_marquardt
 from calib.estimation.levenberg_marquardt import (
-    TRIES,
-    Linearised,
+    MAX_TRIES,
+    LinearisedBlocks,
     Outcome,
     minimise,
     normal_equations,
@@ -29,9 +29,9 @@ class Settling:
     def residual(self, shared: Tensor, blocks: Tensor) -> Tensor:
         raise NotImplementedError
 
-    def bent(
+    def second_derivative_along(
         self,
-        pieces: Iterable[Linearised],
+        pieces: Iterable[LinearisedBlocks],
         shared: Tensor,
         blocks: Tensor,
         move: tuple[Tensor, Tensor],
@@ -48,10 +48,10 @@ class Settling:
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
         raise NotImplementedError
 
-    def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
+    def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
         raise NotImplementedError
 
-    def settled(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
+    def inner_step(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
         rows, own = normal_equations(self.linearise(shared, blocks)), self.block_precision
         gradient = rows.gradient_block + own * blocks
         moved = (
@@ -91,7 +91,7 @@ class Curves(Settling):
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
         return float((self.residual(shared, blocks) ** 2).sum())
 
-    def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
+    def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
         bell = torch.exp(-shared * self.x)
         jacobian_block = torch.stack([bell, torch.ones_like(bell)], -1).unsqueeze(1)
         jacobian_shared = (-self.x * blocks[self.block][:, 0] * bell).reshape(-1, 1, 1)
@@ -100,7 +100,7 @@ class Curves(Settling):
         starts = self.starts[: half + 1], self.starts[half:] - 12 * half
         residual = self.residual(shared, blocks)
         return [
-            Linearised(first, residual[some], jacobian_block[some], jacobian_shared[some])
+            LinearisedBlocks(first, residual[some], jacobian_block[some], jacobian_shared[some])
             for first, some in zip(starts, rows, strict=True)
         ]
 
@@ -152,7 +152,7 @@ def test_works_without_shared_parameters() -> None:
             del shared
             return problem.cost(held, blocks)
 
-        def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
+        def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
             return [
                 replace(at, jacobian_shared=at.jacobian_shared[..., : len(shared)])
                 for at in problem.linearise(held, blocks)
@@ -205,11 +205,11 @@ def test_a_prior_pulls_as_its_precision_says() -> None:
         def cost(self, shared: Tensor, blocks: Tensor) -> float:
             return float(self.residual(shared, blocks).square().sum())
 
-        def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
+        def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
             del blocks
             one = torch.ones(1, 1, 1, dtype=torch.float64)
             return [
-                Linearised(
+                LinearisedBlocks(
                     torch.tensor([0, 1]),
                     (shared - 1).reshape(1, 1),
                     torch.zeros(1, 1, 0, dtype=torch.float64),
@@ -275,7 +275,7 @@ class Ruined(Curves):
         assert self.costs < 100, "the solver hangs"
         return super().cost(shared, blocks)
 
-    def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
+    def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
         self.linearised += 1
         pieces = super().linearise(shared, blocks)
         if self.linearised > self.sound:
@@ -300,7 +300,7 @@ def test_a_jacobian_that_is_not_finite_after_a_step_keeps_what_the_step_gained(s
     solution = minimise(problem, *start(problem), steps=steps)
     assert solution.outcome is Outcome.NOT_FINITE
     assert problem.linearised <= 3  # the second may be where the cost rose, and is left again
-    assert problem.costs <= 1 + TRIES
+    assert problem.costs <= 1 + MAX_TRIES
     assert solution.cost < Curves.cost(problem, *start(problem))
 
 
@@ -330,11 +330,13 @@ class Valley(Settling):
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
         return float((self.residual(shared, blocks) ** 2).sum())
 
-    def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
+    def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
         by_block = torch.tensor([[[10.0], [0.0]]], dtype=torch.float64)
         by_shared = torch.stack([-20 * shared, -torch.ones_like(shared)], -1).reshape(1, 2, 1)
         return [
-            Linearised(torch.tensor([0, 1]), self.residual(shared, blocks), by_block, by_shared)
+            LinearisedBlocks(
+                torch.tensor([0, 1]), self.residual(shared, blocks), by_block, by_shared
+            )
         ]
 
 
@@ -359,14 +361,14 @@ def test_a_bend_needs_no_jacobian_in_memory(kept: int, monkeypatch: pytest.Monke
     class Counted(Curves):
         linearised = 0
 
-        def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
+        def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
             self.linearised += 1
             return super().linearise(shared, blocks)
 
-        def settled(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
+        def inner_step(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
             return blocks, self.cost(shared, blocks)
 
-    monkeypatch.setattr(levenberg_marquardt, "KEPT", kept)
+    monkeypatch.setattr(levenberg_marquardt, "MAX_CACHED_PIECES", kept)
     problem = Counted(0, blocks=7, noise=0.01)
     solution = minimise(problem, *start(problem), tolerance=1e-12)
     assert solution.outcome is Outcome.CONVERGED
@@ -390,9 +392,9 @@ class Straight(Curves):
         )
         return (block * blocks[self.block]).sum(-1) + whole[:, 0] * shared
 
-    def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
+    def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
         by_block, by_shared = (jacobian.unsqueeze(1) for jacobian in self.jacobians)
-        return [Linearised(self.starts, self.residual(shared, blocks), by_block, by_shared)]
+        return [LinearisedBlocks(self.starts, self.residual(shared, blocks), by_block, by_shared)]
 
 
 def test_singular_blocks_are_fitted_as_far_as_the_rows_say() -> None:

@@ -6,7 +6,12 @@ import torch
 
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import Priors
-from calib.estimation.surface_prior import Smoothness, basis, expected_amplitudes, figure
+from calib.estimation.surface_prior import (
+    Smoothness,
+    expected_amplitudes,
+    figure_covariance,
+    relief_basis,
+)
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session.glass import Glass
@@ -100,8 +105,8 @@ def test_a_figure_that_is_known_goes_with_the_numbers(model: tuple[Path, Values]
     found = root @ root.T
     own = (
         SMOOTH.covariance(path.relief)
-        - figure(path.relief.grid)
-        + figure(path.relief.grid, 1)
+        - figure_covariance(path.relief.grid)
+        + figure_covariance(path.relief.grid, 1)
         + waves @ glass.covariance @ waves.T
     )
     assert found[:heights, :heights] == pytest.approx(own, rel=1e-9)
@@ -113,14 +118,14 @@ def test_a_figure_that_is_known_goes_with_the_numbers(model: tuple[Path, Values]
     precision, whole = parameters.prior_precision(SMOOTH), parameters.prior_root(SMOOTH)
     assert np.abs(whole.T @ precision @ whole - np.eye(len(whole))).max() < 1e-3, "as above"
     amplitudes = expected_amplitudes(path.relief, glass).ravel()
-    assert basis(path.relief) @ amplitudes == pytest.approx(waves @ glass.mean, rel=1e-9)
+    assert relief_basis(path.relief) @ amplitudes == pytest.approx(waves @ glass.mean, rel=1e-9)
 
 
 def test_parameters_of_effects_stand_beside_it(model: tuple[Path, Values]) -> None:
     """They are independent, each entry for itself, wherever they stand."""
     path, values = model
     sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
-    priors = Priors(sigmas, CORRELATIONS).beside({"more": torch.tensor([1.0, 2.0])})
+    priors = Priors(sigmas, CORRELATIONS).with_sigmas({"more": torch.tensor([1.0, 2.0])})
     alone = Parameters.of(path, values, Priors(sigmas, CORRELATIONS))
     more = Param("more", "", 0.5, (2,))
     parameters = Parameters({**values, "more": torch.zeros(2)}, None, (more, *alone.free), priors)
@@ -149,4 +154,4 @@ def test_entries_that_are_correlated_among_themselves(model: tuple[Path, Values]
     assert np.allclose(
         precision[3:, 3:] @ covariance_of(alone), np.eye(len(NAMES)), rtol=0, atol=1e-9
     )
-    assert np.allclose(Priors(roots={"more": root}).beside({"other": 1.0}).roots["more"], root)
+    assert np.allclose(Priors(roots={"more": root}).with_sigmas({"other": 1.0}).roots["more"], root)

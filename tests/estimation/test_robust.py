@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from calib.estimation.robust import outlying
+from calib.estimation.robust import outlier_mask
 
 ALIKE = np.array([0.09, 0.10, 0.11, 0.10, 0.12, 0.08, 0.10])  # median 0.1, median deviation 0.01
 
@@ -14,19 +14,19 @@ ALIKE = np.array([0.09, 0.10, 0.11, 0.10, 0.12, 0.08, 0.10])  # median 0.1, medi
 def test_a_view_that_does_not_belong_is_found_and_no_other() -> None:
     for place in range(8):
         errors = np.insert(ALIKE, place, 3.0)
-        assert np.flatnonzero(outlying(errors)).tolist() == [place]
+        assert np.flatnonzero(outlier_mask(errors)).tolist() == [place]
 
 
 def test_nothing_is_found_where_nothing_is() -> None:
-    assert not outlying(ALIKE).any()
-    assert not outlying(np.full(5, 0.1)).any()
-    assert not outlying(np.zeros(5)).any(), "exact data"
+    assert not outlier_mask(ALIKE).any()
+    assert not outlier_mask(np.full(5, 0.1)).any()
+    assert not outlier_mask(np.zeros(5)).any(), "exact data"
 
 
 @pytest.mark.parametrize(("error", "out"), [(0.399, False), (0.401, True)])
 def test_views_that_agree_allow_four_times_their_median(error: float, out: bool) -> None:
     """Eight robust standard deviations would be 0.22 here."""
-    assert outlying(np.append(ALIKE, error)).tolist() == [False] * 7 + [out]
+    assert outlier_mask(np.append(ALIKE, error)).tolist() == [False] * 7 + [out]
 
 
 @pytest.mark.parametrize(("error", "out"), [(6.8, False), (7.1, True)])
@@ -34,22 +34,22 @@ def test_views_that_scatter_allow_eight_standard_deviations(error: float, out: b
     """The median is 1 and the median deviation 0.5: 1 + 8 * 1.4826 * 0.5 = 6.93, where four times
     the median would be 4.
     """
-    assert outlying(np.array([0.4, 0.5, 0.5, 1.0, 1.0, 1.5, 1.5, 1.6, error])).tolist() == [
+    assert outlier_mask(np.array([0.4, 0.5, 0.5, 1.0, 1.0, 1.5, 1.5, 1.6, error])).tolist() == [
         False
     ] * 8 + [out]
 
 
 def test_bad_views_are_found_as_long_as_most_are_good() -> None:
     errors = np.concatenate([ALIKE, [2.0, 3.0, 4.0, 50.0, 6.0]])
-    assert outlying(errors).tolist() == [False] * 7 + [True] * 5
+    assert outlier_mask(errors).tolist() == [False] * 7 + [True] * 5
 
 
 @pytest.mark.parametrize("lost", [np.nan, np.inf])
 def test_what_is_not_finite_is_outlying_and_hides_nothing(lost: float) -> None:
     """Not even where most views have no error: the others are judged by themselves."""
     errors = np.concatenate([[lost] * 9, ALIKE, [3.0]])
-    assert outlying(errors).tolist() == [True] * 9 + [False] * 7 + [True]
-    assert outlying(np.full(4, lost)).all()
+    assert outlier_mask(errors).tolist() == [True] * 9 + [False] * 7 + [True]
+    assert outlier_mask(np.full(4, lost)).all()
 
 
 positive = arrays(
@@ -64,11 +64,11 @@ def test_it_depends_on_order_alone_and_not_on_the_unit(errors: np.ndarray, power
     """The larger half is the most that can go, and whatever is smaller than an error that stays,
     stays.
     """
-    out = outlying(errors)
+    out = outlier_mask(errors)
     finite = np.isfinite(errors)
     assert out[~finite].all()
     assert out[finite].sum() * 2 <= finite.sum()
     if finite.any():
         assert errors[finite & ~out].max() < errors[finite & out].min(initial=np.inf)
-    assert np.array_equal(outlying(errors * 2.0 ** int(power)), out)
-    assert np.array_equal(outlying(errors[::-1]), out[::-1])
+    assert np.array_equal(outlier_mask(errors * 2.0 ** int(power)), out)
+    assert np.array_equal(outlier_mask(errors[::-1]), out[::-1])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.estimation.parameters import Parameters
-from calib.estimation.stated_priors import priors_of, widened, with_estimates
+from calib.estimation.stated_priors import priors_of, widen_prior, with_estimates
 from calib.optics.build import covered_path
 from calib.session.camera import Intrinsics
 from calib.session.freeing import free_parameters
@@ -64,7 +64,7 @@ def test_freeing_the_rest_leaves_them() -> None:
 
 @pytest.mark.parametrize("name", ["camera.fx", "camera.k2", "camera.p1"])
 def test_a_doubted_number_makes_the_prior_looser_in_every_direction(name: str) -> None:
-    intrinsics, cover = widened(FOUND, COVER, name, 10.0)
+    intrinsics, cover = widen_prior(FOUND, COVER, name, 10.0)
     assert cover == COVER
     before, after = covariance(FOUND), covariance(intrinsics)
     added = after - before
@@ -86,7 +86,7 @@ def test_a_doubted_number_makes_the_prior_looser_in_every_direction(name: str) -
 
 def test_a_doubted_number_of_the_cover_leaves_the_camera() -> None:
     cover = replace(COVER, parameters={**COVER.parameters, "thickness": Number(0.003, 1e-4)})
-    intrinsics, wider = widened(FOUND, cover, "cover.thickness", 10.0)
+    intrinsics, wider = widen_prior(FOUND, cover, "cover.thickness", 10.0)
     assert intrinsics == FOUND
     assert wider.parameters["thickness"].sigma == pytest.approx(1e-3)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from calib.estimation.doubt import farthest
+from calib.estimation.prior_conflict import largest_prior_conflict
 from calib.fitting.believing import Believed, believing
 from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.progress import Silent
@@ -61,4 +61,4 @@ def test_glass_that_the_prior_does_not_expect_leaves_numbers_as_they_are_declare
     assert found.setup == told
     asked, _ = believed(uneven, uneven.cover, ALL)
     assert asked.fitted.joint
-    assert farthest(asked.fitted.joint) or asked.doubted, "what exact numbers spare"
+    assert largest_prior_conflict(asked.fitted.joint) or asked.doubted, "what exact numbers spare"

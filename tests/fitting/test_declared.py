@@ -10,7 +10,7 @@ import pytest
 
 from calib.calibration import AddedEffect, Calibration, Stage
 from calib.commands.console import print_fit
-from calib.diagnosis.effect_description import describe_effect
+from calib.diagnosis.effect_description import describe_estimates
 from calib.diagnosis.finding import ParameterEstimate
 from calib.effects.board_shape import BoardShape
 from calib.effects.cover_radius import CoverRadius
@@ -67,7 +67,7 @@ def test_an_increment_is_shown_as_the_value_that_it_makes(plain: Calibration) ->
     one = {row.name: row for row in comparisons(diagnosed)}["cover.thickness"]
     assert (one.declared, one.estimate) == pytest.approx((3.0, 1.5))
     assert (one.tolerance, one.sigma) == pytest.approx((0.5, 0.056))
-    assert one.apart == pytest.approx(1.5 / math.sqrt(0.5**2 - 0.056**2))
+    assert one.normalised_deviation == pytest.approx(1.5 / math.sqrt(0.5**2 - 0.056**2))
     assert one.summed == "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
     assert list(own_parameters(diagnosed)) == []
     assert [row for row in comparisons(diagnosed) if row.effect] == [one]
@@ -142,7 +142,7 @@ def test_console_report_and_diagnosis_say_the_same(
     said = "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
     print_fit(diagnosed, 1.0)
     assert f"Corrected: {said}\n" in capsys.readouterr().out
-    assert describe_effect(
+    assert describe_estimates(
         "thickness", diagnosed, {"thickness.thickness": ParameterEstimate(-0.0015, 0.000056, "m")}
     ) == [said]
     assert [row.parameters for row in effect_rows(diagnosed)] == [said]
@@ -150,4 +150,6 @@ def test_console_report_and_diagnosis_say_the_same(
 
 def test_a_field_says_its_size(plain: Calibration) -> None:
     size = {"inner_surface.rms": ParameterEstimate(1.23e-5, 2e-6, "m")}
-    assert describe_effect("inner_surface", plain, size) == ["inner_surface.rms 0.0123 ± 0.0020 mm"]
+    assert describe_estimates("inner_surface", plain, size) == [
+        "inner_surface.rms 0.0123 ± 0.0020 mm"
+    ]

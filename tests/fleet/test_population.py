@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.estimation.surprise import Told, surprise
+from calib.estimation.likelihood_information import LikelihoodInformation, prior_conflict
 from calib.fleet.population import Population, population
 
 SIZE = 5
@@ -22,7 +22,11 @@ def fleet(seed: int, cameras: int, noise: float) -> tuple[Population, np.ndarray
     for _ in range(cameras):
         rows = rng.normal(size=(SIZE - 1, SIZE)) / noise
         true = mean + SPREAD * rng.standard_normal(SIZE)
-        told.append(Told(rows.T @ rows, rows.T @ (rows @ true + rng.standard_normal(SIZE - 1))))
+        told.append(
+            LikelihoodInformation(
+                rows.T @ rows, rows.T @ (rows @ true + rng.standard_normal(SIZE - 1))
+            )
+        )
     return population(told, np.zeros(SIZE), np.eye(SIZE)), mean + SPREAD * rng.standard_normal(
         (NEXT, SIZE)
     )
@@ -66,8 +70,8 @@ def test_cameras_of_the_fleet_are_hardly_ever_taken_for_others(cameras: int) -> 
     for seed in range(FLEETS):
         known, later = fleet(seed, cameras, 0.1)
         for true in later:
-            told = Told(1e4 * np.eye(SIZE), 1e4 * true)
-            alarms += surprise(told, known.mean, known.covariance).p_value < 0.01
+            told = LikelihoodInformation(1e4 * np.eye(SIZE), 1e4 * true)
+            alarms += prior_conflict(told, known.mean, known.covariance).p_value < 0.01
     assert alarms <= 8
 
 
@@ -77,7 +81,7 @@ def test_more_cameras_know_more() -> None:
 
 
 def test_what_nobody_tells_stays_as_it_is_declared() -> None:
-    blind = [Told(np.diag([1e4] * 4 + [0.0]), np.zeros(SIZE))] * 10
+    blind = [LikelihoodInformation(np.diag([1e4] * 4 + [0.0]), np.zeros(SIZE))] * 10
     known = population(blind, np.zeros(SIZE), np.eye(SIZE))
     assert known.covariance[4, 4] == pytest.approx(1.0, rel=0.1)
     assert known.covariance[0, 0] < 0.01

@@ -165,7 +165,7 @@ def test_what_it_was_fitted_with_is_kept(prior: Path, tmp_path: Path) -> None:
     assert glass.covariance == pytest.approx(fleet.cover.glass.covariance, rel=1e-12)
     assert read.cover.glass is None
     model = base_model(read)
-    assert model.parameters.known_glass is not None
+    assert model.parameters.glass_prior is not None
     assert read.relief is not None
     assert model.means["relief.amplitudes"].numpy() == pytest.approx(
         expected_amplitudes(read.relief, glass)

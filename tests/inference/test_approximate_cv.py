@@ -35,7 +35,7 @@ def optimum() -> FittedModel:
     return FittedModel(
         model,
         made.observations,
-        model.fitted(made.observations, torch.from_numpy(made.poses), None, ROUNDS),
+        model.fit(made.observations, torch.from_numpy(made.poses), None, ROUNDS),
     )
 
 
@@ -48,8 +48,8 @@ def apart(at: FittedModel, one: JointFit, other: JointFit) -> float:
 def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: FittedModel) -> None:
     for index, left in enumerate(fits_without(optimum, PARTS)):
         found, out = left.joint, torch.from_numpy(index == PARTS)
-        rest = optimum.model.fitted(
-            optimum.observations.without(out), optimum.joint.poses[~out], optimum.joint.start
+        rest = optimum.model.fit(
+            optimum.observations.without_views(out), optimum.joint.poses[~out], optimum.joint.start
         )
         assert apart(optimum, found, rest) < 0.1 < apart(optimum, optimum.joint, rest)
         assert torch.allclose(found.covariance.diagonal(), rest.covariance.diagonal(), rtol=0.02)
@@ -69,10 +69,10 @@ def test_views_that_were_left_out_follow_by_a_step_of_their_own(
     known = torch.arange(len(optimum.observations.pixels)) % every == 0
     for index, left in enumerate(fits_without(optimum, PARTS, known)):
         out = torch.from_numpy(index == PARTS)
-        test = optimum.observations.without(~out)
+        test = optimum.observations.without_views(~out)
         stay = optimum.joint.poses[out]
-        poses = optimum.model.seen(
-            left.joint, test.kept(known[out[optimum.observations.view]]), stay
+        poses = optimum.model.fit_poses(
+            left.joint, test.select_rows(known[out[optimum.observations.view]]), stay
         )
         missed, before = (
             residuals(optimum.model.path, left.joint.values, test, where).image
@@ -89,7 +89,7 @@ def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: FittedModel) -> 
     """The parameters are drawn from their covariance, and the views' poses follow."""
     left = fits_without(optimum, PARTS)[0]
     out = torch.from_numpy(PARTS == 0)
-    test = optimum.observations.without(~out)
+    test = optimum.observations.without_views(~out)
     root = torch.linalg.cholesky(left.joint.covariance)
     middle = optimum.model.parameters.vector(left.joint.values)
     rng = torch.Generator().manual_seed(0)
@@ -98,7 +98,9 @@ def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: FittedModel) -> 
         values = optimum.model.parameters.values(
             middle + root @ torch.randn(len(root), dtype=torch.float64, generator=rng)
         )
-        poses = optimum.model.seen(replace(left.joint, values=values), test, left.joint.poses[out])
+        poses = optimum.model.fit_poses(
+            replace(left.joint, values=values), test, left.joint.poses[out]
+        )
         drawn.append(residuals(optimum.model.path, values, test, poses).image - left.residual)
     variance = torch.stack(drawn).square().mean((0, 2)) / optimum.joint.sigma**2
     assert float(variance.mean() / left.prediction_variance.mean()) == pytest.approx(
@@ -129,7 +131,7 @@ def errors(at: FittedModel, found: Sequence[FitWithout]) -> Iterator[float]:
     """
     for index, each in enumerate(found):
         out = torch.from_numpy(index == PARTS)
-        seen = at.observations.without(out)
+        seen = at.observations.without_views(out)
         left, least = (
             residuals(at.model.path, one.values, seen, one.poses[~out]).rms_px
             for one in (each.joint, at.joint)

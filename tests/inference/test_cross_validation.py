@@ -35,11 +35,11 @@ def test_a_part_is_scored_by_a_fit_that_did_not_see_it() -> None:
     """By hand for one part, its poses refitted on the board and not in the image."""
     made = fitted(hidden(None, {}, views=10))
     model, seen = base_model(made), made.observations
-    joint = model.fitted(seen, torch.from_numpy(made.poses))
+    joint = model.fit(seen, torch.from_numpy(made.poses))
     held = hold_out(model, seen, joint, fold_split(range(10)))
     out = torch.arange(10) % 5 == 3
-    rest = model.fitted(seen.without(out), joint.poses[~out], joint.start)
-    missed = refit_poses(model.path, rest.values, seen.without(~out), joint.poses[out])[1]
+    rest = model.fit(seen.without_views(out), joint.poses[~out], joint.start)
+    missed = refit_poses(model.path, rest.values, seen.without_views(~out), joint.poses[out])[1]
     scored = held.squares[out[seen.view].numpy()]
     assert np.sqrt(scored.mean()) == pytest.approx(
         missed.rms_px, rel=0.01
@@ -60,7 +60,7 @@ def test_what_the_fit_hardly_predicts_counts_as_much_less() -> None:
     """
     made = fitted(hidden(None, {}, seed=3, views=15))
     model, seen = base_model(made), made.observations
-    joint = model.fitted(seen, torch.from_numpy(made.poses))
+    joint = model.fit(seen, torch.from_numpy(made.poses))
     held = hold_out(model, seen, joint, fold_split(range(15)))
     unsure = held.weight < np.quantile(held.weight, 0.2)
     noise = 2 * 0.1**2 * (1 - 6 / (2 * 81))  # each pose takes up six of 162 degrees of freedom

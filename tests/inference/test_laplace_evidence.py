@@ -28,9 +28,9 @@ def test_sizes_of_what_views_have_for_themselves_are_as_probable_as_fits_say() -
     seen = replace(made.observations, pixels=made.observations.pixels + torch.from_numpy(bent))
     model = CameraModel(made.path, made.values, Priors({"camera.fx": 20.0, "camera.fy": 20.0}))
     flex = BoardFlex(*np.abs(corners).max(0).tolist())
-    begin = model.fitted(seen, made.poses)
+    begin = model.fit(seen, made.poses)
     forms = [model.with_effect(form) for form in flex.alternatives()]
-    fits = [form.fitted(seen, begin.poses, begin.start, (1e-3, 1e-5)) for form in forms]
+    fits = [form.fit(seen, begin.poses, begin.start, (1e-3, 1e-5)) for form in forms]
     told = np.array([fit.log_marginal for fit in fits])
     assert np.ptp(told) > 20
     for form, fit in zip(forms, fits, strict=True):

@@ -105,7 +105,7 @@ def optimum(made: Scene, shift: np.ndarray) -> FittedModel:
     seen = made.observations
     moved = replace(seen, pixels=seen.pixels + torch.from_numpy(shift))
     model = CameraModel(made.path, made.values, Priors({"camera.fx": 20.0, "camera.fy": 20.0}))
-    joint: JointFit = model.fitted(moved, made.poses)
+    joint: JointFit = model.fit(moved, made.poses)
     assert joint.finite
     return FittedModel(model, moved, joint)
 

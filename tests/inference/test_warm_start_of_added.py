@@ -28,9 +28,11 @@ Fitted = tuple[CameraModel, Observations, JointFit]
 def fitted() -> Fitted:
     """A port in water that nobody declared, and a fit that knows none."""
     port = FlatPort("water")
-    calibration = without_cover(port, {u.param.name: u.begin for u in port.unknowns}, NOISE, seed=3)
+    calibration = without_cover(
+        port, {u.param.name: u.initial for u in port.effect_parameters}, NOISE, seed=3
+    )
     model, observations = full_model(calibration), calibration.observations
-    return model, observations, model.fitted(observations, torch.from_numpy(calibration.poses))
+    return model, observations, model.fit(observations, torch.from_numpy(calibration.poses))
 
 
 def test_poses_are_begun_anew_behind_a_port(fitted: Fitted) -> None:
@@ -38,7 +40,7 @@ def test_poses_are_begun_anew_behind_a_port(fitted: Fitted) -> None:
     wider = model.with_effect(FlatPort("water"))
     start = start_with_effect(wider, observations, joint)
     assert residuals(wider.path, start.values, observations, start.poses).rms_px < 2 * NOISE
-    found = wider.fitted(observations, start.poses, start.start, ROUNDS)
+    found = wider.fit(observations, start.poses, start.start, ROUNDS)
     assert found.sigma == pytest.approx(NOISE, rel=0.05)
     assert abs(float(found.values["flat_port.outside_index"]) - WATER) < 0.002
     assert refit_poses(wider.path, start.values, observations, joint.poses)[1].rms_px > 1, (
@@ -51,16 +53,18 @@ def test_a_focal_length_that_made_up_for_water_is_begun_near_its_own() -> None:
     ten times as large.
     """
     port = FlatPort("water")
-    calibration = without_cover(port, {u.param.name: u.begin for u in port.unknowns}, NOISE, seed=3)
+    calibration = without_cover(
+        port, {u.param.name: u.initial for u in port.effect_parameters}, NOISE, seed=3
+    )
     observations, known = calibration.observations, full_model(calibration)
-    model = replace(known, priors=known.priors.beside(dict.fromkeys(FREE, 1000.0)))
-    joint = model.fitted(observations, torch.from_numpy(calibration.poses))
+    model = replace(known, priors=known.priors.with_sigmas(dict.fromkeys(FREE, 1000.0)))
+    joint = model.fit(observations, torch.from_numpy(calibration.poses))
     true = {name: float(known.means[name]) for name in FREE}
     assert all(float(joint.values[name]) < 0.9 * true[name] for name in FREE)
     wider = model.with_effect(port)
     start = start_with_effect(wider, observations, joint)
     assert all(abs(float(start.values[name]) / true[name] - 1) < 0.05 for name in FREE)
-    found = wider.fitted(observations, start.poses, start.start, ROUNDS)
+    found = wider.fit(observations, start.poses, start.start, ROUNDS)
     assert found.sigma == pytest.approx(NOISE, rel=0.05)
     assert all(abs(float(found.values[name]) / true[name] - 1) < 0.001 for name in FREE)
 

@@ -7,7 +7,7 @@ from torch import Tensor
 from calib.effects.board_shape import BoardShape
 from calib.optics import rotation
 from calib.optics.board_target import Bend, Placement, Target
-from calib.optics.path import by_row
+from calib.optics.path import row_derivatives
 from calib.optics.rays import Rays
 from calib.optics.vector import Vector
 
@@ -34,7 +34,7 @@ def seen() -> tuple[Rays, list[Tensor], dict[str, Tensor]]:
     flex = torch.tensor([8e-4, -5e-4, 3e-4], dtype=torch.float64).expand(40, 3)
     sizes = {
         unknown.param.name: torch.tensor(1e-3 / (1 + at), dtype=torch.float64)
-        for at, unknown in enumerate(BOWED.unknowns)
+        for at, unknown in enumerate(BOWED.effect_parameters)
     }
     return rays, [part.clone().requires_grad_() for part in (turn, shift, flex)], sizes
 
@@ -47,9 +47,9 @@ def test_changes_are_those_of_reverse_passes(bends: tuple[Bend, ...], flexed: bo
     leaves = leaves if flexed else leaves[:2]
     placement = Placement(leaves[0], leaves[1], flex=leaves[2] if flexed else None)
     landed, failure = target(rays, placement, sizes)
-    expected = by_row(landed, leaves)
+    expected = row_derivatives(landed, leaves)
     with torch.no_grad():
-        again, failed, changes = target.adapting(rays, placement, sizes)
+        again, failed, changes = target.intersect_with_derivatives(rays, placement, sizes)
     assert torch.equal(again, landed.detach())
     assert torch.equal(failed, failure)
     assert len(changes) == len(expected)

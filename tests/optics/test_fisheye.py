@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from calib.optics.fisheye import Fisheye
-from calib.optics.lens import PUPIL, PUPIL_ASIDE
+from calib.optics.lens import PUPIL, PUPIL_LATERAL
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.projection import project
@@ -120,7 +120,7 @@ def test_a_second_branch_is_no_ray() -> None:
 
 
 def test_derivatives_agree_with_central_differences() -> None:
-    lens = Fisheye(pupil=PUPIL + PUPIL_ASIDE)
+    lens = Fisheye(pupil=PUPIL + PUPIL_LATERAL)
     pixels = torch.tensor(
         [[100.0, 700.0], [420.0, 305.0], [1000.0, 100.0]], dtype=torch.float64
     )  # 40, 4 and 120 degrees off the axis
@@ -158,7 +158,7 @@ def test_rays_begin_where_the_pupil_stands_at_their_angle(degrees: float) -> Non
     pixels = Fisheye().project(around(degrees), values())
     angle = math.radians(degrees)
     along = 2e-3 * angle**2 - 1e-4 * angle**4
-    for pupil, aside in ((PUPIL, (0.0, 0.0)), (PUPIL + PUPIL_ASIDE, (3e-4, -2e-4))):
+    for pupil, aside in ((PUPIL, (0.0, 0.0)), (PUPIL + PUPIL_LATERAL, (3e-4, -2e-4))):
         origin = Fisheye(pupil)(pixels, values()).origin.stacked().numpy()
         assert np.abs(origin - [aside[0] * angle**2, aside[1] * angle**2, along]).max() < 1e-14
     assert not Fisheye()(pixels, values()).origin.stacked().any()

@@ -8,7 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from calib.optics.build import covered_path, footprint, with_relief
-from calib.optics.path import Path, by_row
+from calib.optics.path import Path, row_derivatives
 from calib.optics.projection import project
 from calib.optics.rays import FAILURES, MISSED_INNER, REFLECTED_OUTER
 from calib.optics.relief import Relief
@@ -158,7 +158,7 @@ def test_derivatives_by_pixel_agree_with_central_differences(example: Example) -
     path, values = nominal(example, changed=example.moved)
     pixels = some_pixels(20).requires_grad_()
     at = path.trace(pixels, values).at_depth(torch.tensor(0.5, dtype=torch.float64))
-    (derivatives,) = by_row(at, [pixels])
+    (derivatives,) = row_derivatives(at, [pixels])
     for axis in range(2):
         step = torch.zeros(2, dtype=torch.float64)
         step[axis] = 1e-2

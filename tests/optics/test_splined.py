@@ -7,18 +7,26 @@ from scipy.interpolate import NdBSpline
 from calib.optics.fisheye import Fisheye
 from calib.optics.path import Path
 from calib.optics.projection import project
-from calib.optics.splined import GRID, REACH, ROUGHNESS, SHIFTS, SIZE, Grid, Splined
+from calib.optics.splined_fisheye import (
+    CORRELATION_LENGTH,
+    GRID,
+    PRIOR_SCALE,
+    ROUGHNESS,
+    SHIFTS,
+    Grid,
+    SplinedFisheye,
+)
 from tests.optics.test_fisheye import around, values
 
 SIZE_PX = (800, 620)
 COLUMNS, ROWS = 8, 6
 COUNT = COLUMNS * ROWS
-LENS = Splined(Grid(SIZE_PX, (COLUMNS, ROWS)))
+LENS = SplinedFisheye(Grid(SIZE_PX, (COLUMNS, ROWS)))
 
 
 def uneven(size: float = 2.0) -> dict[str, torch.Tensor]:
     shifts = torch.from_numpy(np.random.default_rng(1).normal(0, size, (2, COUNT)))
-    return values() | dict(zip(SHIFTS, shifts, strict=True)) | {GRID: LENS.grid.described}
+    return values() | dict(zip(SHIFTS, shifts, strict=True)) | {GRID: LENS.grid.encoded}
 
 
 def inside(count: int = 300) -> torch.Tensor:
@@ -102,8 +110,8 @@ def test_each_pixel_can_have_a_surface_of_its_own() -> None:
 def test_its_prior_is_a_smooth_field() -> None:
     """Neighbours along x are correlated by exp(-1 / (2 reach^2)), and what is far apart is not."""
     root = LENS.grid.prior_root()
-    covariance = root @ root.T / (SIZE * max(SIZE_PX)) ** 2
+    covariance = root @ root.T / (PRIOR_SCALE * max(SIZE_PX)) ** 2
     assert np.allclose(covariance.diagonal(), 1 + ROUGHNESS**2)
-    assert np.isclose(covariance[0, 1], np.exp(-1 / (2 * REACH**2)))
-    assert np.isclose(covariance[0, COLUMNS], np.exp(-1 / (2 * REACH**2)))
+    assert np.isclose(covariance[0, 1], np.exp(-1 / (2 * CORRELATION_LENGTH**2)))
+    assert np.isclose(covariance[0, COLUMNS], np.exp(-1 / (2 * CORRELATION_LENGTH**2)))
     assert covariance[0, -1] < 1e-6

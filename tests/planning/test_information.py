@@ -17,7 +17,7 @@ from calib.corners.view import View
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.levenberg_marquardt import normal_equations
 from calib.estimation.observations import Observations
-from calib.estimation.residual_blocks import landings, pixel_weights
+from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
 from calib.fitting.stages import Settings, Setup
@@ -121,7 +121,7 @@ def test_a_views_information_is_what_elimination_leaves(few: PlanningFit) -> Non
     model, seen = few.model, few.observations
     weights = pixel_weights(model.path, model.means, seen, few.poses, 1.0)
     ours = view_information(model, seen, few.poses)
-    pieces = landings(model.path, model.parameters, seen, weights)
+    pieces = make_residual_blocks(model.path, model.parameters, seen, weights)
     whole, _ = normal_equations(
         piece.linearise(model.means, few.poses) for piece in pieces
     ).schur_complement()

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from calib.undistortion.grids import grid
-from calib.undistortion.inverse import FOLDED, newton_step, solve
+from calib.undistortion.grids import grid_nodes
+from calib.undistortion.inverse import MIN_DETERMINANT, newton_step, solve_newton
 from calib.undistortion.ray_field import RayField
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ def some_field(amplitudes: Array) -> RayField:
     """Whose displacement at infinity, and what depth adds to it, are sums of cosines: (2, 2, WAVES,
     WAVES) A or B, x or y, and waves.
     """
-    nodes_x, nodes_y = grid(WIDTH, SPACING, 20), grid(HEIGHT, SPACING, 20)
+    nodes_x, nodes_y = grid_nodes(WIDTH, SPACING, 20), grid_nodes(HEIGHT, SPACING, 20)
     across = np.cos(np.pi * np.outer(np.arange(WAVES), nodes_x / WIDTH))
     down = np.cos(np.pi * np.outer(np.arange(WAVES), nodes_y / HEIGHT))
     gradient = (
@@ -81,7 +81,7 @@ def test_distorting_what_was_undistorted_gives_the_pixel(amplitudes: Array, dept
     squared. Each pixel has its own depth.
     """
     field, pixels = some_field(amplitudes), some_pixels(200)
-    found, seen = field.distorted(field.undistorted(pixels, depth), depth)
+    found, seen = field.distort_pixels(field.undistort_pixels(pixels, depth), depth)
     assert seen.all()
     assert np.abs(found - pixels).max() < 1e-6
 
@@ -97,16 +97,17 @@ def test_the_jacobian_agrees_with_central_differences() -> None:
         1e-3,
     )
     depth = np.random.default_rng(2).uniform(NEAR, 1.0, len(pixels))
-    _, jacobian = field._undistort(pixels, depth)
+    _, jacobian = field._undistort_with_jacobian(pixels, depth)
     for axis in range(2):
         ahead, behind = (
-            field.undistorted(pixels + sign * step * np.eye(2)[axis], depth) for sign in (1, -1)
+            field.undistort_pixels(pixels + sign * step * np.eye(2)[axis], depth)
+            for sign in (1, -1)
         )
         assert np.abs((ahead - behind) / (2 * step) - jacobian[..., axis]).max() < 1e-9
 
 
 def test_no_points_give_none() -> None:
-    found, seen = some_field(np.zeros((2, 2, WAVES, WAVES))).distorted(np.empty((0, 2)), 1.0)
+    found, seen = some_field(np.zeros((2, 2, WAVES, WAVES))).distort_pixels(np.empty((0, 2)), 1.0)
     assert found.shape == (0, 2)
     assert seen.shape == (0,)
 
@@ -128,11 +129,11 @@ def test_undistorting_a_map_gives_the_picture(amplitudes: Array, depth: float) -
         <= np.array([WIDTH, HEIGHT]) / 2 + 1e-4
     ).all()  # float32 of 320
     assert (
-        np.linalg.norm(field.undistorted(sources, depth) - picture[made.valid], axis=-1).max()
+        np.linalg.norm(field.undistort_pixels(sources, depth) - picture[made.valid], axis=-1).max()
         < 0.01
     )
     unseen = picture[~made.valid]
-    found, seen = field.distorted(unseen, depth)
+    found, seen = field.distort_pixels(unseen, depth)
     inside = (
         np.abs(found - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) < np.array([WIDTH, HEIGHT]) / 2 - 0.01
     )
@@ -154,7 +155,7 @@ def test_newtons_method_finds_a_root_and_admits_where_there_is_none() -> None:
     goal = np.array([[25.0, 80.0], [25.0, 80.0], [-25.0, 80.0]])
     starts = np.array([[60.0, 0.0], [400.0, -300.0], [60.0, 0.0]])
     kept = starts.copy()
-    found, converged = solve(undistort, starts, goal)
+    found, converged = solve_newton(undistort, starts, goal)
     assert converged.tolist() == [True, True, False]
     assert (
         np.abs(found[:2] - [50, 30]).max() < 1e-9
@@ -171,7 +172,7 @@ def test_each_point_is_given_its_own_row() -> None:
     def undistort(pixels: Array, rows: NDArray[np.intp]) -> tuple[Array, Array]:
         return pixels * scales[rows, None], np.eye(2) * scales[rows, None, None]
 
-    found, converged = solve(
+    found, converged = solve_newton(
         undistort, np.array([[8.0, 8.0], [0.0, 0.0], [0.0, 0.0]]), np.full((3, 2), 8.0)
     )
     assert converged.all()
@@ -181,7 +182,7 @@ def test_each_point_is_given_its_own_row() -> None:
 def test_a_step_is_the_solution_of_the_linear_equation_or_the_error_where_it_folds() -> None:
     rng = np.random.default_rng(0)
     error, jacobian = rng.normal(size=(20, 2)), np.eye(2) + 0.3 * rng.uniform(-1, 1, (20, 2, 2))
-    jacobian[0] = [[1.0, 0.0], [0.0, 0.9 * FOLDED]]
+    jacobian[0] = [[1.0, 0.0], [0.0, 0.9 * MIN_DETERMINANT]]
     jacobian[1] = [[-1.0, 0.0], [0.0, 1.0]]
     jacobian[2] = np.nan
     step, folded = newton_step(error, jacobian)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from calib.undistortion import remap as module
-from calib.undistortion.remap import MOST, remap
+from calib.undistortion.remap import MAX_SIDE, remap
 
 BORDERS = cv2.BORDER_CONSTANT, cv2.BORDER_REPLICATE
 KINDS = cv2.INTER_NEAREST, cv2.INTER_LINEAR, cv2.INTER_CUBIC, cv2.INTER_LANCZOS4
@@ -37,7 +37,7 @@ def test_parts_join_to_the_whole(
     source = np.random.default_rng(0).integers(0, 255, (300, 400, 3), dtype=np.uint8)
     x, y = maps(scattered)
     whole = cv2.remap(source, x, y, kind, borderMode=border)
-    monkeypatch.setattr(module, "MOST", 50)
+    monkeypatch.setattr(module, "MAX_SIDE", 50)
     monkeypatch.setattr(module, "TILE", 16)
     assert np.abs(np.int16(remap(source, x, y, kind, border)) - whole).max() <= (
         kind == cv2.INTER_LANCZOS4
@@ -48,12 +48,12 @@ def test_parts_join_to_the_whole(
 
 
 def test_opencv_s_limit_is_where_it_is_said() -> None:
-    many = np.zeros((MOST + 1, 1), np.float32)
+    many = np.zeros((MAX_SIDE + 1, 1), np.float32)
     with pytest.raises(cv2.error, match="SHRT_MAX"):
         cv2.remap(np.zeros((2, 2), np.uint8), many, many, cv2.INTER_LINEAR)
 
 
-@pytest.mark.parametrize("rows", [MOST, MOST + 1, 100_000])
+@pytest.mark.parametrize("rows", [MAX_SIDE, MAX_SIDE + 1, 100_000])
 def test_as_many_points_as_are_asked(rows: int) -> None:
     table = np.arange(12, dtype=np.float32).reshape(3, 4)  # linear in both: 4 y + x
     x, y = np.random.default_rng(2).uniform(0, 2, (2, rows, 1)).astype(np.float32)

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from scipy.interpolate import NdBSpline, make_interp_spline
 
-from calib.undistortion.spline import AT_ONCE, FEWEST, Spline
+from calib.undistortion.spline import BATCH_SIZE, MIN_NODES, Spline
 
 Array = NDArray[np.float64]
 
@@ -105,11 +105,11 @@ def test_derivatives_agree_with_central_differences() -> None:
         assert np.abs(derivatives[..., axis]).max() > 0.05
 
 
-@pytest.mark.parametrize("count", [0, 1, AT_ONCE, AT_ONCE + 1])
+@pytest.mark.parametrize("count", [0, 1, BATCH_SIZE, BATCH_SIZE + 1])
 def test_many_points_are_evaluated_like_few(count: int) -> None:
     spline, points = (
         Spline.through(NODES_X, NODES_Y, some_values()),
-        some_points(AT_ONCE + 1)[:count],
+        some_points(BATCH_SIZE + 1)[:count],
     )
     values, derivatives = spline.at(points)
     assert (values.shape, derivatives.shape) == ((count, 2), (count, 2, 2))
@@ -154,7 +154,7 @@ def test_a_cubic_is_its_own_spline() -> None:
     def cubic(x: Array, y: Array) -> Array:
         return (1 + x - 2 * x**2 + 0.5 * x**3) * (2 - y + y**2 - 3 * y**3)
 
-    nodes = np.linspace(-1, 1, FEWEST)
+    nodes = np.linspace(-1, 1, MIN_NODES)
     spline = Spline.through(nodes, nodes, cubic(*np.meshgrid(nodes, nodes))[..., None])
     points = np.random.default_rng(3).uniform(-1, 1, (200, 2))
     assert np.abs(spline.at(points)[0][:, 0] - cubic(*points.T)).max() < 1e-12

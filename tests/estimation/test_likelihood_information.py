@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.estimation.surprise import Told, surprise
+from calib.estimation.likelihood_information import LikelihoodInformation, prior_conflict
 
 Array = NDArray[np.float64]
 SIZE = 6
@@ -26,16 +26,16 @@ def test_what_turned_a_prior_into_a_posterior_is_the_likelihood() -> None:
     seen = rng.normal(size=SIZE - 2)
     covariance = np.linalg.inv(rows.T @ rows + np.linalg.inv(prior))
     posterior = covariance @ (rows.T @ seen + np.linalg.solve(prior, mean))
-    told = Told.between(posterior, covariance, mean, prior)
+    told = LikelihoodInformation.between(posterior, covariance, mean, prior)
     assert told.information == pytest.approx(rows.T @ rows, abs=1e-8)
     assert told.score == pytest.approx(rows.T @ seen, abs=1e-8)
 
 
 def test_a_posterior_that_is_the_prior_says_nothing() -> None:
     mean, prior = a_prior(np.random.default_rng(2))
-    told = Told.between(mean, prior, mean, prior)
+    told = LikelihoodInformation.between(mean, prior, mean, prior)
     assert told.information == pytest.approx(np.zeros((SIZE, SIZE)), abs=1e-9)
-    assert surprise(told, mean, prior).p_value == 1.0
+    assert prior_conflict(told, mean, prior).p_value == 1.0
 
 
 def surprises(shift: float) -> np.ndarray:
@@ -49,8 +49,8 @@ def surprises(shift: float) -> np.ndarray:
     for _ in range(CAMERAS):
         true = mean + root @ (rng.standard_normal(SIZE) + shift * np.eye(SIZE)[0])
         rows = rng.normal(size=(4, SIZE))  # fewer than there are numbers
-        told = Told(rows.T @ rows, rows.T @ (rows @ true + rng.standard_normal(4)))
-        one = surprise(told, mean, prior)
+        told = LikelihoodInformation(rows.T @ rows, rows.T @ (rows @ true + rng.standard_normal(4)))
+        one = prior_conflict(told, mean, prior)
         found.append((one.square / one.directions, one.p_value))
     return np.array(found).T
 
@@ -71,8 +71,10 @@ def test_another_camera_is_a_surprise() -> None:
 
 def test_pulls_name_the_number_that_is_off() -> None:
     mean, prior = np.zeros(SIZE), np.eye(SIZE)
-    told = Told(np.diag([100.0] * 5 + [0.0]), 100.0 * np.array([0, 0, 5.0, 0, 0, 0]))
-    pulls = told.pulls(mean, prior)
+    told = LikelihoodInformation(
+        np.diag([100.0] * 5 + [0.0]), 100.0 * np.array([0, 0, 5.0, 0, 0, 0])
+    )
+    pulls = told.deviations(mean, prior)
     assert int(np.argmax(np.abs(pulls))) == 2
     assert pulls[2] == pytest.approx(5.0, rel=0.02)
     assert pulls[5] == 0.0  # of which nothing is told

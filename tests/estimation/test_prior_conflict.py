@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.estimation.doubt import apart, apart_without
+from calib.estimation.prior_conflict import independent_deviation, normalised_deviation
 from calib.fitting.stages import Settings, Setup
 from calib.session.schema import Number
 from fixtures.calibrated import CAMERA, tolerant
@@ -22,8 +22,11 @@ def test_distances_are_in_their_own_standard_deviations(noise: float) -> None:
     true = rng.normal(0, tolerance, draws)
     measured = true + rng.normal(0, noise, draws)
     variance = 1 / (tolerance**-2 + noise**-2)
-    ours = [apart(mean, tolerance, variance**0.5) for mean in measured * variance / noise**2]
-    theirs = [apart_without(mean, tolerance, noise) for mean in measured]
+    ours = [
+        normalised_deviation(mean, tolerance, variance**0.5)
+        for mean in measured * variance / noise**2
+    ]
+    theirs = [independent_deviation(mean, tolerance, noise) for mean in measured]
     for distances in (ours, theirs):
         assert np.mean(np.square(distances)) == pytest.approx(
             1.0, abs=3 * (2 / draws) ** 0.5
@@ -32,7 +35,7 @@ def test_distances_are_in_their_own_standard_deviations(noise: float) -> None:
 
 
 def test_an_estimate_that_knows_nothing_contradicts_nothing() -> None:
-    assert apart(5.0, 1.0, 1.0) == 0.0
+    assert normalised_deviation(5.0, 1.0, 1.0) == 0.0
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,75 @@
+"""Declared values that the views contradict, and which of them to distrust first.
+
+A normal prior holds on to a wrong value: the fit ends between the declared value and the truth, and
+the other parameters compensate for the rest. So a value whose estimate ends too far from the
+declared one, compared with its tolerance, gets a wider prior.
+"""
+
+import math
+from collections.abc import Collection
+
+from calib.estimation.joint_fit import JointFit
+
+CONFLICT_THRESHOLD = 3.0
+"""Standard deviations: a correctly declared value deviates by more in one case of 370."""
+PRIOR_INFLATION = 10.0
+"""The factor by which the tolerance of a distrusted value is widened: enough for a slip of the pen,
+another part, or another unit.
+"""
+MAX_CONFLICTS = 3
+"""A user with more wrong values than this should measure again before anything else."""
+
+
+def normalised_deviation(distance: float, tolerance: float, sigma: float) -> float:
+    """Return the distance between an estimate and the declared value, in the standard deviations
+    that the prior predicts for this distance.
+
+    If the true value is drawn from the prior, the variance of estimate - declared is the variance
+    of the prior minus that of the posterior.
+    """
+    variance = tolerance**2 - sigma**2
+    return abs(distance) / variance**0.5 if variance > 0 else 0.0
+
+
+def independent_deviation(distance: float, tolerance: float, sigma: float) -> float:
+    """Return the same for an estimate that does not depend on the declared value: its variance and
+    that of the tolerance add.
+    """
+    return abs(distance) / math.hypot(tolerance, sigma)
+
+
+def contradicts_prior(joint: JointFit, name: str, tolerance: float) -> bool:
+    """True if the views, with the widened prior, put the value away from the declared one; False if
+    they merely leave it open.
+    """
+    distance = float(joint.values[name] - joint.parameters.origin[name])
+    return (
+        joint.finite
+        and independent_deviation(distance, tolerance, float(joint.sigma_of(name)))
+        > CONFLICT_THRESHOLD
+    )
+
+
+def largest_prior_conflict(
+    joint: JointFit, excluded: Collection[str] = (), threshold: float = CONFLICT_THRESHOLD
+) -> str:
+    """Return the name of the scalar that the views pull farthest from the mean of its prior; empty
+    if none deviates by more than `threshold` standard deviations.
+    """
+    if not joint.finite:
+        return ""
+    scalars = [
+        param.name
+        for param in joint.parameters.free
+        if not joint.values[param.name].ndim and param.name not in excluded
+    ]
+    deviations = {name: _deviation(joint, name) for name in scalars}
+    name = max(deviations, key=deviations.__getitem__, default="")
+    return name if name and deviations[name] > threshold else ""
+
+
+def _deviation(joint: JointFit, name: str) -> float:
+    distance = float(joint.values[name] - joint.parameters.origin[name])
+    return normalised_deviation(
+        distance, float(joint.parameters.priors.sigmas[name]), float(joint.sigma_of(name))
+    )
