@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.planning.design import MOST, Design
-from calib.planning.hints import tilt_of, words
-from calib.planning.pose_bank import Reach, bank, bare_pose, outline
+from calib.planning.design import MAX_PLANNED_VIEWS, Design
+from calib.planning.hints import placement_hint, tilt_of
+from calib.planning.pose_bank import Reach, fit_bare_pose, make_pose_bank, outline
 from calib.session.board import Board
 from calib.session.camera import Camera
 from capture.gate import new
@@ -112,7 +112,7 @@ class PlainGuide:
         """
         self._board, self._camera = board, camera
         self._reach = reach or Reach.of(board, camera)
-        self._bank = bank(board, camera, self._reach)
+        self._bank = make_pose_bank(board, camera, self._reach)
         self._covered = np.array(
             [
                 self._covers(SeenView(*view))
@@ -220,7 +220,7 @@ class InformedGuide:
         self._design, self._folds_agree, self._target = design, folds_agree, target_px
 
     def next_pose(self, views: Sequence[SeenView]) -> Hint | None:
-        best = self._design.plan(self._known(views), self._used(views), 0.0, most=1)
+        best = self._design.plan(self._known(views), self._used(views), 0.0, limit=1)
         if not best:
             return None
         return hint(
@@ -258,7 +258,8 @@ class InformedGuide:
         said = f"The maps are likely off by {_px(sigma)} px; {_px(self._target)} are wanted"
         if needed is None:
             return (
-                f"{said}, which {MOST} more views would not reach: take nearer and larger boards."
+                f"{said}, which {MAX_PLANNED_VIEWS} more views would not reach: take nearer and"
+                " larger boards."
             )
         if needed:
             return f"{said}: likely {needed} more view{'s' if needed > 1 else ''}."
@@ -273,7 +274,7 @@ class InformedGuide:
 
     def _known(self, views: Sequence[SeenView]) -> Array:
         later = views[self._design.views :]
-        return self._design.known() + sum(
+        return self._design.precision() + sum(
             (self._design.information[self._nearest(view)] for view in later), np.zeros(())
         )
 
@@ -345,7 +346,7 @@ def pose_of(view: SeenView, board: Board, camera: Camera) -> Array | None:
     """(6,) the view's pose, or what the bare camera would take for it; None where no pose shows
     these corners.
     """
-    return bare_pose(board, camera, view.corners) if view.pose is None else view.pose
+    return fit_bare_pose(board, camera, view.corners) if view.pose is None else view.pose
 
 
 def upright(corners: Array, board: Board) -> Array:
@@ -375,7 +376,9 @@ def hint(
     return Hint(
         around,
         pose,
-        words(pose, around, (camera.width, camera.height), present, (reach.near, reach.far)),
+        placement_hint(
+            pose, around, (camera.width, camera.height), present, (reach.near, reach.far)
+        ),
     )
 
 

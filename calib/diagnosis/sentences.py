@@ -14,7 +14,7 @@ from calib.diagnosis.trial import ALPHA, LEAST_GAIN, Trial
 from calib.diagnosis.variance_split import Share
 from calib.effects.effect import Effect, is_possible
 from calib.effects.free_field import FreeField
-from calib.planning.hints import words
+from calib.planning.hints import placement_hint
 
 ABSORBED = 0.95
 """The part of an effect that the fitted parameters can imitate, from which it is said to be
@@ -140,7 +140,7 @@ def separation(loop: Loop, effect: Effect, others: Sequence[Effect]) -> str:
     )
     if view is None or view.shrinks < TELLS:
         return f"To separate them, {effect.advice}."
-    where = words(
+    where = placement_hint(
         view.pose, view.corners, (loop.camera.width, loop.camera.height), None, view.reach
     )
     turned = ", turned by 90 degrees" if view.turned else ""

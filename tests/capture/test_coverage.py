@@ -9,9 +9,16 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.errors import InputError
-from calib.planning.design import MOST, Design
-from calib.planning.hints import words
-from calib.planning.pose_bank import Reach, bank, bare_pose, outline, rim, seen_bare
+from calib.planning.design import MAX_PLANNED_VIEWS, Design
+from calib.planning.hints import placement_hint
+from calib.planning.pose_bank import (
+    Reach,
+    fit_bare_pose,
+    make_pose_bank,
+    outline,
+    outline_corners,
+    project_bare,
+)
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import Charuco
@@ -50,7 +57,7 @@ each_camera = pytest.mark.parametrize(
 
 @each_camera
 def test_every_pose_of_the_bank_is_within_reach_and_picture(camera: Camera) -> None:
-    found = bank(BOARD, camera, REACH)
+    found = make_pose_bank(BOARD, camera, REACH)
     assert 200 < len(found.poses) < 500
     assert (found.corners > 10).all()
     assert (found.corners < np.array(SIZE) - 11).all()
@@ -60,7 +67,7 @@ def test_every_pose_of_the_bank_is_within_reach_and_picture(camera: Camera) -> N
 
 @each_camera
 def test_the_bank_reaches_into_every_corner_of_the_picture(camera: Camera) -> None:
-    found = bank(BOARD, camera, REACH)
+    found = make_pose_bank(BOARD, camera, REACH)
     for corner in product((0, SIZE[0]), (0, SIZE[1])):
         assert np.linalg.norm(found.corners.reshape(-1, 2) - corner, axis=1).min() < 0.1 * SIZE[0]
 
@@ -68,7 +75,7 @@ def test_the_bank_reaches_into_every_corner_of_the_picture(camera: Camera) -> No
 def test_a_board_that_never_fits_is_said() -> None:
     with pytest.raises(
         InputError,
-        match=r"nowhere wholly in the picture between 0\.05 and 0\.06 m: hold it farther away",
+        match=r"does not fit .* anywhere between 0\.05 and 0\.06 m: hold it farther away",
     ):
         PlainGuide(BOARD, CAMERA, Reach(0.05, 0.06))
 
@@ -76,12 +83,12 @@ def test_a_board_that_never_fits_is_said() -> None:
 def test_the_reach_of_a_board_lets_it_fill_the_picture_and_a_quarter() -> None:
     reach = Reach.of(BOARD, CAMERA)
     for depth, share in ((reach.near, 0.75), (reach.far, 0.25)):
-        seen = seen_bare(BOARD, CAMERA, np.array([0, 0, 0, 0, 0, depth]))
+        seen = project_bare(BOARD, CAMERA, np.array([0, 0, 0, 0, 0, depth]))
         assert np.ptp(seen[:, 0]) == pytest.approx(share * SIZE[1])
 
 
 def test_the_outline_goes_once_around() -> None:
-    around = BOARD.points()[rim(BOARD)]
+    around = BOARD.points()[outline_corners(BOARD)]
     x, y = around.T
     assert len(around) == 2 * (9 + 7) - 4
     assert abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2 == pytest.approx(
@@ -91,7 +98,7 @@ def test_the_outline_goes_once_around() -> None:
 
 def test_a_pose_is_found_from_its_corners() -> None:
     pose = np.array([0.3, -0.2, 0.1, 0.05, -0.02, 0.6])
-    found = bare_pose(BOARD, BARREL, seen_bare(BOARD, BARREL, pose))
+    found = fit_bare_pose(BOARD, BARREL, project_bare(BOARD, BARREL, pose))
     assert found == pytest.approx(pose, abs=1e-4)
 
 
@@ -106,7 +113,7 @@ def test_the_side_that_is_said_to_be_away_is_away(across: int, down: int, in_pla
     pose = np.concatenate([cv2.Rodrigues(turn)[0].ravel(), [0, 0, 0.6]])
     points = BOARD.points() @ turn[:, :2].T
     away = points[:, 2] > 0.01
-    said = words(pose, seen_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
+    said = placement_hint(pose, project_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
     assert ("right" in said) == bool(across and points[away][:, 0].mean() > 0)
     assert ("left" in said) == bool(across and points[away][:, 0].mean() < 0)
     assert ("bottom" in said) == bool(down and points[away][:, 1].mean() > 0)
@@ -125,20 +132,25 @@ def test_the_side_that_is_said_to_be_away_is_away(across: int, down: int, in_pla
 )
 def test_the_place_is_named(x: float, y: float, place: str) -> None:
     pose = np.array([0, 0, 0, x, y, 0.5])
-    assert place in words(pose, seen_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
+    assert place in placement_hint(pose, project_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
 
 
 def test_distance_is_said_as_from_where_the_board_is() -> None:
     pose, near, far = (np.array([0, 0, 0, 0, 0, depth]) for depth in (0.6, 0.4, 1.0))
-    outline = seen_bare(BOARD, CAMERA, pose)
-    assert words(pose, outline, SIZE, far, (0.4, 1.0)) == "closer, in the middle, facing the camera"
+    outline = project_bare(BOARD, CAMERA, pose)
     assert (
-        words(pose, outline, SIZE, near, (0.4, 1.0))
+        placement_hint(pose, outline, SIZE, far, (0.4, 1.0))
+        == "closer, in the middle, facing the camera"
+    )
+    assert (
+        placement_hint(pose, outline, SIZE, near, (0.4, 1.0))
         == "farther away, in the middle, facing the camera"
     )
-    assert words(pose, outline, SIZE, pose, (0.4, 1.0)) == "in the middle, facing the camera"
-    assert words(near, outline, SIZE, None, (0.4, 1.0)).startswith("near (40 cm)")
-    assert words(far, outline, SIZE, None, (0.4, 1.0)).startswith("far (1.0 m)")
+    assert (
+        placement_hint(pose, outline, SIZE, pose, (0.4, 1.0)) == "in the middle, facing the camera"
+    )
+    assert placement_hint(near, outline, SIZE, None, (0.4, 1.0)).startswith("near (40 cm)")
+    assert placement_hint(far, outline, SIZE, None, (0.4, 1.0)).startswith("far (1.0 m)")
 
 
 @pytest.mark.parametrize(
@@ -152,9 +164,9 @@ def test_distance_is_said_as_from_where_the_board_is() -> None:
 def test_a_board_that_reaches_out_is_named_so(x: float, y: float, place: str) -> None:
     pose = np.array([0, 0, 0, x, y, 0.5])
     """What is outside is where the rest of the board has it."""
-    around = outline(seen_bare(CODED, CAMERA, pose), CODED)
-    assert place in words(pose, around, SIZE, None, (0.4, 1.0))
-    plain = seen_bare(BOARD, CAMERA, pose)[rim(BOARD)]
+    around = outline(project_bare(CODED, CAMERA, pose), CODED)
+    assert place in placement_hint(pose, around, SIZE, None, (0.4, 1.0))
+    plain = project_bare(BOARD, CAMERA, pose)[outline_corners(BOARD)]
     assert around == pytest.approx(plain, abs=1e-3), (
         "px; without a lens, a plane through what is seen is the board"
     )
@@ -172,7 +184,7 @@ def test_a_lens_that_folds_back_shows_no_corner_that_is_outside() -> None:
         tuple(map(Number, (-0.4, 0, 0, 0))),
     )
     folding = replace(CAMERA, intrinsics=lens)
-    seen = seen_bare(CODED, folding, np.array([0, 0, 0, 0.75, 0, 0.5]))
+    seen = project_bare(CODED, folding, np.array([0, 0, 0, 0.75, 0, 0.5]))
     assert np.isnan(seen).all()
 
 
@@ -181,7 +193,7 @@ def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Cam
     """All that a checkerboard has, and others; of each, so much is in the picture as is worth
     asking for.
     """
-    found, plain = bank(CODED, camera, REACH), bank(BOARD, camera, REACH)
+    found, plain = make_pose_bank(CODED, camera, REACH), make_pose_bank(BOARD, camera, REACH)
     seen = np.isfinite(found.corners[..., 0])
     assert len(found.poses) > 1.4 * len(plain.poses)
     assert seen.mean(1).min() >= 0.4
@@ -217,7 +229,7 @@ def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
         tuple(map(Number, LENS.distortion[:4])),
     )
     camera = Camera(LENS.width, LENS.height, intrinsics=lens)
-    found = bank(board, camera, Reach.of(board, camera))
+    found = make_pose_bank(board, camera, Reach.of(board, camera))
     near, simple = (
         found.poses[:, 5] < np.median(found.poses[:, 5]),
         (found.poses[:, :2] != 0).sum(1) < 2,
@@ -242,7 +254,7 @@ def test_the_plain_rule_asks_for_the_borders_where_markers_allow() -> None:
     views: list[SeenView] = []
     said = []
     while (hint := guide.next_pose(views)) is not None:
-        views.append(SeenView(seen_bare(CODED, CAMERA, hint.pose)))
+        views.append(SeenView(project_bare(CODED, CAMERA, hint.pose)))
         said.append(hint.words)
         assert len(views) < 40
     for side in ("left", "right", "top", "bottom"):
@@ -262,7 +274,7 @@ def test_the_informed_guide_knows_views_of_a_part() -> None:
     """Two poses at which half of the board is seen: what was seen at one tells of the other
     nothing.
     """
-    found = bank(CODED, CAMERA, REACH)
+    found = make_pose_bank(CODED, CAMERA, REACH)
     left, right = (
         int(np.argmin(((found.poses[:, :3] ** 2).sum(1) > 0) + np.abs(found.poses[:, 3] - x)))
         for x in (-1, 1)
@@ -303,7 +315,7 @@ def test_covered_cells_are_the_outlines_area() -> None:
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3])
 def test_a_square_board_held_upside_down_is_the_same_view(quarters: int) -> None:
     board = Board(7, 7, 0.02)
-    corners = seen_bare(board, CAMERA, np.array([0.2, 0.1, 0.05, 0, 0, 0.5]))
+    corners = project_bare(board, CAMERA, np.array([0.2, 0.1, 0.05, 0, 0, 0.5]))
     turned = np.rot90(corners.reshape(7, 7, 2), quarters).reshape(-1, 2)
     assert upright(turned, board) == pytest.approx(corners)
 
@@ -320,7 +332,7 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
             if first.views_needed
             else 0
         )
-        views.append(SeenView(seen_bare(BOARD, CAMERA, hint.pose), hint.pose))
+        views.append(SeenView(project_bare(BOARD, CAMERA, hint.pose), hint.pose))
         assert len(views) < 40
     last = guide.progress(views)
     assert last.enough
@@ -331,7 +343,7 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
 
 def test_the_plain_rule_needs_no_poses() -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
-    found = bank(BOARD, CAMERA, REACH)
+    found = make_pose_bank(BOARD, CAMERA, REACH)
     posed = [
         SeenView(corners, pose)
         for corners, pose in zip(found.corners[::40], found.poses[::40], strict=True)
@@ -343,7 +355,7 @@ def test_the_plain_rule_needs_no_poses() -> None:
 @pytest.mark.parametrize("pose", [(0, 0, 0, 0, 0, 0.5), (0.5, 0, 0, 0, 0, 1.0)])
 def test_the_same_view_again_and_again_is_never_enough(pose: tuple[float, ...]) -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
-    corners = seen_bare(BOARD, CAMERA, np.array(pose, float))
+    corners = project_bare(BOARD, CAMERA, np.array(pose, float))
     progress = guide.progress([SeenView(corners)] * 50)
     assert not progress.enough
     assert progress.image.mean() < 0.5
@@ -354,7 +366,7 @@ def made_design(information: Array, spread: Array, views: int = 0) -> Design:
     """Over a bank of this many poses, with the maps' derivatives at one depth, the same for both
     axes' pixels.
     """
-    found = bank(BOARD, CAMERA, REACH)
+    found = make_pose_bank(BOARD, CAMERA, REACH)
     chosen = np.linspace(0, len(found.poses) - 1, len(information)).astype(int)
     modes = information.shape[-1]
     at = np.zeros((*CELLS, 2, 2, modes))
@@ -385,7 +397,7 @@ def test_the_informed_guide_asks_for_what_the_maps_lack() -> None:
     hint = guide.next_pose([])
     assert hint
     assert hint.pose == pytest.approx(design.poses[1])
-    assert hint.outline == pytest.approx(design.corners[1][rim(BOARD)])
+    assert hint.outline == pytest.approx(design.corners[1][outline_corners(BOARD)])
 
 
 def test_the_predicted_error_is_the_one_of_the_linear_model() -> None:
@@ -404,14 +416,14 @@ def test_as_many_views_are_needed_as_are_then_taken() -> None:
     views: list[SeenView] = []
     needed = guide.progress(views).views_needed
     assert needed
-    assert 1 < needed < MOST
+    assert 1 < needed < MAX_PLANNED_VIEWS
     for left in range(needed, 0, -1):
         progress = guide.progress(views)
         assert progress.views_needed == left
         assert not progress.enough
         hint = guide.next_pose(views)
         assert hint
-        views.append(SeenView(seen_bare(BOARD, CAMERA, hint.pose)))
+        views.append(SeenView(project_bare(BOARD, CAMERA, hint.pose)))
     assert guide.progress(views).enough
     assert len({tuple(np.round(view.corners.ravel())) for view in views}) == needed
 
