@@ -27,7 +27,7 @@ from calib.fitting.stages import Setup
 from calib.optics.projection import project
 from calib.planning.design import Design
 from calib.planning.information import PlanningFit, estimate
-from calib.planning.pose_bank import Reach, bank
+from calib.planning.pose_bank import Reach, make_pose_bank
 from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.threads import single_thread
@@ -133,7 +133,9 @@ def seen(views: Sequence[View]) -> list[KeptView]:
 
 
 def design_of(known: PlanningFit) -> Design:
-    return known.design(SETUP, bank(BOARD, CAMERA, REACH).poses, COVERAGE_CELLS, REACH.levels())
+    return known.design(
+        SETUP, make_pose_bank(BOARD, CAMERA, REACH).poses, COVERAGE_CELLS, REACH.levels()
+    )
 
 
 def judged(person: Person) -> tuple[float, float]:
@@ -156,7 +158,7 @@ def judged(person: Person) -> tuple[float, float]:
     off = np.concatenate([(seen_at(*true, depth) - seen_at(*ours, depth)).ravel() for depth in at])
     moved = np.concatenate([motions(*ours, depth) for depth in at])
     left = off - moved @ np.linalg.lstsq(moved, off, rcond=None)[0]
-    return float(np.sqrt((left**2).mean() * 2)), design.sigma(design.known())
+    return float(np.sqrt((left**2).mean() * 2)), design.sigma(design.precision())
 
 
 Judged = dict[str, tuple[float, float]]

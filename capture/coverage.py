@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.planning.design import MOST, Design
-from calib.planning.hints import tilt_of, words
-from calib.planning.pose_bank import Reach, bank, bare_pose, outline
+from calib.planning.design import MAX_PLANNED_VIEWS, Design
+from calib.planning.hints import placement_hint, tilt_of
+from calib.planning.pose_bank import Reach, fit_bare_pose, make_pose_bank, outline
 from calib.session.board import Board
 from calib.session.camera import Camera
 from capture.gate import check_novelty
@@ -120,7 +120,7 @@ class PlainGuide:
         """
         self._board, self._camera = board, camera
         self._reach = reach or Reach.of(board, camera)
-        self._bank = bank(board, camera, self._reach)
+        self._bank = make_pose_bank(board, camera, self._reach)
         self._covered = np.array(
             [
                 self._coverage_of(KeptView(*view))
@@ -266,7 +266,7 @@ class InformedGuide:
         estimate = f"The maps are likely off by {_px(sigma)} px; {_px(self._target)} are wanted"
         if needed is None:
             return (
-                f"{estimate}, which {MOST} more views would not reach: take nearer and larger"
+                f"{estimate}, which {MAX_PLANNED_VIEWS} more views would not reach: take nearer and larger"
                 " boards."
             )
         if needed:
@@ -282,7 +282,7 @@ class InformedGuide:
 
     def _information(self, views: Sequence[KeptView]) -> Array:
         later = views[self._design.views :]
-        return self._design.known() + sum(
+        return self._design.precision() + sum(
             (self._design.information[self._nearest_pose(view)] for view in later), np.zeros(())
         )
 
@@ -351,7 +351,7 @@ def pose_of(view: KeptView, board: Board, camera: Camera) -> Array | None:
     """Return the (6,) pose of the view, or the pose that the bare camera would find; None where no
     pose gives these corners.
     """
-    return bare_pose(board, camera, view.corners) if view.pose is None else view.pose
+    return fit_bare_pose(board, camera, view.corners) if view.pose is None else view.pose
 
 
 def upright(corners: Array, board: Board) -> Array:
@@ -381,7 +381,9 @@ def make_hint(
     return Hint(
         polygon,
         pose,
-        words(pose, polygon, (camera.width, camera.height), last_pose, (reach.near, reach.far)),
+        placement_hint(
+            pose, polygon, (camera.width, camera.height), last_pose, (reach.near, reach.far)
+        ),
     )
 
 

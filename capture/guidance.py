@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calib.errors import RefracalError
 from calib.planning.design import Design
-from calib.planning.pose_bank import Reach, bank
+from calib.planning.pose_bank import Reach, make_pose_bank
 from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.session.cover import Cover
@@ -187,13 +187,14 @@ def answers(request: Request) -> Iterator[Answer]:
         for number, corners in enumerate(request.views)
     ]
     setup = Setup(request.board, request.camera, request.camera.intrinsics, request.cover)
-    poses = bank(request.board, request.camera, request.reach).poses
+    poses = make_pose_bank(request.board, request.camera, request.reach).poses
     with single_thread():
         design = estimate(setup, views, RELIEF_GRID).design(
             setup, poses, COVERAGE_CELLS, request.reach.levels()
         )
         try_folds = (
-            len(views) >= MIN_VIEWS_FOR_FOLDS and design.sigma(design.known()) <= request.target_px
+            len(views) >= MIN_VIEWS_FOR_FOLDS
+            and design.sigma(design.precision()) <= request.target_px
         )
         yield Answer(design, last=not try_folds)
         if try_folds:

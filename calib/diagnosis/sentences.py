@@ -14,7 +14,7 @@ from calib.effects.effect import Effect, is_possible
 from calib.effects.free_field import FreeField
 from calib.inference.residual_structure import VarianceShare
 from calib.inference.score_test import FittedModel, ScoreTest
-from calib.planning.hints import words
+from calib.planning.hints import placement_hint
 
 ABSORBED = 0.95
 """The fraction of an effect that the fitted parameters can imitate above which it is absorbed."""
@@ -142,7 +142,9 @@ def separation(state: SearchState, effect: Effect, rivals: Sequence[Effect]) -> 
         view = separating_view(state.fitted_model, state.problem.board, camera, effect, rivals)
     if view is None or view.sigma_factor < MIN_SIGMA_FACTOR:
         return f"To separate them, {effect.advice}."
-    place = words(view.pose, view.corners, (camera.width, camera.height), None, view.depth_range)
+    place = placement_hint(
+        view.pose, view.corners, (camera.width, camera.height), None, view.depth_range
+    )
     turn = ", turned by 90 degrees" if view.turned else ""
     return (
         f"To separate them, hold the board {place}{turn}: one such view makes the sigma of"

@@ -70,7 +70,7 @@ class JointFit:
     poses: Tensor
     """(V, 6)"""
     covariance: Tensor
-    """(S, S) of the shared parameters' vector; poses are marginalised.
+    """(S, S) covariance of the shared parameters' vector; poses are marginalised.
 
     NaN where the outcome is NOT_FINITE.
     """

@@ -161,5 +161,6 @@ def _column_sums(amplitudes: Tensor, gaussians: Tensor) -> Tensor:
     coordinate's (columns, ...) Gaussians.
     """
     if amplitudes.ndim == 2:
-        return torch.tensordot(amplitudes, gaussians, dims=([1], [0]))  # type: ignore[no-any-return]
+        sums: Tensor = torch.tensordot(amplitudes, gaussians, dims=([1], [0]))
+        return sums
     return torch.einsum("...rc,c...->r...", amplitudes, gaussians)

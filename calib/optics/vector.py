@@ -25,7 +25,9 @@ class Vector:
 
     def stacked(self) -> Tensor:
         """Return the vectors as a (..., 3) tensor."""
-        return torch.stack(torch.broadcast_tensors(self.x, self.y, self.z), -1)  # type: ignore[no-untyped-call]
+        broadcast = torch.broadcast_tensors
+        components = broadcast(self.x, self.y, self.z)  # type: ignore[no-untyped-call]
+        return torch.stack(components, -1)
 
     def __add__(self, vector: Vector) -> Vector:
         return Vector(self.x + vector.x, self.y + vector.y, self.z + vector.z)

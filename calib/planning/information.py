@@ -1,8 +1,8 @@
-"""What a view with the board in some pose would tell of the shared parameters, and what these do to
-the maps.
+"""The information of a view with the board in some pose about the shared parameters, and the effect
+of these on the maps.
 
-A view's Fisher information J^T J / sigma^2, with its own pose eliminated, adds to that of the views
-that are there. The maps' error is the Jacobian of the undistorted positions times the parameters'
+A view's Fisher information J^T J / sigma^2, with its own pose eliminated, adds to that of the
+existing views. The maps' error is the Jacobian of the undistorted positions times the parameters'
 error; a rigid motion of all rays, the gauge, is projected out of it.
 """
 
@@ -28,7 +28,7 @@ from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.projection import project
 from calib.optics.relief import Relief
 from calib.planning.design import Design
-from calib.planning.pose_bank import enough_seen, in_picture
+from calib.planning.pose_bank import has_enough_corners, mask_to_picture
 from calib.progress import Silent
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -36,17 +36,17 @@ from calib.session.tolerances import GLASS_FIGURE
 
 Array = NDArray[np.float64]
 
-FEWEST_FITTED = 4
-"""Views from which on they are fitted; before, the cover is taken to be as described."""
-UNSEEN_GLASS = Smoothness(height=GLASS_FIGURE.sigma, length=0.4)
-"""What a cover's glass may be like before any view has shown it."""
+MIN_FITTED_VIEWS = 4
+"""From this number of views on they are fitted; with fewer, the cover is taken as described."""
+PRIOR_GLASS = Smoothness(height=GLASS_FIGURE.sigma, length=0.4)
+"""The smoothness of a cover's glass before any view."""
 NEGLIGIBLE = 3e-3
-"""px: what modes that are left out may move the maps by, altogether."""
+"""px: the largest movement of the maps by all neglected modes together."""
 
 
 def view_information(model: CameraModel, observations: Observations, poses: Tensor) -> Array:
-    """(V, S, S): what each view tells of the model's parameters, its pose unknown, at 1 px of noise
-    per axis.
+    """Return each view's (V, S, S) information about the model's parameters, its pose eliminated,
+    at 1 px of noise per axis.
     """
     parameters = model.parameters
     return information(
@@ -54,63 +54,66 @@ def view_information(model: CameraModel, observations: Observations, poses: Tens
     )
 
 
-def on_patch(model: CameraModel, pixels: Array) -> Array:
-    """(N, 2) where on the relief's patch the rays of (N, 2) px leave the glass, down and across,
-    each from 0 to 1.
+def patch_coordinates(model: CameraModel, pixels: Array) -> Array:
+    """Return the (N, 2) points of the relief's patch where the rays of (N, 2) px leave the glass,
+    down and to the right, each from 0 to 1.
     """
     outer = model.path.cover[-1]
     assert outer.relief
     rays = model.path.trace(torch.from_numpy(pixels), model.means)
-    at = torch.stack(
-        outer.surface.chart(outer.frame.at(model.means).enter(rays.origin)), -1
-    ).numpy()
+    chart = outer.surface.chart(outer.frame.at(model.means).enter(rays.origin))
+    points = torch.stack(chart, -1).numpy()
     low, high = np.array(outer.relief.low), np.array(outer.relief.high)
-    return np.where((rays.failure != 0).numpy()[:, None], np.nan, (at - low) / (high - low))
+    return np.where((rays.failure != 0).numpy()[:, None], np.nan, (points - low) / (high - low))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Survey:
-    """What is the same for any strength of the prior and of the noise."""
+    """The part of a design that does not depend on the strength of the prior and of the noise."""
 
     model: CameraModel
     poses: Array
     """(P, 6)"""
     corners: Array
-    """(P, count, 2) px, NaN where not seen."""
+    """(P, count, 2) px, NaN where not visible."""
     information: Array
-    """(P, S, S) at 1 px of noise per axis."""
+    """(P, S, S) information of each pose at 1 px of noise per axis."""
     jacobian: Array
-    """(h, w, 2, 2, S) of A and B (px, px m), rigid motion projected out; NaN where there is no ray.
+    """(h, w, 2, 2, S) derivatives of A and B (px, px m), with rigid motion projected out; NaN where
+    there is no ray.
     """
     depths: Array
     """(D,) m"""
     glass: Array
-    """(h, w, 2) where on the relief's patch these pixels' rays leave, each from 0 to 1."""
+    """(h, w, 2) the points of the relief's patch where the rays of these pixels leave, each from 0
+    to 1.
+    """
 
-    def design(self, smoothness: Smoothness, sigma: float, seen: Array) -> Design:
-        """For a prior, the noise in px per axis, and the (V, S, S) information of the views that
-        there are, at 1 px.
+    def design(self, smoothness: Smoothness, sigma: float, existing: Array) -> Design:
+        """Return the design for a prior, a noise in px per axis, and the (V, S, S) information of
+        the existing views at 1 px.
         """
         root = self.model.parameters.prior_root(smoothness)
-        at = np.stack([np.ones_like(self.depths), 1 / self.depths])
-        moved = np.einsum("hwabs,ad->hwdbs", self.jacobian, at) @ root
-        rows = moved[np.isfinite(moved[..., 0, 0])]  # (n, 2, S)
+        powers = np.stack([np.ones_like(self.depths), 1 / self.depths])
+        derivatives = np.einsum("hwabs,ad->hwdbs", self.jacobian, powers) @ root
+        rows = derivatives[np.isfinite(derivatives[..., 0, 0])]  # (n, 2, S)
         power, modes = np.linalg.eigh(np.einsum("nbr,nbs->rs", rows, rows) / len(rows))
-        kept = np.cumsum(np.maximum(power, 0)) > NEGLIGIBLE**2
-        root = root @ modes[:, kept]
+        selected = np.cumsum(np.maximum(power, 0)) > NEGLIGIBLE**2
+        root = root @ modes[:, selected]
+        initial_information = (
+            root.T @ existing.sum(0) @ root / sigma**2
+            if len(existing)
+            else np.zeros((root.shape[1], root.shape[1]))
+        )
         return Design(
-            self.poses,
-            self.corners,
-            root.T @ self.information @ root / sigma**2,
-            (
-                root.T @ seen.sum(0) @ root / sigma**2
-                if len(seen)
-                else np.zeros((root.shape[1], root.shape[1]))
-            ),
-            len(seen),
-            self.jacobian @ root,
-            self.depths,
-            self.glass,
+            poses=self.poses,
+            corners=self.corners,
+            information=root.T @ self.information @ root / sigma**2,
+            initial_information=initial_information,
+            views=len(existing),
+            spread=self.jacobian @ root,
+            depths=self.depths,
+            glass=self.glass,
         )
 
 
@@ -122,90 +125,95 @@ def survey(
     cells: tuple[int, int],
     depths: Array,
 ) -> Survey:
-    """Look at every pose of a bank through the cover.
+    """Project the board in every pose of a bank through the cover, and compute the information.
 
     Args:
-        poses: (P, 6); those in which some corner would not be in the picture are dropped, of a
-            board with markers those in which few would.
-        cells: rows and columns of the picture in whose middles the maps are judged.
-        depths: (D,) m, at which they are.
+        poses: (P, 6); a pose is dropped if some corner is not in the picture, for a board with
+            markers if too few are.
+        cells: rows and columns of the picture, in whose middles the maps are evaluated.
+        depths: (D,) m, at which the maps are evaluated.
     """
-    placed, points = torch.from_numpy(poses), torch.from_numpy(board.points())
+    all_poses, points = torch.from_numpy(poses), torch.from_numpy(board.points())
     points = model.path.place(
-        points.repeat(len(poses), 1), model.means, placed.repeat_interleave(board.count, 0)
+        points.repeat(len(poses), 1), model.means, all_poses.repeat_interleave(board.count, 0)
     )
     corners = project(model.path, model.means, points).numpy().reshape(len(poses), board.count, 2)
-    corners = in_picture(corners, camera)
-    enough = enough_seen(corners, board)
+    corners = mask_to_picture(corners, camera)
+    enough = has_enough_corners(corners, board)
     poses, corners = poses[enough], corners[enough]
     views = tuple(
-        View(str(index), seen, np.isfinite(seen[:, 0]).astype(np.float64))
-        for index, seen in enumerate(corners)
+        View(str(index), view_corners, np.isfinite(view_corners[:, 0]).astype(np.float64))
+        for index, view_corners in enumerate(corners)
     )
-    x, y = (
-        (np.arange(n) + 0.5) / n * length - 0.5
-        for n, length in zip(cells[::-1], (camera.width, camera.height), strict=True)
-    )
+    rows, columns = cells
+    x = (np.arange(columns) + 0.5) / columns * camera.width - 0.5
+    y = (np.arange(rows) + 0.5) / rows * camera.height - 0.5
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-    jacobian, motions, lost = undistorted_jacobian(model.path, model.parameters, pixels)
-    at = np.stack([np.ones_like(depths), 1 / depths])
-    changed, moved = (
-        np.einsum("nabs,ad->ndbs", part[~lost], at).reshape(-1, part.shape[-1])
-        for part in (jacobian, motions)
-    )
-    jacobian = jacobian - motions @ np.linalg.lstsq(moved, changed, rcond=None)[0]
-    jacobian[lost] = np.nan
-    informed = view_information(
-        model, Observations.of(views, board), placed[torch.from_numpy(enough)]
-    )
+    jacobian, motions, failed = undistorted_jacobian(model.path, model.parameters, pixels)
+    gauge = np.linalg.lstsq(
+        _at_depths(motions[~failed], depths), _at_depths(jacobian[~failed], depths), rcond=None
+    )[0]
+    jacobian = jacobian - motions @ gauge
+    jacobian[failed] = np.nan
+    observations = Observations.of(views, board)
     return Survey(
-        model,
-        poses,
-        corners,
-        informed,
-        jacobian.reshape(*cells, 2, 2, -1),
-        depths,
-        on_patch(model, pixels).reshape(*cells, 2),
+        model=model,
+        poses=poses,
+        corners=corners,
+        information=view_information(model, observations, all_poses[torch.from_numpy(enough)]),
+        jacobian=jacobian.reshape(*cells, 2, 2, -1),
+        depths=depths,
+        glass=patch_coordinates(model, pixels).reshape(*cells, 2),
     )
+
+
+def _at_depths(derivatives: Array, depths: Array) -> Array:
+    """Return the (n D 2, K) derivatives of the undistorted positions of n pixels at D depths from
+    the (n, 2, 2, K) derivatives of A and B.
+    """
+    powers = np.stack([np.ones_like(depths), 1 / depths])
+    rows = np.einsum("nabs,ad->ndbs", derivatives, powers)
+    return np.asarray(rows.reshape(-1, derivatives.shape[-1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanningFit:
-    """What some views tell: a fit of them, or the nominal cover where they are too few for one."""
+    """The state of knowledge after some views: a fit of them, or the nominal cover if they are too
+    few for a fit.
+    """
 
     model: CameraModel
     poses: Tensor
-    """(V, 6) of these views."""
+    """(V, 6) poses of these views."""
     observations: Observations
     smoothness: Smoothness
     sigma: float
     """px per axis"""
 
     def design(self, setup: Setup, poses: Array, cells: tuple[int, int], depths: Array) -> Design:
-        """What each of (P, 6) poses would add; `cells` and `depths` are where the maps are judged,
-        as in `survey`.
-        """
-        surveyed = survey(self.model, setup.board, setup.camera, poses, cells, depths)
-        _, failed = self.model.path.land(
+        """Return the design of the (P, 6) poses; `cells` and `depths` are those of `survey`."""
+        bank = survey(self.model, setup.board, setup.camera, poses, cells, depths)
+        _, failure = self.model.path.land(
             self.observations.pixels, self.model.means, self.poses[self.observations.view]
         )
-        seen = self.observations.select_rows(failed == 0)
-        known = (
-            view_information(self.model, seen, self.poses)
+        visible = self.observations.select_rows(failure == 0)
+        existing = (
+            view_information(self.model, visible, self.poses)
             if len(self.poses)
-            else surveyed.information[:0]
+            else bank.information[:0]
         )
-        return surveyed.design(self.smoothness, self.sigma, known)
+        return bank.design(self.smoothness, self.sigma, existing)
 
 
 def estimate(setup: Setup, views: Sequence[View], grid: tuple[int, int]) -> PlanningFit:
-    """The best that is known after some views, perhaps none; `grid` are the centres of the relief.
+    """Return the best estimate after some views, perhaps none; `grid` is the relief's grid of
+    centres.
 
     Raises:
         NotEnoughDataError: the corners cannot be seen through the cover.
     """
     observations = Observations.of(views, setup.board)
-    if len(views) >= FEWEST_FITTED:
+    if len(views) >= MIN_FITTED_VIEWS:
         fitted = fit_stages(setup, observations, Settings(grid=grid), Silent())
         assert fitted.joint
         assert fitted.joint.smoothness
@@ -223,4 +231,4 @@ def estimate(setup: Setup, views: Sequence[View], grid: tuple[int, int]) -> Plan
     path = with_relief(path, relief)
     values["relief.amplitudes"] = torch.zeros(grid, dtype=torch.float64)
     model = CameraModel(path, values, priors_of(setup.intrinsics, setup.cover, path))
-    return PlanningFit(model, poses, observations, UNSEEN_GLASS, FIRST_SIGMA)
+    return PlanningFit(model, poses, observations, PRIOR_GLASS, FIRST_SIGMA)

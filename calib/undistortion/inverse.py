@@ -55,7 +55,7 @@ class ForwardMap:
     nodes_x: Array
     """(w,) distorted px, evenly spaced"""
     nodes_y: Array
-    """(h,) likewise"""
+    """(h,) distorted px, evenly spaced"""
     values: Array
     """(h, w, 2) px of the bare pinhole camera"""
     valid: Mask

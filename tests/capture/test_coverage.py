@@ -9,9 +9,16 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.errors import InputError
-from calib.planning.design import MOST, Design
-from calib.planning.hints import words
-from calib.planning.pose_bank import Reach, bank, bare_pose, outline, rim, seen_bare
+from calib.planning.design import MAX_PLANNED_VIEWS, Design
+from calib.planning.hints import placement_hint
+from calib.planning.pose_bank import (
+    Reach,
+    fit_bare_pose,
+    make_pose_bank,
+    outline,
+    outline_corners,
+    project_bare,
+)
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import Charuco
@@ -57,7 +64,7 @@ each_camera = pytest.mark.parametrize(
 
 @each_camera
 def test_every_pose_of_the_bank_is_within_reach_and_picture(camera: Camera) -> None:
-    candidates = bank(BOARD, camera, REACH)
+    candidates = make_pose_bank(BOARD, camera, REACH)
     assert 200 < len(candidates.poses) < 500
     assert (candidates.corners > 10).all()
     assert (candidates.corners < np.array(SIZE) - 11).all()
@@ -67,7 +74,7 @@ def test_every_pose_of_the_bank_is_within_reach_and_picture(camera: Camera) -> N
 
 @each_camera
 def test_the_bank_reaches_into_every_corner_of_the_picture(camera: Camera) -> None:
-    candidates = bank(BOARD, camera, REACH)
+    candidates = make_pose_bank(BOARD, camera, REACH)
     for corner in product((0, SIZE[0]), (0, SIZE[1])):
         assert (
             np.linalg.norm(candidates.corners.reshape(-1, 2) - corner, axis=1).min() < 0.1 * SIZE[0]
@@ -77,7 +84,7 @@ def test_the_bank_reaches_into_every_corner_of_the_picture(camera: Camera) -> No
 def test_a_board_that_never_fits_is_said() -> None:
     with pytest.raises(
         InputError,
-        match=r"nowhere wholly in the picture between 0\.05 and 0\.06 m: hold it farther away",
+        match=r"does not fit .* anywhere between 0\.05 and 0\.06 m: hold it farther away",
     ):
         PlainGuide(BOARD, CAMERA, Reach(0.05, 0.06))
 
@@ -85,12 +92,12 @@ def test_a_board_that_never_fits_is_said() -> None:
 def test_the_reach_of_a_board_lets_it_fill_the_picture_and_a_quarter() -> None:
     reach = Reach.of(BOARD, CAMERA)
     for depth, share in ((reach.near, 0.75), (reach.far, 0.25)):
-        visible = seen_bare(BOARD, CAMERA, np.array([0, 0, 0, 0, 0, depth]))
+        visible = project_bare(BOARD, CAMERA, np.array([0, 0, 0, 0, 0, depth]))
         assert np.ptp(visible[:, 0]) == pytest.approx(share * SIZE[1])
 
 
 def test_the_outline_goes_once_around() -> None:
-    around = BOARD.points()[rim(BOARD)]
+    around = BOARD.points()[outline_corners(BOARD)]
     x, y = around.T
     assert len(around) == 2 * (9 + 7) - 4
     assert abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2 == pytest.approx(
@@ -100,7 +107,7 @@ def test_the_outline_goes_once_around() -> None:
 
 def test_a_pose_is_found_from_its_corners() -> None:
     pose = np.array([0.3, -0.2, 0.1, 0.05, -0.02, 0.6])
-    estimate = bare_pose(BOARD, BARREL, seen_bare(BOARD, BARREL, pose))
+    estimate = fit_bare_pose(BOARD, BARREL, project_bare(BOARD, BARREL, pose))
     assert estimate == pytest.approx(pose, abs=1e-4)
 
 
@@ -117,7 +124,7 @@ def test_the_side_that_is_said_to_be_away_is_away(
     pose = np.concatenate([cv2.Rodrigues(turn)[0].ravel(), [0, 0, 0.6]])
     points = BOARD.points() @ turn[:, :2].T
     is_far = points[:, 2] > 0.01
-    text = words(pose, seen_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
+    text = placement_hint(pose, project_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
     assert ("right" in text) == bool(horizontal and points[is_far][:, 0].mean() > 0)
     assert ("left" in text) == bool(horizontal and points[is_far][:, 0].mean() < 0)
     assert ("bottom" in text) == bool(vertical and points[is_far][:, 1].mean() > 0)
@@ -136,22 +143,31 @@ def test_the_side_that_is_said_to_be_away_is_away(
 )
 def test_the_place_is_named(x: float, y: float, place: str) -> None:
     pose = np.array([0, 0, 0, x, y, 0.5])
-    assert place in words(pose, seen_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
+    assert place in placement_hint(pose, project_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
 
 
 def test_distance_is_said_as_from_where_the_board_is() -> None:
     pose = np.array([0, 0, 0, 0, 0, 0.6])
     near = np.array([0, 0, 0, 0, 0, 0.4])
     far = np.array([0, 0, 0, 0, 0, 1.0])
-    outline = seen_bare(BOARD, CAMERA, pose)
-    assert words(pose, outline, SIZE, far, (0.4, 1.0)) == "closer, in the middle, facing the camera"
+    outline = project_bare(BOARD, CAMERA, pose)
     assert (
-        words(pose, outline, SIZE, near, (0.4, 1.0))
+        placement_hint(pose, outline, SIZE, far, (0.4, 1.0))
+        == "closer, in the middle, facing the camera"
+    )
+    assert (
+        placement_hint(pose, outline, SIZE, far, (0.4, 1.0))
+        == "closer, in the middle, facing the camera"
+    )
+    assert (
+        placement_hint(pose, outline, SIZE, near, (0.4, 1.0))
         == "farther away, in the middle, facing the camera"
     )
-    assert words(pose, outline, SIZE, pose, (0.4, 1.0)) == "in the middle, facing the camera"
-    assert words(near, outline, SIZE, None, (0.4, 1.0)).startswith("near (40 cm)")
-    assert words(far, outline, SIZE, None, (0.4, 1.0)).startswith("far (1.0 m)")
+    assert (
+        placement_hint(pose, outline, SIZE, pose, (0.4, 1.0)) == "in the middle, facing the camera"
+    )
+    assert placement_hint(near, outline, SIZE, None, (0.4, 1.0)).startswith("near (40 cm)")
+    assert placement_hint(far, outline, SIZE, None, (0.4, 1.0)).startswith("far (1.0 m)")
 
 
 @pytest.mark.parametrize(
@@ -165,9 +181,9 @@ def test_distance_is_said_as_from_where_the_board_is() -> None:
 def test_a_board_that_reaches_out_is_named_so(x: float, y: float, place: str) -> None:
     pose = np.array([0, 0, 0, x, y, 0.5])
     """The corners outside the picture are where the other corners of the board put them."""
-    around = outline(seen_bare(CODED, CAMERA, pose), CODED)
-    assert place in words(pose, around, SIZE, None, (0.4, 1.0))
-    plain = seen_bare(BOARD, CAMERA, pose)[rim(BOARD)]
+    around = outline(project_bare(CODED, CAMERA, pose), CODED)
+    assert place in placement_hint(pose, around, SIZE, None, (0.4, 1.0))
+    plain = project_bare(BOARD, CAMERA, pose)[outline_corners(BOARD)]
     assert around == pytest.approx(plain, abs=1e-3), (
         "px; without a lens, a plane through what is seen is the board"
     )
@@ -185,7 +201,7 @@ def test_a_lens_that_folds_back_shows_no_corner_that_is_outside() -> None:
         tuple(map(Number, (-0.4, 0, 0, 0))),
     )
     folding = replace(CAMERA, intrinsics=lens)
-    visible = seen_bare(CODED, folding, np.array([0, 0, 0, 0.75, 0, 0.5]))
+    visible = project_bare(CODED, folding, np.array([0, 0, 0, 0.75, 0, 0.5]))
     assert np.isnan(visible).all()
 
 
@@ -201,7 +217,7 @@ def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Cam
     """The bank of a board with markers has all poses of a checkerboard's, and others that reach out
     of the picture by useful amounts.
     """
-    candidates, plain = bank(CODED, camera, REACH), bank(BOARD, camera, REACH)
+    candidates, plain = make_pose_bank(CODED, camera, REACH), make_pose_bank(BOARD, camera, REACH)
     visible = np.isfinite(candidates.corners[..., 0])
     assert len(candidates.poses) > 1.4 * len(plain.poses)
     assert visible.mean(1).min() >= 0.4
@@ -231,7 +247,7 @@ def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
         tuple(map(Number, LENS.distortion[:4])),
     )
     camera = Camera(LENS.width, LENS.height, intrinsics=lens)
-    candidates = bank(board, camera, Reach.of(board, camera))
+    candidates = make_pose_bank(board, camera, Reach.of(board, camera))
     near, simple = (
         candidates.poses[:, 5] < np.median(candidates.poses[:, 5]),
         (candidates.poses[:, :2] != 0).sum(1) < 2,
@@ -256,12 +272,16 @@ def test_the_plain_rule_asks_for_the_borders_where_markers_allow() -> None:
     views: list[KeptView] = []
     text = []
     while (hint := guide.next_pose(views)) is not None:
-        views.append(KeptView(seen_bare(CODED, CAMERA, hint.pose)))
+        views.append(KeptView(project_bare(CODED, CAMERA, hint.pose)))
         text.append(hint.instruction)
         assert len(views) < 40
     for side in ("left", "right", "top", "bottom"):
         assert (
-            sum("a part outside" in words and side in words.split(" (a")[0] for words in text) >= 2
+            sum(
+                "a part outside" in placement_hint and side in placement_hint.split(" (a")[0]
+                for placement_hint in text
+            )
+            >= 2
         )
     assert guide.progress(views).is_enough
     complete = [view for view in views if np.isfinite(view.corners).all()]
@@ -274,7 +294,7 @@ def test_the_plain_rule_asks_for_the_borders_where_markers_allow() -> None:
 
 def test_the_informed_guide_knows_views_of_a_part() -> None:
     """Two poses show one half of the board each: the view at one says nothing about the other."""
-    candidates = bank(CODED, CAMERA, REACH)
+    candidates = make_pose_bank(CODED, CAMERA, REACH)
     tilted = (candidates.poses[:, :3] ** 2).sum(1) > 0
     leftmost = int(np.argmin(tilted + np.abs(candidates.poses[:, 3] + 1)))
     rightmost = int(np.argmin(tilted + np.abs(candidates.poses[:, 3] - 1)))
@@ -314,7 +334,7 @@ def test_covered_cells_are_the_outlines_area() -> None:
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3])
 def test_a_square_board_held_upside_down_is_the_same_view(quarters: int) -> None:
     board = Board(7, 7, 0.02)
-    corners = seen_bare(board, CAMERA, np.array([0.2, 0.1, 0.05, 0, 0, 0.5]))
+    corners = project_bare(board, CAMERA, np.array([0.2, 0.1, 0.05, 0, 0, 0.5]))
     turned = np.rot90(corners.reshape(7, 7, 2), quarters).reshape(-1, 2)
     assert upright(turned, board) == pytest.approx(corners)
 
@@ -331,7 +351,7 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
             if first.views_needed
             else 0
         )
-        views.append(KeptView(seen_bare(BOARD, CAMERA, hint.pose), hint.pose))
+        views.append(KeptView(project_bare(BOARD, CAMERA, hint.pose), hint.pose))
         assert len(views) < 40
     last = guide.progress(views)
     assert last.is_enough
@@ -342,7 +362,7 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
 
 def test_the_plain_rule_needs_no_poses() -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
-    candidates = bank(BOARD, CAMERA, REACH)
+    candidates = make_pose_bank(BOARD, CAMERA, REACH)
     posed = [
         KeptView(corners, pose)
         for corners, pose in zip(candidates.corners[::40], candidates.poses[::40], strict=True)
@@ -354,7 +374,7 @@ def test_the_plain_rule_needs_no_poses() -> None:
 @pytest.mark.parametrize("pose", [(0, 0, 0, 0, 0, 0.5), (0.5, 0, 0, 0, 0, 1.0)])
 def test_the_same_view_again_and_again_is_never_enough(pose: tuple[float, ...]) -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
-    corners = seen_bare(BOARD, CAMERA, np.array(pose, float))
+    corners = project_bare(BOARD, CAMERA, np.array(pose, float))
     progress = guide.progress([KeptView(corners)] * 50)
     assert not progress.is_enough
     assert progress.image.mean() < 0.5
@@ -365,7 +385,7 @@ def made_design(information: Array, spread: Array, views: int = 0) -> Design:
     """Return a design over a bank of this many poses, with the maps' derivatives at one depth, the
     same for both axes' pixels.
     """
-    candidates = bank(BOARD, CAMERA, REACH)
+    candidates = make_pose_bank(BOARD, CAMERA, REACH)
     chosen = np.linspace(0, len(candidates.poses) - 1, len(information)).astype(int)
     modes = information.shape[-1]
     at = np.zeros((*COVERAGE_CELLS, 2, 2, modes))
@@ -397,7 +417,7 @@ def test_the_informed_guide_asks_for_what_the_maps_lack() -> None:
     hint = guide.next_pose([])
     assert hint
     assert hint.pose == pytest.approx(design.poses[1])
-    assert hint.outline == pytest.approx(design.corners[1][rim(BOARD)])
+    assert hint.outline == pytest.approx(design.corners[1][outline_corners(BOARD)])
 
 
 def test_the_predicted_error_is_the_one_of_the_linear_model() -> None:
@@ -416,14 +436,14 @@ def test_as_many_views_are_needed_as_are_then_taken() -> None:
     views: list[KeptView] = []
     needed = guide.progress(views).views_needed
     assert needed
-    assert 1 < needed < MOST
+    assert 1 < needed < MAX_PLANNED_VIEWS
     for remaining in range(needed, 0, -1):
         progress = guide.progress(views)
         assert progress.views_needed == remaining
         assert not progress.is_enough
         hint = guide.next_pose(views)
         assert hint
-        views.append(KeptView(seen_bare(BOARD, CAMERA, hint.pose)))
+        views.append(KeptView(project_bare(BOARD, CAMERA, hint.pose)))
     assert guide.progress(views).is_enough
     assert len({tuple(np.round(view.corners.ravel())) for view in views}) == needed
 

@@ -22,7 +22,7 @@ from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
 from calib.fitting.stages import Settings, Setup
 from calib.planning.information import PlanningFit, estimate, survey, view_information
-from calib.planning.pose_bank import Reach, bank
+from calib.planning.pose_bank import Reach, make_pose_bank
 from calib.session.camera import Camera
 from calib.session.coding import Charuco
 from calib.session.cover import Cover
@@ -56,7 +56,7 @@ def few(made: Scene, setup: Setup) -> PlanningFit:
 
 
 def some_poses() -> np.ndarray:
-    return bank(scene(1, 1).board, CAMERA, REACH).poses[::12]
+    return make_pose_bank(scene(1, 1).board, CAMERA, REACH).poses[::12]
 
 
 def test_the_jacobian_is_central_differences_of_rays(few: PlanningFit) -> None:
@@ -146,7 +146,7 @@ def test_the_predicted_sigma_is_the_calibrations_own(made: Scene) -> None:
         for n, length in zip(COVERAGE_CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True)
     )
     theirs = np.stack([field.at(*np.meshgrid(x, y), depth) for depth in DEPTHS], -1)
-    ours = np.sqrt(design.variance(design.known()))
+    ours = np.sqrt(design.variance(design.precision()))
     assert 0.7 < np.median(ours / theirs) < 1
 
 
@@ -178,7 +178,7 @@ def test_modes_that_are_left_out_change_nothing(few: PlanningFit, setup: Setup) 
     )
     left = changed - moved @ np.linalg.lstsq(moved, changed, rcond=None)[0]
     variance = np.einsum("ns,st,nt->n", left, covariance, left).mean() * 2
-    assert surveyed_design.sigma(surveyed_design.known()) == pytest.approx(
+    assert surveyed_design.sigma(surveyed_design.precision()) == pytest.approx(
         np.sqrt(variance), rel=0.02
     )
     assert surveyed_design.information.shape[-1] < len(information)
@@ -224,25 +224,25 @@ def test_the_bank_knows_what_views_in_its_poses_tell(setup: Setup) -> None:
     """A view taken exactly where the guide asked lowers sigma as the plan foresaw."""
     nominal = estimate(setup, (), GRID)
     design = nominal.design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
-    first = design.plan(design.known(), np.zeros(len(design.poses), bool), 0.0, most=3)
+    first = design.plan(design.precision(), np.zeros(len(design.poses), bool), 0.0, most=3)
     assert len(set(first)) == 3
-    foreseen = design.sigma(design.known(design.information[first].sum(0)))
+    foreseen = design.sigma(design.precision(design.information[first].sum(0)))
     views = tuple(
         View(str(pose), design.corners[pose], np.ones(setup.board.count)) for pose in first
     )
     taken = estimate(setup, views, GRID).design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
-    assert taken.sigma(taken.known()) == pytest.approx(foreseen, rel=0.01)
-    assert foreseen < 0.1 * design.sigma(design.known())
+    assert taken.sigma(taken.precision()) == pytest.approx(foreseen, rel=0.01)
+    assert foreseen < 0.1 * design.sigma(design.precision())
 
 
 def test_planned_views_beat_others(setup: Setup) -> None:
     design = estimate(setup, (), GRID).design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
-    planned = design.plan(design.known(), np.zeros(len(design.poses), bool), 0.0, most=8)
-    best = design.sigma(design.known(design.information[planned].sum(0)))
+    planned = design.plan(design.precision(), np.zeros(len(design.poses), bool), 0.0, most=8)
+    best = design.sigma(design.precision(design.information[planned].sum(0)))
     rng = np.random.default_rng(0)
     others = [
         design.sigma(
-            design.known(design.information[rng.permutation(len(design.poses))[:8]].sum(0))
+            design.precision(design.information[rng.permutation(len(design.poses))[:8]].sum(0))
         )
         for _ in range(20)
     ]
@@ -255,7 +255,7 @@ def test_a_rougher_prior_and_more_noise_make_maps_less_sure(few: PlanningFit, se
             few.model, few.poses, few.observations, Smoothness(height, 0.4), noise
         )
         design = changed.design(setup, some_poses()[:3], COVERAGE_CELLS, DEPTHS)
-        return design.sigma(design.known())
+        return design.sigma(design.precision())
 
     assert sigma(1e-5, 0.1) < sigma(3e-5, 0.1)
     assert sigma(1e-5, 0.1) < sigma(1e-5, 0.2)

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from calib.optics.build import pinhole_path
-from calib.planning.pose_bank import Reach, bank, bare_pose, in_picture
+from calib.planning.pose_bank import Reach, fit_bare_pose, make_pose_bank, mask_to_picture
 from calib.session.board import Board
 from fixtures.wide import BOARD, CAMERA, INTRINSICS
 
@@ -23,13 +23,13 @@ def test_its_poses_are_in_the_picture_where_the_ray_path_has_them(focal: float) 
         INTRINSICS, fx=replace(INTRINSICS.fx, value=focal), fy=replace(INTRINSICS.fy, value=focal)
     )
     camera = replace(CAMERA, intrinsics=lens)
-    found = bank(BOARD, camera, Reach.of(BOARD, camera))
+    found = make_pose_bank(BOARD, camera, Reach.of(BOARD, camera))
     assert len(found.poses) > 50
     path, values = pinhole_path(lens)
     for pose, corners in zip(found.poses[::10], found.corners[::10], strict=True):
         placed = path.place(torch.from_numpy(BOARD.points()), values, torch.from_numpy(pose))
         assert np.abs(path.lens.project(placed, values).numpy() - corners).max() < 1e-9
-    assert np.isfinite(in_picture(found.corners, camera)).all()
+    assert np.isfinite(mask_to_picture(found.corners, camera)).all()
     around = np.ptp(found.corners.reshape(-1, 2), axis=0) / [camera.width, camera.height]
     assert (around > (0.7 if focal == 300 else 0.4)).all(), (
         "of the picture; the wider lens sees a board at its side too flat"
@@ -37,8 +37,8 @@ def test_its_poses_are_in_the_picture_where_the_ray_path_has_them(focal: float) 
 
 
 def test_a_pose_is_found_again_from_what_is_seen() -> None:
-    found = bank(BOARD, CAMERA_WIDE, Reach.of(BOARD, CAMERA_WIDE))
+    found = make_pose_bank(BOARD, CAMERA_WIDE, Reach.of(BOARD, CAMERA_WIDE))
     for pose, corners in zip(found.poses[::10], found.corners[::10], strict=True):
-        again = bare_pose(Board(BOARD.columns, BOARD.rows, BOARD.square), CAMERA_WIDE, corners)
+        again = fit_bare_pose(Board(BOARD.columns, BOARD.rows, BOARD.square), CAMERA_WIDE, corners)
         assert again is not None
         assert np.abs(again - pose).max() < 1e-6

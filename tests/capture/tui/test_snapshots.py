@@ -22,7 +22,7 @@ from textual.pilot import Pilot
 
 from calib.corners.detect import eight_bits
 from calib.io.images import read_grey
-from calib.planning.pose_bank import Reach, seen_bare
+from calib.planning.pose_bank import Reach, project_bare
 from calib.session.camera import Camera
 from calib.session.cover import Cover
 from calib.session.session import session_to_yaml
@@ -191,7 +191,7 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
     pose = np.array([0.0, -0.5, 0.0, 0.15, 0.0, 0.25])
     hint = make_hint(
         pose,
-        seen_bare(board, camera, pose),
+        project_bare(board, camera, pose),
         [KeptView(screen._corners)],
         board,
         camera,
