@@ -3,7 +3,7 @@ depth.
 
 stdout carries the result, stderr the progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong
 usage or input, 3 not enough good data, 5 a calibration that was checked is not valid, 6 a fleet's
-cluster is gone before all cameras were done.
+cluster is gone, or none of its workers can start, before all cameras were done.
 """
 
 from collections.abc import Sequence

@@ -5,9 +5,9 @@ MANIFEST is a CSV or YAML that lists cameras (id and session; serial, prior, fix
 limits if there are), or sessions, such as 'sessions/*'. FLEET gets fleet.html, which shows who
 stands out and why, fleet.csv, and for each camera a folder and a JSON in cameras/.
 
-It runs on Dask: on this machine, at --scheduler, or as jobs of --jobqueue. What is done is not done
-    again: where it was cut short, or a
-session has changed, the same command goes on. Exit code 6: the cluster is gone before all was done.
+It runs on this machine, at a Dask --scheduler, or as jobs of --jobqueue. What is done is not done
+again: if it was cut short, or a session has changed, the same command goes on. Exit code 6: the
+cluster was gone, or no worker could start, before all was done.
 """
 
 import argparse
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scheduler",
         default="",
         metavar="ADDRESS",
-        help="a Dask cluster that exists, such as tcp://head:8786",
+        help="a Dask cluster that exists, such as tls://head:8786",
     )
     where.add_argument(
         "--jobqueue",

@@ -5,14 +5,15 @@ side.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from importlib.util import find_spec
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from pathlib import Path
 
-from calib.fleet.cluster import Place, client_of
+from calib.fleet.cluster import Place, client_of, remarks_on
 from calib.fleet.findings import Fleet, judge_fleet
 from calib.fleet.identity import Asked
 from calib.fleet.job import Job
+from calib.fleet.local import run_locally
 from calib.fleet.manifest import Entry
 from calib.fleet.page import fleet_page
 from calib.fleet.result import Result, State
@@ -35,27 +36,22 @@ def calibrate_fleet(
 
     Args:
         output: an absolute path that every worker sees.
-        say: is told where the cluster can be watched, and what it waits for.
+        say: gets a line for each remark: who can reach the cluster, which worker died, and what the
+            fleet waits for.
 
     Returns:
         What stands out, and the paths of the page and the table.
 
     Raises:
-        FleetError: the cluster is gone; the same call goes on from there.
+        FleetError: the cluster is gone, or no worker can start; the same call goes on from there.
         InputError: there is no such cluster, or `output` cannot be written or is in use by another.
     """
     results: dict[str, Result] = {}
     with FileSet(output) as files:
-        with client_of(place, output) as client:
-            if find_spec("bokeh"):  # without it, Dask has no pages to show
-                say(f"Dask's dashboard: {client.dashboard_link}")
-            if place.scheduler and not client.scheduler_info()["workers"]:
-                say(
-                    f"The cluster has no worker yet: start some by 'dask worker {place.scheduler}"
-                    " --nthreads 1'."
-                )
+        jobs = [Job(entry, asked, str(output)) for entry in entries]
+        with closing(_results(jobs, place, output, say)) as ended:
             advance = progress.task("Cameras", len(entries))
-            for result in run_jobs(client, [Job(entry, asked, str(output)) for entry in entries]):
+            for result in ended:
                 results[result.id] = result
                 advance(len(results), _words(results))
         fleet = judge_fleet(entries, results)
@@ -65,6 +61,19 @@ def calibrate_fleet(
         ]
         files.commit()
     return fleet, written
+
+
+def _results(
+    jobs: Sequence[Job], place: Place, output: Path, say: Callable[[str], None]
+) -> Generator[Result, None, None]:
+    """Yield every camera's result when it ends, from wherever the workers run."""
+    if place.is_local:
+        yield from run_locally(jobs, place, say)
+        return
+    with client_of(place, output) as client:
+        for remark in remarks_on(place, client):
+            say(remark)
+        yield from run_jobs(client, jobs, say, place.patience_s)
 
 
 def _words(results: dict[str, Result]) -> str:

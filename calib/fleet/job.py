@@ -99,6 +99,11 @@ def _failed(fleet: Path, camera: str, sentence: str) -> Result:
     return result
 
 
+def give_up(job: Job, sentence: str) -> Result:
+    """Write and return the failure of a camera that no worker could finish."""
+    return _failed(Path(job.fleet), job.entry.id, sentence)
+
+
 @contextmanager
 def _held(folder: Path) -> Iterator[FileSet]:
     """The camera's folder, once nobody else writes there."""
