@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 RETURN_S = 60.0
 """How long a scheduler may be away."""
 POLL_S = 0.2
-COUNT_S = 10.0
+COUNT_S = 1.0
 """How often the scheduler is asked for its workers."""
 
 
@@ -44,29 +45,28 @@ def run_jobs(
     remaining = {job.entry.id: job for job in jobs}
     watch = _Watch(client, say, patience_s)
     while remaining:
-        ids = list(remaining)
-        futures = client.map(
-            run_job,
-            list(remaining.values()),
-            pure=False,
-            key=[f"{camera}-{time.time_ns()}" for camera in ids],
-        )
-        cameras = dict(zip((future.key for future in futures), ids, strict=True))
-        completed = as_completed(futures)
-        while not completed.is_empty():
+        waiting = deque(remaining.values())
+        sent: dict[str, Job] = {}
+        completed = as_completed(loop=client.loop)
+        while (waiting or not completed.is_empty()) and client.status == "running":
+            watch.check(remaining, len(jobs))
+            # Dask blames a death on all cameras that the worker was given, so none waits there.
+            while waiting and completed.count() < max(1, watch.threads):
+                job = waiting.popleft()
+                key = f"{job.entry.id}-{time.time_ns()}"
+                sent[key] = job
+                completed.add(client.submit(run_job, job, pure=False, key=key))
             batch = completed.next_batch(block=False)
             if any(future.status in ("cancelled", "lost") for future in batch):
                 break
             for future in batch:
-                camera = cameras[future.key]
-                result = _result(future, remaining[camera])
+                job = sent[future.key]
+                result = _result(future, job)
                 if result:
                     watch.heartbeat.finish()
                     yield result
-                    del remaining[camera]
-                    future.release()
+                    del remaining[job.entry.id]
             if not batch:
-                watch.check(remaining, len(jobs))
                 time.sleep(POLL_S)
         if remaining and not _returned(client):
             raise FleetError(
@@ -76,23 +76,27 @@ def run_jobs(
 
 
 class _Watch:
-    """Counts the workers while nothing finishes, and says so once a minute."""
+    """Counts the cluster's workers, and says so once a minute while no camera finishes."""
 
     def __init__(self, client: Client, say: Callable[[str], None], patience_s: float) -> None:
         self.heartbeat = Heartbeat(say)
+        self.threads = 0
+        """Cameras that the workers calibrate at once."""
         self._client = client
         self._patience_s = patience_s
         self._workers = 0
         self._counted_at = 0.0
         self._connected_at = time.monotonic()
 
-    def check(self, remaining: dict[str, Job], total: int) -> None:
+    def check(self, remaining: Mapping[str, Job], total: int) -> None:
         """FleetError if no worker was connected for too long."""
         now = time.monotonic()
-        if now - self._counted_at >= COUNT_S and self._client.status == "running":
+        if now - self._counted_at >= COUNT_S:
             self._counted_at = now
             with suppress(OSError, TimeoutError):  # the scheduler has just gone
-                self._workers = len(self._client.nthreads())
+                threads = self._client.nthreads()
+                self._workers = len(threads)
+                self.threads = sum(threads.values())
             if self._workers:
                 self._connected_at = now
         if now - self._connected_at > self._patience_s:
@@ -101,16 +105,16 @@ class _Watch:
                 f" {_unfinished(remaining, total)}: start workers, or look for the reason in the"
                 " logs of the queue's jobs, and run the same command again: it goes on from there."
             )
+        self.heartbeat.speak(lambda: self._describe(remaining))
+
+    def _describe(self, remaining: Mapping[str, Job]) -> str:
+        """Return what the fleet waits for, for the heartbeat."""
         workers = counted(self._workers, "worker") if self._workers else "no worker"
-        self.heartbeat.speak(
-            lambda: (
-                f"{workers} connected, {counted(len(remaining), 'camera')} not done"
-                f" ({listed(list(remaining))})"
-            )
-        )
+        cameras = counted(len(remaining), "camera")
+        return f"{workers} connected, {cameras} not done ({listed(list(remaining))})"
 
 
-def _unfinished(remaining: dict[str, Job], total: int) -> str:
+def _unfinished(remaining: Mapping[str, Job], total: int) -> str:
     """Return which cameras have no result, as a clause."""
     return f"{len(remaining)} of {total} cameras are not done ({listed(list(remaining))})"
 
