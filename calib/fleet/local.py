@@ -290,13 +290,10 @@ def _worker_environment() -> Iterator[None]:
 def _serve_cameras(pipe: Connection, work: Work) -> None:
     """Calibrate, in a worker, the cameras that come through the pipe, until it closes."""
     threading.Thread(target=_exit_with_parent, daemon=True).start()
-    pipe.send(_READY)
-    while True:
-        try:
-            job: Job = pipe.recv()
-        except EOFError:
-            return
-        pipe.send(work(job))
+    with suppress(EOFError, ConnectionError):  # the command has ended
+        pipe.send(_READY)
+        while True:
+            pipe.send(work(pipe.recv()))
 
 
 def _exit_with_parent() -> None:
