@@ -1,9 +1,9 @@
-"""Calibrate a fleet: every camera fitted, checked against its prior, diagnosed where its verdict
-asks for it, and exported.
+"""Calibrate a fleet: fit every camera, check it against its prior, diagnose it if its verdict asks
+for that, and export it.
 
-MANIFEST is a CSV or YAML that lists cameras (id and session; serial, prior, fixture, date and
-limits if there are), or sessions, such as 'sessions/*'. FLEET gets fleet.html, which shows who
-stands out and why, fleet.csv, and for each camera a folder and a JSON in cameras/.
+MANIFEST is a CSV or YAML that lists cameras (id and session; if you like serial, prior, fixture,
+date and limits), or sessions, such as 'sessions/*'. FLEET gets fleet.html, which shows the cameras
+that stand out and why, fleet.csv, and for each camera a folder and a JSON in cameras/.
 
 It runs on this machine, at a Dask --scheduler, or as jobs of --jobqueue. What is done is not done
 again: if it was cut short, or a session has changed, the same command goes on. Exit code 6: the
@@ -20,7 +20,7 @@ from calib.export.formats import FORMATS
 from calib.fleet.cluster import QUEUES
 
 FOLDS = 4
-"""Unless told otherwise: the held-out error is what cameras are compared by."""
+"""The default of --folds: cameras are compared by their held-out errors."""
 MEMORY = re.compile(r"([0-9]+(?:\.[0-9]+)?) *([KMGT])i?B?", re.IGNORECASE)
 
 
@@ -56,16 +56,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--jobqueue",
         default="",
         choices=[*QUEUES],
-        help="send workers as jobs of this queue, set up in dask-jobqueue's file",
+        help="run workers as jobs of this queue, as dask-jobqueue's file describes it",
     )
     parser.add_argument(
         "--workers",
         type=_workers,
         metavar="N",
-        help="how many (default: one a core, as far as the memory reaches)",
+        help="number of workers (default: one a core, as far as the memory reaches)",
     )
     parser.add_argument(
-        "--memory", type=_memory, metavar="SIZE", help="what each worker may take, such as 4GB"
+        "--memory",
+        type=_memory,
+        metavar="SIZE",
+        help="memory that each worker may take, such as 4GB",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
@@ -78,7 +81,7 @@ def run(args: argparse.Namespace) -> None:
     from calib.commands.printing import print_json
     from calib.fleet.batch import calibrate_fleet
     from calib.fleet.cluster import Place
-    from calib.fleet.identity import Asked
+    from calib.fleet.identity import FleetOptions
     from calib.fleet.manifest import read_manifest
 
     depths, formats = tuple(dict.fromkeys(args.depth)), tuple(dict.fromkeys(args.formats))
@@ -91,12 +94,12 @@ def run(args: argparse.Namespace) -> None:
         if form.name in formats and not form.writable:
             raise InputError(form.lacking)
     entries = read_manifest(args.manifest)
-    asked = Asked(settings_of(args), depths, formats)
+    options = FleetOptions(settings_of(args), depths, formats)
     place = Place(args.scheduler, args.jobqueue, args.workers, args.memory)
     with Bars() as bars:
         fleet, written = calibrate_fleet(
             entries,
-            asked,
+            options,
             args.output.absolute(),
             place,
             bars,
@@ -108,7 +111,7 @@ def run(args: argparse.Namespace) -> None:
         print_fleet(fleet, written)
     if not any(result.verdict for result in fleet.results):
         raise NotEnoughDataError(
-            f"No camera is calibrated, of {fleet.results[0].id} for one:"
+            f"No camera is calibrated. For example, {fleet.results[0].id}:"
             f" {fleet.results[0].sentence}"
         )
 

@@ -1,11 +1,11 @@
-"""Write what a fleet's cameras say of the next one of their make: a prior that its session names,
-so that it takes fewer pictures.
+"""Write the prior that a fleet gives for the next camera of its make, which then takes fewer
+pictures.
 
-FLEET is what calib batch wrote. The prior has every number of camera and cover that its fits
-estimated, its mean over the cameras and how far these differ, with what each fit did not know
-itself taken off. Cameras that broke or stand out are left out, and named.
+FLEET is the folder that calib batch wrote. The prior has every number of camera and cover that the
+fits estimated: its mean over the cameras and their spread, without the fits' own uncertainty.
+Cameras that are broken or do not fit the others are left out, and named.
 
-A session names it in session.yaml, from its folder on: prior: ../prior.yaml
+A session names the prior in session.yaml, relative to its folder: prior: ../prior.yaml
 """
 
 import argparse

@@ -1,6 +1,4 @@
-"""A whole fleet: its cameras done on a cluster, whatever dies on the way, and looked at side by
-side.
-"""
+"""A fleet: workers calibrate its cameras, and the results are compared with each other."""
 
 from __future__ import annotations
 
@@ -11,7 +9,7 @@ from pathlib import Path
 
 from calib.fleet.cluster import Place, client_of, remarks_on
 from calib.fleet.findings import Fleet, judge_fleet
-from calib.fleet.identity import Asked
+from calib.fleet.identity import FleetOptions
 from calib.fleet.job import Job
 from calib.fleet.local import run_locally
 from calib.fleet.manifest import Entry
@@ -25,14 +23,14 @@ from calib.progress import Progress
 
 def calibrate_fleet(
     entries: Sequence[Entry],
-    asked: Asked,
+    options: FleetOptions,
     output: Path,
     place: Place,
     progress: Progress,
     say: Callable[[str], None],
 ) -> tuple[Fleet, list[Path]]:
-    """Every camera's result in `output`/cameras, fleet.html and fleet.csv; what lies there already
-    and is still true is kept.
+    """Write every camera's result to `output`/cameras, and fleet.html and fleet.csv. Results of an
+    earlier run stay if nothing has changed.
 
     Args:
         output: an absolute path that every worker sees.
@@ -40,15 +38,16 @@ def calibrate_fleet(
             fleet waits for.
 
     Returns:
-        What stands out, and the paths of the page and the table.
+        The fleet with its findings, and the paths of the page and the table.
 
     Raises:
         FleetError: the cluster is gone, or no worker can start; the same call goes on from there.
-        InputError: there is no such cluster, or `output` cannot be written or is in use by another.
+        InputError: there is no such cluster, or another process writes to `output`, or it cannot
+            be written.
     """
     results: dict[str, Result] = {}
     with FileSet(output) as files:
-        jobs = [Job(entry, asked, str(output)) for entry in entries]
+        jobs = [Job(entry, options, str(output)) for entry in entries]
         with closing(_results(jobs, place, output, say)) as ended:
             advance = progress.task("Cameras", len(entries))
             for result in ended:

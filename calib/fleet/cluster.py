@@ -41,15 +41,15 @@ QUEUES = {
 JOB_BYTES = 4 << 30
 """Memory of a queue's job, unless told otherwise: twice what one camera may need."""
 CONNECT_S = 30
-"""How long a scheduler may take to answer."""
+"""The longest wait for a scheduler's answer."""
 JOBS = 8
 """Workers of a queue, unless told otherwise."""
 SCHEDULER_PATIENCE_S = 600.0
-"""How long a scheduler that exists may have no worker."""
+"""The longest time that a scheduler of --scheduler may have no worker."""
 QUEUE_PATIENCE_S = 86400.0
-"""How long a queue may run no job."""
+"""The longest time that a queue may run no job."""
 KEYS_PREFIX = ".keys-"
-"""Of the folder with the certificate of one run."""
+"""The start of the name of a folder with the certificate of one run."""
 ENCRYPTED = ("tls://", "wss://")
 """Schedulers that ask for a certificate."""
 SETTINGS: dict[str, object] = {
@@ -71,14 +71,14 @@ SETTINGS: dict[str, object] = {
 
 
 class FleetError(RefracalError):
-    """The cluster is gone: what is done is kept, and the same command goes on from there."""
+    """The cluster is gone. Results stay, and the same command goes on from there."""
 
     exit_code = 6
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a person wants the work done."""
+    """The place where the workers run."""
 
     scheduler: str = ""
     """Address of a cluster that exists."""
@@ -95,7 +95,7 @@ class Place:
 
     @property
     def patience_s(self) -> float:
-        """How long the fleet waits while no worker is connected."""
+        """Return the longest time that the fleet waits while no worker is connected."""
         return QUEUE_PATIENCE_S if self.jobqueue else SCHEDULER_PATIENCE_S
 
 
@@ -243,15 +243,15 @@ def _security(folder: Path) -> Iterator[Security]:
 
 
 def _check_workers(client: Client, fleet: Path) -> None:
-    """InputError where those that are there could not do the work."""
+    """InputError if a connected worker cannot do the work."""
     try:
-        seen = client.run(worker_state, str(fleet))
-    except Exception as error:  # what a worker without refracal raises is of no one kind
+        states = client.run(worker_state, str(fleet))
+    except Exception as error:  # a worker without refracal may raise anything
         raise InputError(
             f"A worker of {client.scheduler.address} cannot run refracal ({brief(error)}): install"
             " it there."
         ) from error
-    for address, (version, sees) in seen.items():
+    for address, (version, sees) in states.items():
         if version != VERSION:
             raise InputError(
                 f"The worker {address} has refracal {version} and this machine {VERSION}: install"
@@ -265,5 +265,5 @@ def _check_workers(client: Client, fleet: Path) -> None:
 
 
 def worker_state(fleet: str) -> tuple[str, bool]:
-    """The version there, and whether it sees a folder."""
+    """Return the version of refracal on a worker, and True if it may write to a folder."""
     return VERSION, os.access(fleet, os.W_OK)

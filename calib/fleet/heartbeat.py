@@ -25,17 +25,17 @@ class Heartbeat:
 
     def speak(self, describe: Callable[[], str]) -> None:
         """Say what the fleet waits for, if nothing was said and no camera finished for a minute."""
-        now = time.monotonic()
-        if now - self._spoke_at >= HEARTBEAT_S:
-            self._spoke_at = now
-            seconds = now - self._finished_at
+        time_s = time.monotonic()
+        if time_s - self._spoke_at >= HEARTBEAT_S:
+            self._spoke_at = time_s
+            seconds = time_s - self._finished_at
             self._say(f"No camera has finished for {seconds / 60:.0f} min: {describe()}.")
 
 
 def listed(names: Sequence[str]) -> str:
     """Return the first names of a list, and how many more there are."""
-    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
-    return ", ".join(names[:MAX_NAMES]) + more
+    remainder = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
+    return ", ".join(names[:MAX_NAMES]) + remainder
 
 
 def counted(count: int, noun: str) -> str:

@@ -39,9 +39,9 @@ camera is hardly the cause.
 START_ATTEMPTS = 5
 """Workers in a row that may die before they are ready."""
 POLL_S = 0.2
-"""How often the workers' memory is read."""
+"""The time between two readings of the workers' memory."""
 EXIT_S = 10.0
-"""How long a worker that has closed its pipe may take to exit."""
+"""The longest time between the end of a worker's pipe and its exit."""
 THREAD_LIMITS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 """A fit is thousands of small operations, which threads only slow down."""
 ADVICE = "Give workers more memory with --memory, or start fewer with --workers"
@@ -132,7 +132,7 @@ class _Pool:
         self._work = work
         self._workers: list[_Worker] = []
         self._deaths: Counter[tuple[str, int]] = Counter()
-        """By camera and by the number of workers that may die."""
+        """The number of deaths, by camera and by the limit that holds for their cause."""
         self._failed_starts = 0
 
     def results(self) -> Iterator[Result]:

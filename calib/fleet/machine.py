@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 CGROUPS = Path("/sys/fs/cgroup")
-"""Where Linux states a container's limits."""
+"""The folder in which Linux states a container's limits."""
 PROCESSES = Path("/proc")
 
 

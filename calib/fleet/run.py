@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 RETURN_S = 60.0
-"""How long a scheduler may be away."""
+"""The longest time that a scheduler may be away."""
 POLL_S = 0.2
 COUNT_S = 1.0
-"""How often the scheduler is asked for its workers."""
+"""The time between two counts of the scheduler's workers."""
 
 
 def run_jobs(
@@ -90,16 +90,16 @@ class _Watch:
 
     def check(self, remaining: Mapping[str, Job], total: int) -> None:
         """FleetError if no worker was connected for too long."""
-        now = time.monotonic()
-        if now - self._counted_at >= COUNT_S:
-            self._counted_at = now
+        time_s = time.monotonic()
+        if time_s - self._counted_at >= COUNT_S:
+            self._counted_at = time_s
             with suppress(OSError, TimeoutError):  # the scheduler has just gone
                 threads = self._client.nthreads()
                 self._workers = len(threads)
                 self.threads = sum(threads.values())
             if self._workers:
-                self._connected_at = now
-        if now - self._connected_at > self._patience_s:
+                self._connected_at = time_s
+        if time_s - self._connected_at > self._patience_s:
             raise FleetError(
                 f"No worker was connected for {self._patience_s / 60:.0f} min, and"
                 f" {_unfinished(remaining, total)}: start workers, or look for the reason in the"
