@@ -1,10 +1,10 @@
-"""A fleet of simulated cameras, ten of them broken in ten ways, on a local cluster whose workers
-are killed as it goes: the figures of docs/fleet.md.
+"""A fleet of simulated cameras, ten of them broken in ten ways, on this machine, whose workers are
+killed as it goes: the figures of docs/fleet.md.
 
 `python -m benchmarks.fleet 40` makes the sessions of 40 cameras, calibrates every fourth one's
 session of an earlier day as its prior, and runs `calib batch`. Every 30 s a worker is killed by
-signal 9, and once, halfway, the command itself with the scheduler in it, which is then started
-again. It prints what was named, and the time. `--keep FOLDER` keeps sessions and fleet there.
+signal 9, and once, halfway, the command itself, which is then started again. It prints what was
+named, and the time. `--keep FOLDER` keeps sessions and fleet there.
 
 `python -m benchmarks.fleet --alarms` prints how many fleets of normal numbers, without a fault,
 have a camera that stands out.
@@ -116,7 +116,7 @@ def run(folder: Path, line: Line, every: float) -> None:
     whole = sum(result is not None for result in results)
     print(
         f"{whole} of {line.cameras} results in {seconds:.0f} s; {deaths} workers were killed, and"
-        f" the scheduler {restarts} times"
+        f" the command {restarts} times"
     )
     print(
         f"cameras took {sorted(r.seconds for r in results if r)[len(results) // 2]:.1f} s in the"

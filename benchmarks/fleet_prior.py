@@ -26,7 +26,7 @@ from calib.corners.corners_file import read_corners, write_corners
 from calib.fitting.fit import fit
 from calib.fitting.fleet_expectation import KEY
 from calib.fitting.stages import Settings
-from calib.fleet.identity import Asked
+from calib.fleet.identity import FleetOptions
 from calib.fleet.job import Job, run_job
 from calib.fleet.manifest import Entry
 from calib.fleet.prior import fleet_prior
@@ -96,7 +96,7 @@ def made_prior(folder: Path, line: Line) -> Path:
     for number in track(range(line.cameras), "fleet"):
         write_session(folder / "sessions" / line.name(number), line, number)
         entry = Entry(line.name(number), str(folder / "sessions" / line.name(number)))
-        run_job(Job(entry, Asked(SETTINGS), str(folder / "fleet")))
+        run_job(Job(entry, FleetOptions(SETTINGS), str(folder / "fleet")))
     prior = fleet_prior(folder / "fleet")
     place = folder / "prior.yaml"
     place.write_text(fleet_prior_yaml(prior, VERSION))

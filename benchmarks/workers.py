@@ -2,7 +2,7 @@
 adapter of `calib batch`.
 
 A cluster's workers need this checkout, at the same place: python -m benchmarks.diagnosis
---scheduler tcp://head:8786
+--scheduler tls://head:8786
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from rich.progress import track
 
 from calib.errors import RefracalError
-from calib.fleet.cluster import QUEUES, Place, client_of
+from calib.fleet.cluster import QUEUES, Place, client_of, remarks_on
 
 CHECKOUT = Path(__file__).parents[1]
 T = TypeVar("T")
@@ -98,7 +98,7 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         "--scheduler",
         default="",
         metavar="ADDRESS",
-        help="a Dask cluster that exists, such as tcp://head:8786",
+        help="a Dask cluster that exists, such as tls://head:8786",
     )
     where.add_argument(
         "--jobqueue", default="", choices=[*QUEUES], help="send workers as jobs of this queue"
@@ -114,9 +114,10 @@ def workers_of(options: argparse.Namespace) -> Iterator[Workers]:
             yield Workers(pool.submit, lambda: options.jobs)
         return
     try:
-        with client_of(
-            Place(options.scheduler, options.jobqueue, options.workers), CHECKOUT
-        ) as client:
+        place = Place(options.scheduler, options.jobqueue, options.workers)
+        with client_of(place, CHECKOUT) as client:
+            for remark in remarks_on(place, client):
+                print(remark, file=sys.stderr)
 
             def submit(function: Callable[..., Any], /, *arguments: object) -> Future:
                 return client.submit(function, *arguments, pure=False)  # type: ignore[no-any-return]

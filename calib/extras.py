@@ -10,7 +10,7 @@ import sys
 EXTRAS = {
     "completion": ("shtab>=1.7,<2",),
     "exr": ("OpenEXR>=3.3",),
-    "fleet": ("bokeh>=3.1", "dask-jobqueue>=0.9", "distributed>=2024.8", "fsspec>=2024.6"),
+    "fleet": ("cryptography>=42", "dask-jobqueue>=0.9", "distributed>=2024.8", "fsspec>=2024.6"),
     "render": ("mitsuba>=3.6,<4",),
     "serve": ("segno>=1.6,<2", "textual-serve>=1.1,<2"),
 }

@@ -233,7 +233,7 @@ class InformedGuide:
         self._design, self._folds_agree, self._target = design, folds_agree, target_px
 
     def next_pose(self, views: Sequence[KeptView]) -> Hint | None:
-        best = self._design.plan(self._information(views), self._refused_poses(views), 0.0, most=1)
+        best = self._design.plan(self._information(views), self._refused_poses(views), 0.0, limit=1)
         if not best:
             return None
         return make_hint(
@@ -266,8 +266,8 @@ class InformedGuide:
         estimate = f"The maps are likely off by {_px(sigma)} px; {_px(self._target)} are wanted"
         if needed is None:
             return (
-                f"{estimate}, which {MAX_PLANNED_VIEWS} more views would not reach: take nearer and larger"
-                " boards."
+                f"{estimate}, which {MAX_PLANNED_VIEWS} more views would not reach: take nearer and"
+                " larger boards."
             )
         if needed:
             return f"{estimate}: likely {needed} more view{'s' if needed > 1 else ''}."

@@ -20,13 +20,13 @@ fixture, date and limits), or a list of sessions such as 'sessions/*'. FLEET get
 shows which cameras stand out and why, fleet.csv, and a folder and a JSON file for each camera in
 cameras/.
 
-The work runs on Dask: on this machine, at --scheduler, or as jobs of --jobqueue. Run the same
-command again to continue: it repeats only cameras that are not finished or whose session has
-changed. Exit code 6: the cluster was lost before every camera was done.
+The work runs on this machine, at a Dask --scheduler, or as jobs of --jobqueue. Run the same command
+again to continue: it repeats only cameras that are not finished or whose session has changed. Exit
+code 6: the cluster was lost, or no worker could start, before every camera was done.
 """
 
 FOLDS = 4
-"""Unless told otherwise: the held-out error is what cameras are compared by."""
+"""The default of --folds: cameras are compared by their held-out errors."""
 MEMORY = re.compile(r"([0-9]+(?:\.[0-9]+)?) *([KMGT])i?B?", re.IGNORECASE)
 
 
@@ -57,22 +57,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scheduler",
         default="",
         metavar="ADDRESS",
-        help="a Dask cluster that exists, such as tcp://head:8786",
+        help="a Dask cluster that exists, such as tls://head:8786",
     )
     where.add_argument(
         "--jobqueue",
         default="",
         choices=[*QUEUES],
-        help="send workers as jobs of this queue, set up in dask-jobqueue's file",
+        help="run workers as jobs of this queue, as dask-jobqueue's file describes it",
     )
     parser.add_argument(
         "--workers",
         type=_workers,
         metavar="N",
-        help="how many (default: one a core, as far as the memory reaches)",
+        help="number of workers (default: one a core, as far as the memory reaches)",
     )
     parser.add_argument(
-        "--memory", type=_memory, metavar="SIZE", help="what each worker may take, such as 4GB"
+        "--memory",
+        type=_memory,
+        metavar="SIZE",
+        help="memory that each worker may take, such as 4GB",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
@@ -85,7 +88,7 @@ def run(args: argparse.Namespace) -> None:
     from calib.commands.printing import print_json
     from calib.fleet.batch import calibrate_fleet
     from calib.fleet.cluster import Place
-    from calib.fleet.identity import Asked
+    from calib.fleet.identity import FleetOptions
     from calib.fleet.manifest import read_manifest
 
     depths, formats = tuple(dict.fromkeys(args.depth)), tuple(dict.fromkeys(args.formats))
@@ -98,12 +101,12 @@ def run(args: argparse.Namespace) -> None:
         if form.name in formats and not form.writable:
             raise InputError(form.lacking)
     entries = read_manifest(args.manifest)
-    asked = Asked(settings_of(args), depths, formats)
+    options = FleetOptions(settings_of(args), depths, formats)
     place = Place(args.scheduler, args.jobqueue, args.workers, args.memory)
     with Bars() as bars:
         fleet, written = calibrate_fleet(
             entries,
-            asked,
+            options,
             args.output.absolute(),
             place,
             bars,
@@ -117,7 +120,7 @@ def run(args: argparse.Namespace) -> None:
         print_fleet(fleet, written)
     if not any(result.verdict for result in fleet.results):
         raise NotEnoughDataError(
-            f"No camera is calibrated, of {fleet.results[0].id} for one:"
+            f"No camera is calibrated. For example, {fleet.results[0].id}:"
             f" {fleet.results[0].sentence}"
         )
 

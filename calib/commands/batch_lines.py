@@ -1,4 +1,4 @@
-"""A fleet on the terminal: who stands out, and why."""
+"""A fleet on the terminal: the cameras that stand out, and why."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from calib.fleet.findings import Fleet
 from calib.fleet.page import headline
 from calib.fleet.result import State
 
-MOST = 40
-"""Cameras that are listed; the page has all."""
+MAX_CAMERAS = 40
+"""Cameras that are listed. The page lists all."""
 
 
 def print_fleet(fleet: Fleet, written: Sequence[Path]) -> None:
     console = Console(markup=False, highlight=False, soft_wrap=True)
     console.print(f"{headline(fleet)}.", style="bold")
-    for camera in fleet.outliers[:MOST]:
-        first, *rest = fleet.findings[camera]
-        more = f" (and {len(rest)} more)" if rest else ""
-        console.print(harmless(f"- {camera}: {first.sentence}{more}."))
-    if len(fleet.outliers) > MOST:
-        console.print(f"- and {len(fleet.outliers) - MOST} more.")
+    for camera in fleet.outliers[:MAX_CAMERAS]:
+        findings = fleet.findings[camera]
+        remainder = f" (and {len(findings) - 1} more)" if len(findings) > 1 else ""
+        console.print(harmless(f"- {camera}: {findings[0].sentence}{remainder}."))
+    if len(fleet.outliers) > MAX_CAMERAS:
+        console.print(f"- and {len(fleet.outliers) - MAX_CAMERAS} more.")
     for path in written:
         console.print(harmless(f"Wrote {path}"))
 
 
 def fleet_json(fleet: Fleet, written: Sequence[Path]) -> dict[str, object]:
-    """The contract's object."""
+    """Return the object that --json prints."""
     return {
         "cameras": len(fleet.entries),
         "states": {

@@ -1,5 +1,5 @@
-"""A fleet's prior on the terminal: how well it knows each number before any view, and whom it was
-not made from.
+"""A fleet's prior on the terminal: the sigma of each number before any view, and the cameras that
+were left out.
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from calib.session.numbers import numbers_of
 from calib.session.schema import Quantity
 
 UNITS = {"millimetres": "mm", "degrees": "deg"}
-MOST = 40
+MAX_CAMERAS = 40
 """Cameras that are listed."""
 
 
 def print_prior(prior: FleetPrior, written: Path) -> None:
     console = Console(highlight=False)
-    console.print(f"What {prior.cameras} cameras say of the next one.", style="bold")
+    console.print(f"The prior of {prior.cameras} cameras for the next one.", style="bold")
     table = Table("number", "declared ± tolerance", "expected ± sigma", "of the tolerance")
+    declared_numbers = numbers_of(*prior.declared)
+    expected_numbers = numbers_of(prior.intrinsics, prior.cover)
     for name, unit, per_si in _units(prior):
-        (declared, tolerance), (value, sigma) = (
-            (number.value * per_si, number.sigma * per_si)
-            for number in (
-                numbers_of(*prior.declared)[name],
-                numbers_of(prior.intrinsics, prior.cover)[name],
-            )
+        declared = declared_numbers[name]
+        number = expected_numbers[name]
+        tolerance = declared.sigma * per_si
+        sigma = number.sigma * per_si
+        table.add_row(
+            name,
+            f"{declared.value * per_si:.6g} ± {tolerance:.2g} {unit}".rstrip(),
+            f"{with_sigma(number.value * per_si, sigma)} {unit}".rstrip(),
+            f"{100 * sigma / tolerance:.0f} %",
         )
-        stated, expected = (
-            f"{text} {unit}".rstrip()
-            for text in (f"{declared:.6g} ± {tolerance:.2g}", with_sigma(value, sigma))
-        )
-        table.add_row(name, stated, expected, f"{100 * sigma / tolerance:.0f} %")
     console.print(table)
-    for camera, because in prior.left_out[:MOST]:
+    for camera, because in prior.left_out[:MAX_CAMERAS]:
         console.print(harmless(f"Left out: {camera}: {because}."), markup=False, soft_wrap=True)
-    if len(prior.left_out) > MOST:
-        console.print(f"and {len(prior.left_out) - MOST} more.")
+    if len(prior.left_out) > MAX_CAMERAS:
+        console.print(f"and {len(prior.left_out) - MAX_CAMERAS} more.")
     console.print(harmless(f"Wrote {written}"), markup=False, soft_wrap=True)
     console.print(
         f"A session of such a camera names it in session.yaml: prior: {written.name}, with its"
@@ -55,8 +55,9 @@ def print_prior(prior: FleetPrior, written: Path) -> None:
 
 
 def prior_json(prior: FleetPrior, written: Path) -> dict[str, object]:
-    """The contract's object."""
-    fleet, declared = numbers_of(prior.intrinsics, prior.cover), numbers_of(*prior.declared)
+    """Return the object that --json prints."""
+    fleet = numbers_of(prior.intrinsics, prior.cover)
+    declared = numbers_of(*prior.declared)
     return {
         "cameras": prior.cameras,
         "left_out": dict(prior.left_out),
@@ -75,7 +76,7 @@ def prior_json(prior: FleetPrior, written: Path) -> dict[str, object]:
 
 
 def _units(prior: FleetPrior) -> Iterator[tuple[str, str, float]]:
-    """Each number that the prior knows, its unit, and how many of that make one SI unit."""
+    """Yield each number of the prior, its unit, and how many units make one SI unit."""
     quantities: dict[str, Quantity] = {
         f"cover.{name}": quantity
         for quantity in SHAPES[prior.cover.shape]

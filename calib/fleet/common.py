@@ -1,5 +1,5 @@
-"""What cameras of one make have in common: their numbers and the figure of their glass, as one
-vector, and what each camera says of it.
+"""The parameters that cameras of one make share, as one vector of numbers and the figure of the
+glass, and the likelihood of this vector from each camera's views.
 """
 
 from __future__ import annotations
@@ -31,43 +31,47 @@ Array = NDArray[np.float64]
 Corner = tuple[float, float]
 
 LOOSE = 1e3
-"""Times its tolerance: as good as no prior at all."""
+"""Factor of a tolerance that makes a prior as good as flat."""
 DEGREE = 6
-"""Of the figure that is learnt, where the reliefs are not coarser; what is finer is texture, by
-which covers differ.
+"""Degree of the figure that is learnt, unless the reliefs are coarser. Finer shapes are texture,
+which differs from cover to cover.
 """
 LATTICE = 24
-"""Points along each side of the patch at which a figure is compared."""
+"""Points along each side of the patch at which figures are compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Common:
-    """The vector: K numbers, in SI units and px, then the N coefficients of the figure, in m."""
+    """The vector: K numbers in SI units and px, followed by N coefficients of the figure in m."""
 
     names: tuple[str, ...]
-    """Of the numbers."""
+    """The names of the K numbers."""
     intrinsics: Intrinsics
-    """What the fleet's sessions declare, each number with its tolerance, and the `cover`."""
+    """The intrinsics that the fleet's sessions declare, with tolerances; likewise the `cover`."""
     cover: Cover
     low: Corner
-    """Of the patch over which the figure is told, and `high`."""
+    """The lower corner of the figure's patch, m; `high` is the upper one."""
     high: Corner
     degree: int
-    """Of the figure."""
+    """The polynomial degree of the figure."""
 
     @staticmethod
-    def of(names: tuple[str, ...], camera: Camera, found: Sequence[Calibration]) -> Common:
-        """Args: found: calibrations of one kind, each with a relief; `names`: the numbers that all
-        estimated.
+    def of(names: tuple[str, ...], camera: Camera, calibrations: Sequence[Calibration]) -> Common:
+        """Return the vector's definition for a fleet.
+
+        Args:
+            names: the numbers that all calibrations estimated.
+            calibrations: of one kind, each with a relief.
         """
-        intrinsics, cover = drawing(found)
+        intrinsics, cover = drawing(calibrations)
         low, high = footprint(*covered_path(intrinsics, cover), camera.width, camera.height)
-        coarsest = min(min(one.relief.grid) for one in found if one.relief)
+        grids = [calibration.relief.grid for calibration in calibrations if calibration.relief]
+        coarsest = min(min(grid) for grid in grids)
         return Common(names, intrinsics, cover, low, high, min(DEGREE, coarsest - 1))
 
     @property
     def centre(self) -> Array:
-        """(K + N,) what is declared."""
+        """Return the declared vector, (K + N,)."""
         drawing = numbers_of(self.intrinsics, self.cover)
         return np.array(
             [
@@ -78,9 +82,11 @@ class Common:
 
     @property
     def axes(self) -> Array:
-        """(K + N, K + N) in whose columns cameras differ independently, as long as their
-        tolerances: each number by itself, but the focal lengths of x and y together and against
-        each other, for one lens makes both.
+        """Return (K + N, K + N) columns in which cameras differ independently, as long as their
+        tolerances.
+
+        Each number has its own column. The focal lengths of x and y have their sum and difference,
+        because one lens makes both.
         """
         drawing = numbers_of(self.intrinsics, self.cover)
         axes = np.diag(
@@ -90,64 +96,66 @@ class Common:
             ]
         )
         if {"camera.fx", "camera.fy"} <= {*self.names}:
-            both = [self.names.index("camera.fx"), self.names.index("camera.fy")]
-            axes[np.ix_(both, both)] = (
-                axes[np.ix_(both, both)] @ np.array([[1, 1], [1, -1]]) / np.sqrt(2)
-            )
+            focal = [self.names.index("camera.fx"), self.names.index("camera.fy")]
+            block = np.ix_(focal, focal)
+            axes[block] = axes[block] @ np.array([[1, 1], [1, -1]]) / np.sqrt(2)
         return axes
 
-    def told(self, one: Calibration) -> LikelihoodInformation:
-        """What a camera's views say, and its own measurements: its calibration, less what the
-        drawing had put in.
+    def likelihood(self, calibration: Calibration) -> LikelihoodInformation:
+        """Return the likelihood from a camera's views and measurements: its posterior without the
+        prior of the drawing.
         """
-        assert one.relief
-        assert one.camera.intrinsics
-        to_figure = self._to_figure(one.relief)
-        parameters = one.camera_model().parameters
+        assert calibration.relief
+        assert calibration.camera.intrinsics
+        to_figure = self._to_figure(calibration.relief)
+        parameters = calibration.camera_model().parameters
         count = parameters.amplitudes
         places = parameters.entries(self.names)
-        own = np.zeros((len(self.names) + len(to_figure), parameters.count))
-        own[: len(self.names), places] = np.diag(parameters.scales.numpy()[places - count])
-        own[len(self.names) :, :count] = to_figure
-        estimate = numbers_of(one.camera.intrinsics, one.cover)
+        to_vector = np.zeros((len(self.names) + len(to_figure), parameters.count))
+        to_vector[: len(self.names), places] = np.diag(parameters.scales.numpy()[places - count])
+        to_vector[len(self.names) :, :count] = to_figure
+        estimate = numbers_of(calibration.camera.intrinsics, calibration.cover)
         mean = np.array(
-            [*(estimate[name].value for name in self.names), *to_figure @ one.amplitudes.ravel()]
+            [
+                *(estimate[name].value for name in self.names),
+                *to_figure @ calibration.amplitudes.ravel(),
+            ]
         )
-        stated, prior = self._prior(one, to_figure)
-        return LikelihoodInformation.between(mean, own @ one.covariance @ own.T, stated, prior)
+        stated, prior = self._prior(calibration, to_figure)
+        return LikelihoodInformation.between(
+            mean, to_vector @ calibration.covariance @ to_vector.T, stated, prior
+        )
 
-    def described(self, known: Population) -> tuple[Intrinsics, Cover]:
-        """What is expected of the next camera, in the words of a session."""
+    def described(self, expected: Population) -> tuple[Intrinsics, Cover]:
+        """Return the expected numbers and glass of the next camera, as a session declares them."""
         count = len(self.names)
         plain = {
             name: Number(number.value)
             for name, number in numbers_of(self.intrinsics, self.cover).items()
         }
-        numbers = known.mean[:count], known.covariance[:count, :count]
+        numbers = expected.mean[:count], expected.covariance[:count, :count]
         intrinsics, cover = replace_covariance(
             *replace_numbers(self.intrinsics, self.cover, plain), self.names, *numbers
         )
-        beside = known.covariance[count:, :count]
+        with_numbers_covariance = expected.covariance[count:, :count]
         glass = Glass(
             self.low,
             self.high,
             self.degree,
-            known.mean[count:],
-            known.covariance[count:, count:],
+            expected.mean[count:],
+            expected.covariance[count:, count:],
             self.names,
-            beside,
+            with_numbers_covariance,
         )
         return intrinsics, replace(cover, glass=glass)
 
     def _to_figure(self, relief: Relief) -> Array:
-        """(N, amplitudes): the figure over the patch that comes nearest to a relief."""
+        """Return (N, amplitudes): the linear map from a relief's amplitudes to the nearest figure
+        over the patch.
+        """
         points = Relief(self.low, self.high, (LATTICE, LATTICE))
-        first, second = (
-            relief.gaussians(torch.linspace(low, high, LATTICE, dtype=torch.float64), axis)[
-                0
-            ].T.numpy()
-            for axis, (low, high) in enumerate(zip(self.low, self.high, strict=True))
-        )
+        first = self._bells(relief, 0)
+        second = self._bells(relief, 1)
         return np.asarray(
             np.linalg.lstsq(
                 figure_heights(points, self.low, self.high, self.degree),
@@ -156,21 +164,28 @@ class Common:
             )[0]
         )
 
-    def _prior(self, one: Calibration, to_figure: Array) -> tuple[Array, Array]:
-        """(K + N,) and (K + N, K + N): what a camera's fit took from its drawing, and from what
-        holds for any glass.
+    def _bells(self, relief: Relief, axis: int) -> Array:
+        """Return a relief's basis functions along one side of the patch, (LATTICE, functions)."""
+        points = torch.linspace(self.low[axis], self.high[axis], LATTICE, dtype=torch.float64)
+        return np.asarray(relief.gaussians(points, axis)[0].T.numpy())
+
+    def _prior(self, calibration: Calibration, to_figure: Array) -> tuple[Array, Array]:
+        """Return the mean, (K + N,), and covariance, (K + N, K + N), of the prior that a camera's
+        fit took from its drawing and from the prior of all glass.
         """
-        assert one.relief
-        intrinsics, cover = one.declared.intrinsics, one.declared.cover
+        assert calibration.relief
+        intrinsics, cover = calibration.declared.intrinsics, calibration.declared.cover
         declared, drawing = numbers_of(intrinsics, cover), numbers_of(self.intrinsics, self.cover)
-        for name in one.declared.doubted:
+        for name in calibration.declared.doubted:
             intrinsics, cover = widen_prior(intrinsics, cover, name, PRIOR_INFLATION)
         for name in self.names:
             if declared[name] != drawing[name]:  # a measurement of this camera, which stays
                 intrinsics, cover = widen_prior(intrinsics, cover, name, LOOSE)
-        said = one.settings["relief_prior"]
-        heights = Smoothness(said["height_m"], said["length_of_patch"]).covariance(one.relief)
-        from_heights = np.linalg.solve(relief_basis(one.relief).T, to_figure.T).T
+        settings = calibration.settings["relief_prior"]
+        heights = Smoothness(settings["height_m"], settings["length_of_patch"]).covariance(
+            calibration.relief
+        )
+        from_heights = np.linalg.solve(relief_basis(calibration.relief).T, to_figure.T).T
         count = len(self.names)
         prior = np.zeros((count + len(to_figure),) * 2)
         prior[:count, :count] = covariance_of(intrinsics, cover, self.names)
@@ -181,22 +196,25 @@ class Common:
         )
 
 
-def drawing(found: Sequence[Calibration]) -> tuple[Intrinsics, Cover]:
-    """What most sessions declare, each number with its tolerance; where they differ, as measured
-    numbers do, their median, by the tolerance of its kind.
+def drawing(calibrations: Sequence[Calibration]) -> tuple[Intrinsics, Cover]:
+    """Return the numbers that most sessions declare, with their tolerances. A number without a
+    majority, such as one that was measured on each camera, has the median and the tolerance of its
+    kind.
     """
-    first = found[0].declared
-    said: list[Mapping[str, Number]] = [
-        numbers_of(one.declared.intrinsics, one.declared.cover) for one in found
+    first = calibrations[0].declared
+    declared: list[Mapping[str, Number]] = [
+        numbers_of(calibration.declared.intrinsics, calibration.declared.cover)
+        for calibration in calibrations
     ]
     common: dict[str, Number] = {}
     measured: dict[str, Number] = {}
-    for name in said[0]:
-        number, times = Counter(one[name] for one in said).most_common(1)[0]
-        if 2 * times > len(said):
+    for name in declared[0]:
+        number, times = Counter(numbers[name] for numbers in declared).most_common(1)[0]
+        if 2 * times > len(declared):
             common[name] = number
         else:
-            measured[name] = Number(float(np.median([one[name].value for one in said])))
+            median = float(np.median([numbers[name].value for numbers in declared]))
+            measured[name] = Number(median)
     by_kind = numbers_of(
         *free_parameters(*replace_numbers(first.intrinsics, first.cover, common | measured), (ALL,))
     )

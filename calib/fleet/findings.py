@@ -1,4 +1,4 @@
-"""Who stands out of a fleet, and why, in words."""
+"""The findings of a fleet: which cameras stand out, and the reasons in words."""
 
 from __future__ import annotations
 
@@ -17,10 +17,13 @@ from calib.fleet.manifest import Entry
 from calib.fleet.result import Result, State
 from calib.verdict.verdict import Word
 
-RARE = 0.1
-"""Of the cameras: an effect that the diagnosis found in more is the fleet's way to be."""
-NO_CALIBRATION, NOT_TO_BE_USED, BEYOND_LIMIT, FOUND = 1e9, 1e8, 1e7, 10.0
-"""Gravities beside numbers of spreads, for the order."""
+RARE_FRACTION = 0.1
+"""Fraction of the cameras. An effect that more of them have is common to the fleet."""
+NO_CALIBRATION = 1e9
+NOT_TO_BE_USED = 1e8
+BEYOND_LIMIT = 1e7
+CHECK_OR_DIAGNOSIS = 10.0
+"""Gravities, to be ordered together with distances in spreads."""
 TITLES = {
     "error_px": "what the fit leaves",
     "held_out_px": "held-out error",
@@ -34,7 +37,7 @@ TITLES = {
     "camera.cx": "principal point, x",
     "camera.cy": "principal point, y",
 }
-"""Other numbers are called as session.yaml calls them."""
+"""Titles of numbers. All other numbers are called as session.yaml calls them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,30 +45,31 @@ class Finding:
     """One reason to look at a camera."""
 
     gravity: float
-    """The worst is the largest."""
+    """A larger value is worse."""
     sentence: str
-    """Without a capital and a full stop."""
+    """A sentence without a capital and a full stop."""
     chart: str = ""
-    """The number that it is about."""
+    """The name of the number that it is about; may be empty."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """Every camera with its result, and what stands out; the cameras are in the order of their days
-    and of the manifest.
+    """Every camera with its result, and the findings.
+
+    The cameras are ordered by their days, then as in the manifest.
     """
 
     entries: tuple[Entry, ...]
     results: tuple[Result, ...]
     charts: tuple[Chart, ...]
     findings: Mapping[str, tuple[Finding, ...]]
-    """By camera, the gravest first; no others are in it."""
-    changed_beyond: float
-    """Sigmas from a prior, from where on a number has moved."""
+    """The findings of each camera that has any, the gravest first."""
+    shift_limit: float
+    """The distance from a prior in sigmas beyond which a number has moved."""
 
     @property
     def outliers(self) -> list[str]:
-        """Ids, the gravest first."""
+        """Return the ids of cameras with findings, the gravest first."""
         return sorted(self.findings, key=lambda camera: -self.findings[camera][0].gravity)
 
     def day(self, index: int) -> str:
@@ -73,61 +77,65 @@ class Fleet:
 
 
 def judge_fleet(entries: Sequence[Entry], results: Mapping[str, Result]) -> Fleet:
-    """What stands out of these cameras, each of which has its result.
+    """Return the findings of cameras that all have a result.
 
-    The false alarms are shared out over what is asked: the charts, the numbers that moved, and the
+    The probability of a false alarm is divided among the charts, the shifts from priors, and the
     checks of priors.
     """
     ordered = sorted(entries, key=lambda entry: entry.date or results[entry.id].recorded)
-    own = [results[entry.id] for entry in ordered]
-    days = [entry.date or result.recorded for entry, result in zip(ordered, own, strict=True)]
-    numbers = [
-        {name: (one.value, one.sigma, one.unit) for name, one in result.numbers.items()}
-        for result in own
+    ordered_results = [results[entry.id] for entry in ordered]
+    days = [
+        entry.date or result.recorded
+        for entry, result in zip(ordered, ordered_results, strict=True)
     ]
-    compared = sum(len(result.moved) for result in own)
-    checked = sum(bool(result.check) for result in own)
+    numbers = [
+        {name: (item.value, item.sigma, item.unit) for name, item in result.numbers.items()}
+        for result in ordered_results
+    ]
+    compared = sum(len(result.shifts) for result in ordered_results)
+    checked = sum(bool(result.check) for result in ordered_results)
     alpha = ALPHA / (1 + bool(compared) + bool(checked))
     drawn = charts(numbers, {"fixture": [entry.fixture for entry in ordered], "date": days}, alpha)
-    beyond = float(norm.isf(alpha / 2 / max(1, compared)))
-    effects = Counter(effect for result in own for effect in result.effects)
-    found: dict[str, tuple[Finding, ...]] = {}
-    for index, (entry, result) in enumerate(zip(ordered, own, strict=True)):
+    shift_limit = float(norm.isf(alpha / 2 / max(1, compared)))
+    effects = Counter(effect for result in ordered_results for effect in result.effects)
+    findings: dict[str, tuple[Finding, ...]] = {}
+    for index, (entry, result) in enumerate(zip(ordered, ordered_results, strict=True)):
         reasons = [
-            *_by_itself(entry, result),
-            *_against_prior(result, beyond, alpha / max(1, checked)),
-            *_among(index, drawn),
-            *_effects(result, effects, len(own)),
+            *_camera_findings(entry, result),
+            *_prior_findings(result, shift_limit, alpha / max(1, checked)),
+            *_chart_findings(index, drawn),
+            *_effect_findings(result, effects, len(ordered_results)),
         ]
         if reasons:
-            found[entry.id] = tuple(sorted(reasons, key=lambda finding: -finding.gravity))
-    return Fleet(tuple(ordered), tuple(own), drawn, found, beyond)
+            findings[entry.id] = tuple(sorted(reasons, key=lambda finding: -finding.gravity))
+    return Fleet(tuple(ordered), tuple(ordered_results), drawn, findings, shift_limit)
 
 
 def title_of(name: str) -> str:
     return TITLES.get(name, name)
 
 
-def _by_itself(entry: Entry, result: Result) -> Iterator[Finding]:
+def _camera_findings(entry: Entry, result: Result) -> Iterator[Finding]:
     if result.state is not State.CALIBRATED:
         yield Finding(NO_CALIBRATION, f"no calibration: {result.sentence.rstrip('.')}")
     if result.verdict.get("word") == Word.DO_NOT_USE.value:
         because = str(next(iter(result.verdict["reasons"]), "")).rstrip(".")
         yield Finding(NOT_TO_BE_USED, f"its verdict is not to use it: {because}")
     for limit in entry.limits:
-        one = result.numbers.get(limit.name)
-        if one and limit.broken(one.value):
+        number = result.numbers.get(limit.name)
+        if number and limit.broken(number.value):
             yield Finding(
                 BEYOND_LIMIT,
-                f"{title_of(limit.name)} is {one.value:.5g} {one.unit}, where its limit is {limit}",
+                f"{title_of(limit.name)} is {number.value:.5g} {number.unit}, where its limit is"
+                f" {limit}",
                 limit.name,
             )
     for remark in result.remarks:
         if remark.startswith("Its prior"):
-            yield Finding(FOUND, remark[0].lower() + remark[1:].rstrip("."))
+            yield Finding(CHECK_OR_DIAGNOSIS, remark[0].lower() + remark[1:].rstrip("."))
 
 
-def _against_prior(result: Result, beyond: float, alarm: float) -> Iterator[Finding]:
+def _prior_findings(result: Result, shift_limit: float, alarm: float) -> Iterator[Finding]:
     answer = result.check
     if (
         answer
@@ -139,52 +147,58 @@ def _against_prior(result: Result, beyond: float, alarm: float) -> Iterator[Find
             f", which adds {answer['added_px']:.2g} px" if answer["added_px"] is not None else ""
         )
         lacking = " (its prior shows that as well)" if answer["lacking"] else ""
-        yield Finding(FOUND, f"its prior is {answer['answer']}: {changes}{added}{lacking}")
-    far = {name: one for name, one in result.moved.items() if abs(one.sigmas) > beyond}
-    if far:
-        name, one = max(far.items(), key=lambda item: abs(item[1].sigmas))
-        others = f", and {len(far) - 1} other number{'s' * (len(far) > 2)}" if len(far) > 1 else ""
         yield Finding(
-            abs(one.sigmas),
-            f"{title_of(name)} moved by {one.sigmas:+.1f} sigmas from its prior, {one.before:.6g}"
-            f" to {one.after:.6g} {one.unit}".rstrip()
-            + others,
+            CHECK_OR_DIAGNOSIS, f"its prior is {answer['answer']}: {changes}{added}{lacking}"
+        )
+    far = {n: shift for n, shift in result.shifts.items() if abs(shift.sigmas) > shift_limit}
+    if far:
+        name, shift = max(far.items(), key=lambda item: abs(item[1].sigmas))
+        addition = (
+            f", and {len(far) - 1} other number{'s' * (len(far) > 2)}" if len(far) > 1 else ""
+        )
+        yield Finding(
+            abs(shift.sigmas),
+            f"{title_of(name)} moved by {shift.sigmas:+.1f} sigmas from its prior,"
+            f" {shift.prior:.6g} to {shift.current:.6g} {shift.unit}".rstrip()
+            + addition,
             name,
         )
 
 
-def _among(index: int, drawn: Sequence[Chart]) -> Iterator[Finding]:
+def _chart_findings(index: int, drawn: Sequence[Chart]) -> Iterator[Finding]:
     for chart in drawn:
-        if not chart.out[index]:
+        if not chart.is_outlier[index]:
             continue
         value, sigma, centre = chart.value[index], chart.sigma[index], chart.centre[index]
         if chart.one_sided:
-            said = (
+            statement = (
                 f"{title_of(chart.name)} is {value / centre:.1f} times the fleet's, {value:.3g}"
                 f" {chart.unit} where it has {centre:.3g}"
             )
         else:
-            said = (
+            statement = (
                 f"{title_of(chart.name)} is {with_sigma(value, sigma)} {chart.unit}".rstrip()
                 + f", where the fleet has {centre:.5g}"
             )
-        away = abs(float(chart.spreads[index]))
-        told = (
-            f"{away:.0f} spreads away"
-            if math.isfinite(away) and away < 1e5
+        distance = abs(float(chart.spreads[index]))
+        remark = (
+            f"{distance:.0f} spreads away"
+            if math.isfinite(distance) and distance < 1e5
             else "where all others are alike"
         )
-        yield Finding(away, f"{said} ({told})", chart.name)
+        yield Finding(distance, f"{statement} ({remark})", chart.name)
 
 
-def _effects(result: Result, effects: Counter[str], count: int) -> Iterator[Finding]:
+def _effect_findings(result: Result, effects: Counter[str], count: int) -> Iterator[Finding]:
     for effect in result.effects:
-        if effects[effect] <= max(1.0, RARE * count):
-            others = effects[effect] - 1
-            beside = (
-                f"{others} other camera{'s' * (others > 1)} of {count}"
-                f" {'have' if others > 1 else 'has'}"
-                if others
+        if effects[effect] <= max(1.0, RARE_FRACTION * count):
+            sharing = effects[effect] - 1
+            clause = (
+                f"{sharing} other camera{'s' * (sharing > 1)} of {count}"
+                f" {'have' if sharing > 1 else 'has'}"
+                if sharing
                 else "no other has"
             )
-            yield Finding(FOUND, harmless(f"its diagnosis found {effect}, which {beside}"))
+            yield Finding(
+                CHECK_OR_DIAGNOSIS, harmless(f"its diagnosis found {effect}, which {clause}")
+            )

@@ -1,5 +1,5 @@
-"""What a camera's result was made from: equal for a session and settings of which nothing has
-changed.
+"""The identity of a camera's result: hashes of its session and settings, which stay equal while
+neither changes.
 """
 
 from __future__ import annotations
@@ -19,50 +19,54 @@ from calib.io.yaml_reader import read_yaml
 from calib.session.session import PRIOR_KEY
 
 FORMAT = 1
-"""Of a camera's JSON: one of another format is made anew."""
-PARTS = ((), ("frames",), ("bare",), ("bare", "frames"))
-"""Folders of a session that a fit reads."""
+"""The version of a camera's JSON. A file of another version is ignored."""
+FOLDERS = ((), ("frames",), ("bare",), ("bare", "frames"))
+"""The folders of a session that a fit reads."""
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """What is done with every camera."""
+class FleetOptions:
+    """The options that hold for every camera."""
 
     settings: Settings
     depths: tuple[float, ...] = ()
-    """m, of maps and exports."""
+    """Distances of maps and exports, m."""
     formats: tuple[str, ...] = ()
-    """Of calib.export.formats."""
+    """Names of calib.export.formats."""
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Hashes: equal settings, and an equal listing or equal contents, are an equal result."""
+    """Three hashes. Results are equal if the settings are, and the listing or the contents are."""
 
     settings: str
     listing: str
-    """Of the names, sizes and times of the session's files, which takes no reading of pictures."""
+    """The hash of the names, sizes and times of the session's files, without their contents."""
     contents: str
-    """Of the files themselves; empty at an address, whose store's own checksums are in the listing.
+    """The hash of the files themselves. It is empty for an address, because the listing has the
+    store's own checksums.
     """
 
     @staticmethod
-    def of(entry: Entry, asked: Asked, before: Identity | None = None) -> Identity:
-        """Args: before: of an earlier result; where its listing is still true, contents are not
-        read again.
+    def of(entry: Entry, options: FleetOptions, previous: Identity | None = None) -> Identity:
+        """Return the identity of a session as it is now.
+
+        Args:
+            previous: of an earlier result. If the listing is unchanged, files are not read again.
         """
         prior = (
             [*_listed(entry.prior, ("calibration.yaml", "calibration.npz"))] if entry.prior else []
         )
-        said = {
+        inputs = {
             "format": FORMAT,
             "prior": [entry.prior, *prior, *_fleet_prior(entry.session)],
-            **asdict(asked),
+            **asdict(options),
         }
         listed = [*_listed(entry.session)]
-        settings, listing = _hash(said), _hash(listed)
-        if before and before.listing == listing:
-            return Identity(settings, listing, before.contents)
+        settings = _hash(inputs)
+        listing = _hash(listed)
+        if previous and previous.listing == listing:
+            return Identity(settings, listing, previous.contents)
         if is_remote(entry.session):
             return Identity(settings, listing, "")
         digests = [
@@ -70,48 +74,53 @@ class Identity:
         ]
         return Identity(settings, listing, _hash(digests))
 
-    def same(self, other: Identity) -> bool:
-        return self.settings == other.settings and (
-            self.listing == other.listing
-            or (self.contents != "" and self.contents == other.contents)
+    def same(self, current: Identity) -> bool:
+        """Return True if the session and the settings are unchanged."""
+        return self.settings == current.settings and (
+            self.listing == current.listing
+            or (self.contents != "" and self.contents == current.contents)
         )
 
     @staticmethod
-    def read(said: Any) -> Identity | None:
-        """As a camera's JSON has it; None where that is of something else."""
+    def read(document: Any) -> Identity | None:
+        """Return the identity in a camera's JSON; None if the value is no identity."""
         try:
             return Identity(
-                **{name: str(said[name]) for name in ("settings", "listing", "contents")}
+                **{name: str(document[name]) for name in ("settings", "listing", "contents")}
             )
         except (KeyError, TypeError):
             return None
 
 
 def _listed(place: str, only: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Each file's name within the folder, and what tells it from another of that name; hidden files
-    are nobody's.
+    """Yield each file's name within the folder, and its size and time, or its attributes at an
+    address. Hidden files are left out.
     """
     with faraway(place):
         from fsspec.core import url_to_fs
 
         files, root = url_to_fs(place)
         root = root.rstrip("/")
-        found = files.find(root, maxdepth=max(map(len, PARTS)) + 1, detail=True)
-    for path, about in sorted(found.items()):
+        entries = files.find(root, maxdepth=max(map(len, FOLDERS)) + 1, detail=True)
+    for path, attributes in sorted(entries.items()):
         *folders, name = path.removeprefix(root).strip("/").split("/")
-        if tuple(folders) in PARTS and not name.startswith(".") and (not only or name in only):
-            told = sorted(about.items()) if is_remote(place) else (about["size"], about["mtime"])
-            yield "/".join((*folders, name)), str(told)
+        if tuple(folders) in FOLDERS and not name.startswith(".") and (not only or name in only):
+            version = (
+                sorted(attributes.items())
+                if is_remote(place)
+                else (attributes["size"], attributes["mtime"])
+            )
+            yield "/".join((*folders, name)), str(version)
 
 
 def _fleet_prior(session: str) -> list[str]:
-    """The hash of the fleet's prior that a session names, which lies elsewhere."""
+    """Return the hash of the fleet's prior that a session names; empty without one."""
     if is_remote(session) or not (file := Path(session) / "session.yaml").is_file():
         return []
-    named = read_yaml(file).get(PRIOR_KEY)
-    place = Path(session) / named if isinstance(named, str) else None
+    name = read_yaml(file).get(PRIOR_KEY)
+    place = Path(session) / name if isinstance(name, str) else None
     return [sha256(read_file(place)).hexdigest()] if place and place.is_file() else []
 
 
-def _hash(said: object) -> str:
-    return sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+def _hash(document: object) -> str:
+    return sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()

@@ -1,6 +1,5 @@
-"""One camera: fitted, checked against its prior, diagnosed where its verdict asks for it, reported
-and exported. A plain function of what it is told, which any process runs that sees the fleet's
-folder.
+"""The job of one camera: it is fitted, checked against its prior, diagnosed if its verdict asks for
+it, reported and exported. Any process that sees the fleet's folder can run it.
 """
 
 from __future__ import annotations
@@ -24,9 +23,9 @@ from calib.export.formats import FORMATS
 from calib.export.npz import file_names, write_npz
 from calib.fitting.fit import fit
 from calib.fitting.provenance import KEY, asked, diagnosed
-from calib.fleet.identity import Asked, Identity
+from calib.fleet.identity import FleetOptions, Identity
 from calib.fleet.manifest import Entry
-from calib.fleet.numbers import USUAL_DEPTH, moved, numbers
+from calib.fleet.numbers import USUAL_DEPTH, camera_numbers, prior_shifts
 from calib.fleet.places import at_hand, is_remote
 from calib.fleet.result import CAMERAS, Result, State, read_result, result_name
 from calib.io.file_set import BusyError, FileSet, remove_set
@@ -40,22 +39,20 @@ from calib.verdict.judge import judge
 from calib.verdict.verdict import Verdict, Word
 
 PATIENCE_S = 900.0
-"""How long a worker waits for another that was given up for dead and still works on the same
-camera.
-"""
+"""The longest wait for another worker that was thought dead and still writes to the same camera."""
 EPOCH_S = 1e9
-"""s: times of frames.csv below are no Unix times."""
+"""s; smaller times of frames.csv are no Unix times."""
 DIAGNOSED = "diagnosed"
 FITTED = ".fitted.json"
-"""In a camera's folder: what its calibration was made from."""
+"""The file in a camera's folder that has the identity of its calibration."""
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What a worker is told."""
+    """A camera and its options, which a worker gets."""
 
     entry: Entry
-    asked: Asked
+    options: FleetOptions
     fleet: str
     """The folder of all results."""
     overwrite: bool = False
@@ -63,24 +60,26 @@ class Job:
 
 
 def run_job(job: Job) -> Result:
-    """The camera's result, which lies in the fleet's folder as well; that of an earlier run where
-    nothing has changed since.
+    """Return the camera's result, which is also written to the fleet's folder, or the result of an
+    earlier run if nothing has changed since.
 
-    It raises nothing: what goes wrong with a camera is its result.
+    It raises nothing: an error is the camera's result.
     """
     fleet, entry = Path(job.fleet), job.entry
-    begun = time.monotonic()
+    start = time.monotonic()
     try:
-        with _held(check_no_link(fleet / CAMERAS / entry.id), overwrite=job.overwrite) as files:
-            before = read_result(fleet, entry.id)
-            identity = Identity.of(entry, job.asked, before.identity if before else None)
-            if before and before.finished(identity, fleet):
-                return before
+        camera_folder = check_no_link(fleet / CAMERAS / entry.id)
+        with _held(camera_folder, overwrite=job.overwrite) as files:
+            previous = read_result(fleet, entry.id)
+            earlier = previous.identity if previous else None
+            identity = Identity.of(entry, job.options, earlier)
+            if previous and previous.finished(identity, fleet):
+                return previous
             try:
                 result = _calibrated(job, files, identity)
             except NotEnoughDataError as error:
                 result = Result(entry.id, State.TOO_LITTLE, str(error))
-            result = replace(result, identity=identity, seconds=time.monotonic() - begun)
+            result = replace(result, identity=identity, seconds=time.monotonic() - start)
             result.write(fleet, overwrite=job.overwrite)
             return result
     except RefracalError as error:
@@ -101,9 +100,14 @@ def _failed(fleet: Path, camera: str, sentence: str) -> Result:
     return result
 
 
+def give_up(job: Job, sentence: str) -> Result:
+    """Write and return the failure of a camera that no worker could finish."""
+    return _failed(Path(job.fleet), job.entry.id, sentence)
+
+
 @contextmanager
 def _held(folder: Path, *, overwrite: bool) -> Iterator[FileSet]:
-    """The camera's folder, once nobody else writes there."""
+    """Yield the camera's folder when no other process writes to it."""
     end = time.monotonic() + PATIENCE_S
     with ExitStack() as stack:
         while True:
@@ -119,7 +123,7 @@ def _held(folder: Path, *, overwrite: bool) -> Iterator[FileSet]:
 
 
 def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
-    entry, wanted, folder = job.entry, job.asked, files.folder
+    entry, wanted, folder = job.entry, job.options, files.folder
     with at_hand(entry.session) as session_folder:
         session = read_session(session_folder)
         files.reserve([*camera_files(wanted.depths), result_name(entry.id)])
@@ -148,14 +152,14 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
             else:
                 last = diagnosed(last, folder, None)
                 place = check_no_link(folder / DIAGNOSED)
-                with FileSet(place, overwrite=job.overwrite) as beside:
+                with FileSet(place, overwrite=job.overwrite) as diagnosis_files:
                     written += [
-                        last.write(beside),
+                        last.write(diagnosis_files),
                         write_report(
-                            last, beside, Silent(), wanted.depths, pictures=session_folder
+                            last, diagnosis_files, Silent(), wanted.depths, pictures=session_folder
                         ),
                     ]
-                    beside.commit(instead_of=DERIVED)
+                    diagnosis_files.commit(instead_of=DERIVED)
                 verdict = judge(
                     last,
                     depths=wanted.depths,
@@ -170,10 +174,10 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
         id=entry.id,
         state=State.CALIBRATED,
         verdict=verdict.as_json(),
-        numbers=numbers(first, last, next(iter(wanted.depths), USUAL_DEPTH)),
+        numbers=camera_numbers(first, last, next(iter(wanted.depths), USUAL_DEPTH)),
         effects=tuple(added.effect.name for added in last.effects),
         check=answer.as_json() if answer else {},
-        moved=moved(prior, last) if prior else {},
+        shifts=prior_shifts(prior, last) if prior else {},
         remarks=remarks,
         written=tuple(path.relative_to(job.fleet).as_posix() for path in written),
         views=len(last.views),
@@ -184,10 +188,10 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
 def _fit(
     job: Job, files: FileSet, identity: Identity, session: Session
 ) -> tuple[Calibration, list[str]]:
-    """The calibration, and the names of its files, which are in force; what they were made from
-    lies beside them.
+    """Fit and write a camera; return the calibration and the names of its files. Their identity is
+    written next to them.
     """
-    wanted = job.asked
+    wanted = job.options
     first = asked(fit(session, wanted.settings), (), wanted.depths)
     if is_remote(job.entry.session):  # the copy will be gone
         first = replace(
@@ -203,13 +207,14 @@ def _fit(
 
 
 def _fitted(folder: Path, identity: Identity) -> tuple[Calibration, list[str]] | None:
-    """What a worker left that was killed after its fit; None where that is of another session, or
-    not whole.
+    """Return the fit of a worker that was killed after it, and the names of its files; None if it
+    belongs to another session or is incomplete.
     """
     try:
-        said = json.loads(read_file(folder / FITTED))
-        before, names = Identity.read(said["identity"]), [str(name) for name in said["written"]]
-        if before and before.same(identity) and all((folder / name).is_file() for name in names):
+        document = json.loads(read_file(folder / FITTED))
+        fitted = Identity.read(document["identity"])
+        names = [str(name) for name in document["written"]]
+        if fitted and fitted.same(identity) and all((folder / name).is_file() for name in names):
             return Calibration.load(folder), names
     except (InputError, ValueError, LookupError, TypeError):
         pass
@@ -217,14 +222,14 @@ def _fitted(folder: Path, identity: Identity) -> tuple[Calibration, list[str]] |
 
 
 def asks_for_diagnosis(verdict: Verdict) -> bool:
-    """Whether a reason's next command is a diagnosis."""
+    """Return True if a reason of the verdict names a diagnosis as the next command."""
     return any(reason.next.startswith("calib diagnose ") for reason in verdict.reasons)
 
 
 def _checked(
     entry: Entry, session: Path
 ) -> tuple[Calibration | None, CheckResult | None, tuple[str, ...]]:
-    """The prior, what the session's views say of it, and why they say nothing."""
+    """Return the prior, its check against the session, and remarks if it could not be checked."""
     if not entry.prior:
         return None, None, ()
     prior: Calibration | None = None
@@ -237,16 +242,16 @@ def _checked(
 
 
 def camera_files(depths: Sequence[float]) -> list[str]:
-    """Return the names of the files in a camera's folder, but for those in its folders."""
+    """Return the names of the files in a camera's folder, without those in its subfolders."""
     return [*FILES, *file_names(depths), NAME, FITTED]
 
 
 def _exported(calibration: Calibration, job: Job, folder: Path) -> list[Path]:
-    """Every format in a folder of its own."""
+    """Write every format to its own folder, and return the paths."""
     written: list[Path] = []
-    depths = job.asked.depths
+    depths = job.options.depths
     for form in FORMATS:
-        if form.name in job.asked.formats:
+        if form.name in job.options.formats:
             place = check_no_link(folder / form.name)
             with FileSet(place, overwrite=job.overwrite) as files:
                 written += export(

@@ -13,11 +13,10 @@ from calib.session.cover import SHAPES
 from calib.session.lens import NAMES
 
 QUALITY = ("error_px", "held_out_px", "noise_px", "sigma_px", "relief_um")
-"""How good a fit is, and how uneven its glass: each above 0, and better where it is less."""
+"""The quality of a fit and the unevenness of its glass: each is above 0, and less is better."""
 EFFECTIVE = ("effective_fx", "effective_fy")
-"""px, the focal length of the rays beyond the cover, across the middle half of the picture. What a
-fit shares out among lens, cover and relief is told apart only as well as its views tell them; these
-are what all of them make together.
+"""px, the focal length of the rays beyond the cover, over the middle half of the picture. The views
+often cannot separate lens, cover and relief; these numbers describe all of them together.
 """
 NUMBERED = tuple(
     dict.fromkeys(
@@ -35,14 +34,13 @@ NUMBERED = tuple(
         )
     )
 )
-"""Every number that a fleet may chart and limit, by the names and in the units that a fit prints.
-"""
+"""All numbers that a fleet may chart and limit, by the names and in the units that a fit prints."""
 ENDS = ("min", "max")
 
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """The smallest and the largest that a number may be."""
+    """The range in which a number must lie."""
 
     name: str
     low: float = -math.inf
@@ -60,7 +58,15 @@ class Limit:
 
 
 def limit_of(name: str, ends: Mapping[str, float], where: str) -> Limit:
-    """Args: ends: of min and max, one or both; where: it stands, for messages."""
+    """Return the limit of a number.
+
+    Args:
+        ends: min, max, or both.
+        where: the place in the manifest, for messages.
+
+    Raises:
+        InputError: no number has this name, or min is above max.
+    """
     if name not in NUMBERED:
         near = get_close_matches(brief(name), NUMBERED, 1)
         hint = f"did you mean {near[0]}" if near else f"write one such as {', '.join(NUMBERED[:6])}"

@@ -1,6 +1,6 @@
-"""Which cameras a fleet has: a CSV or YAML that lists them, or a glob of their sessions.
+"""The manifest of a fleet: a CSV or YAML that lists its cameras, or a glob of their sessions.
 
-What is wrong is said before anything runs.
+Errors in it are reported before anything runs.
 """
 
 from __future__ import annotations
@@ -34,29 +34,29 @@ class Entry:
     """A camera of the fleet."""
 
     id: str
-    """Names its files; unique, whatever the case of its letters."""
+    """The name of its files. It is unique, also if the case of letters is ignored."""
     session: str
-    """An absolute path, or an address for fsspec; so is `prior`."""
+    """An absolute path, or an address that fsspec reads; likewise `prior`."""
     serial: str = ""
     prior: str = ""
-    """A calibration that it is checked against; empty: none."""
+    """A calibration against which it is checked; may be empty."""
     fixture: str = ""
-    """Where it was recorded, for one."""
+    """The place of the recording, or another label of a batch."""
     date: str = ""
-    """ISO 8601, of the day."""
+    """The day, as in ISO 8601."""
     limits: tuple[Limit, ...] = ()
 
 
-def read_manifest(said: Sequence[str]) -> tuple[Entry, ...]:
-    """The cameras of one table, or of globs and folders of sessions, each named by its folder.
+def read_manifest(places: Sequence[str]) -> tuple[Entry, ...]:
+    """Return the cameras of one table, or of globs and folders of sessions, which name the ids.
 
     Raises:
         InputError: a row or key is wrong, two cameras have one id or one session, or there is no
             camera.
     """
-    table = said[0] if len(said) == 1 and said[0].lower().endswith(TABLES) else None
+    table = places[0] if len(places) == 1 and places[0].lower().endswith(TABLES) else None
     where = table or "these sessions"
-    entries = tuple(_rows(table) if table else _sessions(said))
+    entries = tuple(_rows(table) if table else _sessions(places))
     if not entries:
         raise InputError(f"{brief(where)} has no camera: list some, each with an id and a session.")
     ids: dict[str, Entry] = {}
@@ -88,7 +88,7 @@ def _rows(table: str) -> Iterator[Entry]:
         )
 
 
-def _of_csv(path: Path, said: str, base: str) -> Iterator[Entry]:
+def _of_csv(path: Path, table: str, base: str) -> Iterator[Entry]:
     try:
         text = read_file(path, MOST_TEXT).decode("utf-8-sig")
         lines = csv.reader(io.StringIO(text, newline=""), strict=True)
@@ -96,12 +96,12 @@ def _of_csv(path: Path, said: str, base: str) -> Iterator[Entry]:
         rows = [(lines.line_num, row) for row in lines if any(cell.strip() for cell in row)]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(
-            f"{said} is not a CSV table in UTF-8 ({brief(error)}): save it again as one."
+            f"{table} is not a CSV table in UTF-8 ({brief(error)}): save it again as one."
         ) from error
     for index, name in enumerate(head):
         stem, _, end = name.rpartition(".")
         if name in head[:index]:
-            raise InputError(f"{said}: the column {brief(name)!r} comes twice: keep one.")
+            raise InputError(f"{table}: the column {brief(name)!r} comes twice: keep one.")
         if name not in KEYS and end not in ENDS:
             near = get_close_matches(brief(name), KEYS, 1)
             hint = (
@@ -109,17 +109,17 @@ def _of_csv(path: Path, said: str, base: str) -> Iterator[Entry]:
                 if near
                 else f"write {', '.join(KEYS)}, or limits such as held_out_px.max"
             )
-            raise InputError(f"{said}: {brief(name)!r} is not a column of a fleet: {hint}.")
+            raise InputError(f"{table}: {brief(name)!r} is not a column of a fleet: {hint}.")
         if name not in KEYS:
-            limit_of(stem, {}, said)
+            limit_of(stem, {}, table)
     for key in KEYS[:2]:
         if key not in head:
             raise InputError(
-                f"{said} has no column {key}: its first line must be {','.join(KEYS)} or some of"
+                f"{table} has no column {key}: its first line must be {','.join(KEYS)} or some of"
                 " these, id and session among them."
             )
     for number, row in rows:
-        where = f"{said}, line {number}"
+        where = f"{table}, line {number}"
         if len(row) > len(head):
             raise InputError(
                 f"{where} has {len(row)} cells and the first line {len(head)}: put cells with"
@@ -133,44 +133,43 @@ def _of_csv(path: Path, said: str, base: str) -> Iterator[Entry]:
                 ends.setdefault(stem, {})[end] = _finite(cell, name, where)
         yield _entry(
             {key: cells.get(key, "") for key in KEYS},
-            [limit_of(name, own, where) for name, own in ends.items()],
+            [limit_of(name, values, where) for name, values in ends.items()],
             base,
             where,
         )
 
 
-def _of_yaml(path: Path, said: str, base: str) -> Iterator[Entry]:
-    whole = Section(read_yaml(path), said)
-    whole.allow_only(("cameras", "limits"))
-    everywhere = _limits(whole, said)
-    listed = whole.get("cameras", f"a list, such as {EXAMPLE}")
-    if not isinstance(listed, list):
-        raise whole.error("cameras", listed, f"a list, such as {EXAMPLE}")
-    for index, written in enumerate(listed):
-        if not isinstance(written, Mapping):
-            raise whole.error(
-                f"cameras[{index}]", written, "a mapping, such as {id: A17, session: sessions/A17}"
+def _of_yaml(path: Path, table: str, base: str) -> Iterator[Entry]:
+    manifest = Section(read_yaml(path), table)
+    manifest.allow_only(("cameras", "limits"))
+    common_limits = _limits(manifest, table)
+    cameras = manifest.get("cameras", f"a list, such as {EXAMPLE}")
+    if not isinstance(cameras, list):
+        raise manifest.error("cameras", cameras, f"a list, such as {EXAMPLE}")
+    for index, value in enumerate(cameras):
+        if not isinstance(value, Mapping):
+            raise manifest.error(
+                f"cameras[{index}]", value, "a mapping, such as {id: A17, session: sessions/A17}"
             )
-        own = Section(written, said, f"cameras[{index}]")
-        own.allow_only((*KEYS, "limits"))
-        limits = {
-            limit.name: limit for limit in (*everywhere, *_limits(own, f"{said}: cameras[{index}]"))
-        }
+        camera = Section(value, table, f"cameras[{index}]")
+        camera.allow_only((*KEYS, "limits"))
+        where = f"{table}: cameras[{index}]"
+        limits = {limit.name: limit for limit in (*common_limits, *_limits(camera, where))}
         yield _entry(
-            {key: own.text(key, "a text", default="") for key in KEYS},
+            {key: camera.text(key, "a text", default="") for key in KEYS},
             list(limits.values()),
             base,
-            f"{said}: cameras[{index}]",
+            where,
         )
 
 
 def _limits(section: Section, where: str) -> list[Limit]:
     if "limits" not in section.values:
         return []
-    said = section.section("limits", "{held_out_px: {max: 0.3}}")
+    limits_section = section.section("limits", "{held_out_px: {max: 0.3}}")
     limits = []
-    for name in said.values:
-        ends = said.section(name, "{min: 0.1, max: 0.3}")
+    for name in limits_section.values:
+        ends = limits_section.section(name, "{min: 0.1, max: 0.3}")
         ends.allow_only(ENDS, "end of a limit")
         limits.append(
             limit_of(
@@ -182,47 +181,48 @@ def _limits(section: Section, where: str) -> list[Limit]:
     return limits
 
 
-def _finite(written: object, name: str, where: str) -> float:
+def _finite(value: object, name: str, where: str) -> float:
     try:
         number = (
-            float(written)
-            if isinstance(written, str | int | float) and not isinstance(written, bool)
+            float(value)
+            if isinstance(value, str | int | float) and not isinstance(value, bool)
             else math.nan
         )
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
         raise InputError(
-            f"{where}: {name} is {brief(written)!r}: write a number, in the unit that a fit prints"
+            f"{where}: {name} is {brief(value)!r}: write a number, in the unit that a fit prints"
             " it in."
         )
     return number
 
 
-def _entry(said: Mapping[str, str], limits: Sequence[Limit], base: str, where: str) -> Entry:
-    if not said["session"]:
+def _entry(cells: Mapping[str, str], limits: Sequence[Limit], base: str, where: str) -> Entry:
+    if not cells["session"]:
         raise InputError(f"{where}: session is missing: write the folder that holds session.yaml.")
-    if not ID.fullmatch(said["id"]) or said["id"].lower().endswith(".json"):
+    if not ID.fullmatch(cells["id"]) or cells["id"].lower().endswith(".json"):
         raise InputError(
-            f"{where}: id is {brief(said['id'])!r}: write letters, digits, '.', '_' and '-', 100 at"
-            " most, as it names the camera's files."
+            f"{where}: id is {brief(cells['id'])!r}: write letters, digits, '.', '_' and '-', 100"
+            " at most, as it names the camera's files."
         )
-    if said["date"]:
+    if cells["date"]:
         try:
-            date.fromisoformat(said["date"])
+            date.fromisoformat(cells["date"])
         except ValueError:
             raise InputError(
-                f"{where}: date is {brief(said['date'])!r}: write a day as 2026-05-17."
+                f"{where}: date is {brief(cells['date'])!r}: write a day as 2026-05-17."
             ) from None
-    places = {key: absolute(said[key], base) if said[key] else "" for key in ("session", "prior")}
-    return Entry(**{**said, **places}, limits=tuple(limits))
+    places = {key: absolute(cells[key], base) if cells[key] else "" for key in ("session", "prior")}
+    return Entry(**{**cells, **places}, limits=tuple(limits))
 
 
-def _sessions(said: Sequence[str]) -> Iterator[Entry]:
-    for place in said:
-        for found in sorted(_globbed(place)) if GLOB.search(place) else [_folder(place)]:
-            name = found.rstrip("/").rpartition("/")[2]
-            yield Entry(re.sub("[^A-Za-z0-9._-]", "-", name).lstrip("._-")[:100] or "camera", found)
+def _sessions(places: Sequence[str]) -> Iterator[Entry]:
+    for place in places:
+        for session in sorted(_globbed(place)) if GLOB.search(place) else [_folder(place)]:
+            name = session.rstrip("/").rpartition("/")[2]
+            camera = re.sub("[^A-Za-z0-9._-]", "-", name).lstrip("._-")[:100] or "camera"
+            yield Entry(camera, session)
 
 
 def _folder(place: str) -> str:
@@ -242,10 +242,10 @@ def _folder(place: str) -> str:
 
 
 def _globbed(place: str) -> list[str]:
-    """Folders; files beside them are left out."""
+    """Return the folders that match a glob, without files."""
     with faraway(place):
         from fsspec.core import url_to_fs
 
         files, path = url_to_fs(place if is_remote(place) else absolute(place))
-        found = [name for name in files.glob(path) if files.isdir(name)]
-        return [files.unstrip_protocol(name) for name in found] if is_remote(place) else found
+        folders = [name for name in files.glob(path) if files.isdir(name)]
+        return [files.unstrip_protocol(name) for name in folders] if is_remote(place) else folders

@@ -1,4 +1,4 @@
-"""The numbers of one camera that its fleet is charted by, and how far they are from its prior's."""
+"""The numbers of a camera that the fleet charts, and their differences from the prior's."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from calib.fleet.limits import EFFECTIVE
 from calib.verdict.sureness import map_sigmas
 
 USUAL_DEPTH = 1.0
-"""m, where maps are compared if none are asked for."""
+"""m, at which maps are compared if the command states no depth."""
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
-    """A number with its standard deviation: 0 where it has none, as an error."""
+class FleetNumber:
+    """A number with its standard deviation, which is 0 for an error without one."""
 
     value: float
     sigma: float
@@ -28,25 +28,24 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
-    """A number of the camera against its prior's."""
+class PriorShift:
+    """A number of the camera compared with the prior's."""
 
-    before: float
-    after: float
+    prior: float
+    current: float
     sigmas: float
-    """Their difference over the standard deviation that both give it."""
+    """The difference over its standard deviation, from both calibrations."""
     unit: str
 
 
-def numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, Measured]:
-    """By the names of calib.fleet.limits; what the fit does not have, or held as it is declared, is
-    left out.
+def camera_numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, FleetNumber]:
+    """Return the numbers that the fit estimated, by the names of calib.fleet.limits.
 
     Args:
-        first: as fitted. Its errors are compared: an effect that was added would hide what it was
-            added for.
-        last: with the effects that were found.
-        depth: m, of the maps whose standard deviation is told.
+        first: the fit without effects. Fleets compare its errors: an effect that was added would
+            hide the error that it was added for.
+        last: the calibration with the effects of the diagnosis.
+        depth: m, of the maps whose standard deviation is among the numbers.
     """
     validation = first.settings.get("cross_validation", {})
     quality = {
@@ -58,55 +57,75 @@ def numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, Me
             1e6 * height_spread(*first.model(), first.observations) if first.relief else math.nan
         ),
     }
-    sigma = {
-        "held_out_px": validation.get("held_out_sigma_px", 0.0)
-    }  # a few views that the others hardly predict make most of it
-    found = {
-        name: Measured(value, sigma.get(name, 0.0), name.rpartition("_")[2].replace("um", "µm"))
+    # A few views that the others predict badly make most of the held-out error.
+    sigma = {"held_out_px": validation.get("held_out_sigma_px", 0.0)}
+    numbers = {
+        name: FleetNumber(value, sigma.get(name, 0.0), name.rpartition("_")[2].replace("um", "µm"))
         for name, value in quality.items()
     }
-    found |= {
-        name: Measured(value, 0.0, "px")
+    numbers |= {
+        name: FleetNumber(value, 0.0, "px")
         for name, value in zip(EFFECTIVE, effective_focal(last), strict=True)
     }
-    found |= {
-        one.name: Measured(one.estimate, one.sigma, one.unit)
-        for one in comparisons(last)
-        if one.sigma > 0
+    numbers |= {
+        number.name: FleetNumber(number.estimate, number.sigma, number.unit)
+        for number in comparisons(last)
+        if number.sigma > 0
     }
-    return {name: one for name, one in found.items() if math.isfinite(one.value)}
+    return {name: number for name, number in numbers.items() if math.isfinite(number.value)}
 
 
 def effective_focal(calibration: Calibration) -> tuple[float, float]:
-    """px, across and down: of the pinhole that would see the middle half of the picture under the
-    angle that its outermost rays enclose.
+    """Return the effective focal lengths in x and y, in px.
+
+    They are those of a pinhole camera whose middle half of the picture spans the same angle as the
+    rays of this camera do.
     """
     size = np.array([calibration.camera.width, calibration.camera.height])
     half = np.diag(size) / 4
-    _, seen = calibration.rays(size / 2 - 0.5 + np.concatenate([-half, half]))
-    apart, together = (
-        np.linalg.norm(both, axis=1) for both in (seen[:2] - seen[2:], seen[:2] + seen[2:])
-    )
-    across, down = size / 4 * together / apart  # over the tangent of half of each angle
-    return float(across), float(down)
+    _, directions = calibration.rays(size / 2 - 0.5 + np.concatenate([-half, half]))
+    differences = np.linalg.norm(directions[:2] - directions[2:], axis=1)
+    sums = np.linalg.norm(directions[:2] + directions[2:], axis=1)
+    focal = size / 4 * sums / differences  # over the tangent of half of each angle
+    return float(focal[0]), float(focal[1])
 
 
-def moved(prior: Calibration, now: Calibration) -> dict[str, Moved]:
-    """Every number that both have and one of them estimated.
+def prior_shifts(prior: Calibration, current: Calibration) -> dict[str, PriorShift]:
+    """Return the shift of every number that both calibrations have and at least one estimated.
 
-    Both may have started from the same declared value, so that they differ by less than their
-    standard deviations say: what is far apart here has moved.
+    Both may have started from the same declared value. Then they differ by less than their standard
+    deviations say, so a large difference is a real change.
     """
-    before = {one.name: one for one in comparisons(prior)}
-    changed = {}
-    for one in comparisons(now):
-        other = before.get(one.name)
-        if other and other.unit == one.unit and (spread := math.hypot(one.sigma, other.sigma)) > 0:
-            changed[one.name] = Moved(
-                other.estimate, one.estimate, (one.estimate - other.estimate) / spread, one.unit
+    previous = {number.name: number for number in comparisons(prior)}
+    shifts: dict[str, PriorShift] = {}
+    for number in comparisons(current):
+        earlier = previous.get(number.name)
+        if not earlier or earlier.unit != number.unit:
+            continue
+        spread = math.hypot(number.sigma, earlier.sigma)
+        if spread > 0:
+            shifts[number.name] = PriorShift(
+                prior=earlier.estimate,
+                current=number.estimate,
+                sigmas=(number.estimate - earlier.estimate) / spread,
+                unit=number.unit,
             )
-    return changed
+    return shifts
 
 
-def as_json(found: Mapping[str, Measured | Moved]) -> dict[str, object]:
-    return {name: asdict(one) for name, one in found.items()}
+def numbers_as_json(numbers: Mapping[str, FleetNumber]) -> dict[str, object]:
+    """Return the numbers as a camera's JSON has them."""
+    return {name: asdict(number) for name, number in numbers.items()}
+
+
+def shifts_as_json(shifts: Mapping[str, PriorShift]) -> dict[str, object]:
+    """Return the shifts as a camera's JSON has them."""
+    return {
+        name: {
+            "before": shift.prior,
+            "after": shift.current,
+            "sigmas": shift.sigmas,
+            "unit": shift.unit,
+        }
+        for name, shift in shifts.items()
+    }

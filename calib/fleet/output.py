@@ -8,7 +8,7 @@ from calib.calibration import FILES
 from calib.errors import InputError
 from calib.export.file_names import file_names
 from calib.export.formats import FORMATS
-from calib.fleet.identity import Asked
+from calib.fleet.identity import FleetOptions
 from calib.fleet.job import DIAGNOSED, camera_files
 from calib.fleet.manifest import Entry
 from calib.fleet.places import is_remote
@@ -19,7 +19,7 @@ from calib.report.write import NAME
 
 def check_output(
     entries: Sequence[Entry],
-    asked: Asked,
+    options: FleetOptions,
     fleet: Path,
     inputs: Sequence[Path],
     *,
@@ -42,12 +42,12 @@ def check_output(
     check_no_link(fleet / CAMERAS)
     sources = _places_of_inputs(entries)
     names = {
-        ".": [*camera_files(asked.depths)],
+        ".": [*camera_files(options.depths)],
         DIAGNOSED: [*FILES, NAME],
         **{
-            form.name: file_names(form, asked.depths)
+            form.name: file_names(form, options.depths)
             for form in FORMATS
-            if form.name in asked.formats
+            if form.name in options.formats
         },
     }
     for entry in entries:

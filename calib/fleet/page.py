@@ -1,5 +1,5 @@
-"""fleet.html: one file that shows a fleet, without network or scripts, on light and on dark; who
-stands out comes first.
+"""fleet.html: one file that shows a fleet, without network or scripts, on light and on dark. The
+cameras that stand out come first.
 """
 
 from __future__ import annotations
@@ -10,20 +10,20 @@ from html import escape
 from importlib.resources import files
 
 from calib.fitting.rounding import with_sigma
-from calib.fleet.charts import chart_svg, colours_of, labels_of, link_of, map_svg, moved_svg
-from calib.fleet.control import ALPHA, APART, Chart
+from calib.fleet.charts import chart_svg, colours_of, labels_of, link_of, map_svg, shifts_svg
+from calib.fleet.control import ALPHA, BATCH_ALPHA, Chart
 from calib.fleet.findings import Fleet, title_of
 from calib.fleet.result import Result, State
 from calib.report.page import PageSection, document
 from calib.report.tables import table
 from calib.verdict.verdict import Word
 
-SHOWN = 3
-"""Reasons of a camera that are shown at once."""
-OPEN = 60
-"""Cameras, up to which the list of all of them is open."""
-LISTED = 12
-"""Cameras that are listed beside an effect."""
+MAX_REASONS = 3
+"""Reasons of a camera that are visible at once."""
+MAX_OPEN = 60
+"""The list of all cameras is open if they are no more than this."""
+MAX_LINKS = 12
+"""Cameras that the row of an effect names."""
 NAMES = {
     Word.TRUSTED.value: "trusted",
     Word.CARE.value: "to be taken with care",
@@ -32,7 +32,7 @@ NAMES = {
 
 
 def fleet_page(fleet: Fleet, name: str) -> str:
-    """Args: name: of the fleet, as a title."""
+    """Return the page of a fleet; `name` is its title."""
     style = "".join(
         files(package).joinpath(sheet).read_text(encoding="utf-8")
         for package, sheet in (("calib.report", "style.css"), ("calib.fleet", "fleet.css"))
@@ -42,8 +42,8 @@ def fleet_page(fleet: Fleet, name: str) -> str:
         f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections
     )
     body = "".join(
-        f'<section id="{one.name}"><h2>{escape(one.title)}</h2>{one.html}</section>'
-        for one in sections
+        f'<section id="{section.name}"><h2>{escape(section.title)}</h2>{section.html}</section>'
+        for section in sections
     )
     header = f"""<p class="over">Refracal fleet: {escape(name)}</p>
 <h1>{escape(headline(fleet))}</h1>
@@ -61,7 +61,7 @@ KEY = (
 
 
 def headline(fleet: Fleet) -> str:
-    """How many stand out."""
+    """Return the number of cameras that stand out, as a sentence without a full stop."""
     count, total = len(fleet.findings), len(fleet.entries)
     cameras = f"camera{'s' * (total > 1)}"
     return (
@@ -79,14 +79,14 @@ def _lead(fleet: Fleet) -> str:
         for result in fleet.results
         if result.state is State.CALIBRATED
     )
-    said = f"{count} camera{'s are' if count != 1 else ' is'} calibrated: " + ", ".join(
+    calibrated = f"{count} camera{'s are' if count != 1 else ' is'} calibrated: " + ", ".join(
         f"{words[word]} {NAMES[word]}" for word in NAMES if words[word]
     )
-    lost = len(fleet.results) - count
-    without = f"; {lost} {'have' if lost > 1 else 'has'} no calibration" if lost else ""
+    failures = len(fleet.results) - count
+    failed = f"; {failures} {'have' if failures > 1 else 'has'} no calibration" if failures else ""
     return (
-        f"{said}{without}. Limits come from the fleet itself, by medians: of {1 / ALPHA:.0f} fleets"
-        " without a fault, one would have a camera beyond a limit."
+        f"{calibrated}{failed}. Limits come from the fleet itself, by medians: of"
+        f" {1 / ALPHA:.0f} fleets without a fault, one would have a camera beyond a limit."
     )
 
 
@@ -97,7 +97,7 @@ def _sections(fleet: Fleet) -> Iterator[PageSection]:
         yield PageSection("charts", "Control charts", _charts_html(fleet))
     if any(chart.batches for chart in fleet.charts):
         yield PageSection("batches", "Batches", _batches_html(fleet.charts))
-    if drawn := moved_svg(fleet):
+    if drawn := shifts_svg(fleet):
         yield PageSection("moved", "Against the priors", _moved_html(fleet, drawn))
     if effects := _effects_html(fleet):
         yield PageSection("effects", "Effects that were found", effects)
@@ -108,53 +108,53 @@ def _outliers_html(fleet: Fleet) -> str:
     place = {entry.id: index for index, entry in enumerate(fleet.entries)}
     rows = []
     for camera in fleet.outliers:
-        found = fleet.findings[camera]
-        first = "".join(f"<li>{escape(one.sentence)}.</li>" for one in found[:SHOWN])
-        rest = "".join(f"<li>{escape(one.sentence)}.</li>" for one in found[SHOWN:])
-        more = (
-            f"<details><summary>{len(found) - SHOWN} more</summary><ul"
-            f' class="reasons">{rest}</ul></details>'
-            if rest
+        items = [f"<li>{escape(finding.sentence)}.</li>" for finding in fleet.findings[camera]]
+        first = "".join(items[:MAX_REASONS])
+        hidden = "".join(items[MAX_REASONS:])
+        details = (
+            f"<details><summary>{len(items) - MAX_REASONS} more</summary><ul"
+            f' class="reasons">{hidden}</ul></details>'
+            if hidden
             else ""
         )
-        rows.append((_camera(fleet, place[camera]), f'<ul class="reasons">{first}</ul>{more}'))
+        rows.append((_camera(fleet, place[camera]), f'<ul class="reasons">{first}</ul>{details}'))
     return table(("camera", "why, the gravest first"), rows)
 
 
 def _camera(fleet: Fleet, index: int) -> str:
-    """Its name as a link, with what else it is known by."""
+    """Return a camera's name as a link, with its serial number, fixture and day."""
     entry = fleet.entries[index]
-    beside = ", ".join(part for part in (entry.serial, entry.fixture, fleet.day(index)) if part)
-    said = f"<br><small>{escape(beside)}</small>" if beside else ""
-    return f'<a href="{escape(link_of(fleet, index))}"><b>{escape(entry.id)}</b></a>{said}'
+    labels = (entry.serial, entry.fixture, fleet.day(index))
+    subtitle = ", ".join(label for label in labels if label)
+    small = f"<br><small>{escape(subtitle)}</small>" if subtitle else ""
+    return f'<a href="{escape(link_of(fleet, index))}"><b>{escape(entry.id)}</b></a>{small}'
 
 
 def _charts_html(fleet: Fleet) -> str:
     factor, colour = colours_of(fleet)
     labels = labels_of(fleet, factor)
     key = "".join(
-        f'<i style="background: var(--series-{one})"></i>{escape(label)}'
-        for label, one in colour.items()
+        f'<i style="background: var(--series-{series})"></i>{escape(label)}'
+        for label, series in colour.items()
     )
     timed = any(map(fleet.day, range(len(fleet.entries))))
     order = "the order of their days" if timed else "the manifest's order"
     drawn = "".join(
-        f"<div><h3>{escape(title_of(one.name))}"
-        f" <small>{escape(_usual(one))}</small></h3>{chart_svg(one, fleet, colour, labels)}</div>"
-        for one in fleet.charts
+        f"<div><h3>{escape(title_of(chart.name))} <small>{escape(_usual(chart))}</small></h3>"
+        f"{chart_svg(chart, fleet, colour, labels)}</div>"
+        for chart in fleet.charts
     )
     return (
         f"<p>A dot is a camera, from left to right in {order}. The line is the median, dashed lines"
-        " are the limits; a red dot is beyond "
-        "them, and an arrow farther than the chart reaches. A camera that is less sure than the"
-        " others may be farther away."
+        " are the limits. A red dot is beyond them, and an arrow points beyond the chart's edge. A"
+        " camera whose number is less certain than usual may be farther away."
         f"</p>{f'<p class=key>{escape(factor)}: {key}</p>' if key else ''}<div"
         f' class="charts">{drawn}</div>'
     )
 
 
 def _usual(chart: Chart) -> str:
-    """The median and the spread."""
+    """Return the median and the spread."""
     if chart.batches:
         return f"{chart.unit}, by {chart.factor}".strip(", ")
     centre = float(chart.centre[0])
@@ -177,14 +177,14 @@ def _batches_html(charts: tuple[Chart, ...]) -> str:
         if chart.batches
     ]
     return (
-        f"<p>Numbers that differ between batches, by ranks (Kruskal and Wallis), at {100 * APART:g}"
-        " % over all charts. Each camera of such a chart is compared with its own batch.</p>"
-        + table(("number", "by", "medians (cameras)", "p"), rows)
+        "<p>Numbers that differ between batches, by ranks (Kruskal and Wallis), at"
+        f" {100 * BATCH_ALPHA:g} % over all charts. Each camera of such a chart is compared with"
+        " its own batch.</p>" + table(("number", "by", "medians (cameras)", "p"), rows)
     )
 
 
 def _moved_html(fleet: Fleet, drawn: str) -> str:
-    checked = sum(bool(result.moved) for result in fleet.results)
+    checked = sum(bool(result.shifts) for result in fleet.results)
     return (
         f"<p>How far the numbers of {checked} cameras are from those of their priors, over the"
         " standard deviation that both give. Beyond "
@@ -193,21 +193,21 @@ def _moved_html(fleet: Fleet, drawn: str) -> str:
 
 
 def _effects_html(fleet: Fleet) -> str:
-    """Empty where no diagnosis found any."""
-    found: dict[str, list[int]] = {}
+    """Return the table of effects; empty if no diagnosis found any."""
+    cameras: dict[str, list[int]] = {}
     for index, result in enumerate(fleet.results):
         for effect in result.effects:
-            found.setdefault(effect, []).append(index)
-    if not found:
+            cameras.setdefault(effect, []).append(index)
+    if not cameras:
         return ""
     rows = []
-    for effect, where in sorted(found.items(), key=lambda item: -len(item[1])):
+    for effect, indices in sorted(cameras.items(), key=lambda item: -len(item[1])):
         links = ", ".join(
             f'<a href="{escape(link_of(fleet, i))}">{escape(fleet.entries[i].id)}</a>'
-            for i in where[:LISTED]
+            for i in indices[:MAX_LINKS]
         )
-        more = f" and {len(where) - LISTED} more" if len(where) > LISTED else ""
-        rows.append((f"<b>{escape(effect)}</b>", str(len(where)), links + more))
+        remainder = f" and {len(indices) - MAX_LINKS} more" if len(indices) > MAX_LINKS else ""
+        rows.append((f"<b>{escape(effect)}</b>", str(len(indices)), links + remainder))
     return table(("effect", "cameras", "which"), rows)
 
 
@@ -224,8 +224,8 @@ def _all_html(fleet: Fleet) -> str:
                 for name in ("error_px", "held_out_px", "noise_px", "sigma_px", "effective_fx")
             ),
             (
-                f"{max((abs(one.sigmas) for one in result.moved.values()), default=0.0):.1f}"
-                if result.moved
+                f"{max((abs(shift.sigmas) for shift in result.shifts.values()), default=0.0):.1f}"
+                if result.shifts
                 else ""
             ),
         )
@@ -242,12 +242,12 @@ def _all_html(fleet: Fleet) -> str:
         "effective focal length, px",
         "moved, sigmas",
     )
-    opened = " open" if len(rows) <= OPEN else ""
+    opened = " open" if len(rows) <= MAX_OPEN else ""
     return f"<details{opened}><summary>{len(rows)} cameras</summary>{table(head, rows)}</details>"
 
 
 def _number(result: Result, name: str) -> str:
-    one = result.numbers.get(name)
-    if not one:
+    number = result.numbers.get(name)
+    if not number:
         return ""
-    return escape(with_sigma(one.value, one.sigma) if one.sigma else f"{one.value:.3f}")
+    return escape(with_sigma(number.value, number.sigma) if number.sigma else f"{number.value:.3f}")

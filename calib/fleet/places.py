@@ -1,4 +1,4 @@
-"""Where sessions and calibrations lie: a folder, or what fsspec reads, such as
+"""Paths of sessions and calibrations: a folder, or an address that fsspec reads, such as
 s3://bucket/session.
 """
 
@@ -11,17 +11,17 @@ from tempfile import TemporaryDirectory
 
 from calib.errors import InputError, brief
 
-FARAWAY = "://"
+SCHEME_END = "://"
 
 
 def is_remote(place: str) -> bool:
-    """Whether it is an address for fsspec."""
-    return FARAWAY in place and not place.startswith("file://")
+    """Return True for an address that fsspec reads."""
+    return SCHEME_END in place and not place.startswith("file://")
 
 
 def absolute(place: str, base: str = "") -> str:
-    """A path as every process finds it, from the folder or address `base` on; an address stays as
-    it is.
+    """Return the absolute path of a place that is relative to the folder or address `base`. An
+    address stays unchanged.
     """
     if is_remote(place) or (is_remote(base) and not place.startswith("/")):
         return place if is_remote(place) else f"{base}/{place}"
@@ -30,7 +30,7 @@ def absolute(place: str, base: str = "") -> str:
 
 @contextmanager
 def faraway(place: str) -> Iterator[None]:
-    """Around what reads an address: what goes wrong there becomes a sentence."""
+    """Within, an error of reading an address becomes an InputError."""
     try:
         yield
     except ImportError as error:
@@ -46,7 +46,7 @@ def faraway(place: str) -> Iterator[None]:
 
 @contextmanager
 def at_hand(place: str) -> Iterator[Path]:
-    """A file or folder as a path here: itself, or a copy that is gone afterwards.
+    """Yield a path on this machine: the file or folder itself, or a temporary copy of an address.
 
     Raises:
         InputError: the address cannot be read, or the library that reads it is not installed.

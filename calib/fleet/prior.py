@@ -1,4 +1,6 @@
-"""A fleet's own prior: what its cameras' calibrations say of the next camera of their make."""
+"""A fleet's prior: the numbers and glass that its calibrations predict for the next camera of their
+make.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from calib.calibration import Calibration
 from calib.errors import InputError, NotEnoughDataError, RefracalError, brief
 from calib.estimation.likelihood_information import LikelihoodInformation, prior_conflict
 from calib.fleet.common import Common
-from calib.fleet.population import FEWEST, ROUGHLY, Population, population
+from calib.fleet.population import MIN_PRIOR_CAMERAS, ROUGH_DRAWS, Population, population
 from calib.fleet.result import CAMERAS, Result, State, read_result
 from calib.io.files import reading
 from calib.session.camera import Camera
@@ -22,17 +24,17 @@ from calib.session.lens import SPLINED
 from calib.session.numbers import numbers_of
 from calib.verdict.verdict import Word
 
-ELSEWHERE = ("the board", "each single view", "the corners' detector")
-"""What effects may be about whose finding leaves a camera's own numbers as they are."""
+OUTSIDE_CAMERA = ("the board", "each single view", "the corners' detector")
+"""Subjects of effects that leave a camera's numbers unchanged."""
 ALARM = 0.05
-"""Chance that a fleet without a fault has a camera that is left out as an outlier."""
+"""Probability that a fleet without a fault loses a camera as an outlier."""
 SUSPECTS = 3
-"""Cameras at a time that are held against the others."""
+"""Cameras at a time that are compared with a population without them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What cameras must have alike to have numbers in common."""
+    """The properties that cameras must share to have numbers in common."""
 
     width: int
     height: int
@@ -42,16 +44,18 @@ class Kind:
     estimated: tuple[str, ...]
 
     @staticmethod
-    def of(one: Calibration) -> Kind:
-        k = one.camera.intrinsics
+    def of(calibration: Calibration) -> Kind:
+        k = calibration.camera.intrinsics
         assert k
-        estimated = tuple(name for name, number in numbers_of(k, one.cover).items() if number.sigma)
+        estimated = tuple(
+            name for name, number in numbers_of(k, calibration.cover).items() if number.sigma
+        )
         return Kind(
-            one.camera.width,
-            one.camera.height,
+            calibration.camera.width,
+            calibration.camera.height,
             k.model,
             len(k.distortion) if k.distorts else 0,
-            one.cover.shape,
+            calibration.cover.shape,
             estimated,
         )
 
@@ -64,43 +68,47 @@ class Kind:
 
 
 def fleet_prior(fleet: Path) -> FleetPrior:
-    """Of the calibrations in a fleet's folder.
+    """Return the prior that the calibrations in a fleet's folder give.
 
     Raises:
-        InputError: it is none, or its cameras are of several kinds, none of which most are.
+        InputError: the folder is no fleet, or no kind has more than half of its cameras.
         NotEnoughDataError: too few of its cameras can be used.
     """
     out: dict[str, str] = {}
-    found: dict[str, Calibration] = {}
+    calibrations: dict[str, Calibration] = {}
     for camera in _cameras(fleet):
         try:
             result = read_result(fleet, camera)
             because = _unusable(result)
             if not because:
                 assert result
-                found[camera] = _last(fleet, result)
-                because = _unlike_itself(found[camera])
+                calibrations[camera] = _last(fleet, result)
+                because = _unlike_itself(calibrations[camera])
         except RefracalError as error:
             because = f"its calibration cannot be read ({brief(error)})"
         if because:
-            found.pop(camera, None)
+            calibrations.pop(camera, None)
             out[camera] = because
-    kind = _common(fleet, found, out)
-    found = {camera: one for camera, one in found.items() if camera not in out}
-    _check_enough(fleet, found, out)
-    common = Common.of(kind.estimated, Camera(kind.width, kind.height), list(found.values()))
-    told = {camera: common.told(one) for camera, one in found.items()}
-    _leave_outliers(told, common, out)
-    _check_enough(fleet, told, out)
-    known = population(list(told.values()), common.centre, common.axes)
-    expected = common.described(known)
+    kind = _common(fleet, calibrations, out)
+    calibrations = {
+        camera: calibration for camera, calibration in calibrations.items() if camera not in out
+    }
+    _check_enough(fleet, calibrations, out)
+    common = Common.of(kind.estimated, Camera(kind.width, kind.height), list(calibrations.values()))
+    likelihoods = {
+        camera: common.likelihood(calibration) for camera, calibration in calibrations.items()
+    }
+    _leave_outliers(likelihoods, common, out)
+    _check_enough(fleet, likelihoods, out)
+    expected = population(list(likelihoods.values()), common.centre, common.axes)
+    description = common.described(expected)
     return FleetPrior(
         Path(),
         "",
-        Camera(kind.width, kind.height, intrinsics=expected[0]),
-        expected[1],
+        Camera(kind.width, kind.height, intrinsics=description[0]),
+        description[1],
         (common.intrinsics, common.cover),
-        known.cameras,
+        expected.cameras,
         tuple(sorted(out.items())),
     )
 
@@ -112,14 +120,16 @@ def _cameras(fleet: Path) -> list[str]:
             raise InputError(
                 f"{fleet} has no folder {CAMERAS}: give the FLEET that calib batch wrote."
             )
-        found = sorted(path.stem for path in folder.glob("*.json") if not path.name.startswith("."))
-    if not found:
+        cameras = sorted(
+            path.stem for path in folder.glob("*.json") if not path.name.startswith(".")
+        )
+    if not cameras:
         raise InputError(f"{folder} has no cameras: give the FLEET that calib batch wrote.")
-    return found
+    return cameras
 
 
 def _unusable(result: Result | None) -> str:
-    """Why; empty where a result may be used."""
+    """Return why a result cannot be used; empty if it can."""
     if not result:
         return "its result is not whole, or of another version"
     if result.state is not State.CALIBRATED:
@@ -138,91 +148,96 @@ def _last(fleet: Path, result: Result) -> Calibration:
     return Calibration.load(fleet / path)
 
 
-def _unlike_itself(one: Calibration) -> str:
-    """Why a calibration's numbers are not what its make could have; empty where they are."""
-    k = one.camera.intrinsics
+def _unlike_itself(calibration: Calibration) -> str:
+    """Return why a calibration's numbers do not describe its make; empty if they do."""
+    k = calibration.camera.intrinsics
     assert k
-    if one.cover.shape == "none":
+    if calibration.cover.shape == "none":
         return "it has no cover, and a camera alone takes its numbers from its own views"
     if k.model == SPLINED:
         return "its lens is a spline, whose numbers no other lens shares"
-    own = [added.effect.name for added in one.effects if added.effect.about not in ELSEWHERE]
-    if own:
-        return f"its diagnosis found {', '.join(own)}"
-    if not one.relief or not one.settings.get("relief_prior"):
+    effects = [
+        added.effect.name
+        for added in calibration.effects
+        if added.effect.about not in OUTSIDE_CAMERA
+    ]
+    if effects:
+        return f"its diagnosis found {', '.join(effects)}"
+    if not calibration.relief or not calibration.settings.get("relief_prior"):
         return "its fit estimated no relief by its evidence"
-    if not one.covariance.size or not Kind.of(one).estimated:
+    if not calibration.covariance.size or not Kind.of(calibration).estimated:
         return "its fit held every number as it is declared"
-    if one.settings.get("fleet_prior", {}).get("used"):
+    if calibration.settings.get("fleet_prior", {}).get("used"):
         return "it was fitted with a fleet's prior, which would be counted twice"
     return ""
 
 
-def _common(fleet: Path, found: Mapping[str, Calibration], out: dict[str, str]) -> Kind:
-    """The kind of most cameras; the others are left out."""
-    kinds = {camera: Kind.of(one) for camera, one in found.items()}
+def _common(fleet: Path, calibrations: Mapping[str, Calibration], out: dict[str, str]) -> Kind:
+    """Return the kind of most cameras, and note the cameras of other kinds as left out."""
+    kinds = {camera: Kind.of(calibration) for camera, calibration in calibrations.items()}
     if not kinds:
-        _check_enough(fleet, found, out)
+        _check_enough(fleet, calibrations, out)
     counts = Counter(kinds.values()).most_common()
-    kind, most = counts[0]
-    if 2 * most <= len(kinds) and len(counts) > 1:
-        said = "; ".join(f"{count} are {other}" for other, count in counts[:3])
+    kind, majority = counts[0]
+    if 2 * majority <= len(kinds) and len(counts) > 1:
+        listing = "; ".join(f"{count} are {rival}" for rival, count in counts[:3])
         raise InputError(
-            f"{fleet} has cameras of {len(counts)} kinds, none of which most are ({said}): run"
-            " calib batch for each kind."
+            f"{fleet} has cameras of {len(counts)} kinds, and no kind has more than half of them"
+            f" ({listing}): run calib batch for each kind."
         )
-    for camera, other in kinds.items():
-        if other != kind:
-            alike = str(other) == str(kind)
+    for camera, camera_kind in kinds.items():
+        if camera_kind != kind:
+            alike = str(camera_kind) == str(kind)
             out[camera] = (
                 "its fit estimated other numbers than the others'"
                 if alike
-                else f"it is of another kind: {other}"
+                else f"it is of another kind: {camera_kind}"
             )
     return kind
 
 
-def _check_enough(fleet: Path, found: Mapping[str, object], out: Mapping[str, str]) -> None:
-    if len(found) < FEWEST:
+def _check_enough(fleet: Path, usable: Mapping[str, object], out: Mapping[str, str]) -> None:
+    if len(usable) < MIN_PRIOR_CAMERAS:
         first = next(((camera, because) for camera, because in out.items()), None)
         why = f" (the first that was left out, {first[0]}: {first[1]})" if first else ""
         raise NotEnoughDataError(
-            f"A prior takes {FEWEST} cameras and {fleet} has {len(found)} that can be used:"
-            f" calibrate more of them{why}."
+            f"A prior takes {MIN_PRIOR_CAMERAS} cameras and {fleet} has {len(usable)} that can be"
+            f" used: calibrate more of them{why}."
         )
 
 
 def _leave_outliers(
-    told: dict[str, LikelihoodInformation], common: Common, out: dict[str, str]
+    likelihoods: dict[str, LikelihoodInformation], common: Common, out: dict[str, str]
 ) -> None:
-    """Without those that the others do not expect, the farthest first."""
-    alarm = ALARM / len(told)
-    while len(told) > FEWEST:
-        every = population(list(told.values()), common.centre, common.axes, ROUGHLY)
-        far = {camera: _surprise(one, every) for camera, one in told.items()}
-        suspects = sorted(far, key=far.__getitem__)[:SUSPECTS]
-        by = {}
-        for camera in suspects:
-            others = population(
-                [one for other, one in told.items() if other != camera],
+    """Remove cameras that the other cameras do not predict, the most surprising first."""
+    alarm = ALARM / len(likelihoods)
+    while len(likelihoods) > MIN_PRIOR_CAMERAS:
+        fleet = population(list(likelihoods.values()), common.centre, common.axes, ROUGH_DRAWS)
+        p_values = {camera: _surprise(views, fleet) for camera, views in likelihoods.items()}
+        suspects = sorted(p_values, key=p_values.__getitem__)[:SUSPECTS]
+        tests: dict[str, tuple[float, str]] = {}
+        for suspect in suspects:
+            remainder = population(
+                [views for camera, views in likelihoods.items() if camera != suspect],
                 common.centre,
                 common.axes,
-                ROUGHLY,
+                ROUGH_DRAWS,
             )
-            by[camera] = _surprise(told[camera], others), _farthest(told[camera], others, common)
-        worst = min(by, key=lambda camera: by[camera][0])
-        p_value, name = by[worst]
+            views = likelihoods[suspect]
+            tests[suspect] = _surprise(views, remainder), _farthest(views, remainder, common)
+        worst = min(tests, key=lambda camera: tests[camera][0])
+        p_value, name = tests[worst]
         if p_value > alarm:
             return
         out[worst] = f"the others do not expect its {name} (p = {p_value:.1g})"
-        del told[worst]
+        del likelihoods[worst]
 
 
-def _surprise(one: LikelihoodInformation, known: Population) -> float:
-    return prior_conflict(one, known.mean, known.covariance).p_value
+def _surprise(views: LikelihoodInformation, expected: Population) -> float:
+    return prior_conflict(views, expected.mean, expected.covariance).p_value
 
 
-def _farthest(one: LikelihoodInformation, known: Population, common: Common) -> str:
-    """The number that its views pull farthest, in the standard deviations that it may have."""
-    at = int(np.argmax(np.abs(one.deviations(known.mean, known.covariance))))
+def _farthest(views: LikelihoodInformation, expected: Population, common: Common) -> str:
+    """Return the number that the views pull farthest from its expected value, in sigmas."""
+    at = int(np.argmax(np.abs(views.deviations(expected.mean, expected.covariance))))
     return common.names[at] if at < len(common.names) else "glass"

@@ -1,4 +1,4 @@
-"""What became of one camera: a JSON beside its folder, written whole or not at all."""
+"""The result of one camera: a JSON next to its folder, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from calib.fleet.identity import FORMAT, Identity
-from calib.fleet.numbers import Measured, Moved, as_json
+from calib.fleet.numbers import FleetNumber, PriorShift, numbers_as_json, shifts_as_json
 from calib.io.files import make_folder, read_file
 from calib.io.json_text import json_text
 from calib.io.output_folder import BESIDE, OutputFolder
@@ -23,48 +23,49 @@ CAMERAS = "cameras"
 
 
 class State(Enum):
-    """How a camera ended."""
+    """The outcome of a camera."""
 
     CALIBRATED = "calibrated"
     TOO_LITTLE = "too_little_data"
-    """The same session gives no calibration another time either."""
+    """The session has too little data; the same session would fail again."""
     FAILED = "failed"
-    """Something cannot be read or written, or a bug: it is tried again by the next run."""
+    """A file cannot be read or written, or calib has a bug. The next run tries it again."""
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Of a camera."""
+    """The result of one camera."""
 
     id: str
     state: State
     sentence: str = ""
-    """Why there is no calibration."""
+    """The reason why there is no calibration; empty with one."""
     identity: Identity | None = None
     verdict: Mapping[str, Any] = field(default_factory=dict)
-    """Of the last calibration, as `Verdict.as_json`."""
-    numbers: Mapping[str, Measured] = field(default_factory=dict)
+    """The last calibration's verdict, as `Verdict.as_json`."""
+    numbers: Mapping[str, FleetNumber] = field(default_factory=dict)
     effects: tuple[str, ...] = ()
-    """What its diagnosis found."""
+    """The effects that the diagnosis found."""
     check: Mapping[str, Any] = field(default_factory=dict)
-    """Against its prior, as `CheckResult.as_json`; empty without a prior."""
-    moved: Mapping[str, Moved] = field(default_factory=dict)
+    """The check against the prior, as `CheckResult.as_json`; empty without a prior."""
+    shifts: Mapping[str, PriorShift] = field(default_factory=dict)
+    """The shift of each number from the prior's."""
     remarks: tuple[str, ...] = ()
-    """What could not be done beside the calibration."""
+    """Sentences about further steps that failed: the check, the diagnosis, the export."""
     written: tuple[str, ...] = ()
-    """Paths in the fleet's folder."""
+    """Paths relative to the fleet's folder."""
     views: int = 0
     recorded: str = ""
-    """The day of its first picture, where frames.csv says it."""
+    """The day of the first picture; empty if frames.csv does not say it."""
     seconds: float = 0.0
 
     @property
     def report(self) -> str:
-        """Its last report's path; empty without one."""
+        """Return the path of the last report; empty without one."""
         return next((path for path in reversed(self.written) if path.endswith("report.html")), "")
 
     def finished(self, identity: Identity, fleet: Path) -> bool:
-        """Whether it need not be done again."""
+        """Return True if the result is complete and belongs to the same session and settings."""
         same = (
             self.state is not State.FAILED
             and self.identity is not None
@@ -73,10 +74,10 @@ class Result:
         return same and all((fleet / path).exists() for path in self.written)
 
     def write(self, fleet: Path, *, overwrite: bool = False) -> None:
-        """Write the result beside the camera's folder; InputError where it cannot be, or where
+        """Write the result beside the camera's folder; InputError if it cannot be written, or if
         another file has its name.
         """
-        said = {
+        document = {
             "format": FORMAT,
             "refracal": VERSION,
             "id": self.id,
@@ -88,10 +89,10 @@ class Result:
                 else None
             ),
             "verdict": self.verdict,
-            "numbers": as_json(self.numbers),
+            "numbers": numbers_as_json(self.numbers),
             "effects": self.effects,
             "check": self.check,
-            "moved": as_json(self.moved),
+            "moved": shifts_as_json(self.shifts),
             "remarks": self.remarks,
             "written": self.written,
             "views": self.views,
@@ -101,7 +102,7 @@ class Result:
         folder = fleet / CAMERAS / self.id
         make_folder(folder)
         output = OutputFolder(folder, overwrite=overwrite)
-        output.write(result_name(self.id), json_text(said) + "\n")
+        output.write(result_name(self.id), json_text(document) + "\n")
 
 
 def fleet_files(fleet: Path) -> list[Path]:
@@ -111,7 +112,7 @@ def fleet_files(fleet: Path) -> list[Path]:
 
 
 def result_name(camera: str) -> str:
-    """Return the name of a camera's JSON, as the list in the camera's folder has it."""
+    """Return the name of a camera's JSON in the list of its folder."""
     return f"{BESIDE}{camera}.json"
 
 
@@ -120,37 +121,40 @@ def place_of(fleet: Path, camera: str) -> Path:
 
 
 def read_result(fleet: Path, camera: str) -> Result | None:
-    """None where there is none, or what is there is not whole."""
-    place = place_of(fleet, camera)
-    if not place.exists():
+    """Return a camera's result; None if there is none, or if its file is incomplete."""
+    path = place_of(fleet, camera)
+    if not path.exists():
         return None
     try:
-        said = json.loads(read_file(place))
-        if said["format"] != FORMAT:
+        document = json.loads(read_file(path))
+        if document["format"] != FORMAT:
             return None
         return Result(
-            id=said["id"],
-            state=State(said["state"]),
-            sentence=said["sentence"],
-            identity=Identity.read(said["identity"]),
-            verdict=said["verdict"],
+            id=document["id"],
+            state=State(document["state"]),
+            sentence=document["sentence"],
+            identity=Identity.read(document["identity"]),
+            verdict=document["verdict"],
             numbers={
-                name: Measured(float(one["value"]), float(one["sigma"]), one["unit"])
-                for name, one in said["numbers"].items()
+                name: FleetNumber(float(number["value"]), float(number["sigma"]), number["unit"])
+                for name, number in document["numbers"].items()
             },
-            effects=tuple(said["effects"]),
-            check=said["check"],
-            moved={
-                name: Moved(
-                    float(one["before"]), float(one["after"]), _number(one["sigmas"]), one["unit"]
+            effects=tuple(document["effects"]),
+            check=document["check"],
+            shifts={
+                name: PriorShift(
+                    prior=float(shift["before"]),
+                    current=float(shift["after"]),
+                    sigmas=_number(shift["sigmas"]),
+                    unit=shift["unit"],
                 )
-                for name, one in said["moved"].items()
+                for name, shift in document["moved"].items()
             },
-            remarks=tuple(said["remarks"]),
-            written=tuple(map(str, said["written"])),
-            views=int(said["views"]),
-            recorded=str(said["recorded"]),
-            seconds=float(said["seconds"]),
+            remarks=tuple(document["remarks"]),
+            written=tuple(map(str, document["written"])),
+            views=int(document["views"]),
+            recorded=str(document["recorded"]),
+            seconds=float(document["seconds"]),
         )
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None

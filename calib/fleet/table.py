@@ -25,20 +25,28 @@ FIRST = (
 
 
 def fleet_csv(fleet: Fleet) -> str:
-    """Numbers with their sigma, and how far each moved from the prior's in sigmas; an empty cell is
-    not known.
+    """Return the table: numbers with their sigmas, and their shifts from the prior in sigmas.
+
+    A cell is empty if its number is unknown.
     """
     names = list(dict.fromkeys(name for result in fleet.results for name in result.numbers))
-    compared = list(dict.fromkeys(name for result in fleet.results for name in result.moved))
-    sure = [name for name in names if name not in QUALITY]
+    compared = list(dict.fromkeys(name for result in fleet.results for name in result.shifts))
+    uncertain = [name for name in names if name not in QUALITY]
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    moves = [f"{name}.moved_sigmas" for name in compared]
+    shift_names = [f"{name}.moved_sigmas" for name in compared]
     writer.writerow(
-        [*FIRST, *names, *(f"{name}.sigma" for name in sure), *moves, "report", "sentence"]
+        [
+            *FIRST,
+            *names,
+            *(f"{name}.sigma" for name in uncertain),
+            *shift_names,
+            "report",
+            "sentence",
+        ]
     )
     for index, (entry, result) in enumerate(zip(fleet.entries, fleet.results, strict=True)):
-        found = fleet.findings.get(entry.id, ())
+        findings = fleet.findings.get(entry.id, ())
         writer.writerow(
             [
                 *(
@@ -50,8 +58,8 @@ def fleet_csv(fleet: Fleet) -> str:
                     result.verdict.get("word", ""),
                 ),
                 *(
-                    int(bool(found)),
-                    "; ".join(one.sentence for one in found),
+                    int(bool(findings)),
+                    "; ".join(finding.sentence for finding in findings),
                     result.views or "",
                     " ".join(result.effects),
                 ),
@@ -62,10 +70,10 @@ def fleet_csv(fleet: Fleet) -> str:
                 ),
                 *(
                     f"{result.numbers[name].sigma:.4g}" if name in result.numbers else ""
-                    for name in sure
+                    for name in uncertain
                 ),
                 *(
-                    f"{result.moved[name].sigmas:.3f}" if name in result.moved else ""
+                    f"{result.shifts[name].sigmas:.3f}" if name in result.shifts else ""
                     for name in compared
                 ),
                 *(result.report, result.sentence),

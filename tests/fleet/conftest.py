@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 from calib.fitting.stages import Settings
-from calib.fleet.identity import Asked
+from calib.fleet.identity import FleetOptions
 from calib.session.board import Board
 from fixtures.fleet import Line, write_session
 
 LINE = Line(cameras=4, views=6, broken=(), board=Board(6, 6, 0.032))
 QUICK = Settings(grid=(3, 3), free=("none",))
-ASKED = Asked(QUICK)
+ASKED = FleetOptions(QUICK)
 
 
 @pytest.fixture(scope="session")

@@ -25,7 +25,9 @@ def fleet(rng: np.random.Generator, count: int) -> Numbers:
 
 
 def out(drawn: Sequence[Chart]) -> set[tuple[str, int]]:
-    return {(chart.name, int(index)) for chart in drawn for index in np.flatnonzero(chart.out)}
+    return {
+        (chart.name, int(index)) for chart in drawn for index in np.flatnonzero(chart.is_outlier)
+    }
 
 
 @pytest.mark.parametrize("count", [8, 20, 100])
@@ -112,4 +114,4 @@ def test_numbers_that_some_cameras_do_not_have() -> None:
         del numbers[index]["cover.tilt.x"]
     drawn = {chart.name: chart for chart in charts(numbers, {})}
     assert np.isnan(drawn["cover.tilt.x"].value[:10]).all()
-    assert not drawn["cover.tilt.x"].out.any()
+    assert not drawn["cover.tilt.x"].is_outlier.any()

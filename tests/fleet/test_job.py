@@ -12,7 +12,7 @@ import fsspec
 import pytest
 
 from calib.calibration import Calibration
-from calib.fleet.identity import Asked
+from calib.fleet.identity import FleetOptions
 from calib.fleet.job import Job, run_job
 from calib.fleet.manifest import Entry
 from calib.fleet.result import State, place_of, read_result
@@ -29,14 +29,14 @@ def session(recorded: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(recorded / LINE.name(0), tmp_path / "session"))
 
 
-def job(session: Path | str, tmp_path: Path, asked: Asked = ASKED, prior: str = "") -> Job:
+def job(session: Path | str, tmp_path: Path, asked: FleetOptions = ASKED, prior: str = "") -> Job:
     return Job(Entry("a", str(session), prior=prior), asked, str(tmp_path / "fleet"))
 
 
 def test_it_leaves_a_calibration_a_report_exports_and_one_json(
     session: Path, tmp_path: Path
 ) -> None:
-    result = run_job(job(session, tmp_path, Asked(QUICK, (0.5,), ("stmap", "npz"))))
+    result = run_job(job(session, tmp_path, FleetOptions(QUICK, (0.5,), ("stmap", "npz"))))
     assert (result.state, result.sentence, result.views) == (State.CALIBRATED, "", 6)
     folder = tmp_path / "fleet" / "cameras" / "a"
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
@@ -77,12 +77,12 @@ def test_what_is_done_is_not_done_again_and_what_has_changed_is(
     (session / "calibration" / "calibration.yaml").write_text("")
     assert not again(own)
     assert run_job(own) == replace(first, identity=run_job(own).identity)
-    assert again(replace(own, asked=Asked(replace(QUICK, grid=(4, 4)))))
+    assert again(replace(own, options=FleetOptions(replace(QUICK, grid=(4, 4)))))
     lines = (session / "corners.vnl").read_text().splitlines(keepends=True)
     (session / "corners.vnl").write_text("".join(lines[:-36]))
-    assert again(replace(own, asked=Asked(replace(QUICK, grid=(4, 4)))))
+    assert again(replace(own, options=FleetOptions(replace(QUICK, grid=(4, 4)))))
     (tmp_path / "fleet" / "cameras" / "a" / "report.html").unlink()
-    assert again(replace(own, asked=Asked(replace(QUICK, grid=(4, 4)))))
+    assert again(replace(own, options=FleetOptions(replace(QUICK, grid=(4, 4)))))
 
 
 def test_a_json_that_was_cut_short_is_no_result(session: Path, tmp_path: Path) -> None:
@@ -113,7 +113,7 @@ def test_a_worker_that_is_killed_after_its_fit_leaves_it_to_the_next(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("calib.fleet.job.numbers", killed)
+        patch.setattr("calib.fleet.job.camera_numbers", killed)
         with pytest.raises(KeyboardInterrupt):
             run_job(job(session, tmp_path))
     assert read_result(tmp_path / "fleet", "a") is None
@@ -123,7 +123,7 @@ def test_a_worker_that_is_killed_after_its_fit_leaves_it_to_the_next(
     assert written.stat().st_mtime_ns == before
     place_of(tmp_path / "fleet", "a").unlink()
     assert (
-        run_job(job(session, tmp_path, Asked(replace(QUICK, grid=(4, 4))))).state
+        run_job(job(session, tmp_path, FleetOptions(replace(QUICK, grid=(4, 4))))).state
         is State.CALIBRATED
     )
     assert written.stat().st_mtime_ns != before

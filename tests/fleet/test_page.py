@@ -12,7 +12,7 @@ import pytest
 from calib.fleet.control import ALPHA
 from calib.fleet.findings import Fleet, judge_fleet
 from calib.fleet.limits import Limit
-from calib.fleet.numbers import Measured, Moved
+from calib.fleet.numbers import FleetNumber, PriorShift
 from calib.fleet.page import fleet_page, headline
 from calib.fleet.result import Result, State
 from calib.fleet.table import fleet_csv
@@ -25,13 +25,13 @@ def plain(camera: str, **changed: object) -> Result:
     return replace(result(np.random.default_rng(0), camera, moved=True), **changed)  # type: ignore[arg-type]
 
 
-def measured(name: str, value: float, sigma: float) -> dict[str, Measured]:
-    return {**plain("").numbers, name: Measured(value, sigma, "px")}
+def measured(name: str, value: float, sigma: float) -> dict[str, FleetNumber]:
+    return {**plain("").numbers, name: FleetNumber(value, sigma, "px")}
 
 
 CHANGE = {"sentence": "the focal length has changed by 3.0 ± 0.1 %", "name": "focal"}
 BROKEN = {"answer": "broken", "p_value": 0.0, "added_px": 4.2, "lacking": "", "changes": [CHANGE]}
-MOVED = {"camera.cx": Moved(100.0, 130.0, -30.0, "px")}
+SHIFTS = {"camera.cx": PriorShift(100.0, 130.0, -30.0, "px")}
 LOST = "Its prior could not be checked: x does not exist."
 WAYS: dict[str, tuple[Result, str]] = {
     "c3": (
@@ -59,7 +59,7 @@ WAYS: dict[str, tuple[Result, str]] = {
         "its diagnosis found board_shape, which no other has",
     ),
     "c15": (
-        plain("c15", moved=MOVED),
+        plain("c15", shifts=SHIFTS),
         "principal point, x moved by -30.0 sigmas from its prior, 100 to 130 px",
     ),
     "c17": (plain("c17", remarks=(LOST,)), "its prior could not be checked"),
@@ -107,7 +107,7 @@ def test_limits_of_its_own() -> None:
     results = {one.id: one for one in whole.results}
     results["c4"] = replace(
         results["c4"],
-        numbers={**results["c4"].numbers, "cover.thickness": Measured(100.1, 0.3, "mm")},
+        numbers={**results["c4"].numbers, "cover.thickness": FleetNumber(100.1, 0.3, "mm")},
     )
     (finding,) = judge_fleet(entries, results).findings["c4"]
     assert finding.sentence == "cover.thickness is 100.1 mm, where its limit is at most 99"

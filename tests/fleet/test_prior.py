@@ -16,7 +16,7 @@ from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.surface_prior import expected_amplitudes
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
-from calib.fleet.identity import Asked, Identity
+from calib.fleet.identity import FleetOptions, Identity
 from calib.fleet.manifest import Entry
 from calib.fleet.prior import fleet_prior
 from calib.fleet.result import Result, State, read_result
@@ -232,7 +232,7 @@ def test_kinds_of_which_none_is_most_are_refused(fleet: Path, tmp_path: Path) ->
         other.write_text(other.read_text().replace("width: 3280", f"width: {3280 + number % 3}"))
     with pytest.raises(
         InputError,
-        match=r"cameras of 3 kinds, none of which most are .* run calib batch for each kind",
+        match=r"cameras of 3 kinds, and no kind has more than half of them .* for each kind",
     ):
         fleet_prior(folder)
 
@@ -259,7 +259,7 @@ def test_a_camera_is_done_again_when_its_prior_has_changed(prior: Path, tmp_path
     own = tmp_path / "prior.yaml"
     own.write_text(prior.read_text())
     entry = Entry("new", str(named(tmp_path / "new", NEW, 4, own)))
-    before, again = (Identity.of(entry, Asked(SETTINGS)) for _ in range(2))
+    before, again = (Identity.of(entry, FleetOptions(SETTINGS)) for _ in range(2))
     own.write_text(prior.read_text().replace("cameras: 6", "cameras: 7"))
     assert before.same(again)
-    assert not before.same(Identity.of(entry, Asked(SETTINGS)))
+    assert not before.same(Identity.of(entry, FleetOptions(SETTINGS)))

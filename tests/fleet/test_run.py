@@ -1,29 +1,33 @@
-"""A fleet on Dask: workers that die, a scheduler that goes away, and a second command on the same
-folder.
+"""A fleet on Dask, and the command: workers that die, a scheduler that goes away, jobs of a queue,
+and a second command on the same folder.
 """
 
 import json
 import os
-import signal
 import socket
+import ssl
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
+import dask
 import pytest
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, Security
 
 from calib.cli import main
-from calib.fleet.cluster import FleetError, Place, client_of, local_workers
+from calib.fleet.cluster import FleetError, Place, client_of, remarks_on
 from calib.fleet.job import Job
 from calib.fleet.manifest import Entry
-from calib.fleet.result import Result, State, place_of, read_result
+from calib.fleet.result import State, place_of, read_result
 from calib.fleet.run import run_jobs
 from calib.io.file_set import FileSet
 from tests.fleet.conftest import ASKED, LINE
+from tests.fleet.work import behave
 
 OPTIONS = ("--grid", "3x3", "--free", "none", "--folds", "2")
 
@@ -47,47 +51,62 @@ def jobs(recorded: Path, fleet: Path) -> list[Job]:
 
 @pytest.mark.usefixtures("without_figures")
 def test_every_camera_has_its_result(client: Client, recorded: Path, tmp_path: Path) -> None:
-    results = {result.id: result for result in run_jobs(client, jobs(recorded, tmp_path))}
+    results = {result.id: result for result in run_jobs(client, jobs(recorded, tmp_path), print)}
     assert {name: result.state for name, result in results.items()} == {
         **dict.fromkeys(map(LINE.name, range(LINE.cameras)), State.CALIBRATED),
         "missing": State.FAILED,
     }
     assert all(read_result(tmp_path, name) == result for name, result in results.items())
     before = place_of(tmp_path, LINE.name(0)).stat().st_mtime_ns
-    assert {result.id: result for result in run_jobs(client, jobs(recorded, tmp_path))} == results
+    assert {
+        result.id: result for result in run_jobs(client, jobs(recorded, tmp_path), print)
+    } == results
     assert place_of(tmp_path, LINE.name(0)).stat().st_mtime_ns == before
-
-
-def _die(job: Job) -> Result:
-    """A camera that takes all memory, or a worker that somebody kills."""
-    if job.entry.id == "missing":
-        os.kill(os.getpid(), signal.SIGKILL)
-    return Result(job.entry.id, State.TOO_LITTLE)
 
 
 @pytest.mark.slow
 def test_a_camera_of_which_workers_die_does_not_stop_the_others(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("calib.fleet.run.run_job", _die)
-    monkeypatch.setattr(
-        "calib.fleet.cluster.SETTINGS", {"distributed.scheduler.allowed-failures": 0}
+    monkeypatch.setattr("calib.fleet.run.run_job", behave)
+    (tmp_path / "cameras").mkdir()
+    kills = Job(Entry("kill", str(recorded / "kill")), ASKED, str(tmp_path))
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster,
+        Client(cluster) as client,
+    ):
+        each = run_jobs(client, [kills, *jobs(recorded, tmp_path)], print)
+        results = {result.id: result for result in each}
+    assert len(results) == 6
+    assert results["kill"].state is State.FAILED
+    assert results["kill"].sentence == (
+        "It was given up, because 2 workers of the cluster died of it: give workers more memory"
+        " with --memory."
     )
-    with client_of(Place(workers=2), tmp_path) as client:
-        (tmp_path / "cameras").mkdir()
-        results = {result.id: result for result in run_jobs(client, jobs(recorded, tmp_path))}
-    assert len(results) == 5
-    assert results["missing"].state is State.FAILED
-    assert (
-        results["missing"].sentence
-        == "Every worker that was given it died, 3 times over: give workers more memory with"
-        " --memory."
-    )
-    assert json.loads(place_of(tmp_path, "missing").read_text())["state"] == "failed"
+    assert json.loads(place_of(tmp_path, "kill").read_text())["state"] == "failed"
+    assert {results[name].state for name in results if name != "kill"} == {State.TOO_LITTLE}
+
+
+def test_a_cluster_without_workers_says_so_and_ends(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("calib.fleet.run.COUNT_S", 0.0)
+    monkeypatch.setattr("calib.fleet.heartbeat.HEARTBEAT_S", 0.0)
+    lines: list[str] = []
+    with (
+        LocalCluster(n_workers=0, processes=False, dashboard_address="127.0.0.1:0") as cluster,
+        Client(cluster) as client,
+        pytest.raises(FleetError, match=r"^No worker was connected for 0 min, and 5 of 5 cameras"),
+    ):
+        next(run_jobs(client, jobs(recorded, tmp_path), lines.append, patience_s=0.5))
+    assert lines[0].startswith(
+        "No camera has finished for 0 min: no worker connected, 5 cameras not done (cam"
+    ), lines[0]
 
 
 @contextmanager
-def dask(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+def dask_process(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
     process = subprocess.Popen(
         [sys.executable, "-m", "distributed.cli." + arguments[0], *arguments[1:]],
         stderr=subprocess.DEVNULL,
@@ -117,22 +136,22 @@ def test_a_scheduler_that_goes_away_ends_with_6_and_the_same_command_goes_on(
     address = f"tcp://127.0.0.1:{port}"
     start = ("dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
     with (
-        dask(*start) as scheduler,
+        dask_process(*start) as scheduler,
         client_of(Place(address), tmp_path) as client,
     ):  # no worker comes
-        found = run_jobs(client, jobs(recorded, tmp_path))
+        found = run_jobs(client, jobs(recorded, tmp_path), print)
         subprocess.Popen(
             [sys.executable, "-c", f"import os, time; time.sleep(3); os.kill({scheduler.pid}, 9)"]
         )
         with pytest.raises(
-            FleetError, match=r"with 5 of 5 cameras left: run the same command again"
+            FleetError, match=r"and 5 of 5 cameras are not done \(.*\): run the same command again"
         ) as caught:
             next(found)
     assert caught.value.exit_code == 6
     with ExitStack() as stack:
-        stack.enter_context(dask(*start))
+        stack.enter_context(dask_process(*start))
         stack.enter_context(
-            dask(
+            dask_process(
                 "dask_worker",
                 address,
                 "--nthreads",
@@ -158,7 +177,9 @@ def test_a_scheduler_that_goes_away_ends_with_6_and_the_same_command_goes_on(
             )
             == 0
         )
-    said = json.loads(capsys.readouterr().out)
+    printed = capsys.readouterr()
+    assert f"The scheduler {address} asks for no certificate" in printed.err
+    said = json.loads(printed.out)
     assert said["cameras"] == 4
     assert said["states"] == {"calibrated": 4, "too_little_data": 0, "failed": 0}
 
@@ -206,35 +227,79 @@ echo "Submitted batch job $!"
 """What `sbatch` does, on this machine."""
 
 
-@pytest.mark.slow
-def test_jobs_of_a_queue(
-    recorded: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+@pytest.fixture
+def queue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slurm's commands, which start jobs on this machine."""
     programs = tmp_path / "bin"
     programs.mkdir()
     for name, text in (("sbatch", QUEUE), ("scancel", '#!/bin/sh\nkill -- "-$1"\n')):
         (programs / name).write_text(text)
         (programs / name).chmod(0o755)
-    arguments = [
-        "batch",
-        str(recorded / "*"),
-        "-o",
-        str(tmp_path / "fleet"),
-        "--jobqueue",
-        "slurm",
-        "--workers",
-        "1",
-        *OPTIONS,
-        "--json",
-    ]
-    assert main(arguments) == 2
-    assert "sbatch is not found, which sends jobs to slurm" in capsys.readouterr().err
     monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
-    assert main(arguments) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("queue")
+def test_jobs_of_a_queue(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--jobqueue", "slurm", "--workers", "1", *OPTIONS, "--json")
+    assert main(["batch", str(recorded / "*"), "-o", str(tmp_path / "fleet"), *options]) == 0
     assert json.loads(capsys.readouterr().out)["states"]["calibrated"] == 4
+    assert not list((tmp_path / "fleet").glob(".keys-*"))
+
+
+def test_a_queue_that_is_not_there(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--jobqueue", "slurm", *OPTIONS)
+    assert main(["batch", str(recorded / "*"), "-o", str(tmp_path / "fleet"), *options]) == 2
+    assert "sbatch is not found, which sends jobs to slurm" in capsys.readouterr().err
+
+
+def greeting(address: str, security: Security | None) -> bytes:
+    """Return the first bytes that a Dask process sends to whoever has a certificate; empty if it
+    closes the connection.
+    """
+    host, _, port = address.removeprefix("tls://").rpartition(":")
+    with socket.create_connection((host, int(port)), timeout=30) as plain:
+        if not security:
+            plain.sendall(bytes(64))
+            with suppress(ConnectionResetError):
+                return plain.recv(8)
+            return b""
+        context = security.get_connection_args("client")["ssl_context"]
+        context.verify_mode = ssl.CERT_NONE  # a stranger talks with anybody
+        with suppress(ssl.SSLError, ConnectionResetError), context.wrap_socket(plain) as encrypted:
+            return bytes(encrypted.recv(8))
+        return b""
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("queue")
+def test_only_its_person_runs_code_in_the_jobs_of_a_queue(tmp_path: Path) -> None:
+    """Scheduler and worker talk only to who has the run's key, which no other account can read, and
+    their HTTP ports serve nothing.
+    """
+    place = Place(jobqueue="slurm", workers=1)
+    with client_of(place, tmp_path) as client:
+        assert client.submit(os.getpid).result(timeout=120) != os.getpid()
+        assert list(remarks_on(place, client)) == []
+        (keys,) = tmp_path.glob(".keys-*")
+        assert keys.stat().st_mode & 0o077 == 0
+        scheduler = client.scheduler_info()
+        ((worker, state),) = scheduler["workers"].items()
+        for address in (client.scheduler.address, worker, state["nanny"]):
+            assert greeting(address, client.security)
+            assert greeting(address, Security.temporary()) == b""
+            assert greeting(address, None) == b""
+        host = worker.removeprefix("tls://").rpartition(":")[0]
+        for name, port in {**scheduler["services"], **state["services"]}.items():
+            assert name == "dashboard"
+            for path in ("", "health", "status", "info/main/workers.html", "json/counts.json"):
+                with pytest.raises(HTTPError, match=r"404"):
+                    urlopen(f"http://{host}:{port}/{path}", timeout=30)
+    assert not list(tmp_path.glob(".keys-*"))
 
 
 def test_a_second_command_on_the_same_fleet_is_refused(
@@ -284,15 +349,6 @@ def test_without_dask_it_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert main(["batch", str(recorded / "*"), "-o", str(tmp_path / "fleet")]) == 2
-    assert "pip install 'bokeh>=3.1' 'dask-jobqueue>=0.9'" in capsys.readouterr().err
-
-
-def test_workers_are_one_a_core_as_far_as_the_memory_reaches(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("dask.system.CPU_COUNT", 8)
-    monkeypatch.setattr("distributed.system.MEMORY_LIMIT", 5 << 30)
-    assert local_workers(Place()) == (2, 5 << 29)
-    assert local_workers(Place(workers=5)) == (5, 1 << 30)
-    assert local_workers(Place(memory=1 << 30)) == (5, 1 << 30)
+    command = ["batch", str(recorded / "*"), "-o", str(tmp_path / "fleet")]
+    assert main([*command, "--scheduler", "tcp://127.0.0.1:1"]) == 2
+    assert "pip install 'cryptography>=42' 'dask-jobqueue>=0.9'" in capsys.readouterr().err

@@ -224,7 +224,7 @@ def test_the_bank_knows_what_views_in_its_poses_tell(setup: Setup) -> None:
     """A view taken exactly where the guide asked lowers sigma as the plan foresaw."""
     nominal = estimate(setup, (), GRID)
     design = nominal.design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
-    first = design.plan(design.precision(), np.zeros(len(design.poses), bool), 0.0, most=3)
+    first = design.plan(design.precision(), np.zeros(len(design.poses), bool), 0.0, limit=3)
     assert len(set(first)) == 3
     foreseen = design.sigma(design.precision(design.information[first].sum(0)))
     views = tuple(
@@ -237,7 +237,7 @@ def test_the_bank_knows_what_views_in_its_poses_tell(setup: Setup) -> None:
 
 def test_planned_views_beat_others(setup: Setup) -> None:
     design = estimate(setup, (), GRID).design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
-    planned = design.plan(design.precision(), np.zeros(len(design.poses), bool), 0.0, most=8)
+    planned = design.plan(design.precision(), np.zeros(len(design.poses), bool), 0.0, limit=8)
     best = design.sigma(design.precision(design.information[planned].sum(0)))
     rng = np.random.default_rng(0)
     others = [
