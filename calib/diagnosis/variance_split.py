@@ -75,10 +75,24 @@ class Scene:
             u = u[:, s > 1e-9 * s.max()]
             explained += float(((u.T @ weighed[own]) ** 2).sum())
             dimensions += u.shape[1]
-        k, rows = 2 * dimensions, weighed.size
-        fraction, chance = explained / float((weighed**2).sum()), k / rows
-        p_value = float(fdtrc(k, rows - k, max(0.0, fraction / k) / ((1 - fraction) / (rows - k))))
+        k, rows, total = 2 * dimensions, weighed.size, float((weighed**2).sum())
+        if not total:  # exact data: there is no variance to share
+            return Share(name, 0.0, k / rows, 1.0)
+        fraction, chance = min(1.0, explained / total), k / rows
+        p_value = _chance_of(fraction, k, rows - k)
         return Share(name, fraction, chance, p_value)
+
+
+def _chance_of(fraction: float, dimensions: int, freedom: int) -> float:
+    """Return the p-value of a fraction of the variance that columns of noise would explain (F
+    test), 0 if they explain all of it, 1 if they leave no freedom to tell.
+    """
+    if freedom <= 0 or not dimensions:
+        return 1.0
+    if fraction >= 1.0:
+        return 0.0
+    ratio = (fraction / dimensions) / ((1.0 - fraction) / freedom)
+    return float(fdtrc(dimensions, freedom, max(0.0, ratio)))
 
 
 def _image(scene: Scene) -> Basis:
