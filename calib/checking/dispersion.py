@@ -30,6 +30,8 @@ one that it lacks.
 """
 DEPENDENT = 1e-9
 """Of the largest eigenvalue: a direction of a change that moves less moves nothing."""
+NOTHING = 1e-200
+"""Information on a number that moves no corner, but for rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,8 +116,10 @@ def explained(products: Array, columns: slice) -> tuple[float, int]:
     has; from inner products with the residual first.
     """
     information, score = products[columns, columns], products[columns, 0]
-    length = np.sqrt(np.maximum(information.diagonal(), 1e-300))
-    values, axes = np.linalg.eigh(information / np.outer(length, length))
+    square = information.diagonal()
+    length = np.sqrt(np.where(square > NOTHING, square, np.inf))
+    correlation = (information / np.outer(length, length)).clip(-1.0, 1.0)  # but for rounding
+    values, axes = np.linalg.eigh(correlation)
     told = values > DEPENDENT * max(values.max(initial=0.0), 1e-300)
     along = axes.T[told] @ (score / length)
     return float((along**2 / values[told]).sum()), int(np.count_nonzero(told))

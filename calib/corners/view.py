@@ -55,9 +55,13 @@ class Rejected:
 
 def board_poses(views: Sequence[View]) -> NDArray[np.int64]:
     """(V,) from 0 on, in the order of the views: equal for views of one burst, which are not
-    independent of each other.
+    independent of each other, and for copies of one picture, whose corners are the same to the last
+    bit.
     """
-    labels = [index if view.pose_id is None else view.pose_id for index, view in enumerate(views)]
+    labels = [
+        (view.corners.tobytes(), view.weight.tobytes()) if view.pose_id is None else view.pose_id
+        for view in views
+    ]
     numbered = {label: number for number, label in enumerate(dict.fromkeys(labels))}
     return np.array([numbered[label] for label in labels], dtype=np.int64)
 

@@ -13,6 +13,12 @@ from calib.session.board import Board
 FEWEST_BENDS = 20
 HIGHEST = 5
 """Degree of what is smooth over a board, for a single view's noise."""
+LEAST_NOISE = 1e-3
+"""px: no corner is measured better. A smaller error is rounding, of corners that were computed, and
+would make rounding an observation.
+"""
+COPY = 1e-6
+"""px: residuals of two pictures that differ by less are of the same corners."""
 SPREAD = 1.5
 """Standard deviation of a single view's noise over itself, times the root of the number of its
 bends: measured, 1.3 to 1.6 for boards of 4x3 to 20x15, whole or in part. What the polynomial takes
@@ -107,7 +113,7 @@ def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[n
     """
     differences = []
     for pose in dict.fromkeys(np.asarray(poses).tolist()):
-        own = residuals[[index for index, other in enumerate(poses) if other == pose]]
+        own = _distinct(residuals[[index for index, other in enumerate(poses) if other == pose]])
         pictures = len(own)
         seen = np.isfinite(own).all((0, 2))
         free = 1 - 6 / max(7, 2 * int(seen.sum()))  # the six parameters of each picture's pose
@@ -119,6 +125,13 @@ def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[n
     if off.size < 20:
         return float("nan")
     return float(2**0.5 * SIGMA * np.median(np.abs(off)))
+
+
+def _distinct(pictures: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(P, ...) residuals without copies of one picture, which differ by rounding alone."""
+    rounded = np.nan_to_num(pictures.reshape(len(pictures), -1) / COPY, nan=np.inf).round()
+    _, first = np.unique(rounded, axis=0, return_index=True)
+    return pictures[np.sort(first)]
 
 
 def on_board(errors: Tensor, views: Sequence[View]) -> NDArray[np.float64]:

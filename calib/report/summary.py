@@ -82,11 +82,13 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
             f", where the corners' own noise is about {noise:.3f} px: a little more than noise is"
             " left"
         )
-    else:
+    elif noise > 0:
         said += (
             f", {last / noise:.1f} times the corners' own noise of about {noise:.3f} px: the model"
             " lacks something"
         )
+    else:
+        said += ", and the corners show no noise of their own, as corners that were computed do"
     if not (kept := c.settings.get("cross_validation")):
         return said + "; whether it overfits was not measured (calib fit --folds 5 does)."
     validation = CrossValidation(**kept)

@@ -16,6 +16,7 @@ from calib.diagnosis.score_test import ScoreTest
 from calib.diagnosis.variance_split import Share
 from calib.effects.cover_effect import CoverEffect
 from calib.effects.effect import Effect
+from calib.estimation.noise import LEAST_NOISE
 from calib.estimation.residuals import residuals
 from calib.verdict.case import Case, optimum_of
 from calib.verdict.thresholds import (
@@ -35,7 +36,7 @@ NUMBERS = {"focal": ("camera.fx", "camera.fy"), "principal_point": ("camera.cx",
 def residual(case: Case) -> Iterator[Reason]:
     likely = likely_effects(case)
     noise, organised = case.calibration.noise_px, organising_of(_shares(case.calibration))
-    large = case.left_px > BEYOND_NOISE * noise
+    large = case.left_px > max(BEYOND_NOISE * noise, LEAST_NOISE)
     if not (large or organised or likely):
         return
     said = (
@@ -74,7 +75,7 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
         1, 2 * len(case.observations.pixels) - case.calibration.poses.size
     )
 
-    most = max(0.0, 1.0 - case.calibration.noise_px / case.left_px)
+    most = max(0.0, 1.0 - case.calibration.noise_px / case.left_px) if case.left_px else 0.0
 
     def gain(test: ScoreTest) -> float:
         """What it promises beyond what as many parameters would lower of noise; below which nothing

@@ -44,8 +44,6 @@ SQUARE_PIXELS = 0.003
 """Standard deviation of fx / fy - 1: the median of 31 measured sets is 0.0014 to 0.0028. An error
 of a declared focal length is one of both.
 """
-LEAST_NOISE = 0.01
-"""px: no corner is measured better, and exact corners would make rounding an observation."""
 SAMPLED = 300
 """Corners at which the scale is taken."""
 
@@ -141,7 +139,6 @@ def _freed(calibration: Calibration) -> Optimum:
     optimum = optimum_of(calibration)
     joint = replace(
         optimum.joint,
-        sigma=max(optimum.joint.sigma, LEAST_NOISE),
         smoothness=optimum.joint.smoothness or (UNEVEN_GLASS if calibration.relief else None),
     )
     priors = optimum.model.priors
