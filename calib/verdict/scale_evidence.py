@@ -189,7 +189,7 @@ def _plausible(calibration: Calibration) -> dict[str, float]:
 
 def _declares_intrinsics(calibration: Calibration) -> bool:
     """True if session.yaml declares the intrinsics: else pictures gave them."""
-    return calibration.settings.get("intrinsics_from", "session.yaml") == "session.yaml"
+    return bool(calibration.settings.get("intrinsics_from", "session.yaml") == "session.yaml")
 
 
 def _scale_jacobian(optimum: Optimum, parameters: Parameters) -> Array:

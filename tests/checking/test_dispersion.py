@@ -14,4 +14,6 @@ def test_a_number_that_moves_nothing_explains_nothing() -> None:
     products = np.zeros((4, 4))
     products[1:, 1:] = information
     products[0, 1:] = products[1:, 0] = [2.0, 3.0, 1e-9]
-    assert explained(products, slice(1, 4)) == (pytest.approx(1.0 + 9.0), 2)
+    square, directions = explained(products, slice(1, 4))
+    assert square == pytest.approx(1.0 + 9.0)
+    assert directions == 2
