@@ -38,7 +38,10 @@ from calib.session.board import Board
 HIGHEST = 0.1
 """m, of an amplitude: a thousand times what any glass has."""
 LARGEST = 1e12
-"""Of any number in an array, in SI units or px."""
+"""Of any number in an array, in SI units or px. A covariance holds the squares of such numbers:
+coefficients of a rational lens that cancel each other have standard deviations of 1e7 of their
+scale.
+"""
 _QUALITY = record({"rms_px": number, "rmse_cm": number, "held_out_px": number})
 _CANDIDATE = record(
     {
@@ -175,7 +178,8 @@ def check_arrays(
                 f"{name} are {array.dtype} of shape {array.shape} where float64 of shape {shape} is"
                 " expected"
             )
-        if name not in ("corners", "times_s") and not (np.abs(array) < LARGEST).all():
+        largest = LARGEST**2 if name == "covariance" else LARGEST
+        if name not in ("corners", "times_s") and not (np.abs(array) < largest).all():
             raise ValueError(f"{name} are not all numbers that a fit would leave")
     if not (np.abs(arrays["amplitudes"]) < HIGHEST).all():
         raise ValueError("amplitudes are not those of a glass")

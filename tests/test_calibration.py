@@ -367,6 +367,20 @@ def test_entries_near_zero_may_differ_across_the_diagonal_as_their_sigmas_are_ro
     assert Calibration.load(tmp_path).covariance[0, 1] > 0
 
 
+def test_a_covariance_may_hold_squares_of_large_numbers(
+    calibration: Calibration, tmp_path: Path
+) -> None:
+    """Coefficients of a rational lens that cancel each other have variances of 1e14 of their scale:
+    a dome's session of measured views was refused for one.
+    """
+    largest = calibration.covariance.diagonal().max()
+    wide = 1e14 / largest * calibration.covariance
+    replace(calibration, covariance=wide).save(tmp_path)
+    assert Calibration.load(tmp_path).covariance.max() == pytest.approx(1e14)
+    with pytest.raises(NotEnoughDataError, match="covariance are not all numbers"):
+        replace(calibration, covariance=1e11 * wide).save(tmp_path)
+
+
 def test_a_new_npz_beside_an_old_yaml_is_refused(calibration: Calibration, tmp_path: Path) -> None:
     """What a fit leaves that is interrupted between its two files."""
     calibration.save(tmp_path)

@@ -29,6 +29,8 @@ more is an effect that its model lacks.
 """
 RANK_TOLERANCE = 1e-9
 """Relative to the largest eigenvalue: directions of a change below it move no corner."""
+NO_INFORMATION = 1e-200
+"""The largest information on a number that moves no corner except by rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,9 +113,12 @@ def explained_squares(products: Array, columns: slice) -> tuple[float, int]:
     """Return the amount by which a change lowers the sum of squares, without a prior, and the
     number of its directions, from inner products with the residual first.
     """
-    information, score = products[columns, columns], products[columns, 0]
-    length = np.sqrt(np.maximum(information.diagonal(), 1e-300))
-    values, axes = np.linalg.eigh(information / np.outer(length, length))
+    information = products[columns, columns]
+    score = products[columns, 0]
+    squares = information.diagonal()
+    length = np.sqrt(np.where(squares > NO_INFORMATION, squares, np.inf))
+    correlation = (information / np.outer(length, length)).clip(-1.0, 1.0)  # rounding exceeds 1
+    values, axes = np.linalg.eigh(correlation)
     resolved = values > RANK_TOLERANCE * max(values.max(initial=0.0), 1e-300)
     projections = axes.T[resolved] @ (score / length)
     return float((projections**2 / values[resolved]).sum()), int(np.count_nonzero(resolved))

@@ -56,9 +56,13 @@ class RejectedPicture:
 
 def pose_labels(views: Sequence[View]) -> NDArray[np.int64]:
     """Return (V,) pose labels from 0 on, in the order of the views. Views of one burst share a
-    label; they are not independent of each other.
+    label, because they are not independent of each other. So do copies of one picture, whose
+    corners are the same to the last bit.
     """
-    names = [index if view.pose_id is None else view.pose_id for index, view in enumerate(views)]
+    names = [
+        (view.corners.tobytes(), view.weight.tobytes()) if view.pose_id is None else view.pose_id
+        for view in views
+    ]
     labels = {name: label for label, name in enumerate(dict.fromkeys(names))}
     return np.array([labels[name] for name in names], dtype=np.int64)
 

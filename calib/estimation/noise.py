@@ -17,6 +17,12 @@ MAX_DEGREE = 5
 """The highest degree of the polynomial over a board that is removed before the noise of a single
 view is estimated.
 """
+MIN_NOISE = 1e-3
+"""px: no corner is measured better. A smaller error is the rounding of computed corners, which must
+not count as an observation.
+"""
+COPY_TOLERANCE = 1e-6
+"""px: two pictures whose residuals differ by less show the same corners."""
 SPREAD = 1.5
 """The relative standard deviation of a single view's noise, times the root of the number of its
 second differences: measured, 1.3 to 1.6 for boards of 4x3 to 20x15, complete or in part. The
@@ -120,7 +126,7 @@ def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[n
     """
     differences = []
     for pose in dict.fromkeys(np.asarray(poses).tolist()):
-        burst = residuals[[index for index, label in enumerate(poses) if label == pose]]
+        burst = _distinct(residuals[[index for index, label in enumerate(poses) if label == pose]])
         pictures = len(burst)
         detected = np.isfinite(burst).all((0, 2))
         # The six parameters of each picture's pose take their share of the variance.
@@ -133,6 +139,13 @@ def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[n
     if offsets.size < 20:
         return float("nan")
     return float(2**0.5 * SIGMA * np.median(np.abs(offsets)))
+
+
+def _distinct(pictures: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (P, ...) residuals without copies of one picture, which differ by rounding alone."""
+    rounded = np.nan_to_num(pictures.reshape(len(pictures), -1) / COPY_TOLERANCE, nan=np.inf)
+    _, first = np.unique(rounded.round(), axis=0, return_index=True)
+    return pictures[np.sort(first)]
 
 
 def on_board_grid(errors: Tensor, views: Sequence[View]) -> NDArray[np.float64]:

@@ -54,6 +54,8 @@ class Comparison:
     doubted: bool = False
     """Whether the fit gave up the tolerance, since the views contradict it."""
     source: str = DECLARED
+    per_si: float = 1.0
+    """How many of the unit make one SI unit."""
 
     @property
     def held(self) -> bool:
@@ -114,8 +116,8 @@ def comparisons(calibration: Calibration) -> Iterator[Comparison]:
     them.
     """
     increments = {name: added for added in _scalars(calibration) for name in added.unknown.shifts}
-    for one, per_si in _declared(calibration):
-        yield increments[one.name].onto(one, per_si) if one.name in increments else one
+    for one in _declared(calibration):
+        yield increments[one.name].onto(one) if one.name in increments else one
 
 
 def own_parameters(calibration: Calibration) -> Iterator[Comparison]:
@@ -123,7 +125,7 @@ def own_parameters(calibration: Calibration) -> Iterator[Comparison]:
 
     What they are supposed to be stands for what is declared.
     """
-    declared = {one.name for one, _ in _declared(calibration)}
+    declared = {one.name for one in _declared(calibration)}
     for added in _scalars(calibration):
         if not declared & set(added.unknown.shifts):
             param = added.unknown.param
@@ -149,9 +151,9 @@ class _Scalar:
     value: float
     sigma: float
 
-    def onto(self, one: Comparison, per_si: float) -> Comparison:
+    def onto(self, one: Comparison) -> Comparison:
         """A declared number with this increment."""
-        unit = one.estimate if self.unknown.relative else per_si
+        unit = one.estimate if self.unknown.relative else one.per_si
         return Comparison(
             name=one.name,
             unit=one.unit,
@@ -162,6 +164,7 @@ class _Scalar:
             effect=self.effect,
             doubted=one.doubted,
             source=one.source,
+            per_si=one.per_si,
         )
 
 
@@ -173,8 +176,8 @@ def _scalars(calibration: Calibration) -> Iterator[_Scalar]:
                 yield _Scalar(added.effect.name, unknown, float(value), float(sigma))
 
 
-def _declared(calibration: Calibration) -> Iterator[tuple[Comparison, float]]:
-    """Without effects; and how many of each number's unit make one SI unit."""
+def _declared(calibration: Calibration) -> Iterator[Comparison]:
+    """Yield every declared number with the fit's estimate, without the effects' increments."""
     declared, cover, camera = calibration.declared, calibration.cover, calibration.camera.intrinsics
     assert camera
 
@@ -182,24 +185,18 @@ def _declared(calibration: Calibration) -> Iterator[tuple[Comparison, float]]:
 
     def compared(
         quantity: Quantity, name: str, said: Number, found: Number, source: str = DECLARED
-    ) -> tuple[Comparison, float]:
+    ) -> Comparison:
         unit, per_si = ("px", 1.0) if quantity in PINHOLE else quantity.unit
-        (value, tolerance), (estimate, sigma) = (
-            (number.value * per_si, number.sigma * per_si) for number in (said, found)
-        )
-        unit = UNITS.get(unit, unit)
-        return (
-            Comparison(
-                name,
-                unit,
-                value,
-                tolerance,
-                estimate,
-                sigma,
-                doubted=name in declared.doubted,
-                source=source,
-            ),
-            per_si,
+        return Comparison(
+            name=name,
+            unit=UNITS.get(unit, unit),
+            declared=said.value * per_si,
+            tolerance=said.sigma * per_si,
+            estimate=found.value * per_si,
+            sigma=found.sigma * per_si,
+            doubted=name in declared.doubted,
+            source=source,
+            per_si=per_si,
         )
 
     for quantity in SHAPES[cover.shape]:

@@ -87,10 +87,27 @@ class ResidualScene:
             u = u[:, s > 1e-9 * s.max()]
             explained += float(((u.T @ normalised[rows_of_group]) ** 2).sum())
             dimensions += u.shape[1]
-        k, rows = 2 * dimensions, normalised.size
-        fraction, chance = explained / float((normalised**2).sum()), k / rows
-        p_value = float(fdtrc(k, rows - k, max(0.0, fraction / k) / ((1 - fraction) / (rows - k))))
+        rows = normalised.size
+        columns_used = 2 * dimensions
+        chance = columns_used / rows
+        total = float((normalised**2).sum())
+        if not total:  # exact data have no variance to explain
+            return VarianceShare(name, 0.0, chance, 1.0)
+        fraction = min(1.0, explained / total)
+        p_value = _f_test(fraction, columns_used, rows - columns_used)
         return VarianceShare(name, fraction, chance, p_value)
+
+
+def _f_test(fraction: float, dimensions: int, freedom: int) -> float:
+    """Return the p-value of a fraction of the variance that columns of noise would explain (F
+    test): 0 if they explain all of it, 1 if they leave no degrees of freedom.
+    """
+    if freedom <= 0 or not dimensions:
+        return 1.0
+    if fraction >= 1.0:
+        return 0.0
+    ratio = (fraction / dimensions) / ((1.0 - fraction) / freedom)
+    return float(fdtrc(dimensions, freedom, max(0.0, ratio)))
 
 
 def _image(scene: ResidualScene) -> Basis:

@@ -80,11 +80,13 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
         text += f". The noise of the corners is about {noise:.3f} px: {share} is noise"
     elif rms <= BEYOND_NOISE * noise:
         text += f". The noise of the corners is about {noise:.3f} px: the error is a little larger"
-    else:
+    elif noise > 0:
         text += (
             f", {rms / noise:.1f} times the noise of the corners (about {noise:.3f} px): the model"
             " lacks something"
         )
+    else:
+        text += ". The corners show no noise, like computed corners"
     if not (settings := calibration.settings.get("cross_validation")):
         return text + ". Overfitting was not measured (calib fit --folds 5 measures it)."
     validation = CrossValidation(**settings)

@@ -17,6 +17,7 @@ from calib.effects.registry import EFFECTS
 from calib.estimation.elimination import project_out
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
+from calib.estimation.noise import MIN_NOISE
 from calib.estimation.observations import Observations
 from calib.estimation.surface_prior import Smoothness
 from calib.fitting.declared import comparisons
@@ -156,7 +157,10 @@ def optimum_of(calibration: Calibration) -> FittedModel:
         poses=torch.from_numpy(calibration.poses),
         covariance=torch.from_numpy(calibration.covariance),
         cost=np.nan,
-        sigma=float(calibration.settings.get("sigma_px", calibration.stages[-1].rms_px / 2**0.5)),
+        sigma=max(
+            MIN_NOISE,
+            float(calibration.settings.get("sigma_px", calibration.stages[-1].rms_px / 2**0.5)),
+        ),
         smoothness=Smoothness(prior["height_m"], prior["length_of_patch"]) if prior else None,
         parameters=model.parameters,
         outcome=Outcome.CONVERGED,

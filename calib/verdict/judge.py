@@ -17,6 +17,7 @@ from calib.threads import single_thread
 from calib.verdict.bare_pictures import bare_pictures
 from calib.verdict.board_place import board_place
 from calib.verdict.case import Case
+from calib.verdict.confirmation import contradicted_numbers, unconfirmed_numbers
 from calib.verdict.cover_stage import cover_stage, worse_than_none
 from calib.verdict.coverage import coverage
 from calib.verdict.declared_numbers import declared_numbers
@@ -46,10 +47,12 @@ CHECKS: tuple[Check, ...] = (
     medium,
     not_converged,
     worse_than_none,
+    contradicted_numbers,
     residual,
     cover_stage,
     fleet_prior,
     declared_numbers,
+    unconfirmed_numbers,
     unevenness,
     overfits,
     held_out,

@@ -13,6 +13,7 @@ from scipy.special import chdtrc
 from calib.calibration import Calibration
 from calib.effects.cover_effect import CoverEffect
 from calib.effects.effect import Effect
+from calib.estimation.noise import MIN_NOISE
 from calib.estimation.residuals import residuals
 from calib.inference.residual_structure import VarianceShare, significant_shares, variance_shares
 from calib.inference.score_test import ScoreTest
@@ -33,8 +34,9 @@ NUMBERS = {"focal": ("camera.fx", "camera.fy"), "principal_point": ("camera.cx",
 
 def residual(case: Case) -> Iterator[Reason]:
     likely = likely_effects(case)
-    noise, organised = case.calibration.noise_px, significant_shares(_shares(case.calibration))
-    large = case.left_px > BEYOND_NOISE * noise
+    noise = case.calibration.noise_px
+    organised = significant_shares(_shares(case.calibration))
+    large = case.left_px > max(BEYOND_NOISE * noise, MIN_NOISE)
     if not (large or organised or likely):
         return
     said = (
@@ -73,7 +75,7 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
         1, 2 * len(case.observations.pixels) - case.calibration.poses.size
     )
 
-    most = max(0.0, 1.0 - case.calibration.noise_px / case.left_px)
+    most = max(0.0, 1.0 - case.calibration.noise_px / case.left_px) if case.left_px else 0.0
 
     def gain(test: ScoreTest) -> float:
         """What it promises beyond what as many parameters would lower of noise; below which nothing

@@ -14,6 +14,7 @@ from calib.calibration import Calibration
 from calib.corners.view import pose_labels
 from calib.inference.calibration_model import base_model
 from calib.intrinsics.advice import TILT
+from calib.session.session import MIN_FIT_VIEWS
 from calib.verdict.case import Case
 from calib.verdict.thresholds import FIGURE_UNKNOWNS, TELLS, UNSURE, UNSURE_FOCAL
 from calib.verdict.verdict import Reason
@@ -34,11 +35,18 @@ def too_few_views(case: Case) -> Iterator[Reason]:
     )
     unknowns = own + (FIGURE_UNKNOWNS if calibration.relief else 0)
     wanted = math.ceil(unknowns / TELLS)
-    views = int(pose_labels(calibration.views).max()) + 1
-    if views < wanted:
+    poses = int(pose_labels(calibration.views).max()) + 1
+    if poses < wanted:
         said = (
-            f"{views} poses of the board are few for {unknowns} unknown numbers of camera and"
+            f"{poses} poses of the board are few for {unknowns} unknown numbers of camera and"
             f" glass: {wanted} are the least that can tell them."
+        )
+        yield Reason(said, case.next.capture())
+    elif poses < MIN_FIT_VIEWS:
+        said = (
+            f"{len(calibration.views)} views show {poses} pose{'s' * (poses > 1)} of the board, and"
+            " copies of one picture tell no more than that picture: move the board between the"
+            f" pictures, to {MIN_FIT_VIEWS} poses or more."
         )
         yield Reason(said, case.next.capture())
 

@@ -94,6 +94,17 @@ UNSURE_FOCAL = 0.01
 """Standard deviation of the focal length over it: distances that are measured with it are off by as
 much.
 """
+NOTICED_SCALE = 0.003
+"""Relative change of the scale of depth and length, from where on held numbers that the views
+contradict are named: a third of UNSURE_FOCAL, at which three standard deviations are that. Rendered
+sessions with a bent board, a rolling shutter or a stretched print change it by 0.0011 at most.
+"""
+UNBOUNDED_SCALE = 0.1
+"""The scale's standard deviation by the views alone, above which no figure is given: most of it is
+then the width that a declared focal length is given.
+"""
+DOMINANT = 0.5
+"""Of the scale's variance or change: a number that makes so much of it is named."""
 TELLS = 2
 """Unknowns of camera and glass that one view of a flat board tells, its pose aside: a homography
 has eight numbers, six are the pose's (Z. Zhang, A flexible new technique for camera calibration,

@@ -2,6 +2,8 @@
 taken.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from calib.corners.view import View, are_timed, capture_times, pose_labels
@@ -9,7 +11,7 @@ from calib.corners.view import View, are_timed, capture_times, pose_labels
 
 def views(*said: tuple[float | None, str | None]) -> list[View]:
     return [
-        View(f"{index}.png", np.zeros((4, 2)), np.ones(4), time_s, pose)
+        View(f"{index}.png", np.full((4, 2), index), np.ones(4), time_s, pose)
         for index, (time_s, pose) in enumerate(said)
     ]
 
@@ -24,6 +26,17 @@ def test_views_of_a_burst_share_a_pose_and_others_have_their_own() -> None:
 def test_a_label_is_no_place_in_the_list() -> None:
     """A view without a label is not taken for one of the burst that is called after its place."""
     assert pose_labels(views((None, "1"), (None, None), (None, "1"))).tolist() == [0, 1, 0]
+
+
+def test_copies_of_one_picture_share_a_pose() -> None:
+    first, second = views((None, None), (None, None))
+    cut = replace(second, weight=np.array([1.0, 1.0, 1.0, 0.0]))
+    assert pose_labels([first, second, replace(first, name="copy.png"), cut]).tolist() == [
+        0,
+        1,
+        0,
+        2,
+    ]
 
 
 def test_times_are_used_if_every_view_has_one_and_they_differ() -> None:

@@ -54,3 +54,12 @@ def test_what_differs_within_a_burst_is_the_noise_whatever_the_model_leaves() ->
 
 def test_pictures_of_different_poses_tell_no_noise() -> None:
     assert np.isnan(burst_noise(noise(20), list(range(20))))
+
+
+def test_copies_of_a_picture_are_no_burst() -> None:
+    """They have no noise between them, which says nothing of the corners' noise."""
+    picture = noise(1)
+    assert np.isnan(burst_noise(np.tile(picture, (6, 1, 1)), [0] * 6))
+    burst = noise(6)
+    expected = burst_noise(burst, [0] * 6)
+    assert burst_noise(np.concatenate([burst, burst]), [0] * 12) == pytest.approx(expected)

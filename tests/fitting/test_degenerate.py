@@ -1,22 +1,33 @@
 """Views that say too little of a camera: refused with a sentence that says what is missing, or a
-sigma that is honest.
+sigma that is honest, or at least not trusted.
 
 `fixtures.degenerate` draws them; `python -m benchmarks.degenerate` counts.
 """
 
+import json
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+from calib.cli import main
+from calib.corners.corners_file import write_corners
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.intrinsics.calibrate import calibrate_bare
 from calib.progress import Silent
 from calib.session.board import Board
+from calib.session.camera import Camera
+from calib.session.cover import Cover
+from calib.session.session import session_to_yaml
+from calib.verdict.judge import judge
+from calib.verdict.verdict import Word
 from fixtures.calibrated import CAMERA
-from fixtures.degenerate import WRONG, bare_session
-from fixtures.synthetic import bare_views
+from fixtures.degenerate import WRONG, bare_session, calibration_of, covered_session
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, bare_views
 
 BOARD = Board(9, 9, 0.020)
 BARE = replace(CAMERA, intrinsics=None, lens_coefficients=0)
@@ -79,3 +90,66 @@ def test_the_truth_is_within_five_sigma(kind: str, seed: int) -> None:
         for n, true in zip((k.fx, k.fy, k.cx, k.cy), shown.pinhole, strict=True)
     ]
     assert max(off) < WRONG
+
+
+@pytest.mark.parametrize("kind", ["same corners", "two pictures"])
+def test_copies_of_pictures_do_not_tell_a_lens(kind: str) -> None:
+    shown = bare_session(kind, 5000)
+    with pytest.raises(NotEnoughDataError, match="poses of the board"):
+        calibrate_bare(shown.views, shown.board, shown.camera, Silent())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["same corners", "two pictures"])
+def test_copies_of_pictures_behind_a_cone_are_not_trusted(kind: str, tmp_path: Path) -> None:
+    found = calibration_of(covered_session(kind, 5000), tmp_path)
+    assert judge(found).word is not Word.TRUSTED
+
+
+def copies(count: int) -> tuple[View, ...]:
+    """Six views of so many pictures."""
+    views = bare_views(3, count, 0.05)
+    return tuple(replace(views[index % count], name=f"{index}.png") for index in range(6))
+
+
+DEGENERATE: dict[str, Callable[[], tuple[View, ...]]] = {
+    "same corners": lambda: copies(1),
+    "two pictures": lambda: copies(2),
+    "one picture twice": lambda: copies(5),
+    "exact corners": lambda: bare_views(3, 6, 0.0),
+    "exact and parallel": lambda: bare_views(3, 6, 0.0, tilt=0.0),
+}
+
+
+def session(folder: Path, views: tuple[View, ...]) -> Path:
+    """Without a cover, intrinsics declared."""
+    setup = session_to_yaml(BOARD, Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS), Cover("none", {}))
+    written = {"format": 1, **setup, "corners": "corners.vnl"}
+    (folder / "session.yaml").write_text(yaml.safe_dump(written))
+    write_corners(folder / "corners.vnl", views)
+    return folder
+
+
+@pytest.mark.parametrize("kind", DEGENERATE)
+def test_no_command_ends_as_a_bug(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Fitted, judged, evaluated, checked and reported; trusted only where exact corners are those
+    of tilted boards.
+    """
+    folder = session(tmp_path, DEGENERATE[kind]())
+    out = str(folder / "out")
+    assert main(["fit", str(folder), "-o", out, "--json"]) == 0
+    verdict = json.loads(capsys.readouterr().out)["verdict"]
+    assert verdict["word"] == "care" or kind == "exact corners"
+    assert main(["evaluate", out, str(folder), "--json"]) == 0
+    assert main(["check", out, str(folder)]) in (0, 5)
+    assert main(["report", out]) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", DEGENERATE)
+def test_a_diagnosis_does_not_either(kind: str, tmp_path: Path) -> None:
+    folder = session(tmp_path, DEGENERATE[kind]())
+    assert main(["fit", str(folder), "-o", str(folder / "out")]) == 0
+    assert main(["diagnose", str(folder / "out"), "-o", str(folder / "diagnosed")]) in (0, 3)

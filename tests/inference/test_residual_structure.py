@@ -1,10 +1,12 @@
 """What organises a residual is found, what does not is not, and noise is called noise."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -194,3 +196,29 @@ def test_noisy_views_do_not_outweigh_the_others() -> None:
     residual[: 2 * BOARD.count] *= 50
     with single_thread():
         assert with_residual(residual).split()[0].organised_by == "board"
+
+
+def test_a_residual_that_repeats_in_every_view_is_organised_by_the_board() -> None:
+    """Copies of one picture: the board explains all of it, and nothing is left to compare with."""
+    pattern = np.random.default_rng(1).normal(0, SIGMA, (BOARD.count, 2))
+    scene = replace(unmoved(), residual=np.tile(pattern, (VIEWS, 1)))
+    first = scene.split()[0]
+    assert (first.organised_by, first.p_value) == ("board", 0.0)
+    assert first.fraction == pytest.approx(1.0)
+
+
+def test_no_residual_is_organised_by_nothing() -> None:
+    shares = unmoved().split()
+    assert {share.organised_by for share in shares} == set(ORGANISERS)
+    assert all(share.fraction == 0.0 and share.p_value == 1.0 for share in shares)
+
+
+def test_columns_that_leave_no_freedom_tell_nothing() -> None:
+    """One picture of five corners: a mean for each corner explains all, by chance as well."""
+    whole = unmoved()
+    residual = np.random.default_rng(2).normal(0, SIGMA, (5, 2))
+    one = whole.observations.view_range(range(1)).select_rows(torch.arange(BOARD.count) < 5)
+    scene = ResidualScene(one, residual, whole.depth[:5], whole.incidence[:5], WIDTH, HEIGHT)
+    board = next(share for share in scene.split() if share.organised_by == "board")
+    assert board.fraction == pytest.approx(1.0)
+    assert (board.chance, board.p_value) == (1.0, 1.0)

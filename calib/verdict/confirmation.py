@@ -1,0 +1,157 @@
+"""Which declared numbers the views confirm, contradict or leave open, by the cost in depth and
+length.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
+from calib.fitting.declared import DECLARED, Comparison, comparisons
+from calib.session.freeing import AUTO
+from calib.session.numbers import numbers_of
+from calib.verdict.case import Case
+from calib.verdict.declared_numbers import ADVICE
+from calib.verdict.residual import likely_effects
+from calib.verdict.scale_evidence import ScaleEvidence, scale_evidence
+from calib.verdict.thresholds import (
+    DOMINANT,
+    NOTICED_SCALE,
+    UNBOUNDED_SCALE,
+    UNSURE_FOCAL,
+)
+from calib.verdict.verdict import Reason
+
+POSES = (
+    "take views of the board tilted by 20 to 40 degrees, to each side and up and down, at several"
+    " distances"
+)
+"""What makes the focal length and the cover show."""
+
+
+def contradicted_numbers(case: Case) -> Iterator[Reason]:
+    """Name the numbers that the fit held and the views contradict, where that changes depth and
+    length: by more than what is accepted, or by more than the declaration allows.
+    """
+    evidence = _evidence(case)
+    if not evidence or not case.at_optimum:
+        return
+    held = _held(case)
+    change = abs(evidence.change)
+    beyond_tolerance = CONFLICT_THRESHOLD * np.hypot(
+        evidence.change_sigma, _declared_scale_sigma(evidence, held)
+    )
+    if change < max(NOTICED_SCALE, CONFLICT_THRESHOLD * evidence.change_sigma) or (
+        change < min(UNSURE_FOCAL, beyond_tolerance)
+    ):
+        return
+    causes = _causes(evidence, held)
+    if not causes:
+        return
+    likely = likely_effects(case)
+    lacking = any(gain > evidence.gain for _, gain in likely)
+    numbers = " and ".join(
+        f"{one.name} would be {one.estimated}, declared as {one.stated}" for one in causes
+    )
+    advice = "find what the model lacks first, which may cause it" if lacking else ADVICE[DECLARED]
+    yield Reason(
+        f"these views contradict what the fit held: {numbers},"
+        f" {change / max(evidence.change_sigma, 1e-12):.0f} standard deviations apart, which"
+        f" changes depth and length by {100 * change:.2g} %: {advice}.",
+        case.next.diagnose() if lacking else case.next.fit(),
+        tuple(one.name for one in causes),
+    )
+
+
+def unconfirmed_numbers(case: Case) -> Iterator[Reason]:
+    """Name the numbers that depth and length rest on, where the views do not tell them."""
+    evidence = _evidence(case)
+    if not evidence or evidence.sigma <= UNSURE_FOCAL:
+        return
+    names = _dominant(evidence)
+    numbers = {one.name: one for one in comparisons(case.calibration)}
+    shown = [f"{name} ({numbers[name].stated})" for name in names if name in numbers]
+    listed = f"{', '.join(shown[:-1])} and {shown[-1]}" if len(shown) > 1 else shown[0]
+    size = (
+        f"more than {100 * UNBOUNDED_SCALE:.0f}"
+        if evidence.sigma > UNBOUNDED_SCALE
+        else f"{100 * evidence.sigma:.2g}"
+    )
+    yield Reason(
+        f"{listed} {'are' if len(shown) > 1 else 'is'} taken as declared, not confirmed by these"
+        f" views, which by themselves leave depth and length open by {size} % (one standard"
+        f" deviation): {POSES}.",
+        case.next.capture(),
+        tuple(names),
+    )
+
+
+def _evidence(case: Case) -> ScaleEvidence | None:
+    """Return what the views say; None where the views themselves gave the intrinsics, whose
+    uncertainty `unsure_focal_length` judges.
+    """
+    if case.calibration.settings.get("intrinsics_from") == "views":
+        return None
+    return scale_evidence(case.calibration)
+
+
+def _held(case: Case) -> dict[str, Comparison]:
+    """Return the declared numbers that the fit held without asking the views, by name. Without a
+    cover it holds all of them. A fit that gave up its tolerances again has asked.
+    """
+    calibration = case.calibration
+    declared = calibration.declared
+    stated = numbers_of(declared.intrinsics, declared.cover)
+    estimated = calibration.covariance.size > 0
+    free = {param.name for param in case.optimum.model.parameters.free} if estimated else set()
+    asked = estimated and AUTO in calibration.settings.get("free", ())
+    return {
+        one.name: one
+        for one in comparisons(calibration)
+        if one.name not in free
+        and one.source == DECLARED
+        and not one.effect
+        and (stated[one.name].exact or not asked)
+    }
+
+
+def _declared_scale_sigma(evidence: ScaleEvidence, held: dict[str, Comparison]) -> float:
+    """Return the relative uncertainty of the scale by the standard deviations that held numbers are
+    declared with.
+    """
+    square = 0.0
+    for name, one in held.items():
+        correction = evidence.corrections.get(name)
+        if correction and correction.change:
+            per_unit = correction.scale_change / (correction.change * one.per_si)
+            square += (per_unit * one.tolerance) ** 2
+    return float(np.sqrt(square))
+
+
+def _causes(evidence: ScaleEvidence, held: dict[str, Comparison]) -> list[Comparison]:
+    """Return the held numbers that make most of the scale's change, with the views' estimates."""
+    changes = {
+        name: correction.scale_change * np.sign(evidence.change)
+        for name, correction in evidence.corrections.items()
+        if name in held
+    }
+    largest = max(changes.values(), default=0.0)
+    return [
+        replace(
+            held[name],
+            estimate=held[name].declared + evidence.corrections[name].change * held[name].per_si,
+            sigma=evidence.corrections[name].sigma * held[name].per_si,
+        )
+        for name, change in changes.items()
+        if largest > 0 and change >= DOMINANT * largest
+    ]
+
+
+def _dominant(evidence: ScaleEvidence) -> list[str]:
+    """Return the numbers whose groups make at least half of the scale's variance, or else the group
+    that makes most of it.
+    """
+    shares = {name: correction.share for name, correction in evidence.corrections.items()}
+    largest = max(shares.values(), default=0.0)
+    return [name for name, share in shares.items() if share >= min(DOMINANT, largest)]

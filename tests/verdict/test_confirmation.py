@@ -1,0 +1,140 @@
+"""Declared numbers that views confirm, contradict or leave open, by what they cost in depth and
+length.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from calib.calibration import Calibration
+from calib.corners.corners_file import write_corners
+from calib.corners.view import View
+from calib.fitting.fit import fit
+from calib.session.board import Board
+from calib.session.camera import Camera
+from calib.session.cover import Cover
+from calib.session.schema import Number
+from calib.session.session import read_session, session_to_yaml
+from calib.verdict.confirmation import contradicted_numbers, unconfirmed_numbers
+from calib.verdict.judge import judge
+from calib.verdict.scale_evidence import scale_evidence
+from calib.verdict.thresholds import UNSURE_FOCAL
+from calib.verdict.verdict import Word
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, bare_views, paper_cone, scene
+from tests.report.made import calibrated
+from tests.verdict.cases import SESSION, asked
+from tests.verdict.conftest import FAST
+
+BOARD = Board(9, 9, 0.020)
+FOCAL = INTRINSICS.fx.value
+PARALLEL = 0.01
+"""rad: boards that a person holds parallel to the picture, as well as hands can."""
+NAMES = ("camera.fx", "camera.fy")
+
+
+def bare(folder: Path, views: tuple[View, ...], focal: Number) -> Calibration:
+    """Of a camera without a cover, whose focal length session.yaml declares so."""
+    intrinsics = replace(INTRINSICS, fx=focal, fy=focal)
+    setup = session_to_yaml(BOARD, Camera(WIDTH, HEIGHT, intrinsics=intrinsics), Cover("none", {}))
+    folder.mkdir()
+    written = {"format": 1, **setup, "corners": "corners.vnl"}
+    (folder / "session.yaml").write_text(yaml.safe_dump(written))
+    write_corners(folder / "corners.vnl", views)
+    return fit(read_session(folder))
+
+
+def declared(times: float) -> tuple[Number, ...]:
+    """A focal length by itself, with a standard deviation, and exact."""
+    value = times * FOCAL
+    return Number(value), Number(value, 0.004 * value), Number(value, exact=True)
+
+
+@pytest.mark.parametrize("times", [1.0, 1.1])
+def test_parallel_boards_confirm_no_focal_length(tmp_path: Path, times: float) -> None:
+    """Neither the right one nor one that is 10 % wrong, however it is declared."""
+    views = bare_views(1, 16, 0.1, tilt=PARALLEL)
+    for index, focal in enumerate(declared(times)):
+        found = bare(tmp_path / str(index), views, focal)
+        (reason,) = asked(unconfirmed_numbers, found)
+        assert (reason.word, reason.suspects) == (Word.CARE, NAMES)
+        assert "taken as declared, not confirmed by these views" in reason.sentence
+        assert "tilted by 20 to 40 degrees" in reason.sentence
+        assert reason.next == f"capture '{SESSION}'"
+        assert not asked(contradicted_numbers, found)
+        assert judge(found).word is Word.CARE
+
+
+def test_tilted_boards_confirm_the_right_one(tmp_path: Path) -> None:
+    views = bare_views(1, 16, 0.1)
+    for index, focal in enumerate(declared(1.0)):
+        found = bare(tmp_path / str(index), views, focal)
+        assert not asked(unconfirmed_numbers, found)
+        assert not asked(contradicted_numbers, found)
+        assert judge(found).word is Word.TRUSTED
+
+
+@pytest.mark.parametrize("times", [1.02, 1.1])
+def test_tilted_boards_contradict_a_wrong_one(tmp_path: Path, times: float) -> None:
+    """With the value that they tell instead, to a tenth of the error, and the change of lengths."""
+    views = bare_views(1, 16, 0.1)
+    for index, focal in enumerate(declared(times)):
+        found = bare(tmp_path / str(index), views, focal)
+        (reason,) = asked(contradicted_numbers, found)
+        assert (reason.word, reason.suspects) == (Word.CARE, NAMES)
+        assert f"declared as {times * FOCAL:.6g}" in reason.sentence
+        assert reason.next.startswith("calib fit")
+        evidence = scale_evidence(found)
+        assert evidence.change == pytest.approx(times - 1, rel=0.1)
+        told = times * FOCAL + evidence.corrections["camera.fx"].change
+        assert told == pytest.approx(FOCAL, rel=0.1 * (times - 1))
+        assert judge(found).suspects[:2] == NAMES
+
+
+def test_an_exact_number_that_is_off_within_what_is_noticed(tmp_path: Path) -> None:
+    """0.2 % of depth: less than anybody is told of."""
+    found = bare(tmp_path / "near", bare_views(1, 16, 0.1), Number(1.002 * FOCAL, exact=True))
+    assert scale_evidence(found).change == pytest.approx(0.002, rel=0.1)
+    assert not asked(contradicted_numbers, found)
+
+
+def test_copies_of_pictures_are_no_further_evidence(tmp_path: Path) -> None:
+    views = bare_views(1, 8, 0.1)
+    copies = tuple(replace(view, name=f"copy-{view.name}") for view in views)
+    once = scale_evidence(bare(tmp_path / "once", views, Number(FOCAL)))
+    twice = scale_evidence(bare(tmp_path / "twice", (*views, *copies), Number(FOCAL)))
+    assert twice.sigma == pytest.approx(once.sigma, rel=1e-3)
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_parallel_boards_behind_a_cone(tmp_path: Path, exact: bool) -> None:
+    """The cover does not tell it either, and its own numbers are not what depth rests on."""
+    glass = paper_cone(0.00115)
+    parameters = {name: replace(one, exact=exact) for name, one in glass.parameters.items()}
+    made = scene(
+        3, 16, noise=0.1, depths=(0.35, 1.2), cover=replace(glass, parameters=parameters), tilt=0.01
+    )
+    (reason,) = asked(unconfirmed_numbers, calibrated(made, tmp_path, FAST))
+    assert reason.suspects == NAMES
+
+
+def test_a_good_cone_is_confirmed_by_a_wide_margin(good: Calibration, freed: Calibration) -> None:
+    for calibration in (good, freed):
+        evidence = scale_evidence(calibration)
+        assert 0 < evidence.sigma < UNSURE_FOCAL / 10
+        assert abs(evidence.change) < 1e-3
+        assert evidence.change_sigma < evidence.sigma * 1.5
+
+
+def test_the_scale_is_known_as_well_as_it_says(tmp_path: Path) -> None:
+    """Where every declared number is true, the views ask for a change as large as its standard
+    deviation: by the root mean square over ten sessions, to three standard deviations of that.
+    """
+    ratios = []
+    for seed in range(10):
+        found = bare(tmp_path / str(seed), bare_views(seed, 10, 0.1), Number(FOCAL))
+        evidence = scale_evidence(found)
+        ratios.append(evidence.change / evidence.change_sigma)
+    assert 0.33 < np.sqrt(np.mean(np.square(ratios))) < 1.67
