@@ -8,7 +8,7 @@ Videos lose their sound.
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import add_calibration, add_output, depth, quoted
+from calib.commands.arguments import add_calibration, add_output, depth, quoted, two_numbers
 from calib.commands.loading import quickly
 
 
@@ -86,14 +86,9 @@ def _alpha(text: str) -> float:
 
 
 def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    if not (
-        width.isdecimal()
-        and height.isdecimal()
-        and 2 <= int(width) <= 32767
-        and 2 <= int(height) <= 32767
-    ):
+    size = two_numbers(text)
+    if size is None or min(size) < 2 or max(size) > 32767:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a size: write width and height in px, such as 1280x720"
         )
-    return int(width), int(height)
+    return size
