@@ -19,7 +19,15 @@ import yaml
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.calibration_file import CALIBRATION, check_arrays, read_arrays, relief_from_yaml
+from calib.calibration_file import (
+    CALIBRATION,
+    check_arrays,
+    check_settings,
+    check_stages,
+    read_arrays,
+    relief_from_yaml,
+)
+from calib.corners.usable import with_poses
 from calib.corners.view import Rejected, View, capture_times
 from calib.effects.effect import Effect
 from calib.effects.serialise import effect_from_yaml, effect_to_yaml
@@ -61,6 +69,14 @@ TITLES = {
     "cover+rbf+effects": "effects found",
 }
 """The stages of a fit as people are told them."""
+SAMPLED_CORNERS = 12
+"""Corners of each view whose rays are traced when a file is read; all corners of a thousand views
+would take a second.
+"""
+FEWEST_LANDED = 0.5
+"""Of these, the part that must land on the view's board. A fitted view's corners all do, but for
+outliers.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -406,6 +422,16 @@ def _from_mapping(
     if relief and cover.shape == "none":
         raise ValueError("there is a relief and no cover")
     effects = tuple(AddedEffect(*effect_from_yaml(one)) for one in said["effects"])
+    check_stages(
+        [stage["name"] for stage in said["stages"]],
+        has_cover=cover.shape != "none",
+        has_views=len(arrays["names"]) > 0,
+    )
+    check_settings(
+        said["settings"],
+        has_covariance=arrays["covariance"].size > 0,
+        has_relief=relief is not None,
+    )
     check_arrays(
         arrays,
         relief,
@@ -456,7 +482,39 @@ def _from_mapping(
         raise ValueError(
             f"covariance is of {len(read.covariance)} parameters where {count} were estimated"
         )
+    _check_views(read)
     return read
+
+
+def _check_views(calibration: Calibration) -> None:
+    """Raise ValueError where a view has corners or a pose that no fit could have: too few corners
+    for a pose, corners outside the picture, or rays that do not reach the board.
+    """
+    camera, views = calibration.camera, calibration.views
+    _, unusable = with_poses(views, calibration.board)
+    if unusable:
+        raise ValueError(f"{unusable[0].name}: {unusable[0].reason}")
+    last = np.array([camera.width, camera.height]) - 0.5
+    for view in views:
+        seen = view.corners[view.seen]
+        if ((seen < -0.5) | (seen > last)).any():
+            raise ValueError(f"{view.name} has a corner outside the picture")
+    if not views:
+        return
+    observations = calibration.observations
+    row = torch.arange(len(observations.view)) - observations.starts[observations.view]
+    spacing = (observations.starts.diff()[observations.view] // SAMPLED_CORNERS).clamp(min=1)
+    some = observations.kept(row % spacing == 0)
+    path, values = calibration.model()
+    with single_thread():
+        _, failure = path.land(
+            some.pixels, some.with_times(values), torch.from_numpy(calibration.poses)[some.view]
+        )
+    landed = torch.bincount(some.view[failure == 0], minlength=len(views))
+    lost = landed < FEWEST_LANDED * some.starts.diff()
+    if lost.any():
+        name = views[int(lost.int().argmax())].name
+        raise ValueError(f"the corners of {name} do not lie on a board at its pose")
 
 
 @lru_cache(maxsize=1)  # a command makes maps and a report of one calibration

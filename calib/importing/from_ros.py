@@ -10,9 +10,10 @@ import re
 import tarfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import IO, cast
 
 from calib.errors import InputError, brief
 from calib.importing.session_draft import Draft
@@ -22,11 +23,28 @@ from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.session.schema import Section
 
+GZIP = b"\x1f\x8b"
 PICTURE = re.compile(r"(left|right)-[0-9]+\.png")
 LARGEST = 1 << 20
 """bytes of a settings file: a larger one is something else."""
 LARGEST_PICTURE = 1 << 28
 """bytes. A sparse file of the archive says any size."""
+
+
+class _Bounded:
+    """A file that refuses to be read in pieces larger than a picture: tarfile reads a member's
+    extended header in one piece, of whatever length the archive states.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.seek = file.seek
+        self.tell = file.tell
+
+    def read(self, size: int) -> bytes:
+        if size > LARGEST_PICTURE + tarfile.BLOCKSIZE:
+            raise tarfile.ReadError("a header that is too large")
+        return self._file.read(size)
 
 
 def from_tar(path: Path, board: Board, camera: str | None) -> Draft:
@@ -82,10 +100,14 @@ def _pictures(path: Path, names: frozenset[str]) -> Iterator[tuple[str, bytes]]:
 def _opened(path: Path) -> Iterator[tarfile.TarFile]:
     """The archive; that it is none, or is damaged, may show only while it is read."""
     check_regular(path)
-    with reading(path):
+    with reading(path), path.open("rb") as file:
+        packed = file.read(len(GZIP)) == GZIP
+        file.seek(0)
         try:
-            with tarfile.open(path) as tar:
-                yield tar
+            with gzip.GzipFile(fileobj=file) if packed else nullcontext(file) as unpacked:
+                bounded = cast(IO[bytes], _Bounded(cast(IO[bytes], unpacked)))
+                with tarfile.open(fileobj=bounded, mode="r:") as tar:
+                    yield tar
         except (tarfile.TarError, EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise InputError(
                 f"{path} is not a tar archive, or a damaged one: give the calibrationdata.tar.gz"
