@@ -21,8 +21,8 @@ from calib.io.arrays import MOST_DECODED
 
 MOST_TAKEN = 300 << 20
 """bytes that a process may take in all that refuses such a file; imports alone take 60 MB."""
-LOOKING = """
-import resource, sys
+LOOKING = r"""
+import re, sys
 from pathlib import Path
 from calib.errors import RefracalError
 from calib.importing.from_ros import from_tar
@@ -45,7 +45,9 @@ for path in map(Path, sys.argv[1:]):
         said = "nothing"
     except (RefracalError, ValueError) as error:
         said = error
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024, said)
+    # getrusage would count what the process that started this one had taken by then
+    status = Path("/proc/self/status").read_text()
+    print(1024 * int(re.search(r"VmHWM:\s*(\d+) kB", status)[1]), said)
 """
 
 
