@@ -19,6 +19,7 @@ import yaml
 from numpy.typing import NDArray
 from torch import Tensor
 
+from calib.array_arguments import on_finite_rows, pixel_rows, point_rows
 from calib.calibration_file import (
     CALIBRATION,
     check_arrays,
@@ -38,6 +39,7 @@ from calib.estimation.stated_priors import priors_of
 from calib.io.arrays import decode_npz
 from calib.io.file_set import FileSet, in_force
 from calib.io.files import npz, reading
+from calib.io.numerals import number
 from calib.io.yaml_reader import read_yaml
 from calib.optics.board_target import PARTS, POSE
 from calib.optics.build import covered_path, with_relief
@@ -216,13 +218,7 @@ class Calibration:
             (N, 3) m where each ray leaves the cover and (N, 3) unit where it goes, in the camera
             frame; NaN where none leaves it.
         """
-        at = _rows(pixels, 2, "pixels")
-        field = _point_field(self) if len(at) >= MANY else None
-        if not field:
-            return self._traced(at)
-        origins, directions, held = field.rays(at.numpy())
-        if not held.all():
-            origins[~held], directions[~held] = self._traced(at[torch.from_numpy(~held)])
+        origins, directions = on_finite_rows(self._rays, pixel_rows(pixels), 3, 3)
         return origins, directions
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -230,19 +226,33 @@ class Calibration:
         sees. Of MANY and more, those on the picture and next to it go through the field of rays, to
         0.001 px.
         """
-        path, values = self.model()
-        at = _rows(points, 3, "points")
-        field = None if path.directly_projects or len(at) < MANY else _point_field(self)
-        if not field:
-            return project(path, values, at).numpy()
-        pixels, held = field.pixels(at.numpy())
-        if not held.all():
-            pixels[~held] = project(path, values, at[torch.from_numpy(~held)]).numpy()
+        (pixels,) = on_finite_rows(self._pixels, point_rows(points), 2)
         return pixels
 
-    def _traced(self, pixels: Tensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _rays(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        field = _point_field(self) if len(pixels) >= MANY else None
+        if not field:
+            return self._traced(pixels)
+        origins, directions, held = field.rays(pixels)
+        if not held.all():
+            origins[~held], directions[~held] = self._traced(pixels[~held])
+        return origins, directions
+
+    def _pixels(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64]]:
         path, values = self.model()
-        rays = path.trace(pixels, values)
+        field = None if path.directly_projects or len(points) < MANY else _point_field(self)
+        if not field:
+            return (project(path, values, torch.from_numpy(points)).numpy(),)
+        pixels, held = field.pixels(points)
+        if not held.all():
+            pixels[~held] = project(path, values, torch.from_numpy(points[~held])).numpy()
+        return (pixels,)
+
+    def _traced(
+        self, pixels: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        path, values = self.model()
+        rays = path.trace(torch.from_numpy(pixels), values)
         lost = (rays.failure != 0).unsqueeze(-1)
         origins, directions = (
             torch.where(lost, torch.nan, v.stacked()).numpy() for v in (rays.origin, rays.direction)
@@ -260,7 +270,7 @@ class Calibration:
         A pixel that the camera does not see through the cover has -1, outside the picture, so
         cv2.remap's constant border fills it.
         """
-        made = self.ray_field().map_at(depth)
+        made = self.ray_field().map_at(number(depth, "depth"))
         return made.x, made.y
 
     def save(self, folder: str | FilePath) -> FilePath:
@@ -533,10 +543,3 @@ def _point_field(calibration: Calibration) -> PointField | None:
         )
     except InputError:
         return None
-
-
-def _rows(rows: NDArray[np.float64], width: int, name: str) -> Tensor:
-    array = np.asarray(rows, dtype=np.float64)
-    if array.ndim != 2 or array.shape[1] != width:
-        raise ValueError(f"{name} has shape {array.shape} where (N, {width}) is expected")
-    return torch.from_numpy(array)

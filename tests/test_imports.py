@@ -19,6 +19,7 @@ LAYERS = {
         ("errors", "extras", "version"),
         ("progress", "threads"),
         ("io",),
+        ("array_arguments",),
         ("session",),
         ("corners",),
         ("optics",),

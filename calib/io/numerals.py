@@ -1,4 +1,6 @@
-"""Whole numbers that somebody wrote as text."""
+"""Numbers from outside: somebody wrote them as text, or a program passed them."""
+
+from calib.errors import InputError, brief
 
 MOST_DIGITS = 15
 """Every count, size and frame number is shorter. Python's int() raises ValueError from 4301 digits
@@ -11,3 +13,13 @@ def whole_number(text: str) -> int | None:
     or more than MOST_DIGITS digits.
     """
     return int(text) if text.isdecimal() and len(text) <= MOST_DIGITS else None
+
+
+def number(value: object, name: str) -> float:
+    """Return one real number; it may be infinite or NaN."""
+    try:
+        if isinstance(value, str | bytes):
+            raise TypeError
+        return float(value)  # type: ignore[arg-type]  # whatever has __float__
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} is {brief(repr(value))}: give a real number.") from None
