@@ -24,6 +24,14 @@ ENCODING = {".jpg": [cv2.IMWRITE_JPEG_QUALITY, 97], ".jpeg": [cv2.IMWRITE_JPEG_Q
 
 
 @dataclass(frozen=True, slots=True)
+class Straightened:
+    """The files that were written, and a sentence for each video that is cut off."""
+
+    paths: tuple[Path, ...]
+    cut_off: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Wanted:
     """What the straightened pictures show."""
 
@@ -44,8 +52,8 @@ def undistort_files(
     wanted: Wanted,
     folder: Path,
     progress: Progress,
-) -> list[Path]:
-    """Straighten pictures and videos into `folder`; returns what was written."""
+) -> Straightened:
+    """Straighten pictures and videos into `folder`."""
     paths: list[Path] = []
     for one in given:
         with reading(one):
@@ -61,19 +69,20 @@ def undistort_files(
     )
     make_folder(folder)
     advance = progress.task("Undistort", len(paths))
-    written = []
+    written: list[Path] = []
+    cut_off: list[str] = []
     for done, path in enumerate(paths):
         advance(done, path.name)
         if isinstance(wanted.depth, Path) and wanted.depth.is_dir() and done:
             undistorter = undistorter.at(depth_image_for(path, wanted.depth))
         target = folder / path.name
         if path.suffix.lower() in VIDEOS:
-            straighten_video(path, target, undistorter, progress)
+            cut_off += filter(None, [straighten_video(path, target, undistorter, progress)])
         else:
             write_atomically(target, _encoded(_straightened(path, undistorter), path))
         written.append(target)
     advance(len(paths), "")
-    return written
+    return Straightened(tuple(written), tuple(cut_off))
 
 
 def _straightened(path: Path, undistorter: Undistorter) -> Image:

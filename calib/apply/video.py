@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.apply.undistorter import Undistorter
 from calib.errors import InputError
-from calib.io.files import check_regular
+from calib.io.videos import breaks_off, open_video, promised_frames
 from calib.progress import Progress
 
 VIDEOS = {".avi": "MJPG", ".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v"}
@@ -27,21 +27,21 @@ def list_videos(folder: Path) -> tuple[Path, ...]:
     )
 
 
-def straighten_video(
-    path: Path, target: Path, undistorter: Undistorter, progress: Progress
-) -> None:
+def straighten_video(path: Path, target: Path, undistorter: Undistorter, progress: Progress) -> str:
     """Write the undistorted video, with the frame rate of the original.
 
     What was at `target` stays whole until the last frame.
+
+    Returns:
+        A sentence if the video is cut off, so that its last frames are missing; else nothing.
     """
-    check_regular(path)
-    capture = cv2.VideoCapture(str(path))
-    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # the calibration is of frames as stored
+    capture = open_video(path)
+    promised = promised_frames(capture)
     temporary = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
     width, height = undistorter.size
     writer = cv2.VideoWriter()
     straight = np.empty((height, width, 3), np.uint8)
-    advance = progress.task(path.name, max(1, int(capture.get(cv2.CAP_PROP_FRAME_COUNT))))
+    advance = progress.task(path.name, max(1, promised))
     frames = 0
     try:
         while True:
@@ -74,6 +74,12 @@ def straighten_video(
                 " replace it."
             )
         temporary.replace(target)
+        if breaks_off(frames, promised):
+            return (
+                f"{path} breaks off after {frames} of {promised} frames, which were straightened:"
+                " copy it again for all of them."
+            )
+        return ""
     except OSError as error:
         raise InputError(
             f"{target} cannot be written ({error.strerror}): choose another folder."

@@ -2,7 +2,8 @@
 distortion.
 
 Colour and grey, 8 and 16 bit. Pixels that the camera does not see through its cover become 0.
-Videos lose their sound.
+Videos lose their sound. Of a video that is cut off, the frames that are there are straightened;
+the exit code is then 3.
 """
 
 import argparse
@@ -62,14 +63,19 @@ def run(args: argparse.Namespace) -> None:
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
+        from calib.errors import NotEnoughDataError
 
     calibration = Calibration.load(args.calibration)
     wanted = Wanted(
         args.depth if args.depth is not None else args.depth_image, args.crop, args.size, args.near
     )
     with Bars() as bars:
-        written = undistort_files(calibration, args.images, wanted, args.output, bars)
-    print_paths(written)
+        done = undistort_files(calibration, args.images, wanted, args.output, bars)
+    print_paths(done.paths)
+    if done.cut_off:
+        more = len(done.cut_off) - 1
+        others = f" {more} more video{'s' * (more > 1)} of these break off." if more else ""
+        raise NotEnoughDataError(done.cut_off[0] + others)
 
 
 def _alpha(text: str) -> float:
