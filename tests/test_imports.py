@@ -57,7 +57,7 @@ LAYERS = {
         ("finder", "coded_finder", "wrong_folder"),
         ("find", "gate", "recorder"),
         ("coverage", "recording_loop"),
-        ("guidance", "narrator", "qr_code", "served_app"),
+        ("guidance", "narrator", "qr_code", "served_app", "doorkeeper"),
         ("serve",),
         ("tui",),
         ("commands",),

@@ -18,7 +18,7 @@ def whole_number(text: str) -> int | None:
 def number(value: object, name: str) -> float:
     """Return one real number; it may be infinite or NaN."""
     try:
-        if isinstance(value, str | bytes) or getattr(value, "ndim", 0):
+        if isinstance(value, str | bytes) or getattr(value, "ndim", None):
             raise TypeError
         return float(value)  # type: ignore[arg-type]  # whatever has __float__
     except (TypeError, ValueError, OverflowError):
