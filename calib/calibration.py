@@ -19,7 +19,16 @@ import yaml
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.calibration_file import CALIBRATION, check_arrays, read_arrays, relief_from_yaml
+from calib.array_arguments import on_finite_rows, pixel_rows, point_rows
+from calib.calibration_file import (
+    CALIBRATION,
+    check_arrays,
+    check_settings,
+    check_stages,
+    read_arrays,
+    relief_from_yaml,
+)
+from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture, View, capture_times
 from calib.effects.effect import Effect
 from calib.effects.serialise import effect_from_yaml, effect_to_yaml
@@ -30,6 +39,7 @@ from calib.estimation.stated_priors import priors_of
 from calib.io.arrays import decode_npz
 from calib.io.file_set import FileSet, in_force
 from calib.io.files import npz, reading
+from calib.io.numerals import number
 from calib.io.yaml_reader import read_yaml
 from calib.optics.board_target import POSE, VIEW_BLOCKS
 from calib.optics.build import covered_path, with_relief
@@ -62,6 +72,14 @@ TITLES = {
     "cover+rbf+effects": "effects found",
 }
 """The stages of a fit as people are told them."""
+SAMPLED_CORNERS = 12
+"""Corners of each view whose rays are traced when a file is read; all corners of a thousand views
+would take a second.
+"""
+FEWEST_LANDED = 0.5
+"""Of these, the part that must land on the view's board. A fitted view's corners all do, but for
+outliers.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,13 +219,7 @@ class Calibration:
             (N, 3) m where each ray leaves the cover and (N, 3) unit where it goes, in the camera
             frame; NaN where none leaves it.
         """
-        at = _rows(pixels, 2, "pixels")
-        field = _point_field(self) if len(at) >= MANY else None
-        if not field:
-            return self._traced(at)
-        origins, directions, held = field.rays(at.numpy())
-        if not held.all():
-            origins[~held], directions[~held] = self._traced(at[torch.from_numpy(~held)])
+        origins, directions = on_finite_rows(self._rays, pixel_rows(pixels), 3, 3)
         return origins, directions
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -215,19 +227,33 @@ class Calibration:
         sees. Of MANY and more, those on the picture and next to it go through the field of rays, to
         0.001 px.
         """
-        path, values = self.model()
-        at = _rows(points, 3, "points")
-        field = None if path.directly_projects or len(at) < MANY else _point_field(self)
-        if not field:
-            return project(path, values, at).numpy()
-        pixels, held = field.pixels(at.numpy())
-        if not held.all():
-            pixels[~held] = project(path, values, at[torch.from_numpy(~held)]).numpy()
+        (pixels,) = on_finite_rows(self._pixels, point_rows(points), 2)
         return pixels
 
-    def _traced(self, pixels: Tensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _rays(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        field = _point_field(self) if len(pixels) >= MANY else None
+        if not field:
+            return self._traced(pixels)
+        origins, directions, held = field.rays(pixels)
+        if not held.all():
+            origins[~held], directions[~held] = self._traced(pixels[~held])
+        return origins, directions
+
+    def _pixels(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64]]:
         path, values = self.model()
-        rays = path.trace(pixels, values)
+        field = None if path.directly_projects or len(points) < MANY else _point_field(self)
+        if not field:
+            return (project(path, values, torch.from_numpy(points)).numpy(),)
+        pixels, held = field.pixels(points)
+        if not held.all():
+            pixels[~held] = project(path, values, torch.from_numpy(points[~held])).numpy()
+        return (pixels,)
+
+    def _traced(
+        self, pixels: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        path, values = self.model()
+        rays = path.trace(torch.from_numpy(pixels), values)
         lost = (rays.failure != 0).unsqueeze(-1)
         origins, directions = (
             torch.where(lost, torch.nan, v.stacked()).numpy() for v in (rays.origin, rays.direction)
@@ -245,7 +271,7 @@ class Calibration:
         A pixel that the camera does not see through the cover has -1, outside the picture, so
         cv2.remap's constant border fills it.
         """
-        made = self.ray_field().map_at(depth)
+        made = self.ray_field().map_at(number(depth, "depth"))
         return made.x, made.y
 
     def save(self, folder: str | FilePath, *, overwrite: bool = False) -> FilePath:
@@ -419,6 +445,16 @@ def _from_mapping(
     if relief and cover.shape == "none":
         raise ValueError("there is a relief and no cover")
     effects = tuple(AddedEffect(*effect_from_yaml(one)) for one in said["effects"])
+    check_stages(
+        [stage["name"] for stage in said["stages"]],
+        has_cover=cover.shape != "none",
+        has_views=len(arrays["names"]) > 0,
+    )
+    check_settings(
+        said["settings"],
+        has_covariance=arrays["covariance"].size > 0,
+        has_relief=relief is not None,
+    )
     check_arrays(
         arrays,
         relief,
@@ -473,7 +509,39 @@ def _from_mapping(
         raise ValueError(
             f"covariance is of {len(read.covariance)} parameters where {count} were estimated"
         )
+    _check_views(read)
     return read
+
+
+def _check_views(calibration: Calibration) -> None:
+    """Raise ValueError where a view has corners or a pose that no fit could have: too few corners
+    for a pose, corners outside the picture, or rays that do not reach the board.
+    """
+    camera, views = calibration.camera, calibration.views
+    _, unusable = split_usable_views(views, calibration.board)
+    if unusable:
+        raise ValueError(f"{unusable[0].name}: {unusable[0].reason}")
+    last = np.array([camera.width, camera.height]) - 0.5
+    for view in views:
+        seen = view.corners[view.seen]
+        if ((seen < -0.5) | (seen > last)).any():
+            raise ValueError(f"{view.name} has a corner outside the picture")
+    if not views:
+        return
+    observations = calibration.observations
+    row = torch.arange(len(observations.view)) - observations.starts[observations.view]
+    spacing = (observations.starts.diff()[observations.view] // SAMPLED_CORNERS).clamp(min=1)
+    some = observations.select_rows(row % spacing == 0)
+    path, values = calibration.model()
+    with single_thread():
+        _, failure = path.land(
+            some.pixels, some.with_times(values), torch.from_numpy(calibration.poses)[some.view]
+        )
+    landed = torch.bincount(some.view[failure == 0], minlength=len(views))
+    lost = landed < FEWEST_LANDED * some.starts.diff()
+    if lost.any():
+        name = views[int(lost.int().argmax())].name
+        raise ValueError(f"the corners of {name} do not lie on a board at its pose")
 
 
 @lru_cache(maxsize=1)  # a command makes maps and a report of one calibration
@@ -492,10 +560,3 @@ def _point_field(calibration: Calibration) -> PointField | None:
         )
     except InputError:
         return None
-
-
-def _rows(rows: NDArray[np.float64], width: int, name: str) -> Tensor:
-    array = np.asarray(rows, dtype=np.float64)
-    if array.ndim != 2 or array.shape[1] != width:
-        raise ValueError(f"{name} has shape {array.shape} where (N, {width}) is expected")
-    return torch.from_numpy(array)

@@ -6,7 +6,7 @@ session.yaml, and have no shape here.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,8 @@ from calib.io.frames_table import LATEST_S
 from calib.io.shapes import (
     Shape,
     anything,
+    choice,
+    count,
     either,
     flag,
     many,
@@ -30,10 +32,10 @@ from calib.io.shapes import (
     record,
     table,
     text,
-    whole,
 )
 from calib.optics.relief import Relief
 from calib.session.board import Board
+from calib.session.freeing import NAMES
 
 HIGHEST = 0.1
 """m, of an amplitude: a thousand times what any glass has."""
@@ -42,6 +44,9 @@ LARGEST = 1e12
 coefficients of a rational lens that cancel each other have standard deviations of 1e7 of their
 scale.
 """
+STAGES = ("pinhole", "cover", "cover+rbf", "cover+rbf+effects")
+"""The stages of a fit, in their order; a fit may lack any but the first."""
+OF_COVERS = STAGES[1:3]
 _QUALITY = record({"rms_px": number, "rmse_cm": number, "held_out_px": number})
 _CANDIDATE = record(
     {
@@ -53,22 +58,22 @@ _CANDIDATE = record(
     }
 )
 SETTINGS: Mapping[str, Shape] = {
-    "method": text,
-    "grid": either(many(whole, of=2), many(whole, of=0)),
+    "method": choice("joint", "paper"),
+    "grid": either(many(count, of=2), many(count, of=0)),
     "grid_held_out_px": table(number),
-    "free": many(text),
-    "steps": whole,
+    "free": many(choice(*NAMES)),
+    "steps": count,
     "exact_hit": flag,
-    "intrinsics_from": text,
+    "intrinsics_from": choice("session.yaml", "bare", "prior", "views"),
     "lens_held_out_px": table(number),
     "view_noise": table(positive),
-    "second_look": many(record({"file": text, "found": whole, "refused": whole, "dropped": whole})),
+    "second_look": many(record({"file": text, "found": count, "refused": count, "dropped": count})),
     "made_by": table(text),
     "fleet_prior": record(
         {
             "file": text,
             "sha256": text,
-            "cameras": whole,
+            "cameras": count,
             "used": flag,
             "p_value": number,
             "farthest": text,
@@ -76,10 +81,10 @@ SETTINGS: Mapping[str, Shape] = {
         }
     ),
     "cross_validation": record(
-        {"folds": whole, "held_out_px": number, "fitted_px": number}, {"held_out_sigma_px": number}
+        {"folds": count, "held_out_px": number, "fitted_px": number}, {"held_out_sigma_px": number}
     ),
     "outcome": text,
-    "iterations": whole,
+    "iterations": count,
     "sigma_px": positive,
     "log_evidence": number,
     "relief_prior": maybe(record({"height_m": positive, "length_of_patch": positive})),
@@ -127,7 +132,7 @@ CALIBRATION = record(
         "gauge": text,
         "settings": record({}, SETTINGS),
         "noise_px": number,
-        "stages": many(record({"name": text, "rms_px": number, "rmse_cm": number})),
+        "stages": many(record({"name": choice(*STAGES), "rms_px": number, "rmse_cm": number})),
         "frames_rejected": many(record({"file": text, "reason": text})),
     }
 )
@@ -152,6 +157,25 @@ def _pair(written: object, key: str) -> tuple[float, float]:
         ) and math.isfinite(second):
             return first, second
     raise ValueError(f"relief.{key} is not two numbers")
+
+
+def check_stages(names: Sequence[str], *, has_cover: bool, has_views: bool) -> None:
+    """Raise ValueError where no fit has these stages in this order."""
+    places = [STAGES.index(name) for name in names]
+    if places != sorted(set(places)) or (places and places[0] != 0):
+        raise ValueError(f"stages are not some of {', '.join(STAGES)} in this order")
+    if has_views and not names:
+        raise ValueError("stages are missing")
+    if not has_cover and set(names) & set(OF_COVERS):
+        raise ValueError("there is a stage of the cover and no cover")
+
+
+def check_settings(settings: Mapping[str, Any], *, has_covariance: bool, has_relief: bool) -> None:
+    """Raise ValueError where the settings lack what the covariance was computed with."""
+    if has_covariance and "sigma_px" not in settings:
+        raise ValueError("settings.sigma_px is missing")
+    if has_covariance and has_relief and not settings.get("relief_prior"):
+        raise ValueError("settings.relief_prior is missing")
 
 
 def check_arrays(

@@ -5,7 +5,8 @@ must name that address, so that no page of the web can reach it under another na
 address every request, including the websocket's, must bring the token that is printed once, in its
 address or in the cookie that the first page leaves. Only our own page, which no other page can
 frame, may open a websocket. The number of apps is limited, to one by default: the next window ends
-the oldest. An app ends with its window, with this server however that ends, and when nobody has
+the oldest. A connection without an admitted request is closed after some seconds
+(`doorkeeper.py`). An app ends with its window, with this server however that ends, and when nobody has
 touched it for hours.
 """
 
@@ -17,6 +18,7 @@ import logging
 import os
 import secrets
 import shlex
+import signal
 import socket
 import sys
 import time
@@ -34,6 +36,7 @@ try:
     from aiohttp import WSMsgType, web
     from textual_serve.server import Server
 
+    from capture.doorkeeper import Doorkeeper
     from capture.qr_code import qr_code
     from capture.served_app import ServedApp
 except ImportError as error:
@@ -64,6 +67,8 @@ MAX_PASTE_LENGTH = 4096
 """The maximum number of characters of one input; typed texts are much shorter."""
 TERMINAL_SIZES = {"width": (20, 500), "height": (5, 200)}
 """The limits of the terminal's size that the app may get."""
+ENDING = (signal.SIGINT, signal.SIGTERM)
+"""Signals that end the server."""
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -82,6 +87,7 @@ class GuardedServer(Server):
         self._running: dict[ServedApp, web.WebSocketResponse] = {}
         """The running apps, the oldest first."""
         self._opening = asyncio.Lock()
+        self._door: Doorkeeper | None = None
 
     async def _make_app(self) -> web.Application:
         app = await super()._make_app()
@@ -97,9 +103,35 @@ class GuardedServer(Server):
         app.on_shutdown.append(self.end_all)
         return app
 
+    async def run(self, listening: list[socket.socket]) -> None:
+        """Serve until a signal ends it; a second one does not wait for the apps."""
+        runner = web.AppRunner(
+            await self._make_app(), access_log=None
+        )  # a log would repeat the token
+        await runner.setup()
+        assert runner.server
+        self._door = Doorkeeper(runner.server)
+        loop = asyncio.get_running_loop()
+        servers = [await loop.create_server(self._door, sock=one) for one in listening]
+        watching = loop.create_task(self._door.watch())
+        with suppress(NotImplementedError):  # Windows: Ctrl-C cancels this task
+            for number in ENDING:
+                loop.add_signal_handler(number, watching.cancel)
+        try:
+            await watching
+        finally:
+            for number in ENDING:
+                with suppress(NotImplementedError):
+                    loop.remove_signal_handler(number)
+            for server in servers:
+                server.close()
+            await runner.cleanup()
+
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         if not self._admits(request):
             return web.Response(status=403, headers=HEADERS)
+        if self._door:
+            self._door.admit(request.protocol)
         # the address as the browser knows it
         self.public_url = f"{request.scheme}://{request.host}"
         response = await handler(request)
@@ -259,9 +291,8 @@ def serve(session: Path, source: str, host: str, port: int, apps: int = 1) -> No
             file=sys.stderr,
             flush=True,
         )
-    web.run_app(
-        server._make_app(), sock=listening, print=None, access_log=None
-    )  # a log would contain the token
+    with suppress(asyncio.CancelledError, KeyboardInterrupt):
+        asyncio.run(server.run(listening))
 
 
 def _show_phones(address: str) -> None:

@@ -10,7 +10,7 @@ follow.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -19,20 +19,31 @@ from numpy.typing import NDArray
 
 from calib.apply.map_uncertainty import ray_errors
 from calib.apply.triangulate import central_differences, intersect, triangulate, turns
+from calib.array_arguments import (
+    FARTHEST_M,
+    FARTHEST_PX,
+    indices,
+    numbers,
+    pixel_rows,
+)
 from calib.calibration import Calibration
 from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import View
-from calib.errors import NotEnoughDataError
+from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
+from calib.io.numerals import number
 from calib.threads import single_thread
 from calib.undistortion.grids import Array
+from calib.undistortion.ray_field import check_depth
 
 Indices = NDArray[np.signedinteger]
 Flags = NDArray[np.bool_]
 
+LEAST_WEIGHT = 1e-6
+"""Of a corner: a detector's level 20."""
 PIXEL_STEP = 0.05
 """px, of differences."""
 LINE_STEPS = (0.05, 0.05, 0.05, 0.05)
@@ -58,12 +69,14 @@ class BoardPose:
 
     @staticmethod
     def exactly(pose: Array) -> BoardPose:
-        return BoardPose(np.asarray(pose, dtype=np.float64), np.zeros((6, 6)), np.zeros((6, 0)))
+        return BoardPose(_pose(pose), np.zeros((6, 6)), np.zeros((6, 0)))
 
     @staticmethod
     def facing(depth: float) -> BoardPose:
         """A plane across the optical axis, depth m in front of the camera."""
-        return BoardPose.exactly(np.array([0, 0, 0, 0, 0, depth]))
+        metres = number(depth, "depth")
+        check_depth(metres)
+        return BoardPose.exactly(np.array([0, 0, 0, 0, 0, metres]))
 
 
 class Reason(StrEnum):
@@ -98,6 +111,7 @@ class Measured:
 
     def distance(self, first: int, second: int) -> tuple[float, float]:
         """Between two points, and its sigma, m. What moves both alike does not count."""
+        first, second = indices((first, second), 2, len(self.points), "the pair of points").tolist()
         apart = self.points[second] - self.points[first]
         metres = float(np.linalg.norm(apart))
         along = apart / metres if metres else np.full(3, 3**-0.5)
@@ -120,7 +134,12 @@ class Measurer:
         """
         self.calibration = calibration
         self._corner_noise = calibration.noise_px / 2**0.5
-        self.noise_px = self._corner_noise if noise_px is None else noise_px
+        self.noise_px = self._corner_noise if noise_px is None else number(noise_px, "noise_px")
+        if not 0 <= self.noise_px < FARTHEST_PX:
+            raise InputError(
+                f"noise_px is {self.noise_px:g}: give the standard deviation of a pixel's"
+                " coordinate, 0 or more."
+            )
         self._errors = ray_errors(calibration)
         pinhole = calibration.camera.intrinsics
         assert pinhole
@@ -136,6 +155,7 @@ class Measurer:
         Raises:
             NotEnoughDataError: the corners that are seen give no pose.
         """
+        view = self._checked(view)
         usable, few = split_usable_views((view,), self.calibration.board)
         path, values = self.calibration.model()
         observations = Observations.of(usable, self.calibration.board)
@@ -153,7 +173,13 @@ class Measurer:
             weights = pixel_weights(path, values, seen, poses, self._corner_noise)
             (landing,) = make_residual_blocks(path, Parameters.none(values), seen, weights)
             by_pose = landing.linearise(values, poses).jacobian_block.flatten(0, 1).numpy()
-        noise = np.linalg.cholesky(np.linalg.inv(by_pose.T @ by_pose))
+        try:
+            noise = np.linalg.cholesky(np.linalg.inv(by_pose.T @ by_pose))
+        except np.linalg.LinAlgError:
+            raise NotEnoughDataError(
+                f"{view.name}: no board pose explains its corners: take a picture that shows the"
+                " whole board."
+            ) from None
         pose, pixels = poses[0].numpy(), seen.pixels.numpy()
         each = np.broadcast_to(pose, (len(pixels), 6))
         by_line = central_differences(
@@ -175,9 +201,9 @@ class Measurer:
             planes: V, each the x-y plane of a board.
             plane: (N,) which of them each pixel sees.
         """
-        of = np.asarray(plane, dtype=np.intp)
-        pixels, outside = self._within(pixels)
-        poses, lines = np.stack([one.pose for one in planes])[of], self._lines(pixels)
+        pixels, outside = self._within(pixel_rows(pixels))
+        of = indices(plane, len(pixels), len(planes), "plane")
+        poses, lines = _poses(planes)[of], self._lines(pixels)
         points = intersect(*self._rays(lines), poses)
         by_line = central_differences(
             lambda moved: intersect(*self._rays(moved), poses), lines, LINE_STEPS
@@ -208,14 +234,17 @@ class Measurer:
             board: (M,) in whose view each pixel is.
             point: (M,) which of the N points it shows.
         """
-        of, which = np.asarray(board, dtype=np.intp), np.asarray(point, dtype=np.intp)
-        pixels, outside = self._within(pixels)
-        poses, lines, errors = (
-            np.stack([one.pose for one in boards])[of],
-            self._lines(pixels),
-            self._errors(pixels),
-        )
+        pixels, outside = self._within(pixel_rows(pixels))
+        of = indices(board, len(pixels), len(boards), "board")
+        which = indices(point, len(pixels), len(pixels), "point")
         groups = _groups(which)
+        if not all(len(rows) for rows in groups):
+            raise InputError("point leaves out a number: count the points from 0 on.")
+        poses = _poses(boards)[of]
+        lines = self._lines(pixels)
+        errors = self._errors(pixels)
+        if not groups:
+            return self.on_planes(pixels, boards, of.tolist())
         parts = [
             self._triangulated(rows, pixels, poses, lines, errors, boards, of) for rows in groups
         ]
@@ -266,6 +295,23 @@ class Measurer:
             0, keepdims=True
         )
         return at[None], own, shared, np.sqrt((missed**2).mean(keepdims=True)) * self._focal.mean()
+
+    def _checked(self, view: View) -> View:
+        """The view, without corners outside the picture or of no weight."""
+        count = self.calibration.board.count
+        corners, outside = self._within(pixel_rows(view.corners, "corners"))
+        weight = numbers(view.weight, (count,), "weight")
+        if len(corners) != count:
+            raise InputError(
+                f"corners are {len(corners)} where the board has {count}: give NaN for one that"
+                " is not seen."
+            )
+        seen = ~outside & (weight > LEAST_WEIGHT) & (weight < np.inf)
+        return replace(
+            view,
+            corners=np.where(seen[:, None], corners, np.nan),
+            weight=np.where(seen, np.minimum(weight, 1.0), 0.0),
+        )
 
     def _within(self, pixels: Array) -> tuple[Array, Flags]:
         """(N, 2) px, those outside the picture moved to its border, and (N,) which these are. A
@@ -352,4 +398,16 @@ def _lost(lines: Array) -> Flags:
 
 
 def _groups(which: Indices) -> list[Indices]:
-    return [np.flatnonzero(which == n) for n in range(int(which.max()) + 1)]
+    return [np.flatnonzero(which == n) for n in range(int(which.max(initial=-1)) + 1)]
+
+
+def _pose(pose: Array) -> Array:
+    checked = numbers(pose, (6,), "a pose")
+    if not (np.abs(checked) < FARTHEST_M).all():
+        raise InputError("a pose is not finite: give a rotation vector in rad and metres.")
+    return checked
+
+
+def _poses(boards: Sequence[BoardPose]) -> Array:
+    """(V, 6)"""
+    return np.array([_pose(board.pose) for board in boards]).reshape(-1, 6)

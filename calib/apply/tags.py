@@ -19,12 +19,14 @@ from numpy.typing import NDArray
 from calib.apply.located_tags import Located, Reason, Tag, TagPose, Unplaced
 from calib.apply.map_uncertainty import ray_errors
 from calib.apply.tag_pose import SQUARE, Lines, misfit, poses
+from calib.array_arguments import numbers, one_of, picture, pixel_rows
 from calib.calibration import Calibration
 from calib.corners.detect import eight_bits
 from calib.corners.ink_spread import NO_INK_SPREAD, InkSpread, measure_ink_spread, remove_ink_spread
 from calib.corners.markers import black_cells, read_markers, size_of_markers
 from calib.corners.tag_outline import edge_vectors, measure_outlines
 from calib.errors import InputError, brief
+from calib.io.numerals import number
 from calib.session.coding import DICTIONARIES
 from calib.session.tolerances import SQUARE_SIDE
 from calib.threads import single_thread
@@ -43,6 +45,8 @@ is as wide as the misfit.
 """
 FREEDOM = 2
 """Eight coordinates less six of the pose."""
+WIDEST = 1e6
+"""px^2, of a corner's covariance: a corner that may be anywhere in a picture was not measured."""
 OFF = 0.01
 """Of its side in the picture, root mean square: corners that miss a square's by more are of no flat
 square.
@@ -53,6 +57,8 @@ UPSIDE_DOWN = "DICT_APRILTAG_"
 """The families of which OpenCV's upper left is the lower right of the makers' (and Kalibr's)
 upright tag.
 """
+BORDERS = (1, 2)
+"""Cells. One is usual; Kalibr prints two."""
 LEAST_SIDE, MOST_SIDE = 5e-5, 100.0
 """m"""
 
@@ -79,29 +85,30 @@ class TagLocator:
         Raises:
             InputError: there is no such dictionary, or a tag of no such size.
         """
-        if dictionary not in DICTIONARIES:
-            near = get_close_matches(dictionary.upper(), DICTIONARIES, 1)
+        if not isinstance(dictionary, str) or dictionary not in DICTIONARIES:
+            near = get_close_matches(str(dictionary).upper(), DICTIONARIES, 1)
             raise InputError(
                 f"{brief(repr(dictionary))} is no dictionary of tags: write"
                 f" {near[0] if near else 'DICT_APRILTAG_36h11, say'}."
             )
+        side = number(side, "side")
         if not LEAST_SIDE <= side <= MOST_SIDE:
             raise InputError(
                 f"a tag of {1000 * side:g} mm will not do: give the side of its black square, from"
                 " 0.05 to 100000 mm."
             )
-        spread = SQUARE_SIDE.sigma * side if side_sigma is None else side_sigma
+        spread = (
+            SQUARE_SIDE.sigma * side if side_sigma is None else number(side_sigma, "side_sigma")
+        )
         if not 0 <= spread < side:
             raise InputError(
                 f"a standard deviation of {1000 * spread:g} mm will not do: give 0 or more, and"
                 " less than the side."
             )
-        self.calibration, self.dictionary, self.side, self.border = (
-            calibration,
-            dictionary,
-            side,
-            border,
-        )
+        self.calibration = calibration
+        self.dictionary = dictionary
+        self.side = side
+        self.border = one_of(border, BORDERS, "border")
         self._relative_sigma = spread / side
         self._errors = ray_errors(calibration)
         pinhole = calibration.camera.intrinsics
@@ -115,11 +122,11 @@ class TagLocator:
             InputError: the picture is of another size than the calibration's.
         """
         camera = self.calibration.camera
-        if grey.shape != (camera.height, camera.width):
-            size = "x".join(map(str, grey.shape[::-1]))
+        grey = picture(grey, camera.width, camera.height)
+        if grey.ndim != 2 or grey.dtype.kind != "u":
             raise InputError(
-                f"the picture is {size} px where the calibration is for"
-                f" {camera.width}x{camera.height}: give one of this camera."
+                f"the picture is {grey.dtype} of shape {grey.shape}: give (height, width) grey"
+                " values as uint8 or uint16."
             )
         read = read_markers(eight_bits(grey), self.dictionary, self.border)
         order = np.argsort(read.numbers, kind="stable")
@@ -148,7 +155,11 @@ class TagLocator:
                 tags. NaN where they are not known.
             covariances: (T, 8, 8) px^2, of x and y of the four.
         """
-        known = np.isfinite(corners).all((1, 2))
+        corners = numbers(corners, (None, 4, 2), "corners")
+        covariances = numbers(covariances, (len(corners), 8, 8), "covariances")
+        corners = pixel_rows(corners.reshape(-1, 2)).reshape(-1, 4, 2)
+        known = np.isfinite(corners).all((1, 2)) & (np.abs(covariances) < WIDEST).all((1, 2))
+        _check_covariances(covariances[known])
         found: list[tuple[TagPose, ...] | Reason] = [Reason.NO_EDGES] * len(corners)
         if not known.any():
             return found
@@ -276,3 +287,11 @@ class TagLocator:
         )
         off = math.sqrt(float((here.px**2).sum()) / 4)
         return TagPose(turn, shift, gain @ noise @ gain.T, -gain @ by_all, off, 1.0)
+
+
+def _check_covariances(covariances: Array) -> None:
+    """Raise InputError where (T, 8, 8) px^2 are not symmetric, or a variance is negative."""
+    least = np.linalg.eigvalsh(covariances).min(initial=0.0)
+    size = 1e-9 + 1e-6 * np.abs(covariances).max(initial=0.0)
+    if least < -size or (np.abs(covariances - covariances.swapaxes(1, 2)) > size).any():
+        raise InputError("covariances are not symmetric with variances of 0 px^2 or more.")

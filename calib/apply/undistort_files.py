@@ -25,6 +25,14 @@ ENCODING = {".jpg": [cv2.IMWRITE_JPEG_QUALITY, 97], ".jpeg": [cv2.IMWRITE_JPEG_Q
 
 
 @dataclass(frozen=True, slots=True)
+class Straightened:
+    """The files that were written, and a sentence for each video that is cut off."""
+
+    paths: tuple[Path, ...]
+    cut_off: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Wanted:
     """What the straightened pictures show."""
 
@@ -45,8 +53,8 @@ def undistort_files(
     wanted: Wanted,
     output: OutputFolder,
     progress: Progress,
-) -> list[Path]:
-    """Straighten pictures and videos into a folder, and return the paths of the new files.
+) -> Straightened:
+    """Straighten pictures and videos into a folder.
 
     Raises:
         InputError: a file cannot be read or written, or a foreign file has the name of a new one;
@@ -69,18 +77,21 @@ def undistort_files(
     )
     make_folder(output.path)
     advance = progress.task("Undistort", len(paths))
-    written = []
+    written: list[Path] = []
+    cut_off: list[str] = []
     for done, path in enumerate(paths):
         advance(done, path.name)
         if isinstance(wanted.depth, Path) and wanted.depth.is_dir() and done:
             undistorter = undistorter.at(depth_image_for(path, wanted.depth))
         if path.suffix.lower() in VIDEOS:
-            written.append(straighten_video(path, output, undistorter, progress))
+            target, sentence = straighten_video(path, output, undistorter, progress)
+            written.append(target)
+            cut_off += filter(None, [sentence])
         else:
             image = _encoded(_straightened(path, undistorter), path)
             written.append(output.write(path.name, image))
     advance(len(paths), "")
-    return written
+    return Straightened(tuple(written), tuple(cut_off))
 
 
 def _straightened(path: Path, undistorter: Undistorter) -> Image:

@@ -11,24 +11,51 @@ are 0, and false in `valid`; a point that it does not see is NaN.
 
 from __future__ import annotations
 
+import math
 from typing import Any, cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.array_arguments import (
+    FARTHEST_M,
+    FARTHEST_PX,
+    as_array,
+    numbers,
+    on_finite_rows,
+    one_of,
+    picture,
+    pixel_rows,
+    row_numbers,
+)
 from calib.calibration import Calibration
-from calib.errors import InputError
+from calib.errors import InputError, brief
 from calib.io.images import Image as Stored
+from calib.io.numerals import number
 from calib.undistortion.crop import crop_window
 from calib.undistortion.depth_stack import DepthStack, depth_stack
 from calib.undistortion.grids import Array, Mask
-from calib.undistortion.ray_field import RayField, check_depth
+from calib.undistortion.inverse import SPACING
+from calib.undistortion.ray_field import MIN_DEPTH, RayField, check_depth
 from calib.undistortion.remap import MAX_SIDE, remap
 from calib.undistortion.window import Window
 
 NEAR = 0.1
 """m: what in a depth image is nearer counts as unknown, if nothing else is asked for."""
+MOST_NODES = 300_000
+"""Of the inverse, SPACING px of the bare camera apart, over what a camera matrix shows: solving
+them takes seconds. A view nine times as wide as a camera of a million px has fewer.
+"""
+MOST_SHOWN = 4
+"""Times what a camera sees: a large camera's view may be that large, however many nodes it has."""
+INTERPOLATIONS = (
+    cv2.INTER_NEAREST,
+    cv2.INTER_LINEAR,
+    cv2.INTER_CUBIC,
+    cv2.INTER_AREA,
+    cv2.INTER_LANCZOS4,
+)
 FIXED_POINT = int(cv2.__version__.split(".")[0]) < 5
 """Measured: OpenCV 4 is a tenth faster on CV_16SC2 maps and as exact; OpenCV 5 is as fast or twice
 as fast on float maps, and exact.
@@ -70,18 +97,15 @@ class Undistorter:
         """
         self.calibration = calibration
         self.field: RayField = calibration.ray_field()
-        self.near = near
-        self._interpolation = interpolation
-        self._depth = depth
+        self._interpolation = one_of(interpolation, INTERPOLATIONS, "interpolation")
+        self.near = near = number(near, "near")
         check_depth(near)
         if not np.isfinite(near):
             raise InputError(
                 "near is not finite: write the nearest distance that depth images reach, such as"
                 " 0.1."
             )
-        if not _is_image(depth):
-            check_depth(float(depth))
-        size = size or (self.field.width, self.field.height)
+        size = (self.field.width, self.field.height) if size is None else _whole_size(size)
         if min(size) < 2:
             raise InputError(
                 f"a picture of {size[0]}x{size[1]} px shows nothing: write a width and height of 2"
@@ -91,6 +115,7 @@ class Undistorter:
             raise InputError(
                 "crop and camera_matrix both say what the picture shows: give one of them."
             )
+        self._depth = depth if _is_image(depth) else _metres(depth)
         self.window = self._window(crop, camera_matrix, size)
         self._stack: DepthStack | None = None
         self._show(depth)
@@ -117,8 +142,6 @@ class Undistorter:
         """The same picture at another depth, or with another depth image: what does not depend on
         depth is shared.
         """
-        if not _is_image(depth):
-            check_depth(float(depth))
         other = object.__new__(Undistorter)
         other.__dict__.update(self.__dict__)
         other._show(depth)
@@ -133,22 +156,21 @@ class Undistorter:
             into: where to write the result, of `size` and the image's type: saves making room for
                 it.
         """
-        field = self.field
-        if image.shape[:2] != (field.height, field.width):
-            raise InputError(
-                f"the picture is {image.shape[1]}x{image.shape[0]} px where the calibration is for"
-                f" {field.width}x{field.height}: give pictures of the calibrated camera mode."
-            )
-        if into is not None and (
-            into.shape != (*self.valid.shape, *image.shape[2:]) or into.dtype != image.dtype
+        pixels = picture(image, self.field.width, self.field.height)
+        if into is not None and not (
+            isinstance(into, np.ndarray)
+            and into.shape == (*self.valid.shape, *pixels.shape[2:])
+            and into.dtype == pixels.dtype
+            and into.flags.c_contiguous
+            and into.flags.writeable
         ):
             raise InputError(
-                f"the result does not fit into an array of {into.dtype} of shape {into.shape}: make"
-                " it like the picture."
+                "the result does not fit into the array that is given for it: give one of"
+                f" {pixels.dtype} of shape {(*self.valid.shape, *pixels.shape[2:])}, in one piece."
             )
         linear = self._interpolation == cv2.INTER_LINEAR
         border = cv2.BORDER_CONSTANT if linear else cv2.BORDER_REPLICATE
-        straight = remap(image, *self.maps, self._interpolation, border, into)
+        straight = remap(pixels, *self.maps, self._interpolation, border, into)
         if not linear and self._holes:
             straight[~self.valid] = 0
         return cast(Image, straight)
@@ -161,22 +183,31 @@ class Undistorter:
             pixels: (N, 2)
             depth: m, one for all or (N,); the undistorter's own if it has one for all.
         """
-        metres = self._metres(depth, pixels)
-        undistorted = self.field.undistort_pixels(pixels, metres)
-        seen = self.field.sees(pixels[:, 0], pixels[:, 1], metres) & (metres > 0)
-        return np.where(
-            seen[:, None], (undistorted - self.window.corner) / self.window.zoom, np.nan
-        )
+        rows = self._rows(pixels, depth)
+
+        def undistorted(rows: Array) -> tuple[Array]:
+            at, metres = rows[:, :2], 1 / rows[:, 2]
+            seen = self.field.sees(at[:, 0], at[:, 1], metres)
+            plane = self.field.undistort_pixels(at, metres)
+            shown = (plane - self.window.corner) / self.window.zoom
+            return (np.where(seen[:, None], shown, np.nan),)
+
+        with np.errstate(divide="ignore"):  # a depth may be infinite
+            return on_finite_rows(undistorted, rows, 2)[0]
 
     def distort_points(self, pixels: Array, depth: float | Array | None = None) -> Array:
         """(N, 2) px of the undistorted picture to the (N, 2) px of the camera that see them; NaN
         where none does. Arguments as above.
         """
-        metres = self._metres(depth, pixels)
-        there = metres > 0
-        plane = pixels * np.array(self.window.zoom) + self.window.corner
-        distorted, seen = self.field.distort_pixels(plane, np.where(there, metres, np.inf))
-        return np.where((seen & there)[:, None], distorted, np.nan)
+        rows = self._rows(pixels, depth)
+
+        def distorted(rows: Array) -> tuple[Array]:
+            plane = rows[:, :2] * np.array(self.window.zoom) + self.window.corner
+            found, seen = self.field.distort_pixels(plane, 1 / rows[:, 2])
+            return (np.where(seen[:, None], found, np.nan),)
+
+        with np.errstate(divide="ignore"):
+            return on_finite_rows(distorted, rows, 2)[0]
 
     def project(self, points: Array) -> Array:
         """(N, 3) m in the camera frame to the (N, 2) px of the camera that see them; NaN where none
@@ -191,12 +222,13 @@ class Undistorter:
         return self.calibration.rays(pixels)
 
     def _show(self, depth: Depth) -> None:
-        self._depth = depth
         if not _is_image(depth):
-            made = self.field.map_at(float(depth), self.window)
+            self._depth = metres = _metres(depth)
+            made = self.field.map_at(metres, self.window)
             x, y, self.valid = made.x, made.y, made.valid
         else:
-            image = np.asarray(depth)
+            self._depth = depth
+            image = as_array(depth, "the depth image")
             if image.shape != (self.window.height, self.window.width) or image.dtype.kind != "f":
                 raise InputError(
                     f"the depth image is {image.dtype} of shape {image.shape}: give floating-point"
@@ -204,7 +236,8 @@ class Undistorter:
                     f" {(self.window.height, self.window.width)}."
                 )
             self._stack = self._stack or depth_stack(self.field, self.window, self.near)
-            x, y, self.valid = self._stack.map_at(image)
+            with np.errstate(over="ignore"):  # of a depth that is as good as infinite
+                x, y, self.valid = self._stack.map_at(image.astype(np.float32, order="C"))
         self._holes = not self.valid.all()
         self.maps = _fast(x, y, self.valid, self.field)
 
@@ -217,19 +250,25 @@ class Undistorter:
                 if _is_image(self._depth)
                 else (float(cast(float, self._depth)),)
             )
-            return crop_window(self.field, depths, crop, size)
+            return crop_window(self.field, depths, number(crop, "crop"), size)
         if camera_matrix is None:
             return Window(*size)
         (fx, fy), (cx, cy) = self._pinhole()
-        matrix = np.asarray(camera_matrix, dtype=np.float64)
-        if matrix.shape != (3, 3) or not (
-            matrix[0, 0] > 0 and matrix[1, 1] > 0 and np.isfinite(matrix).all()
-        ):
+        matrix = numbers(camera_matrix, (3, 3), "camera_matrix")
+        if not (matrix[0, 0] > 0 and matrix[1, 1] > 0 and (np.abs(matrix[:2]) < FARTHEST_PX).all()):
             raise InputError(
                 "the camera matrix is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx and fy"
                 " above 0."
             )
         zoom = fx / float(matrix[0, 0]), fy / float(matrix[1, 1])
+        shown = math.prod(size) * zoom[0] * zoom[1]  # px of the bare camera
+        most = max(MOST_NODES * SPACING**2, MOST_SHOWN * self.field.width * self.field.height)
+        if shown > most:
+            least = (fx * fy * math.prod(size) / most) ** 0.5
+            raise InputError(
+                f"the camera matrix shows far more than the camera sees: give focal lengths of"
+                f" {math.ceil(least)} px or more for a picture of {size[0]}x{size[1]} px."
+            )
         return Window(
             *size, (cx - float(matrix[0, 2]) * zoom[0], cy - float(matrix[1, 2]) * zoom[1]), zoom
         )
@@ -242,16 +281,40 @@ class Undistorter:
             intrinsics.cy.value,
         )
 
-    def _metres(self, depth: float | Array | None, pixels: Array) -> Array:
+    def _rows(self, pixels: Array, depth: float | Array | None) -> Array:
+        """Return (N, 3): px, px, and 1 / depth; NaN for a depth that is not in front of the
+        camera.
+        """
         if depth is None:
             if _is_image(self._depth):
                 raise InputError("each pixel has its own depth: say at which depth the points are.")
-            depth = float(cast(float, self._depth))
-        return np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))
+            depth = cast(float, self._depth)
+        at = pixel_rows(pixels)
+        metres = row_numbers(depth, len(at), "depth")
+        ahead = metres >= MIN_DEPTH
+        near = 1 / np.where(ahead, metres, 1.0)
+        near[metres > FARTHEST_M] = 0.0
+        return np.column_stack([at, np.where(ahead, near, np.nan)])
 
 
 def _is_image(depth: Depth) -> bool:
-    return np.ndim(depth) != 0
+    try:
+        return np.ndim(depth) != 0
+    except ValueError:  # of rows of different lengths
+        return True
+
+
+def _metres(depth: Depth) -> float:
+    metres = number(depth, "depth")
+    check_depth(metres)
+    return metres
+
+
+def _whole_size(size: tuple[int, int]) -> tuple[int, int]:
+    width, height = numbers(size, (2,), "size").tolist()
+    if not (width % 1 == height % 1 == 0 and max(width, height) < FARTHEST_PX):
+        raise InputError(f"size is {brief(repr(size))}: give width and height in whole px.")
+    return int(width), int(height)
 
 
 def _fast(

@@ -9,8 +9,8 @@ import numpy as np
 
 from calib.apply.undistorter import Undistorter
 from calib.errors import InputError
-from calib.io.files import check_regular
 from calib.io.output_folder import OutputFolder
+from calib.io.videos import breaks_off, open_video, promised_frames
 from calib.progress import Progress
 
 VIDEOS = {".avi": "MJPG", ".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v"}
@@ -30,21 +30,23 @@ def list_videos(folder: Path) -> tuple[Path, ...]:
 
 def straighten_video(
     path: Path, output: OutputFolder, undistorter: Undistorter, progress: Progress
-) -> Path:
-    """Write the undistorted video under its own name, with the frame rate of the original, and
-    return its path.
+) -> tuple[Path, str]:
+    """Write the undistorted video under its own name, with the frame rate of the original.
 
     An earlier file of that name stays whole until the last frame.
+
+    Returns:
+        The path of the new video, and a sentence if the original is cut off, so that its last
+        frames are missing; else an empty text.
     """
     target = output.path / path.name
-    check_regular(path)
-    capture = cv2.VideoCapture(str(path))
-    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # the calibration is of frames as stored
+    capture = open_video(path)
+    promised = promised_frames(capture)
     temporary = target.with_name(f".refracal-{secrets.token_hex(8)}{target.suffix}")
     width, height = undistorter.size
     writer = cv2.VideoWriter()
     straight = np.empty((height, width, 3), np.uint8)
-    advance = progress.task(path.name, max(1, int(capture.get(cv2.CAP_PROP_FRAME_COUNT))))
+    advance = progress.task(path.name, max(1, promised))
     frames = 0
     try:
         while True:
@@ -76,7 +78,13 @@ def straighten_video(
                 f"{path} holds no frame that can be decoded: convert it to mp4 or avi, or"
                 " replace it."
             )
-        return output.take(temporary, target.name)
+        written = output.take(temporary, target.name)
+        if breaks_off(frames, promised):
+            return written, (
+                f"{path} breaks off after {frames} of {promised} frames, which were straightened:"
+                " copy it again for all of them."
+            )
+        return written, ""
     except OSError as error:
         raise InputError(
             f"{target} cannot be written ({error.strerror}): choose another folder."

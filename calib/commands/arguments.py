@@ -6,6 +6,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from calib.errors import brief
+from calib.io.numerals import whole_number
 
 FARTHEST = 1e9
 """m: what is farther is at infinity, to the last digit of a map."""
@@ -56,12 +57,19 @@ def positive_or_zero(text: str) -> float:
 
 def whole_size(text: str) -> tuple[int, int]:
     """Of a board or a picture, such as 9x6."""
-    first, _, second = text.partition("x")
-    if not (first.isdecimal() and second.isdecimal() and int(first) > 2 and int(second) > 2):
+    size = two_numbers(text)
+    if size is None or min(size) < 3:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a size: write two whole numbers of 3 or more, such as 9x6"
         )
-    return int(first), int(second)
+    return size
+
+
+def two_numbers(text: str) -> tuple[int, int] | None:
+    """Return the two whole numbers of a text such as 9x6; None where it is of another form."""
+    first, _, second = text.partition("x")
+    columns, rows = whole_number(first), whole_number(second)
+    return None if columns is None or rows is None else (columns, rows)
 
 
 def millimetres(text: str) -> float:
@@ -129,27 +137,23 @@ def grid(text: str) -> tuple[int, int] | None:
     """Centres of the relief, such as 12x12; None for `auto`."""
     if text == "auto":
         return None
-    around, _, along = text.partition("x")
-    if not (
-        around.isdecimal()
-        and along.isdecimal()
-        and 2 <= int(around) <= 64
-        and 2 <= int(along) <= 64
-    ):
+    centres = two_numbers(text)
+    if centres is None or min(centres) < 2 or max(centres) > 64:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a grid: write two whole numbers from 2 to 64, such as 8x8, or"
             " auto"
         )
-    return int(around), int(along)
+    return centres
 
 
 def folds(text: str) -> int:
-    if not text.isdecimal() or not 2 <= int(text) <= 100:
+    count = whole_number(text)
+    if count is None or not 2 <= count <= 100:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a number of folds: write a whole number from 2 to 100, such"
             " as 5"
         )
-    return int(text)
+    return count
 
 
 def effects(written: str) -> tuple[str, ...]:
@@ -187,8 +191,9 @@ def free(text: str) -> tuple[str, ...]:
 
 
 def steps(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
+    count = whole_number(text)
+    if not count:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a number of steps: write a whole number above 0, such as 1000"
         )
-    return int(text)
+    return count

@@ -1,6 +1,7 @@
 """The command `calib batch`."""
 
 import argparse
+import math
 import re
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from calib.commands.fit_options import add_fit_options, settings_of
 from calib.errors import InputError, NotEnoughDataError
 from calib.export.formats import FORMATS
 from calib.fleet.cluster import QUEUES
+from calib.io.numerals import whole_number
 
 SUMMARY = "Calibrate a fleet of cameras, and find those that stand out."
 DESCRIPTION = """
@@ -126,16 +128,17 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _workers(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 100_000:
+    count = whole_number(text)
+    if count is None or not 1 <= count <= 100_000:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a number of workers: write a whole number above 0, such as 8"
         )
-    return int(text)
+    return count
 
 
 def _memory(text: str) -> int:
     match = MEMORY.fullmatch(text.strip())
-    if not match or float(match[1]) <= 0:
+    if not match or not 0 < float(match[1]) < math.inf:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a size of memory: write a number with its unit, such as 4GB or"
             " 800MB"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_output, add_overwrite, millimetres, quoted, whole_size
 from calib.errors import InputError
+from calib.io.numerals import whole_number
 from calib.session.coding import DICTIONARIES, SPACING_LIMITS, TYPES
 
 if TYPE_CHECKING:
@@ -171,12 +172,13 @@ def _remarks(pattern: "Pattern", sheet: "Sheet") -> list[str]:
 
 
 def _count(text: str) -> int:
-    if not text.isdecimal() or not 2 <= int(text) <= 1000:
+    count = whole_number(text)
+    if count is None or not 2 <= count <= 1000:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a number of corners or tags: write a whole number from 2 to"
             " 1000, such as 9"
         )
-    return int(text)
+    return count
 
 
 def _part(text: str) -> float:

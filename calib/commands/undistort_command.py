@@ -10,13 +10,15 @@ from calib.commands.arguments import (
     calibration_files,
     depth,
     quoted,
+    two_numbers,
 )
 from calib.commands.loading import quickly
 
 SUMMARY = "Undistort pictures and videos: remove the distortion of cover and lens."
 DESCRIPTION = """
 Pictures may be colour or grey, 8 or 16 bit. Pixels that the camera does not see through its cover
-become 0. Videos lose their sound.
+become 0. Videos lose their sound. If a video is cut off, the frames that it has are undistorted,
+and the exit code is 3.
 """
 
 
@@ -71,6 +73,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
+        from calib.errors import NotEnoughDataError
         from calib.io.output_folder import OutputFolder
 
     calibration = Calibration.load(args.calibration)
@@ -81,8 +84,12 @@ def run(args: argparse.Namespace) -> None:
         args.output, overwrite=args.overwrite, inputs=calibration_files(args.calibration)
     )
     with Bars() as bars:
-        written = undistort_files(calibration, args.images, wanted, output, bars)
-    print_paths(written)
+        done = undistort_files(calibration, args.images, wanted, output, bars)
+    print_paths(done.paths)
+    if done.cut_off:
+        more = len(done.cut_off) - 1
+        others = f" {more} more video{'s' * (more > 1)} of these break off." if more else ""
+        raise NotEnoughDataError(done.cut_off[0] + others)
 
 
 def _alpha(text: str) -> float:
@@ -99,14 +106,9 @@ def _alpha(text: str) -> float:
 
 
 def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    if not (
-        width.isdecimal()
-        and height.isdecimal()
-        and 2 <= int(width) <= 32767
-        and 2 <= int(height) <= 32767
-    ):
+    size = two_numbers(text)
+    if size is None or min(size) < 2 or max(size) > 32767:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a size: write width and height in px, such as 1280x720"
         )
-    return int(width), int(height)
+    return size

@@ -10,9 +10,10 @@ import re
 import tarfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import IO, cast
 
 from calib.errors import InputError, brief
 from calib.importing.session_draft import Draft
@@ -22,11 +23,28 @@ from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.session.schema import Section
 
+GZIP = b"\x1f\x8b"
 PICTURE = re.compile(r"(left|right)-[0-9]+\.png")
 MAX_SETTINGS_BYTES = 1 << 20
 """A larger file is no settings file."""
 MAX_PICTURE_BYTES = 1 << 28
 """A sparse file of the archive may claim any size."""
+
+
+class _Bounded:
+    """A file that refuses to be read in pieces larger than a picture: tarfile reads a member's
+    extended header in one piece, of whatever length the archive states.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.seek = file.seek
+        self.tell = file.tell
+
+    def read(self, size: int) -> bytes:
+        if size > MAX_PICTURE_BYTES + tarfile.BLOCKSIZE:
+            raise tarfile.ReadError("a header that is too large")
+        return self._file.read(size)
 
 
 def from_ros_archive(path: Path, board: Board, camera: str | None) -> Draft:
@@ -83,10 +101,14 @@ def _pictures(path: Path, names: frozenset[str]) -> Iterator[tuple[str, bytes]]:
 def _open_archive(path: Path) -> Iterator[tarfile.TarFile]:
     """Open the archive. That it is damaged, or no archive, may show only while it is read."""
     check_regular(path)
-    with reading(path):
+    with reading(path), path.open("rb") as file:
+        packed = file.read(len(GZIP)) == GZIP
+        file.seek(0)
         try:
-            with tarfile.open(path) as tar:
-                yield tar
+            with gzip.GzipFile(fileobj=file) if packed else nullcontext(file) as unpacked:
+                bounded = cast(IO[bytes], _Bounded(cast(IO[bytes], unpacked)))
+                with tarfile.open(fileobj=bounded, mode="r:") as tar:
+                    yield tar
         except (tarfile.TarError, EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise InputError(
                 f"{path} is not a tar archive, or a damaged one: give the calibrationdata.tar.gz"

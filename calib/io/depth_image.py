@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.io.arrays import decode_npy
+from calib.io.encoded_picture import decode_picture
 from calib.io.files import read_file, reading
 
 KINDS = (".npy", ".png", ".tif", ".tiff", ".exr")
@@ -19,18 +19,10 @@ def read_depth_image(path: Path) -> NDArray[np.float32]:
     """
     data = read_file(path)
     try:
-        pixels = (
-            decode_npy(data)
-            if path.suffix.lower() == ".npy"
-            else cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-        )
-    except (ValueError, cv2.error):
-        pixels = None
-    if (
-        not isinstance(pixels, np.ndarray)
-        or pixels.ndim != 2
-        or pixels.dtype not in (np.float32, np.float64, np.uint16)
-    ):
+        pixels = decode_npy(data) if path.suffix.lower() == ".npy" else decode_picture(data)
+    except ValueError:
+        pixels = np.zeros(0)
+    if pixels.ndim != 2 or pixels.dtype not in (np.float32, np.float64, np.uint16):
         raise InputError(
             f"{path} is not a depth image: write (height, width) floating-point metres as npy or"
             " tiff, or 16-bit millimetres as png."

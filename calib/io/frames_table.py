@@ -13,6 +13,7 @@ from pathlib import Path
 
 from calib.errors import InputError, brief
 from calib.io.files import MOST_TEXT, read_file, reading
+from calib.io.numerals import whole_number
 
 NAME = "frames.csv"
 FIXED = ("file", "time_s", "sequence", "view")
@@ -23,8 +24,6 @@ after them.
 
 LATEST_S = 1e10
 """A time in s is less for centuries; a larger one was written in ms or ns."""
-LONGEST_VIEW = 15
-"""Digits of a view's number."""
 
 Row = Mapping[str, str]
 
@@ -131,10 +130,6 @@ def to_csv(rows: Sequence[Row], keys: Sequence[str], *, header: bool = True) -> 
 def last_view(rows: Sequence[Row]) -> int:
     """The highest number of a view so far; -1 if there is none."""
     return max(
-        (
-            int(view)
-            for row in rows
-            if (view := row.get("view", "")).isdecimal() and len(view) <= LONGEST_VIEW
-        ),
+        (number for row in rows if (number := whole_number(row.get("view", ""))) is not None),
         default=-1,
     )

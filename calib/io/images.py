@@ -15,15 +15,19 @@ from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.io.arrays import decode_npy
+from calib.io.encoded_picture import (
+    BMP,
+    JPEG,
+    PNG,
+    TooLargeError,
+    decode_picture,
+    jpeg_segments,
+)
 from calib.io.files import read_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy")
 SIXTEEN_BIT = (".png", ".tif", ".tiff", ".npy")
 """Those that can hold uint16."""
-
-# What OpenCV would print is raised here, as a sentence. Its log moved between versions; 0 is silent
-# in all of them.
-(cv2.utils.logging.setLogLevel if hasattr(cv2.utils, "logging") else cv2.setLogLevel)(0)  # type: ignore[attr-defined]
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -60,15 +64,14 @@ def read_image(path: Path) -> Image:
         if data.startswith(magic) and not is_whole(data):
             raise InputError(f"{path} is truncated or damaged: copy it again, or remove it.")
     try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        pixels = None
-    if pixels is None:
+        return _checked(path, decode_picture(data))
+    except TooLargeError as error:
+        raise InputError(f"{path} is {error}: give a smaller picture, or remove it.") from error
+    except ValueError as error:
         raise InputError(
             f"{path} is not an image, or a damaged one: replace it by a png, jpg, tiff, bmp or npy"
             " file, or remove it."
-        )
-    return _checked(path, pixels)
+        ) from error
 
 
 def read_grey(path: Path) -> Image:
@@ -122,23 +125,9 @@ def _native(pixels: NDArray) -> Image:
     return np.ascontiguousarray(pixels, np.uint16)
 
 
-_JPEG_MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
-"""Any but a stuffed 0xff and the restart markers, which stand inside the compressed data.
-
-Of 0xff that are repeated, the last counts.
-"""
-
-
 def _jpeg_is_whole(data: bytes) -> bool:
-    """Whether the end marker comes when walking the segments: a thumbnail's own does not count, and
-    bytes after it do no harm.
-    """
-    at = 2
-    while found := _JPEG_MARKER.search(data, at):
-        if found[1] == b"\xd9":
-            return True
-        at = found.end() + int.from_bytes(data[found.end() : found.end() + 2], "big")
-    return False
+    """True if the end marker comes; bytes after it do no harm."""
+    return any(marker == 0xD9 for marker, _ in jpeg_segments(data))
 
 
 def _png_is_whole(data: bytes) -> bool:
@@ -159,9 +148,9 @@ def _bmp_is_whole(data: bytes) -> bool:
 
 
 WHOLE: dict[bytes, Callable[[bytes], bool]] = {
-    b"\xff\xd8\xff": _jpeg_is_whole,
-    b"\x89PNG\r\n\x1a\n": _png_is_whole,
-    b"BM": _bmp_is_whole,
+    JPEG: _jpeg_is_whole,
+    PNG: _png_is_whole,
+    BMP: _bmp_is_whole,
 }
 """How to tell that a file is complete, by the bytes it starts with.
 

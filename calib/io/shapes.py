@@ -44,8 +44,25 @@ def positive(value: object, where: str) -> None:
         raise _wrong(where, "a number above 0")
 
 
+def count(value: object, where: str) -> None:
+    """A whole number of 0 or more."""
+    whole(value, where)
+    if isinstance(value, int) and value < 0:
+        raise _wrong(where, "a whole number of 0 or more")
+
+
 def anything(_value: object, _where: str) -> None:
     """Of what nobody reads."""
+
+
+def choice(*allowed: str) -> Shape:
+    """One of some texts."""
+
+    def check(value: object, where: str) -> None:
+        if value not in allowed:
+            raise _wrong(where, f"one of {', '.join(allowed)}")
+
+    return check
 
 
 def maybe(shape: Shape) -> Shape:

@@ -3,8 +3,9 @@
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import positive, quoted
+from calib.commands.arguments import positive, quoted, two_numbers
 from calib.commands.board_options import add_coding, asked_board
+from calib.io.numerals import whole_number
 
 SUMMARY = "Record a session without a screen: keep sharp frames that show the board in a new pose."
 DESCRIPTION = """
@@ -123,23 +124,19 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _board(text: str) -> tuple[int, int]:
-    columns, _, rows = text.partition("x")
-    if not (
-        columns.isdecimal()
-        and rows.isdecimal()
-        and 2 <= int(columns) <= 1000
-        and 2 <= int(rows) <= 1000
-    ):
+    size = two_numbers(text)
+    if size is None or min(size) < 2 or max(size) > 1000:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a board: write its inner corners as two whole numbers from 3,"
             " such as 9x6"
         )
-    return int(columns), int(rows)
+    return size
 
 
 def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
+    count = whole_number(text)
+    if not count:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a number of them: write a whole number above 0"
         )
-    return int(text)
+    return count

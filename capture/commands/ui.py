@@ -5,6 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from calib.commands.arguments import quoted
+from calib.io.numerals import whole_number
 
 SUMMARY = "Start the terminal UI, a guide to a calibration. `capture SESSION` is short for it."
 DESCRIPTION = """
@@ -71,20 +72,22 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _port(text: str) -> int:
-    if not (text.isdecimal() and len(text) < 6 and 1 <= int(text) <= 65535):
+    port = whole_number(text)
+    if port is None or not 1 <= port <= 65535:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a port: write a whole number from 1 to 65535, such as 8000"
         )
-    return int(text)
+    return port
 
 
 def _apps(text: str) -> int:
-    if not (text.isdecimal() and len(text) < 3 and int(text) >= 1):
+    count = whole_number(text)
+    if count is None or not 1 <= count <= 99:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a number of windows: write a whole number from 1 to 99, such"
             " as 1"
         )
-    return int(text)
+    return count
 
 
 def _has_session_file(session: Path) -> bool:

@@ -22,6 +22,7 @@ from calib.errors import InputError
 from calib.io.files import reading
 from calib.io.frames_table import FIXED, NAME, read_table, recorded_time
 from calib.io.images import list_images, read_image
+from calib.io.numerals import whole_number
 from calib.session.schema import Quantity, Section
 from calib.session.shutter import Shutter
 from capture.frames import PAUSE_S, Frame
@@ -90,11 +91,10 @@ class FolderSource:
             ):
                 return
             metadata = {key: _value(text) for key, text in row.items() if text and key not in FIXED}
-            counter = row.get("sequence", "")
-            sequence = int(counter) if counter.isdecimal() else index
+            sequence = whole_number(row.get("sequence", ""))
             yield Frame(
                 pixels,
-                sequence,
+                index if sequence is None else sequence,
                 start_s + elapsed,
                 metadata,
                 picture.name,

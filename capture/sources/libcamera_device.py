@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
+from calib.io.numerals import whole_number
 from capture.errors import CaptureError
 from capture.sources.registry import ListedCamera
 
@@ -29,8 +30,9 @@ def bindings() -> Any:
 
 def find(cameras: Sequence[Any], place: str) -> Any:
     """Return the camera with this number, or with this text in its id."""
-    if place.isdecimal() and int(place) < len(cameras):
-        return cameras[int(place)]
+    number = whole_number(place)
+    if number is not None and number < len(cameras):
+        return cameras[number]
     for camera in cameras:
         if not place.isdecimal() and place in camera.id:
             return camera

@@ -22,6 +22,7 @@ from typing import IO, Self
 import numpy as np
 
 from calib.errors import InputError
+from calib.io.numerals import whole_number
 from calib.session.schema import Quantity, Section
 from calib.session.shutter import Shutter
 from capture.errors import CaptureError
@@ -235,7 +236,8 @@ def open_source(place: str, options: Section) -> RpicamSource:
     options.allow_only(
         ("size", "mode", "awbgains", *(quantity.key for quantity in QUANTITIES)), "known option"
     )
-    if not place.isdecimal():
+    number = whole_number(place)
+    if number is None:
         raise InputError(f"{options.file} names no camera: write its number, such as rpicam:0.")
     settings = {quantity.key: read_number(options, quantity) or 0.0 for quantity in QUANTITIES}
     texts = []
@@ -247,9 +249,7 @@ def open_source(place: str, options: Section) -> RpicamSource:
         if text and not re.fullmatch(pattern, text):
             raise options.error(key, text, f"it like {example}")
         texts.append(text)
-    return RpicamSource(
-        int(place), read_size(options) or (1640, 1232), settings, texts[0], texts[1]
-    )
+    return RpicamSource(number, read_size(options) or (1640, 1232), settings, texts[0], texts[1])
 
 
 def inventory() -> Inventory:

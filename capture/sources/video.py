@@ -14,15 +14,12 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
-from calib.io.files import check_regular, reading
+from calib.io.videos import breaks_off, open_video, promised_frames
 from calib.session.schema import Section
 from calib.session.shutter import Shutter
 from capture.frames import Frame
 from capture.sources.registry import Inventory
 from capture.typed_path import expand_typed_path
-
-# fraction of a video's number of frames by which the file may fall short of the declared number
-ESTIMATE = 0.05
 
 
 class VideoSource:
@@ -35,10 +32,7 @@ class VideoSource:
         self._closed = threading.Event()
 
     def __enter__(self) -> Self:
-        check_regular(self._file)
-        with reading(self._file):
-            self._file.open("rb").close()
-        self._capture = cv2.VideoCapture(str(self._file), cv2.CAP_FFMPEG)
+        self._capture = open_video(self._file)
         self._next = self._read()
         if self._next is None:
             self._capture.release()
@@ -63,10 +57,8 @@ class VideoSource:
             yield Frame(pixels, sequence, start_s + time_s)
             self._next = self._read()
             sequence += 1
-        declared = int(
-            self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
-        )  # some containers only give an estimate
-        if not self._closed.is_set() and sequence < (1 - ESTIMATE) * declared - 1:
+        declared = promised_frames(self._capture)
+        if not self._closed.is_set() and breaks_off(sequence, declared):
             raise InputError(
                 f"{self._file} breaks off after {sequence} of {declared} frames: copy it again, or"
                 " convert it."

@@ -107,6 +107,26 @@ def test_a_folder_may_hold_both(
     assert frame.shape == (150, 200, 3)
 
 
+def test_a_video_that_is_cut_off_is_straightened_as_far_as_it_goes(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = tmp_path / "v.avi"
+    writer = cv2.VideoWriter(str(whole), cv2.VideoWriter.fourcc(*"MJPG"), 10, (W, H))
+    for _ in range(60):
+        writer.write(ramp(0))
+    writer.release()
+    data = whole.read_bytes()
+    whole.write_bytes(data[: len(data) // 3])
+    cv2.imwrite(str(tmp_path / "w.png"), ramp(0))
+    out = tmp_path / "out"
+    assert run(folder, whole, tmp_path / "w.png", "--depth", "0.5", "-o", out) == 3
+    captured = capsys.readouterr()
+    assert captured.out.split() == [str(out / "v.avi"), str(out / "w.png")], "the others go on"
+    frames = int(cv2.VideoCapture(str(out / "v.avi")).get(cv2.CAP_PROP_FRAME_COUNT))
+    assert 15 < frames < 25
+    assert f"v.avi breaks off after {frames} of 60 frames, which were straightened" in captured.err
+
+
 @pytest.mark.parametrize(
     ("content", "says"),
     [(b"no video", "holds no frame that can be decoded"), (None, "No such file")],

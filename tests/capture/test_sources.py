@@ -44,6 +44,7 @@ from tests.capture.recordings import FIXTURE, noise, write_recording
         ("v4l2:/dev/video0?size=12", "size is 12"),
         ("v4l2:/dev/video0?format=YUV", "YUYV, or one of GREY"),
         ("rpicam:zero", "names no camera: write its number, such as rpicam:0"),
+        (f"rpicam:{'9' * 5000}", "names no camera: write its number, such as rpicam:0"),
         ("rpicam:0?gain=-1", "gain is -1.0: write a number from 1 to 1000"),
         ("rpicam:0?mode=big", 'mode is the text "big": write it like 3280:2464:10:P'),
         ("libcamera:0?lens_positon=1", "did you mean lens_position?"),
@@ -103,6 +104,19 @@ def test_every_backend_says_what_there_is(scheme: Scheme) -> None:
     for camera in result.cameras:
         assert camera.source.startswith(f"{scheme.name}:")
         open_source(camera.source)
+
+
+def test_a_counter_of_5000_digits_counts_as_none(tmp_path: Path) -> None:
+    write_recording(tmp_path, noise(2), 0.05, "9" * 5000)
+    table = tmp_path / "frames.csv"
+    head, *rows = table.read_text().splitlines()
+    counter = head.split(",").index("sequence")
+    cells = [row.split(",") for row in rows]
+    for row in cells:
+        row[counter] = "9" * 5000
+    table.write_text("\n".join([head, *map(",".join, cells)]) + "\n")
+    with open_source(f"folder:{tmp_path}?speed=max") as source:
+        assert [frame.sequence for frame in source] == [0, 1]
 
 
 def test_a_recorded_session_is_given_again_with_times_and_state(tmp_path: Path) -> None:

@@ -33,6 +33,8 @@ ENVIRONMENT = {
 }
 
 
+FREE = ("-accel", "tcg,thread=multi", "-smp", "2")
+COUNTED = ("-accel", "tcg,thread=single", "-smp", "1", "-icount", "shift=0,align=off,sleep=on")
 BOOTED = b"booted in"
 """What init.sh prints."""
 BOOT_S = 120.0
@@ -56,6 +58,12 @@ class Guest:
     silence: float = 600.0
     """Seconds without a word on its console, after which it is stopped: it may be slow on a busy
     machine, but not stand still.
+    """
+
+    counted: bool = False
+    """True for a guest whose clock counts its own work, a nanosecond an instruction, about what a
+    Raspberry Pi does: what takes a second there takes a second, however busy this machine is. It
+    has one processor.
     """
 
     def run(self, shared: Path, *command: str, **environment: str) -> None:
@@ -116,7 +124,8 @@ class Guest:
 
     def _machine(self, shared: Path, archive: Path) -> list[str]:
         return [
-            *("-accel", "tcg,thread=multi", "-cpu", "max", "-smp", "2", "-m", "2048"),
+            *(COUNTED if self.counted else FREE),
+            *("-cpu", "max", "-m", "2048"),
             *(
                 "-nodefaults",
                 "-nographic",

@@ -69,6 +69,8 @@ def test_a_pixel_that_sees_nothing_has_no_ray(small: Calibration, tmp_path: Path
         cover=Cover("flat", {name: Number(value) for name, value in numbers.items()}),
         relief=None,
         amplitudes=np.zeros((0, 0)),
+        views=(),
+        poses=np.zeros((0, 6)),
     )
     assert tilted.camera.intrinsics
     focal = replace(tilted.camera.intrinsics, fx=Number(200.0), fy=Number(200.0))

@@ -42,7 +42,8 @@ def small() -> Calibration:
     k = INTRINSICS
     cx, cy = (Number((number.value - 1.5) / 4) for number in (k.cx, k.cy))
     binned = Intrinsics(Number(k.fx.value / 4), Number(k.fy.value / 4), cx, cy)
-    return replace(whole, camera=Camera(WIDTH // 4, HEIGHT // 4, intrinsics=binned))
+    views = tuple(replace(view, corners=(view.corners - 1.5) / 4) for view in whole.views)
+    return replace(whole, camera=Camera(WIDTH // 4, HEIGHT // 4, intrinsics=binned), views=views)
 
 
 def bare() -> Calibration:

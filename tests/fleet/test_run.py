@@ -320,6 +320,8 @@ def test_a_second_command_on_the_same_fleet_is_refused(
             ("--memory", "4"),
             "'4' is not a size of memory: write a number with its unit, such as 4GB",
         ),
+        (("--memory", f"{'9' * 400}GB"), "is not a size of memory"),
+        (("--workers", "9" * 5000), "is not a number of workers"),
         (("--jobqueue", "slurm", "--scheduler", "tcp://a:1"), "not allowed with argument"),
     ],
 )

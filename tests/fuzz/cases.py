@@ -7,7 +7,7 @@ import io
 import os
 import re
 import tarfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -25,9 +25,11 @@ from hypothesis import strategies as st
 from calib.apply.measure_files import read_points, read_poses
 from calib.calibration import Calibration
 from calib.cli import main
-from calib.corners.corners_file import read_corners
+from calib.corners.corners_file import read_corners, write_corners
 from calib.corners.detect_all import DETECTIONS_FILE, detect
+from calib.corners.view import View
 from calib.errors import MAX_MESSAGE, RefracalError
+from calib.fleet.manifest import read_manifest
 from calib.importing.from_kalibr import from_kalibr
 from calib.importing.from_mrcal import from_cameramodel
 from calib.importing.from_ros import from_ros_archive
@@ -41,11 +43,46 @@ from capture.cli import main as capture_main
 from fixtures.known import known
 from fixtures.synthetic import scene
 from tests.fuzz.command_lines import good_lines
-from tests.fuzz.strategies import arrays, lines, mappings, npys, texts
+from tests.fuzz.strategies import arrays, corner_views, lines, mappings, npys, texts
 from tests.importing.recordings import cameramodel
-from tests.session.malformed import SESSION, WITH_CORNERS, write_good_session
+from tests.session.malformed import (
+    CONE,
+    FLAT,
+    SESSION,
+    WITH_CORNERS,
+    checkerboard,
+    write_good_session,
+)
 from tests.test_calibration import write_session
 
+FLEET_CSV = (
+    b"id,session,serial,prior,fixture,date,held_out_px.max,error_px.min\n"
+    b"A17,sessions/A17,123,old/A17,bench 1,2026-05-17,0.3,0.01\n"
+    b"A18,sessions/A18,124,,bench 2,2026-05-18,,\n"
+)
+FLEET: Mapping[str, Any] = {
+    "limits": {"held_out_px": {"max": 0.3}},
+    "cameras": [
+        {"id": "A17", "session": "sessions/A17", "date": "2026-05-17", "serial": "123"},
+        {"id": "A18", "session": "sessions/A18", "limits": {"error_px": {"min": 0.01}}},
+    ],
+}
+SMALL_SESSION = """\
+format: 1
+board: {columns: 6, rows: 5, square_mm: 20.0}
+corners: corners.vnl
+camera:
+  width: 320
+  height: 240
+"""
+COVERS = (
+    "cover: {shape: none}\n",
+    "  intrinsics: {fx: 300.0, fy: 300.0, cx: 159.5, cy: 119.5, distortion: [0, 0, 0, 0, 0]}\n"
+    f"cover:\n{CONE}",
+    "  intrinsics: {fx: 300.0, fy: 300.0, cx: 159.5, cy: 119.5, distortion: [0, 0, 0, 0, 0]}\n"
+    f"cover:\n{FLAT}",
+)
+"""How sessions of degenerate corners go on: a camera alone, behind a cone, behind a window."""
 Run = Callable[[Any], object]
 Reader = Callable[[Any], bool]
 """True where the input was refused by a sentence, which was looked at, and did not come as an
@@ -65,6 +102,8 @@ class Kind:
     name: str
     inputs: st.SearchStrategy[Any]
     run: Run | Reader
+    cost: int = 1
+    """How many usual cases take the time of one of these; so many fewer are tried."""
 
 
 class Bench:
@@ -78,6 +117,12 @@ class Bench:
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
             if main(["fit", str(fitted), "--grid", "4x4", "-o", str(self.calibration)]) != 0:
                 raise AssertionError("the good session cannot be fitted")
+        self.plain = folder / "plain"
+        self.checkerboard = cv2.imencode(".png", checkerboard(50, 30))[1].tobytes()
+        session = self._write_corners(seen_boards(), COVERS[0])
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+            if main(["fit", str(session), "-o", str(self.plain)]) != 0:
+                raise AssertionError("the good corners cannot be fitted")
         known(scene(1, views=1, grid=(4, 4), amplitude=3e-5), 64, 48).save(folder / "small")
         self.said: dict[str, Any] = yaml.safe_load(
             (self.calibration / "calibration.yaml").read_text()
@@ -90,6 +135,10 @@ class Bench:
         session = yaml.safe_load(SESSION)
         pictures = [
             cv2.imencode(suffix, np.full((24, 32), 99, np.uint8))[1].tobytes()
+            for suffix in (".png", ".jpg", ".bmp", ".tiff")
+        ]
+        boards = [
+            cv2.imencode(suffix, checkerboard(80, 40))[1].tobytes()
             for suffix in (".png", ".jpg", ".bmp", ".tiff")
         ]
         detections = self._detections()
@@ -129,6 +178,30 @@ class Bench:
                 "--depth",
                 st.tuples(depths, st.sampled_from(("npz", "ros", "opencv", "stmap"))),
                 self._depth,
+            ),
+            Kind(
+                "degenerate corners, fitted",
+                st.tuples(corner_views(seen_boards()), st.sampled_from(COVERS)),
+                self._fit,
+                cost=20,
+            ),
+            Kind(
+                "degenerate corners, checked",
+                corner_views(seen_boards()),
+                self._check_views,
+                cost=10,
+            ),
+            Kind("pictures, checked", texts(boards), self._check_picture, cost=5),
+            Kind("a calibration, judged", self._spoilt(), self._judge, cost=10),
+            Kind(
+                "fleet.csv",
+                texts([FLEET_CSV]),
+                partial(self._fleet, "fleet.csv"),
+            ),
+            Kind(
+                "fleet.yaml",
+                st.one_of(texts([_yaml(FLEET)]), mappings(FLEET).map(_yaml)),
+                partial(self._fleet, "fleet.yaml"),
             ),
             Kind("a command line", lines(good_lines(self.folder, points)), self._line),
             Kind(
@@ -246,6 +319,62 @@ class Bench:
             self._put("calibration/calibration.yaml", _yaml(self.said))
             np.savez(self.calibration / "calibration.npz", allow_pickle=False, **self.arrays)
 
+    def _write_corners(self, corners: np.ndarray, cover: str) -> Path:
+        """A session of a small camera, with these corners of BOARD."""
+        folder = self.folder / "degenerate"
+        self._put("degenerate/session.yaml", (SMALL_SESSION + cover).encode())
+        seen = np.isfinite(corners[..., 0])
+        views = [
+            View(f"{number:04d}.png", view, weight.astype(np.float64))
+            for number, (view, weight) in enumerate(zip(corners, seen, strict=True))
+        ]
+        write_corners(folder / "corners.vnl", views)
+        return folder
+
+    def _fit(self, case: tuple[np.ndarray, str]) -> bool:
+        folder, out = self._write_corners(*case), str(self.folder / "degenerate-out")
+        words = ["fit", str(folder), "--grid", "2x2", "--steps", "20", "-o", out]
+        if self._command(words):
+            return True
+        self._command(["evaluate", out, str(folder)])
+        return self._command(["check", out, str(folder)])
+
+    def _check_views(self, corners: np.ndarray) -> bool:
+        folder = self._write_corners(corners, COVERS[0])
+        return self._command(["check", str(self.plain), str(folder)])
+
+    def _check_picture(self, data: bytes) -> bool:
+        self._put("checked/0.png", self.checkerboard)
+        path = self._put("checked/1.png", data)
+        return self._command(["check", str(self.plain), str(path.parent)])
+
+    def _spoilt(self) -> st.SearchStrategy[tuple[dict[str, Any], dict[str, np.ndarray]]]:
+        """calibration.yaml and the arrays of a calibration, one of both spoilt."""
+        said: dict[str, Any] = yaml.safe_load((self.plain / "calibration.yaml").read_text())
+        with np.load(self.plain / "calibration.npz") as file:
+            held = dict(file)
+        return st.one_of(
+            st.tuples(mappings(said), st.just(held)), st.tuples(st.just(said), arrays(held))
+        )
+
+    def _judge(self, case: tuple[dict[str, Any], dict[str, np.ndarray]]) -> bool:
+        said, held = case
+        folder = self.folder / "judged"
+        buffer = io.BytesIO()
+        np.savez(buffer, allow_pickle=False, **held)
+        self._put("judged/calibration.npz", buffer.getvalue())
+        digest = sha256(buffer.getvalue()).hexdigest()
+        self._put("judged/calibration.yaml", _yaml(said | {"arrays_sha256": digest}))
+        judge(Calibration.load(folder))
+        session = self._write_corners(seen_boards(), COVERS[0])
+        refused = [
+            self._command([word, str(folder), str(session)]) for word in ("evaluate", "check")
+        ]
+        return all(refused)
+
+    def _fleet(self, name: str, data: bytes) -> None:
+        read_manifest([str(self._put(name, data))])
+
     def _points(self, data: bytes) -> bool:
         path = self._put("points.csv", data)
         return _refused([partial(read, path) for read in (read_points, read_poses)])
@@ -341,6 +470,20 @@ class Bench:
         return code != 0
 
 
+def seen_boards() -> np.ndarray:
+    """(8, 30, 2) px: the corners of BOARD as a pinhole camera sees them."""
+    draw = np.random.default_rng(4)
+    matrix = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
+    views = []
+    for _ in range(8):
+        turn = draw.uniform(-0.5, 0.5, 3)
+        shift = np.array([*draw.uniform(-0.02, 0.02, 2), draw.uniform(0.25, 0.35)])
+        points = np.column_stack([BOARD.points(), np.zeros(BOARD.count)])
+        seen, _ = cv2.projectPoints(points, turn, shift, matrix, None)
+        views.append(seen[:, 0] + draw.normal(0, 0.05, (BOARD.count, 2)))
+    return np.array(views)
+
+
 def each_of(kind: Kind, cases: int, act: Run, number: int = 0) -> None:
     """Call it with so many inputs of a kind, the same ones for the same seed `number`; fewer where
     there are no more.
@@ -348,7 +491,7 @@ def each_of(kind: Kind, cases: int, act: Run, number: int = 0) -> None:
 
     @seed(number)
     @settings(
-        max_examples=cases,
+        max_examples=max(1, cases // kind.cost),
         database=None,
         deadline=None,
         phases=[Phase.generate],

@@ -175,6 +175,47 @@ def arrays(draw: st.DrawFn, good: Mapping[str, NDArray[Any]]) -> dict[str, NDArr
 
 
 @st.composite
+def corner_views(draw: st.DrawFn, good: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Good corners, (views, corners, 2) px, made degenerate: no camera and no poses explain them,
+    or many do.
+    """
+    corners = good.copy()
+    views, count = corners.shape[:2]
+    for _ in range(draw(st.integers(1, 2))):
+        some = slice(None) if draw(st.booleans()) else slice(draw(st.integers(0, views - 1)), None)
+        centre = corners[some].mean((0, 1))
+        match draw(st.integers(0, 9)):
+            case 0:  # the same in every view
+                corners[some] = corners[draw(st.integers(0, views - 1))]
+            case 1:  # all in one place
+                corners[some] = draw(st.sampled_from((0.0, 100.0)))
+            case 2:  # on one line
+                corners[some, :, 1] = draw(st.sampled_from((1.0, 120.0)))
+            case 3:  # small, large, flat, or mirrored
+                corners[some] = centre + (corners[some] - centre) * draw(
+                    st.sampled_from(
+                        ((1e-3, 1e-3), (0.1, 0.1), (1.0, 1e-2), (-1.0, 1.0), (1e-9, 1.0))
+                    )
+                )
+            case 4:  # in another order
+                corners[some] = corners[some, ::-1]
+            case 5:
+                corners[some] = corners[some][:, np.random.default_rng(1).permutation(count)]
+            case 6:  # noise
+                sigma = draw(st.sampled_from((0.01, 1.0, 30.0)))
+                noise = np.random.default_rng(draw(st.integers(0, 9))).normal(0, sigma, good.shape)
+                corners[some] += noise[some]
+            case 7:  # few are seen
+                corners[some, draw(st.sampled_from((0, 4, 7, 8, 9, 20))) :] = np.nan
+            case 8:  # a grid without perspective, turned towards the camera
+                across, down = np.meshgrid(np.arange(6.0), np.arange(5.0))
+                corners[some] = 20 + 30 * np.stack([across, down], -1).reshape(-1, 2)
+            case _:
+                corners[some] += draw(st.sampled_from((-100.0, 100.0, 1e4)))
+    return corners
+
+
+@st.composite
 def npys(draw: st.DrawFn) -> bytes:
     """A .npy whose header says anything."""
     buffer = io.BytesIO()

@@ -160,7 +160,7 @@ def test_a_zip_is_no_npy_and_a_bomb_no_npz(tmp_path: Path, monkeypatch: pytest.M
         with pytest.raises(InputError, match=r"not a (whole \.npy array|depth image)"):
             read(path)
     assert decode_npz(packed)["a"].shape == (100, 100)
-    monkeypatch.setattr("calib.io.arrays.MOST_UNPACKED", 80_000)
+    monkeypatch.setattr("calib.io.arrays.MOST_DECODED", 80_000)
     with pytest.raises(ValueError, match="when unpacked"):
         decode_npz(packed)
 

@@ -1,0 +1,25 @@
+"""Numbers from outside: somebody wrote them as text, or a program passed them."""
+
+from calib.errors import InputError, brief
+
+MOST_DIGITS = 15
+"""Every count, size and frame number is shorter. Python's int() raises ValueError from 4301 digits
+on.
+"""
+
+
+def whole_number(text: str) -> int | None:
+    """Return the whole number of 0 or more that a text holds; None where it holds something else,
+    or more than MOST_DIGITS digits.
+    """
+    return int(text) if text.isdecimal() and len(text) <= MOST_DIGITS else None
+
+
+def number(value: object, name: str) -> float:
+    """Return one real number; it may be infinite or NaN."""
+    try:
+        if isinstance(value, str | bytes) or getattr(value, "ndim", None):
+            raise TypeError
+        return float(value)  # type: ignore[arg-type]  # whatever has __float__
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} is {brief(repr(value))}: give a real number.") from None
