@@ -6,8 +6,8 @@ address every request, including the websocket's, must bring the token that is p
 address or in the cookie that the first page leaves. Only our own page, which no other page can
 frame, may open a websocket. The number of apps is limited, to one by default: the next window ends
 the oldest. A connection without an admitted request is closed after some seconds
-(`doorkeeper.py`). An app ends with its window, with this server however that ends, and when nobody has
-touched it for hours.
+(`doorkeeper.py`). An app ends with its window, with this server however that ends, and when nobody
+has touched it for hours.
 """
 
 import asyncio

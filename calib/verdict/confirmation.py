@@ -1,4 +1,4 @@
-"""Which declared numbers the views confirm, contradict or leave open, by the cost in depth and
+"""The declared numbers that the views confirm, contradict or leave open, by the cost in depth and
 length.
 """
 
@@ -27,7 +27,7 @@ POSES = (
     "take views of the board tilted by 20 to 40 degrees, to each side and up and down, at several"
     " distances"
 )
-"""What makes the focal length and the cover show."""
+"""The poses that tell a focal length and a cover."""
 
 
 def contradicted_numbers(case: Case) -> Iterator[Reason]:
@@ -52,7 +52,8 @@ def contradicted_numbers(case: Case) -> Iterator[Reason]:
     likely = likely_effects(case)
     lacking = any(gain > evidence.gain for _, gain in likely)
     numbers = " and ".join(
-        f"{one.name} would be {one.estimated}, declared as {one.stated}" for one in causes
+        f"{number.name} would be {number.estimated}, declared as {number.stated}"
+        for number in causes
     )
     advice = "find what the model lacks first, which may cause it" if lacking else ADVICE[DECLARED]
     yield Reason(
@@ -60,7 +61,7 @@ def contradicted_numbers(case: Case) -> Iterator[Reason]:
         f" {change / max(evidence.change_sigma, 1e-12):.0f} standard deviations apart, which"
         f" changes depth and length by {100 * change:.2g} %: {advice}.",
         case.next.diagnose() if lacking else case.next.fit(),
-        tuple(one.name for one in causes),
+        tuple(number.name for number in causes),
     )
 
 
@@ -70,17 +71,23 @@ def unconfirmed_numbers(case: Case) -> Iterator[Reason]:
     if not evidence or evidence.sigma <= UNSURE_FOCAL:
         return
     names = _dominant(evidence)
-    numbers = {one.name: one for one in comparisons(case.calibration)}
-    shown = [f"{name} ({numbers[name].stated})" for name in names if name in numbers]
-    listed = f"{', '.join(shown[:-1])} and {shown[-1]}" if len(shown) > 1 else shown[0]
+    numbers = {number.name: number for number in comparisons(case.calibration)}
+    dominant = [numbers[name] for name in names if name in numbers]
+    if dominant:
+        shown = [f"{number.name} ({number.stated})" for number in dominant]
+        listed = f"{', '.join(shown[:-1])} and {shown[-1]}" if len(shown) > 1 else shown[0]
+        verb = "are" if len(shown) > 1 else "is"
+        subject = f"{listed} {verb} taken as {dominant[0].source}"
+    else:
+        subject = "the lens is taken as declared"
     size = (
         f"more than {100 * UNBOUNDED_SCALE:.0f}"
         if evidence.sigma > UNBOUNDED_SCALE
         else f"{100 * evidence.sigma:.2g}"
     )
     yield Reason(
-        f"{listed} {'are' if len(shown) > 1 else 'is'} taken as declared, not confirmed by these"
-        f" views, which by themselves leave depth and length open by {size} % (one standard"
+        f"{subject}, not confirmed by these views, which by themselves leave depth and length"
+        f" open by {size} % (one standard"
         f" deviation): {POSES}.",
         case.next.capture(),
         tuple(names),
@@ -105,14 +112,14 @@ def _held(case: Case) -> dict[str, Comparison]:
     stated = numbers_of(declared.intrinsics, declared.cover)
     estimated = calibration.covariance.size > 0
     free = {param.name for param in case.optimum.model.parameters.free} if estimated else set()
-    asked = estimated and AUTO in calibration.settings.get("free", ())
+    tried = estimated and AUTO in calibration.settings.get("free", ())
     return {
-        one.name: one
-        for one in comparisons(calibration)
-        if one.name not in free
-        and one.source == DECLARED
-        and not one.effect
-        and (stated[one.name].exact or not asked)
+        number.name: number
+        for number in comparisons(calibration)
+        if number.name not in free
+        and number.source == DECLARED
+        and not number.effect
+        and (stated[number.name].exact or not tried)
     }
 
 
@@ -121,11 +128,11 @@ def _declared_scale_sigma(evidence: ScaleEvidence, held: dict[str, Comparison]) 
     declared with.
     """
     square = 0.0
-    for name, one in held.items():
+    for name, number in held.items():
         correction = evidence.corrections.get(name)
         if correction and correction.change:
-            per_unit = correction.scale_change / (correction.change * one.per_si)
-            square += (per_unit * one.tolerance) ** 2
+            per_unit = correction.scale_change / (correction.change * number.per_si)
+            square += (per_unit * number.tolerance) ** 2
     return float(np.sqrt(square))
 
 

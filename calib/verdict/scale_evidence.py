@@ -20,13 +20,14 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.corners.view import pose_labels
 from calib.estimation.elimination import ViewEquations, project_out
 from calib.estimation.jacobians import undistorted_jacobian
-from calib.estimation.joint_fit import UNEVEN_GLASS
+from calib.estimation.joint_fit import UNEVEN_GLASS, invert_precision
 from calib.estimation.parameters import Parameters
 from calib.estimation.prior_conflict import PRIOR_INFLATION
 from calib.estimation.priors import Priors
@@ -54,7 +55,7 @@ class Correction:
 
     change: float
     sigma: float
-    """Of the change."""
+    """Standard deviation of the change."""
     scale_change: float
     """The relative change of the scale that the number's change makes by itself."""
     share: float
@@ -65,7 +66,9 @@ class Correction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScaleEvidence:
-    """How well the views know the scale of depth and length, and how they would change it."""
+    """The scale of depth and length by the views alone: its uncertainty and the change that they
+    ask for.
+    """
 
     sigma: float
     """Relative standard deviation, of the scale across or down the picture, whichever is larger."""
@@ -78,7 +81,7 @@ class ScaleEvidence:
     gain: float
     """The fraction by which the change would lower the root mean square error."""
     corrections: Mapping[str, Correction]
-    """By the name of a declared number."""
+    """The change of each declared number, by its name."""
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
@@ -93,8 +96,7 @@ def scale_evidence(calibration: Calibration) -> ScaleEvidence:
         information += rows.T @ rows
         score += rows.T @ residual
         squares += float(residual @ residual)
-    covariance = np.linalg.inv(information + prior)
-    covariance = (covariance + covariance.T) / 2
+    covariance = invert_precision(torch.from_numpy(information + prior)).numpy()
     force = score + prior @ optimum.deviation
     step = -covariance @ force
     remaining = np.array([rows.T @ (residual + rows @ step) for rows, residual in poses])
@@ -121,7 +123,7 @@ def _poses(calibration: Calibration, views: Iterable[ViewEquations]) -> list[tup
     """
     labels = pose_labels(calibration.views)
     weights = 1.0 / np.sqrt(np.bincount(labels)[labels])
-    each = [
+    projected = [
         (
             weight * project_out(view.jacobian_block, view.jacobian_shared),
             weight * project_out(view.jacobian_block, view.residual),
@@ -130,7 +132,7 @@ def _poses(calibration: Calibration, views: Iterable[ViewEquations]) -> list[tup
     ]
     poses = []
     for label in range(labels.max() + 1):
-        members = [each[index] for index in np.flatnonzero(labels == label)]
+        members = [projected[index] for index in np.flatnonzero(labels == label)]
         rows = np.concatenate([rows for rows, _ in members])
         residual = np.concatenate([residual for _, residual in members])
         poses.append((rows, residual))
@@ -150,10 +152,10 @@ def _freed(calibration: Calibration) -> FittedModel:
         name: sigma for name, sigma in _plausible(calibration).items() if sigma and name in names
     }
     correlations = {
-        (one, other): value
-        * _narrowing(priors, plausible, one)
-        * _narrowing(priors, plausible, other)
-        for (one, other), value in priors.correlations.items()
+        (first, second): value
+        * _narrowing(priors, plausible, first)
+        * _narrowing(priors, plausible, second)
+        for (first, second), value in priors.correlations.items()
     }
     if _declares_intrinsics(calibration):
         ratio = SQUARE_PIXELS / (PRIOR_INFLATION * FOCAL.sigma)
@@ -177,14 +179,14 @@ def _plausible(calibration: Calibration) -> dict[str, float]:
     plain = {name: Number(number.value) for name, number in stated.items()}
     intrinsics, cover = replace_numbers(declared.intrinsics, declared.cover, plain)
     tolerances = numbers_of(*free_parameters(intrinsics, cover, (ALL,)))
-    given = _declares_intrinsics(calibration)
+    by_session = _declares_intrinsics(calibration)
     sigmas = {
         name: number.sigma
-        if name.startswith("camera.") and not given
+        if name.startswith("camera.") and not by_session
         else max(number.sigma, tolerances[name].sigma if name in tolerances else 0.0)
         for name, number in stated.items()
     }
-    if given:
+    if by_session:
         for name in FOCAL_LENGTH:
             sigmas[name] = max(
                 sigmas[name], PRIOR_INFLATION * FOCAL.sigma * abs(stated[name].value)
@@ -203,17 +205,17 @@ def _scale_jacobian(optimum: FittedModel, parameters: Parameters) -> Array:
     """
     pixels = optimum.observations.pixels.numpy()
     pixels = pixels[:: max(1, len(pixels) // SAMPLED)]
-    jacobian, motions, lost = undistorted_jacobian(optimum.model.path, parameters, pixels)
+    jacobian, motions, failed = undistorted_jacobian(optimum.model.path, parameters, pixels)
     values = optimum.joint.values
     centre = [float(values["camera.cx"]), float(values["camera.cy"])]
-    offset = (pixels - centre)[~lost]
+    offset = (pixels - centre)[~failed]
     columns = np.zeros((len(offset), 2, 5))
-    columns[:, :, :3] = motions[~lost, 0, :, :3]
+    columns[:, :, :3] = motions[~failed, 0, :, :3]
     columns[:, 0, 3] = offset[:, 0]
     columns[:, 1, 4] = offset[:, 1]
     design = columns.reshape(-1, 5)
     lengths = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-    change = jacobian[~lost, 0].reshape(len(design), -1)
+    change = jacobian[~failed, 0].reshape(len(design), -1)
     solved = np.linalg.lstsq(design / lengths, change, rcond=None)[0]
     return np.asarray(solved[3:] / lengths[3:, None])
 
@@ -230,19 +232,19 @@ def _corrections(
         and param.name.partition(".")[0] in ("camera", "cover")
     }
     variance = max(float(worse @ covariance @ worse), 1e-300)
-    found = {}
+    corrections = {}
     for name, scale in scalars.items():
         at = slices[name].start
-        group = parameters.entries(other for other in scalars if _group(other) == _group(name))
-        along = covariance[group] @ worse
-        known = along @ np.linalg.pinv(covariance[np.ix_(group, group)], hermitian=True) @ along
-        found[name] = Correction(
+        group = parameters.entries(member for member in scalars if _group(member) == _group(name))
+        cross = covariance[group] @ worse
+        explained = cross @ np.linalg.pinv(covariance[np.ix_(group, group)], hermitian=True) @ cross
+        corrections[name] = Correction(
             change=scale * float(step[at]),
             sigma=scale * float(np.sqrt(covariance[at, at])),
             scale_change=float(mean[at] * step[at]),
-            share=float(known) / variance,
+            share=float(explained) / variance,
         )
-    return found
+    return corrections
 
 
 def _group(name: str) -> str:
