@@ -19,7 +19,6 @@ import yaml
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.array_arguments import on_finite_rows, pixel_rows, point_rows
 from calib.calibration_file import (
     CALIBRATION,
     check_arrays,
@@ -36,6 +35,7 @@ from calib.errors import InputError, NotEnoughDataError, brief
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
+from calib.io.array_arguments import on_finite_rows, pixel_rows, point_rows
 from calib.io.arrays import decode_npz
 from calib.io.file_set import FileSet, in_force
 from calib.io.files import npz, reading

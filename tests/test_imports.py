@@ -19,7 +19,6 @@ LAYERS = {
         ("errors", "extras", "version"),
         ("progress", "threads"),
         ("io",),
-        ("array_arguments",),
         ("session",),
         ("corners",),
         ("optics",),

@@ -19,13 +19,6 @@ from numpy.typing import NDArray
 
 from calib.apply.map_uncertainty import ray_errors
 from calib.apply.triangulate import central_differences, intersect, triangulate, turns
-from calib.array_arguments import (
-    FARTHEST_M,
-    FARTHEST_PX,
-    indices,
-    numbers,
-    pixel_rows,
-)
 from calib.calibration import Calibration
 from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import View
@@ -34,6 +27,13 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
+from calib.io.array_arguments import (
+    FARTHEST_M,
+    FARTHEST_PX,
+    indices,
+    numbers,
+    pixel_rows,
+)
 from calib.io.numerals import number
 from calib.threads import single_thread
 from calib.undistortion.grids import Array

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from calib.apply.located_tags import Located, Reason, Tag, TagPose, Unplaced
 from calib.apply.map_uncertainty import ray_errors
 from calib.apply.tag_pose import SQUARE, Lines, misfit, poses
-from calib.array_arguments import numbers, one_of, picture, pixel_rows
 from calib.calibration import Calibration
 from calib.corners.detect import eight_bits
 from calib.corners.ink_spread import NO_INK_SPREAD, InkSpread, measure_ink_spread, remove_ink_spread
 from calib.corners.markers import black_cells, read_markers, size_of_markers
 from calib.corners.tag_outline import edge_vectors, measure_outlines
 from calib.errors import InputError, brief
+from calib.io.array_arguments import numbers, one_of, picture, pixel_rows
 from calib.io.numerals import number
 from calib.session.coding import DICTIONARIES
 from calib.session.tolerances import SQUARE_SIDE

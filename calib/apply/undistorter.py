@@ -18,7 +18,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.array_arguments import (
+from calib.calibration import Calibration
+from calib.errors import InputError, brief
+from calib.io.array_arguments import (
     FARTHEST_M,
     FARTHEST_PX,
     as_array,
@@ -29,8 +31,6 @@ from calib.array_arguments import (
     pixel_rows,
     row_numbers,
 )
-from calib.calibration import Calibration
-from calib.errors import InputError, brief
 from calib.io.images import Image as Stored
 from calib.io.numerals import number
 from calib.undistortion.crop import crop_window
