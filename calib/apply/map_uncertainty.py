@@ -3,14 +3,16 @@ covariance propagated to the maps.
 
 p_u(Z) = A + B / Z for every pixel, so the variance is a quadratic in inverse depth, of three
 coefficients a pixel. The rigid motion of all rays that board views leave open is the gauge: of each
-error, the motion that hides most of it at the training corners is subtracted.
+error, the motion that hides most of it at the training corners is subtracted. A wide lens sees
+corners that no undistorted picture holds, so each of its corners counts as the camera would see it
+that looks there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -22,12 +24,21 @@ from calib.errors import InputError
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ROWS
+from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.optics.rotation import onto_z
 from calib.threads import single_thread
 from calib.undistortion.depth_map import DepthMap
 from calib.undistortion.remap import remap
 
 Array = NDArray[np.float64]
+
+
+class RayErrors(Protocol):
+    """How far the rays of pixels may be off."""
+
+    def __call__(self, pixels: Array, frames: Array | None = None) -> Array: ...
+
 
 NO_CORNERS = (
     "the calibration's poses and corners do not go with its camera and cover, as if its files had"
@@ -47,7 +58,7 @@ class SigmaField:
     """(h,) px"""
     variance: Array
     """(h, w, 3) px^2, px^2 m, px^2 m^2: the variance at depth Z is the first + the second / Z + the
-    third / Z^2, x and y together. NaN where no ray leaves the cover.
+    third / Z^2, x and y together. NaN where no ray leaves the cover, or none that goes forward.
     """
 
     def at_nodes(self, depth: float) -> Array:
@@ -101,18 +112,19 @@ def predicted_sigma(calibration: Calibration) -> SigmaField | None:
 
 
 @lru_cache(maxsize=1)
-def ray_errors(calibration: Calibration) -> Callable[[Array], Array]:
+def ray_errors(calibration: Calibration) -> RayErrors:
     """From (N, 2) px to the (N, 4, S) errors of their A (px) and B (px m) for each of S independent
-    errors of unit variance, which all pixels share; NaN where no ray leaves the cover. S is 0 where
-    the fit estimated no covariance.
+    errors of unit variance, which all pixels share; NaN where no ray leaves the cover, or none that
+    goes forward. S is 0 where the fit estimated no covariance. With (N, 3, 3) frames of the pixels'
+    own, A and B are taken in these.
     """
     if not calibration.covariance.size:
-        return lambda pixels: np.zeros((len(pixels), 4, 0))
+        return lambda pixels, frames=None: np.zeros((len(pixels), 4, 0))
     change = UndistortedChange.of(calibration)
     root = root_of(calibration.covariance)
 
-    def errors(pixels: Array) -> Array:
-        jacobian, lost = change.jacobian(pixels)
+    def errors(pixels: Array, frames: Array | None = None) -> Array:
+        jacobian, lost = change.jacobian(pixels, frames)
         return np.where(lost[:, None, None], np.nan, jacobian @ root)
 
     return errors
@@ -131,15 +143,24 @@ def root_of(covariance: Array) -> Array:
 
 
 def corners_at(calibration: Calibration) -> Array:
-    """(N, 3) px and m: where the training corners are in the picture, and their depth."""
+    """(N, 3) px and m: where the training corners are in the picture, and how far away they are."""
     if not calibration.views:
         return calibration.corners_at
     model, observations = calibration.camera_model(), calibration.observations
     poses = torch.from_numpy(calibration.poses)[observations.view]
-    depth = model.path.place(observations.corners, observations.with_times(model.means), poses)[
-        :, 2
-    ].numpy()
-    return np.column_stack([observations.pixels.numpy(), depth])
+    timed = observations.with_times(model.means)
+    distance = model.path.distance(model.path.place(observations.corners, timed, poses))
+    return np.column_stack([observations.pixels.numpy(), distance.numpy()])
+
+
+def pixel_frames(path: Path, values: Values, pixels: Array) -> Array:
+    """(N, 3, 3) rotations from the camera frame to that of each of (N, 2) px, whose z points where
+    the pixel sees; the camera's own where no ray leaves the cover.
+    """
+    rays = path.trace(torch.from_numpy(pixels), values)
+    forward = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+    lost = (rays.failure != 0).unsqueeze(-1)
+    return np.asarray(onto_z(torch.where(lost, forward, rays.direction.stacked())).numpy())
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,15 +180,17 @@ class UndistortedChange:
     def of(calibration: Calibration) -> UndistortedChange:
         model = calibration.camera_model()
         path, parameters, corners = model.path, model.parameters, corners_at(calibration)
-        depth = corners[:, 2]
-        if not (depth > 0).all():
+        distance = corners[:, 2]
+        if not (distance > 0).all():
             raise InputError(NO_CORNERS)
         normal, right_side = np.zeros((6, 6)), np.zeros((6, parameters.count))
-        for first in range(0, len(depth), ROWS):
+        for first in range(0, len(distance), ROWS):
             some = slice(first, first + ROWS)
-            jacobian, motions, lost = undistorted_jacobian(path, parameters, corners[some, :2])
+            pixels, near = corners[some, :2], 1 / distance[some]
+            frames = pixel_frames(path, model.means, pixels) if path.lens.wide else None
+            jacobian, motions, lost = undistorted_jacobian(path, parameters, pixels, frames)
             at = (
-                np.stack([np.ones_like(depth[some]), 1 / depth[some]], -1)[:, :, None, None]
+                np.stack([np.ones_like(near), near], -1)[:, :, None, None]
                 * ~lost[:, None, None, None]
             )
             seen, moved = (
@@ -181,9 +204,13 @@ class UndistortedChange:
             raise InputError(NO_CORNERS) from error
         return UndistortedChange(path, parameters, np.asarray(motion, dtype=np.float64))
 
-    def jacobian(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """(N, 4, S) of A and B by the parameters, and (N,) where there is no ray."""
-        jacobian, motions, lost = undistorted_jacobian(self.path, self.parameters, pixels)
+    def jacobian(
+        self, pixels: Array, frames: Array | None = None
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """(N, 4, S) of A and B by the parameters, and (N,) where there is no ray, or none that goes
+        forward; in (N, 3, 3) frames of the pixels' own, if these are given.
+        """
+        jacobian, motions, lost = undistorted_jacobian(self.path, self.parameters, pixels, frames)
         return (jacobian - motions @ self.motion).reshape(len(pixels), 4, jacobian.shape[-1]), lost
 
 

@@ -81,6 +81,14 @@ class Path:
         """
         return self.lens.wide and self.central and not self.adjustments
 
+    def distance(self, points: Tensor) -> Tensor:
+        """(..., 3) m in the camera frame to (...) m: how far away they are.
+
+        That is their depth z, which maps go by. A wide lens sees points beside and behind the
+        camera, whose depth is 0 or less: there it is their distance from the camera.
+        """
+        return points.norm(dim=-1) if self.lens.wide else points[..., 2]
+
     @property
     def view_parts(self) -> tuple[str, ...]:
         """What every view has for itself, of `board_target.PARTS`."""

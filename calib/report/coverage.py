@@ -42,9 +42,11 @@ def coverage(evidence: Evidence) -> Drawing:
         )
         left.set_title(f"image: {100 * evidence.covered:.0f} % of the cells")
         colour_bar(figure, shown, left, "corners")
-        near, far = evidence.depth.min(), evidence.depth.max()
-        centre.hist(evidence.depth, BARS, color=SERIES[0], rwidth=0.88)
-        centre.set(xlabel="depth (m)", ylabel="corners", title=f"depth: {near:.2g} to {far:.2g} m")
+        near, far = evidence.distance.min(), evidence.distance.max()
+        centre.hist(evidence.distance, BARS, color=SERIES[0], rwidth=0.88)
+        name = evidence.distance_name
+        title = f"{name}: {near:.2g} to {far:.2g} m"
+        centre.set(xlabel=f"{name} (m)", ylabel="corners", title=title)
         for axes in right:
             chart_axes(axes, evidence)
             axes.plot(

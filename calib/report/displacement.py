@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.report.evidence import Array, Evidence
-from calib.undistortion.ray_field import RayField
 
 
 @dataclass(frozen=True, slots=True)
 class Displacement:
     """Undistorted minus distorted pixel, which is affine in inverse depth; NaN where no ray leaves
-    the cover.
+    the cover, or where it is not shown (`Evidence.shown`).
     """
 
     at_infinity: Array
@@ -22,15 +21,16 @@ class Displacement:
     """(..., 2) px m, for each 1/m of inverse depth."""
 
     @staticmethod
-    def of(field: RayField, pixels: Array) -> Displacement:
+    def of(evidence: Evidence, pixels: Array) -> Displacement:
         """Args: pixels: (..., 2) px."""
-        flat = pixels.reshape(-1, 2)
+        field, flat = evidence.field, pixels.reshape(-1, 2)
         column, row = (
             np.rint((at - own[0]) / (own[1] - own[0])).astype(int).clip(0, len(own) - 1)
             for at, own in zip(flat.T, (field.nodes_x, field.nodes_y), strict=True)
         )
+        known = field.valid[row, column] & evidence.shown(flat)
         far, near = (
-            np.where(field.valid[row, column, None], field.undistorted(flat, depth), np.nan)
+            np.where(known[:, None], field.undistorted(flat, depth), np.nan)
             for depth in (np.inf, 1.0)
         )
         return Displacement((far - flat).reshape(pixels.shape), (near - far).reshape(pixels.shape))
@@ -49,4 +49,4 @@ def lattice(evidence: Evidence, nodes: tuple[int, int]) -> tuple[Array, Array, D
         np.linspace(-0.5, size - 0.5, n)
         for size, n in zip((camera.width, camera.height), nodes, strict=True)
     )
-    return x, y, Displacement.of(evidence.field, np.stack(np.meshgrid(x, y), -1))
+    return x, y, Displacement.of(evidence, np.stack(np.meshgrid(x, y), -1))

@@ -50,12 +50,19 @@ class Evidence:
     view: NDArray[np.int64]
     """(M,) each corner's view."""
     depth: Array
-    """(M,) m"""
+    """(M,) m, z of each corner in the camera frame."""
+    distance: Array
+    """(M,) m, how far away each corner is (`Path.distance`): its depth, but of a wide lens."""
     field: RayField
     sigma: SigmaField | None
     """None where the fit estimated no covariance."""
     depths: tuple[float, ...]
     """m, near to far: where fields are shown."""
+
+    @property
+    def distance_name(self) -> str:
+        """What axes call the distances."""
+        return "distance" if self.path.lens.wide else "depth"
 
     @property
     def errors(self) -> Array:
@@ -93,14 +100,29 @@ class Evidence:
             )
         )
 
+    def shown(self, pixels: Array) -> NDArray[np.bool_]:
+        """(...) whether figures show the undistortion of (..., 2) px. That of a wide lens grows
+        without bounds towards 90 degrees from the axis, so they show what its undistorted picture
+        holds.
+        """
+        if not self.path.lens.wide:
+            return np.ones(pixels.shape[:-1], dtype=np.bool_)
+        return self.field.holds(pixels.reshape(-1, 2)).reshape(pixels.shape[:-1])
+
+    def sigma_at_nodes(self, depth: float) -> Array:
+        """(h, w) px, as `SigmaField.at_nodes`; NaN where that is not shown."""
+        assert self.sigma
+        nodes = np.stack(np.meshgrid(self.sigma.nodes_x, self.sigma.nodes_y), -1)
+        return np.where(self.shown(nodes), self.sigma.at_nodes(depth), np.nan)
+
     def sigma_at_corners(self, depth: float) -> Array:
         """(n,) px: how sure the map of a depth (m) is where it was trained; empty without a
         covariance.
         """
         if not self.sigma:
             return np.zeros(0)
-        found = self.sigma.at(self.pixels[:, :1], self.pixels[:, 1:], depth)
-        return found[np.isfinite(found)].astype(np.float64)
+        found = self.sigma.at(self.pixels[:, :1], self.pixels[:, 1:], depth)[:, 0]
+        return found[np.isfinite(found) & self.shown(self.pixels)].astype(np.float64)
 
 
 def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) -> Evidence:
@@ -119,14 +141,15 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
     path, values = calibration.model()
     observations = calibration.observations
     own = torch.from_numpy(calibration.poses)[observations.view]
-    depth = path.place(observations.corners, values, own)[:, 2].numpy()
+    places = path.place(observations.corners, values, own)
+    depth, distance = places[:, 2].numpy(), path.distance(places).numpy()
     missed, sigma = (
         residuals(path, values, observations, torch.from_numpy(calibration.poses)),
         predicted_sigma(calibration),
     )
     seen = torch.isfinite(missed.image).all(-1).double().mean()
     if (
-        not (depth > 0).all()
+        not (distance > 0).all()
         or seen < FEWEST_SEEN
         or (sigma and not np.isfinite(sigma.variance).any())
     ):
@@ -140,10 +163,11 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
         pixels=observations.pixels.numpy(),
         view=observations.view.numpy(),
         depth=depth,
+        distance=distance,
         field=calibration.ray_field(),
         sigma=sigma,
         depths=tuple(sorted(set(depths)))
-        or tuple(dict.fromkeys(float(f"{d:.2g}") for d in np.quantile(depth, (0, 0.5, 1)))),
+        or tuple(dict.fromkeys(float(f"{d:.2g}") for d in np.quantile(distance, (0, 0.5, 1)))),
     )
 
 

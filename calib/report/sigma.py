@@ -24,7 +24,7 @@ def predicted_errors(evidence: Evidence) -> Drawing | None:
     if not field:
         return None
     camera, depths = evidence.calibration.camera, evidence.depths[:3]
-    sigmas = [field.at_nodes(depth) for depth in depths]
+    sigmas = [evidence.sigma_at_nodes(depth) for depth in depths]
     panel = fitted(camera.width / camera.height, 2.7 if len(depths) > 2 else 4.0)
     most = max(float(np.nanquantile(sigma, 0.98)) for sigma in sigmas)
 

@@ -45,12 +45,16 @@ class Line:
 
 
 def straight_html(evidence: Evidence, session: Path | None) -> str:
-    """Empty where the model is a pinhole, which bends nothing."""
+    """Empty where the model is a pinhole, which bends nothing, or where no undistorted picture
+    holds all of a view's corners.
+    """
     if evidence.bare_missed is None:
         return ""
     camera = evidence.calibration.camera
     size = camera.width, camera.height
     order = _largest_first(evidence)
+    if not order:
+        return ""
     for view in order[:ASKED]:
         path = session and picture_of(session, evidence.calibration.views[view].name)
         if path and (picture := read_small(path, size, min(WIDTH, camera.width))) is not None:
@@ -59,12 +63,14 @@ def straight_html(evidence: Evidence, session: Path | None) -> str:
 
 
 def _largest_first(evidence: Evidence) -> list[int]:
-    """The views by how much of the picture their corners span."""
+    """The views by how much of the picture their corners span, of those whose corners figures
+    show.
+    """
     own = [
         evidence.pixels[evidence.view == view] for view in range(len(evidence.calibration.views))
     ]
     return sorted(
-        range(len(own)),
+        (view for view in range(len(own)) if evidence.shown(own[view]).all()),
         key=lambda view: -float(np.prod(np.ptp(own[view], 0))) if len(own[view]) else 0.0,
     )
 
@@ -87,7 +93,7 @@ def lines_across(evidence: Evidence, view: int) -> Iterator[Line]:
             depth = (
                 pose[3:] @ turn[:, 2] / np.where(np.abs(towards) < 1e-6, np.nan, towards)
             )  # m, on the board's plane
-            there = depth > evidence.depth.min() / 2  # not where the plane passes the camera
+            there = depth > evidence.distance.min() / 2  # not where the plane passes the camera
             before, sees = evidence.field.distorted(after[there], depth[there])
             found = np.isfinite(own).all(-1)
             if sees.sum() > 2:

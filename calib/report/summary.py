@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.apply.angular_reach import angular_reach
 from calib.fitting.cross_validation import CrossValidation
 from calib.fitting.provenance import KEY
 from calib.report.evidence import Evidence
@@ -36,7 +37,8 @@ def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
     """Args: depths: m, for which maps are wanted."""
     session = Path(evidence.calibration.settings.get(KEY, {}).get("session", "SESSION")).name
     verdict = judge(evidence.calibration, depths=depths, folder=HERE, session=Path(session))
-    return Summary((_subject(evidence), _fit(evidence, verdict), _reach(evidence)), verdict)
+    reach = " ".join(filter(None, [_reach(evidence), angular_reach(evidence.calibration).sentence]))
+    return Summary((_subject(evidence), _fit(evidence, verdict), reach), verdict)
 
 
 def _subject(evidence: Evidence) -> str:
@@ -50,7 +52,7 @@ def _subject(evidence: Evidence) -> str:
             f" behind {SHAPES[c.cover.shape]}, {1e3 * thickness:.3g} mm thick with index"
             f" {index:.4g},"
         )
-    near, far = evidence.depth.min(), evidence.depth.max()
+    near, far = evidence.distance.min(), evidence.distance.max()
     size = f"{c.camera.width}x{c.camera.height}"
     camera = (
         c.camera.model
@@ -106,7 +108,7 @@ def _reach(evidence: Evidence) -> str:
         f"{np.median(evidence.sigma_at_corners(depth)):.2g} px at {depth:g} m"
         for depth in evidence.depths
     )
-    worst = max(float(np.nanmax(evidence.sigma.at_nodes(depth))) for depth in evidence.depths)
+    worst = max(float(np.nanmax(evidence.sigma_at_nodes(depth))) for depth in evidence.depths)
     return (
         said
         + f", where one standard deviation of the maps is predicted to be {at}; elsewhere it grows"
