@@ -24,7 +24,6 @@ from calib.errors import InputError
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ROWS
-from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.rotation import onto_z
 from calib.threads import single_thread
@@ -153,14 +152,12 @@ def corners_at(calibration: Calibration) -> Array:
     return np.column_stack([observations.pixels.numpy(), distance.numpy()])
 
 
-def pixel_frames(path: Path, values: Values, pixels: Array) -> Array:
-    """(N, 3, 3) rotations from the camera frame to that of each of (N, 2) px, whose z points where
-    the pixel sees; the camera's own where no ray leaves the cover.
+def frames_along(directions: Array) -> Array:
+    """(N, 3, 3) rotations from the camera frame to frames whose z axes point along (N, 3) unit
+    directions; no rotation where a direction is NaN.
     """
-    rays = path.trace(torch.from_numpy(pixels), values)
-    forward = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
-    lost = (rays.failure != 0).unsqueeze(-1)
-    return np.asarray(onto_z(torch.where(lost, forward, rays.direction.stacked())).numpy())
+    lost = np.isnan(directions).any(-1, keepdims=True)
+    return np.asarray(onto_z(torch.from_numpy(np.where(lost, [0.0, 0.0, 1.0], directions))).numpy())
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +184,10 @@ class UndistortedChange:
         for first in range(0, len(distance), ROWS):
             some = slice(first, first + ROWS)
             pixels, near = corners[some, :2], 1 / distance[some]
-            frames = pixel_frames(path, model.means, pixels) if path.lens.wide else None
+            frames = None
+            if path.lens.wide:
+                rays = path.trace(torch.from_numpy(pixels), model.means)
+                frames = frames_along(rays.direction.stacked().numpy())
             jacobian, motions, lost = undistorted_jacobian(path, parameters, pixels, frames)
             at = (
                 np.stack([np.ones_like(near), near], -1)[:, :, None, None]

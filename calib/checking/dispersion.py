@@ -114,7 +114,8 @@ def explained(products: Array, columns: slice) -> tuple[float, int]:
     has; from inner products with the residual first.
     """
     information, score = products[columns, columns], products[columns, 0]
-    length = np.sqrt(np.maximum(information.diagonal(), 1e-300))
+    squared = information.diagonal()
+    length = np.sqrt(np.where(squared > 0, squared, np.inf))  # what moves nothing explains nothing
     values, axes = np.linalg.eigh(information / np.outer(length, length))
     told = values > DEPENDENT * max(values.max(initial=0.0), 1e-300)
     along = axes.T[told] @ (score / length)

@@ -6,6 +6,7 @@ Videos lose their sound.
 """
 
 import argparse
+import sys
 from pathlib import Path
 
 from calib.commands.arguments import add_calibration, add_output, depth, quoted
@@ -58,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     with quickly():
+        from calib.apply.angular_reach import undistortion_limit
         from calib.apply.undistort_files import Wanted, undistort_files
         from calib.calibration import Calibration
         from calib.commands.console import Bars
@@ -70,6 +72,8 @@ def run(args: argparse.Namespace) -> None:
     with Bars() as bars:
         written = undistort_files(calibration, args.images, wanted, args.output, bars)
     print_paths(written)
+    if said := undistortion_limit(calibration):
+        print(said, file=sys.stderr)
 
 
 def _alpha(text: str) -> float:

@@ -79,7 +79,7 @@ def diagnose(
             calibration.camera,
             observations,
             folds(poses),
-            bands(_depths(model, joint, observations), poses),
+            bands(_distances(model, joint, observations), poses),
             base_model(calibration),
             model,
             joint,
@@ -155,15 +155,13 @@ def diagnose(
     )
 
 
-def _depths(model: CameraModel, joint: JointFit, observations: Observations) -> NDArray[np.float64]:
+def _distances(
+    model: CameraModel, joint: JointFit, observations: Observations
+) -> NDArray[np.float64]:
     """(V,) m, of each view's corners on average."""
-    timed = observations.with_times(joint.values)
-    depth = model.path.place(observations.corners, timed, joint.poses[observations.view])[
-        :, 2
-    ].numpy()
-    return np.asarray(
-        np.bincount(observations.view.numpy(), depth) / np.bincount(observations.view.numpy())
-    )
+    timed, view = observations.with_times(joint.values), observations.view.numpy()
+    places = model.path.place(observations.corners, timed, joint.poses[observations.view])
+    return np.asarray(np.bincount(view, model.path.distance(places).numpy()) / np.bincount(view))
 
 
 def _missed(model: CameraModel, joint: JointFit, observations: Observations) -> Residuals:
@@ -182,14 +180,14 @@ def split_of(
     seen = torch.isfinite(missed).all(-1)
     kept = observations.kept(seen)
     timed = kept.with_times(joint.values)
-    depth = model.path.place(kept.corners, timed, joint.poses[kept.view])[:, 2]
+    places = model.path.place(kept.corners, timed, joint.poses[kept.view])
     rays = model.path.trace(kept.pixels, timed)
     start = model.path.lens(*model.path.adjusted(kept.pixels, timed)).direction
     incidence = start.z if not model.path.cover else start.dot(rays.direction)
     scene = Scene(
         kept,
         missed[seen].numpy(),
-        depth.numpy(),
+        model.path.distance(places).numpy(),
         incidence.numpy(),
         calibration.camera.width,
         calibration.camera.height,

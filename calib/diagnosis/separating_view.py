@@ -91,9 +91,8 @@ def _bank(at: Optimum, camera: Camera) -> Iterator[Array]:
     """(6,) poses, wherever the middle of the board lies in the picture of a pinhole."""
     seen = at.observations
     timed = seen.with_times(at.joint.values)
-    depth = float(
-        at.model.path.place(seen.corners, timed, at.joint.poses[seen.view])[:, 2].median()
-    )
+    places = at.model.path.place(seen.corners, timed, at.joint.poses[seen.view])
+    depth = float(at.model.path.distance(places).median())
     focal, cx, cy = (float(at.joint.values[f"camera.{name}"]) for name in ("fx", "cx", "cy"))
     for part, right, down, tilt, turn in product(DEPTHS, PLACES, PLACES, TILTS, TURNS):
         z = part * depth

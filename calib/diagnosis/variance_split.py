@@ -41,8 +41,8 @@ class Scene:
     observations: Observations
     residual: Array
     """(M, 2) px"""
-    depth: Array
-    """(M,) m"""
+    distance: Array
+    """(M,) m, how far away each corner is (`Path.distance`)."""
     incidence: Array
     """(M,) cosine between the ray and the cover's normal, or the optical axis where there is no
     cover.
@@ -116,7 +116,7 @@ def _time(scene: Scene) -> Basis:
 
 def _refraction(scene: Scene) -> Basis:
     """The direction from the image's middle, by incidence and inverse depth."""
-    near = 1 / scene.depth
+    near = 1 / scene.distance
     bend = 1 - scene.incidence
     x, y = (scene.observations.pixels.numpy() - [scene.width / 2, scene.height / 2]).T / scene.width
     smooth = [bend**i * near**j for i in range(3) for j in range(3)]

@@ -28,6 +28,7 @@ from calib.export.lens_fit import as_intrinsics
 from calib.export.sight import CHECKED
 from calib.optics.dome import Dome
 from calib.optics.flat import Flat
+from calib.optics.rays import FLATTEST
 from calib.optics.vector import Vector
 from calib.session.cover import Cover
 from calib.session.schema import Number
@@ -173,7 +174,9 @@ def _misfits(calibration: Calibration, said: Calibration, depths: Sequence[float
     (from_, along), (other, beside) = (one.rays(pixels) for one in (calibration, said))
     for depth in depths:
         seen, stated = (
-            o[:, :2] + d[:, :2] * ((depth - o[:, 2]) / d[:, 2])[:, None]
+            o[:, :2]
+            + d[:, :2]
+            * ((depth - o[:, 2]) / np.where(d[:, 2] > FLATTEST, d[:, 2], np.nan))[:, None]
             for o, d in ((from_, along), (other, beside))
         )
         off = np.linalg.norm((seen - stated) * [k.fx.value / depth, k.fy.value / depth], axis=-1)

@@ -86,6 +86,10 @@ class CentralModel:
     """At half of the depth that it was fitted for."""
     at: Misfit
     double: Misfit
+    limit: float | None = None
+    """rad from the axis, up to which it is fitted and checked; None where the camera sees no
+    flatter.
+    """
 
     @property
     def matrix(self) -> Array:
@@ -112,14 +116,27 @@ class CentralModel:
                 f"Its origin is at ({x:.6f}, {y:.6f}, {z:.6f}) mm in the calibration's camera"
                 " frame, its axes are parallel to that frame's."
             ),
+            *([] if self.limit is None else [f"{self._limit}."]),
         ]
+
+    @property
+    def _limit(self) -> str:
+        assert self.limit is not None
+        return (
+            f"It holds up to {np.floor(np.degrees(self.limit)):.0f} degrees from the axis, and the"
+            " camera sees farther"
+        )
 
     def commented(self) -> str:
         """The same as comments of a file in which those begin with #."""
         return "".join(f"# {line}\n" for line in self.statement)
 
     def remarks(self) -> Iterator[str]:
-        """Sentences about a misfit that is too large to pass in silence."""
+        """Sentences about a misfit that is too large to pass in silence, and about an angle beyond
+        which nothing is said.
+        """
+        if self.limit is not None:
+            yield f"{self._limit}."
         if self.at.worst_px > LIMIT:
             yield (
                 f"even at {self.at.depth:g} m the lens {self.lens.name} is wrong by up to"
@@ -217,6 +234,7 @@ def _fit(
         half,
         at,
         double,
+        check.limit,
     )
 
 

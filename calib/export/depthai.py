@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.export.export import Export, Exported
+from calib.export.export import Export, Exported, limits
 from calib.io.file_set import FileSet
 from calib.undistortion.ray_field import RayField
 
@@ -32,7 +32,7 @@ def export(wanted: Export) -> Exported:
         path, remark = write_mesh(field, depth, wanted.files, said)
         written.append(path)
         remarks.append(remark)
-    return Exported(tuple(written), remarks=tuple(remarks))
+    return Exported(tuple(written), remarks=(*remarks, *limits(wanted.calibration)))
 
 
 def write_mesh(field: RayField, depth: float, files: FileSet, said: str) -> tuple[Path, str]:

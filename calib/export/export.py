@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
 
+from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
 from calib.export.central import CentralModel, best_central
 from calib.export.formats import AXES, ExportLens, Format
@@ -64,6 +65,13 @@ def export(wanted: Export) -> Exported:
         InputError: a file cannot be written, or a library that the format needs is absent.
     """
     return cast(Exporter, import_module(f"calib.export.{wanted.form.module}")).export(wanted)
+
+
+def limits(calibration: Calibration) -> tuple[str, ...]:
+    """How far maps of a lens reach that sees what no undistorted picture holds; nothing of
+    another.
+    """
+    return tuple(filter(None, [undistortion_limit(calibration)]))
 
 
 def export_central(wanted: Export, name: str, text: Callable[[CentralModel], str]) -> Exported:

@@ -5,7 +5,8 @@ A grid of control points spans the picture: the second and the last but one of a
 edges, so that every pixel lies between four of them each way. One grid has points on the lines, in
 m, another unit directions, which are normalised again between them; as the control points are unit
 vectors themselves, they are found by iteration. Pixels count from the corner of the picture. Where
-no ray leaves the cover the lines are continued smoothly.
+no ray leaves the cover the lines are continued smoothly. They go wherever a wide lens sees, behind
+the camera, too.
 
 Source: T. Schöps et al., Why having 10,000 parameters in your camera model is better than twelve
     (CVPR 2020); SaveCameraModel in
@@ -15,14 +16,17 @@ generic_models/src/noncentral_generic.h of their program.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
+from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.export.export import Export, Exported
-from calib.undistortion.grids import middles
+from calib.undistortion.grids import all_corners, inner, middles
 from calib.undistortion.ray_field import RayField
 from calib.undistortion.spline import Spline
 
@@ -45,10 +49,12 @@ def export(wanted: Export) -> Exported:
     field = wanted.calibration.ray_field()
     if not field.valid.any():
         raise InputError("No ray of this camera leaves its cover: check the cover's numbers.")
+    wide = wanted.calibration.model()[0].lens.wide
+    traced = WideLines(wanted.calibration) if wide else PinholeLines(field, pinhole)
     advance = wanted.progress.task("Lines", len(SPACINGS))
     for done, spacing in enumerate(SPACINGS, start=1):
-        points, directions = control_points(field, pinhole, spacing)
-        rms, worst = misfit(field, pinhole, points, directions)
+        points, directions = control_points(field, traced, spacing)
+        rms, worst = misfit(pinhole, traced, points, directions)
         advance(done, f"{spacing} px")
         if worst < CLOSE:
             break
@@ -59,7 +65,60 @@ def export(wanted: Export) -> Exported:
     )
 
 
-def control_points(field: RayField, pinhole: Array, spacing: float) -> tuple[Spline, Spline]:
+class Lines(Protocol):
+    """The lines of pixels, as they are known."""
+
+    def at(self, pixels: Array) -> tuple[Array, Array]:
+        """(N, 3) m on the lines of (N, 2) px, and their (N, 3) unit directions; a smooth
+        continuation where the camera does not see.
+        """
+        ...
+
+    def seen(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
+        """(h - 1, w - 1) whether the camera sees what lies midway between (w,) columns and (h,)
+        rows.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class PinholeLines:
+    """Those that an undistorted picture holds, by the field of rays."""
+
+    field: RayField
+    pinhole: Array
+    """(4,) px: focal lengths and principal point."""
+
+    def at(self, pixels: Array) -> tuple[Array, Array]:
+        return lines(self.field, self.pinhole, pixels)
+
+    def seen(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
+        return self.field.sees(*np.meshgrid(middles(columns), middles(rows)), np.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class WideLines:
+    """Those of a wide lens, as they are traced; their points are the nearest to the pinhole. Next to
+    where its formula ends no spline follows it: that does not count as seen.
+    """
+
+    calibration: Calibration
+
+    def at(self, pixels: Array) -> tuple[Array, Array]:
+        origins, directions = self.calibration.rays(pixels)
+        found = np.isfinite(directions).all(-1)
+        nearest = np.flatnonzero(found)[KDTree(pixels[found]).query(pixels)[1]]
+        origins, directions = origins[nearest], directions[nearest]
+        return origins - (origins * directions).sum(-1, keepdims=True) * directions, directions
+
+    def seen(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
+        pixels = np.stack(np.meshgrid(columns, rows), -1)
+        _, directions = self.calibration.rays(pixels.reshape(-1, 2))
+        found = np.isfinite(directions).all(-1).reshape(pixels.shape[:2])
+        return inner(all_corners(found))
+
+
+def control_points(field: RayField, traced: Lines, spacing: float) -> tuple[Spline, Spline]:
     """Splines through the lines' points and directions at nodes over the picture, one of them on
     each edge; their coefficients are the control points, which of the directions are unit vectors.
     """
@@ -69,7 +128,7 @@ def control_points(field: RayField, pinhole: Array, spacing: float) -> tuple[Spl
     )
     pixels = np.stack(np.meshgrid(columns, rows), -1)
     origin, direction = (
-        part.reshape(*pixels.shape[:2], 3) for part in lines(field, pinhole, pixels.reshape(-1, 2))
+        part.reshape(*pixels.shape[:2], 3) for part in traced.at(pixels.reshape(-1, 2))
     )
     aim = direction
     for _ in range(ROUNDS):
@@ -94,23 +153,24 @@ def lines(field: RayField, pinhole: Array, pixels: Array) -> tuple[Array, Array]
 
 
 def misfit(
-    field: RayField, pinhole: Array, points: Spline, directions: Spline
+    pinhole: Array, traced: Lines, points: Spline, directions: Spline
 ) -> tuple[float, float]:
-    """px of the undistorted picture at NEAR, RMS and at worst, midway between the nodes, where the
-    camera sees.
+    """px, RMS and at worst, midway between the nodes, where the camera sees: how far a line passes
+    what its pixel sees NEAR away, as a camera of this focal length would see it that looks there.
     """
     pixels = np.stack(np.meshgrid(middles(points.nodes_x), middles(points.nodes_y)), -1).reshape(
         -1, 2
     )
-    pixels = pixels[field.sees(pixels[:, 0], pixels[:, 1], np.inf)]
-    seen, stated = (
-        origin[:, :2] + towards[:, :2] / towards[:, 2:] * (NEAR - origin[:, 2:])
-        for origin, towards in (
-            lines(field, pinhole, pixels),
-            (points.at(pixels)[0], directions.at(pixels)[0]),
-        )
+    pixels = pixels[traced.seen(points.nodes_x, points.nodes_y).ravel()]
+    origin, towards = traced.at(pixels)
+    seen = origin + NEAR * towards
+    stated = directions.at(pixels)[0]
+    stated = stated / np.linalg.norm(stated, axis=-1, keepdims=True)
+    off = (
+        pinhole[:2].mean()
+        / NEAR
+        * np.linalg.norm(np.cross(seen - points.at(pixels)[0], stated), axis=-1)
     )
-    off = np.linalg.norm((seen - stated) * pinhole[:2] / NEAR, axis=-1)
     return float(np.sqrt((off**2).mean())), float(off.max())
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from calib.apply.map_uncertainty import SigmaField, predicted_sigma
 from calib.calibration import Calibration
 from calib.errors import InputError
-from calib.export.export import Export, Exported, depth_text
+from calib.export.export import Export, Exported, depth_text, limits
 from calib.io.file_set import FileSet, in_force
 from calib.io.files import npz
 from calib.progress import Progress
@@ -33,7 +33,8 @@ ARRAYS = ("nodes_x", "nodes_y", "at_infinity", "parallax", "valid", "nearest")
 
 def export(wanted: Export) -> Exported:
     return Exported(
-        tuple(write_npz(wanted.calibration, wanted.depths, wanted.files, wanted.progress))
+        tuple(write_npz(wanted.calibration, wanted.depths, wanted.files, wanted.progress)),
+        remarks=limits(wanted.calibration),
     )
 
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from calib.export.central import CentralModel
-from calib.export.export import Export, Exported, depth_text, export_central
+from calib.export.export import Export, Exported, depth_text, export_central, limits
 from calib.io.file_set import FileSet
 from calib.undistortion.depth_map import DepthMap
 
@@ -29,6 +29,7 @@ def export(wanted: Export) -> Exported:
             path for camera, two in zip(cameras.paths, maps, strict=True) for path in (camera, *two)
         ),
         cameras.models,
+        limits(wanted.calibration),
     )
 
 

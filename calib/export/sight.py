@@ -39,6 +39,8 @@ class Sight:
     """(N, 2) dx/dz and dy/dz"""
     beyond: float
     """m: the largest z at which a ray leaves the cover."""
+    limit: float | None
+    """rad from the axis: the largest angle of these rays, if the camera sees flatter ones, too."""
 
     @staticmethod
     def of(calibration: Calibration, grid: tuple[int, int]) -> Sight:
@@ -52,6 +54,7 @@ class Sight:
                 "Too little of the image sees through the cover to fit a central camera: use"
                 " --format npz, opencv or stmap."
             )
+        flatter = bool((directions[~kept, 2] <= FLATTEST).any())
         origins, directions = origins[kept], directions[kept]
         tangent = directions[:, :2] / directions[:, 2:]
         return Sight(
@@ -59,6 +62,7 @@ class Sight:
             origins[:, :2] - tangent * origins[:, 2:],
             tangent,
             float(origins[:, 2].max()),
+            float(np.arccos(directions[:, 2].min())) if flatter else None,
         )
 
     def nearly_intersect(self) -> Array:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.export.export import Export, Exported
+from calib.export.export import Export, Exported, limits
 from calib.io.file_set import FileSet
 from calib.undistortion.ray_field import RayField
 
@@ -31,7 +31,8 @@ def export(wanted: Export) -> Exported:
             path
             for depth, name in wanted.each_depth()
             for path in write_stmaps(field, depth, wanted.files, name, suffix)
-        )
+        ),
+        remarks=limits(wanted.calibration),
     )
 
 

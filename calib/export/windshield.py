@@ -17,7 +17,7 @@ from calib.export.export import Export, Exported, export_central
 from calib.export.windshield_fit import TERMS, within_cover
 
 WIDER = 1.01
-"""Than what the picture's corners see: where NCore's fisheye ends."""
+"""Than what the picture's corners see: where NCore's fisheye ends, unless it ends before them."""
 
 
 def export(wanted: Export) -> Exported:
@@ -67,8 +67,7 @@ def _pinhole(lens: np.ndarray) -> dict[str, object]:
 def _fisheye(model: CentralModel, lens: np.ndarray) -> dict[str, object]:
     right, bottom = model.width - 0.5, model.height - 0.5
     corners = np.array([[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]])
-    slopes = np.linalg.norm(
-        within_cover(corners, model.lens, np.array([*model.focal, *model.principal, *lens])),
-        axis=-1,
-    )
-    return {"radial_coeffs": lens.tolist(), "max_angle": WIDER * float(np.arctan(slopes.max()))}
+    own = np.array([*model.focal, *model.principal, *lens])
+    angle = float(np.arctan(np.linalg.norm(within_cover(corners, model.lens, own), axis=-1).max()))
+    widest = WIDER * angle if model.limit is None else model.limit
+    return {"radial_coeffs": lens.tolist(), "max_angle": widest}

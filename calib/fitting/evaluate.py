@@ -134,10 +134,10 @@ def _bands(missed: Residuals, distance: Tensor) -> tuple[Band, ...]:
     edges = [0.0, NARROWEST]
     while edges[-1] <= float(distance.max()):
         edges.append(2 * edges[-1])
-    band = torch.bucketize(distance, torch.tensor(edges[1:], dtype=distance.dtype), right=True)
+    ahead = distance.clamp_min(0.0)  # a corner behind a lens that is not wide is in the first band
     bands = []
-    for index, (low, high) in enumerate(pairwise(edges)):
-        inside = band == index
+    for low, high in pairwise(edges):
+        inside = (ahead >= low) & (ahead < high)
         if bool(inside.any()):
             part = Residuals(missed.image[inside], missed.board[inside])
             bands.append(Band(low, high, part.rms_px, part.rmse_cm, int(inside.sum())))

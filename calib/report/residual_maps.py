@@ -88,7 +88,9 @@ def _by_depth(axes: Axes, evidence: Evidence) -> None:
     low, high = (
         np.array([np.nanquantile(lengths[band], part) for band in bands]) for part in (0.16, 0.84)
     )
-    axes.plot(evidence.distance, lengths, ".", markersize=2, color=BLUE, alpha=0.35, rasterized=True)
+    axes.plot(
+        evidence.distance, lengths, ".", markersize=2, color=BLUE, alpha=0.35, rasterized=True
+    )
     axes.fill_between(middle, low, high, color=SERIES[1], alpha=0.25, linewidth=0)
     axes.plot(
         middle,

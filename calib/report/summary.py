@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.apply.angular_reach import angular_reach
+from calib.apply.angular_reach import undistortion_limit
 from calib.fitting.cross_validation import CrossValidation
 from calib.fitting.provenance import KEY
 from calib.report.evidence import Evidence
@@ -37,7 +37,7 @@ def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
     """Args: depths: m, for which maps are wanted."""
     session = Path(evidence.calibration.settings.get(KEY, {}).get("session", "SESSION")).name
     verdict = judge(evidence.calibration, depths=depths, folder=HERE, session=Path(session))
-    reach = " ".join(filter(None, [_reach(evidence), angular_reach(evidence.calibration).sentence]))
+    reach = " ".join(filter(None, [_reach(evidence), undistortion_limit(evidence.calibration)]))
     return Summary((_subject(evidence), _fit(evidence, verdict), reach), verdict)
 
 

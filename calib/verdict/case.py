@@ -86,18 +86,29 @@ class Case:
         )
 
     @property
-    def depth(self) -> Array:
-        """(M,) m"""
-        return np.asarray(self.corners[:, 2])
+    def distance(self) -> Array:
+        """(M,) m, how far away each corner is (`Path.distance`)."""
+        path, _ = self.calibration.model()
+        return np.asarray(path.distance(torch.from_numpy(self.corners)).numpy())
 
     @cached_property
     def covered(self) -> float:
-        """Of the image's cells, how many have corners."""
-        camera = self.calibration.camera
-        cell = (
-            (self.observations.pixels.numpy() + 0.5) / [camera.width, camera.height] * CELLS
-        ).astype(np.int64)
-        return len(np.unique(np.clip(cell, 0, np.array(CELLS) - 1), axis=0)) / (CELLS[0] * CELLS[1])
+        """Of the image's cells, how many have corners. A cell without any counts if its middle sees
+        forward: where the picture of a wide lens ends is not known, and what is beside the camera
+        no undistorted picture holds.
+        """
+        sizes = np.array([self.calibration.camera.width, self.calibration.camera.height])
+        cell = ((self.observations.pixels.numpy() + 0.5) / sizes * CELLS).astype(np.int64)
+        column, row = np.clip(cell, 0, np.array(CELLS) - 1).T
+        has_corners = np.zeros(CELLS, dtype=np.bool_)
+        has_corners[column, row] = True
+        middles = np.stack(np.meshgrid(*map(np.arange, CELLS), indexing="ij"), -1) + 0.5
+        pixels = torch.from_numpy(middles * sizes / CELLS - 0.5)
+        path, values = self.calibration.model()
+        forward = np.ones(CELLS, dtype=np.bool_)
+        if path.lens.wide:
+            forward = path.trace(pixels, values).in_pinhole.numpy()
+        return float(has_corners.sum() / (has_corners | forward).sum())
 
     @property
     def at_optimum(self) -> bool:
@@ -142,7 +153,7 @@ class Case:
     @property
     def usual_depths(self) -> tuple[float, ...]:
         """m: those that maps are wanted for, or else the corners' median."""
-        return self.depths or (float(f"{np.median(self.depth):.2g}"),)
+        return self.depths or (float(f"{np.median(self.distance):.2g}"),)
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
