@@ -118,7 +118,7 @@ def ray_errors(calibration: Calibration) -> RayErrors:
     own, A and B are taken in these.
     """
     if not calibration.covariance.size:
-        return lambda pixels, frames=None: np.zeros((len(pixels), 4, 0))
+        return _no_errors
     change = UndistortedChange.of(calibration)
     root = root_of(calibration.covariance)
 
@@ -127,6 +127,11 @@ def ray_errors(calibration: Calibration) -> RayErrors:
         return np.where(lost[:, None, None], np.nan, jacobian @ root)
 
     return errors
+
+
+def _no_errors(pixels: Array, frames: Array | None = None) -> Array:  # noqa: ARG001
+    """Those of a calibration whose fit estimated no covariance."""
+    return np.zeros((len(pixels), 4, 0))
 
 
 def root_of(covariance: Array) -> Array:

@@ -98,8 +98,8 @@ class PinholeLines:
 
 @dataclass(frozen=True, slots=True)
 class WideLines:
-    """Those of a wide lens, as they are traced; their points are the nearest to the pinhole. Next to
-    where its formula ends no spline follows it: that does not count as seen.
+    """Those of a wide lens, as they are traced; their points are the nearest to the pinhole. Next
+    to where its formula ends no spline follows it: that does not count as seen.
     """
 
     calibration: Calibration
@@ -114,7 +114,7 @@ class WideLines:
     def seen(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
         pixels = np.stack(np.meshgrid(columns, rows), -1)
         _, directions = self.calibration.rays(pixels.reshape(-1, 2))
-        found = np.isfinite(directions).all(-1).reshape(pixels.shape[:2])
+        found = np.isfinite(directions[:, 0]).reshape(pixels.shape[:2])
         return inner(all_corners(found))
 
 

@@ -77,7 +77,8 @@ def onto_z(directions: Tensor) -> Tensor:
     x, y, z = (directions * half_turn).unbind(-1)
     near = 1 / (1 + z)
     rows = [1 - near * x * x, -near * x * y, -x, -near * x * y, 1 - near * y * y, -y, x, y, z]
-    return torch.stack(rows, -1).unflatten(-1, (3, 3)) * half_turn.unsqueeze(-2)
+    turned: Tensor = torch.stack(rows, -1).reshape(*x.shape, 3, 3) * half_turn.unsqueeze(-2)
+    return turned
 
 
 def _factors(angle2: Tensor) -> tuple[Tensor, Tensor]:

@@ -28,6 +28,7 @@ MOST_LEVELS = 4
 
 def distortion_fields(evidence: Evidence) -> Drawing:
     camera, moves = evidence.calibration.camera, not evidence.path.central
+    wide = evidence.path.lens.wide
     depths = list(dict.fromkeys((evidence.depths[0], evidence.depths[-1]))) if moves else [1.0]
     x, y, displacement = lattice(evidence, NODES)
     sizes = [np.linalg.norm(displacement.at(depth), axis=-1) for depth in depths]
@@ -62,7 +63,8 @@ def distortion_fields(evidence: Evidence) -> Drawing:
             " The panels differ because rays are shifted as well as turned."
             if len(depths) == 2
             else ""
-        ),
+        )
+        + (" Empty: what this camera's undistorted picture does not show." if wide else ""),
     )
 
 

@@ -61,5 +61,10 @@ def predicted_errors(evidence: Evidence) -> Drawing | None:
         "Predicted standard deviation of the undistorted position, x and y together, if the model"
         " is right: from the corners' noise and the prior on the glass. The rigid motion of all"
         " rays, which no board view fixes, is left out. Dots: corners; in the titles, the median"
-        " over them.",
+        " over them."
+        + (
+            " Empty: what this camera's undistorted picture does not show."
+            if evidence.path.lens.wide
+            else ""
+        ),
     )

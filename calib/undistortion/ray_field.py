@@ -75,8 +75,8 @@ class RayField:
     """(h, w, 2) px m, B: what is added for each 1/m of inverse depth."""
     valid: Mask
     """(h, w), false where no ray leaves the cover, or none that goes forward, or where the lens or
-    cover bends so sharply that the nodes do not hold it. A and B are extrapolated there. Between four valid nodes, the splines
-    are true.
+    cover bends so sharply that the nodes do not hold it. A and B are extrapolated there. Between
+    four valid nodes, the splines are true.
     """
 
     nearest: Array
@@ -131,8 +131,8 @@ class RayField:
         return seen
 
     def holds(self, pixels: Array) -> Mask:
-        """(N,) whether the picture of the bare pinhole camera shows what (N, 2) distorted px see far
-        away. It ends before 90 degrees from the axis.
+        """(N,) whether the picture of the bare pinhole camera shows what (N, 2) distorted px see
+        far away. It ends before 90 degrees from the axis.
         """
         far = self.undistorted(pixels, np.inf)
         within = ((far >= -0.5) & (far <= [self.width - 0.5, self.height - 0.5])).all(-1)
