@@ -10,6 +10,7 @@ from calib.estimation.stated_priors import priors_of, widened, with_estimates
 from calib.optics.build import covered_path
 from calib.session.camera import Intrinsics
 from calib.session.freeing import with_free
+from calib.session.numbers import with_numbers
 from calib.session.schema import Number
 from fixtures.synthetic import paper_cone
 
@@ -92,5 +93,9 @@ def test_a_doubted_number_of_the_cover_leaves_the_camera() -> None:
 
 
 def test_estimates_leave_their_correlations_to_the_covariance() -> None:
-    intrinsics, _ = with_estimates(FOUND, COVER, None)
+    intrinsics, _ = with_numbers(FOUND, COVER, {})
     assert intrinsics == replace(FOUND, correlations=())
+
+
+def test_what_no_fit_estimated_keeps_its_correlations() -> None:
+    assert with_estimates(FOUND, COVER, None) == (FOUND, COVER)

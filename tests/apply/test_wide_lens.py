@@ -1,0 +1,155 @@
+"""Measuring, and locating tags, with a lens of 220 degrees: in front of the camera, beside it, and
+behind it.
+"""
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from calib.apply.map_uncertainty import frames_along, predicted_sigma, ray_errors
+from calib.apply.measure import BoardPose, Measurer, Reason
+from calib.apply.tag_pose import SQUARE
+from calib.apply.tags import TagLocator
+from calib.calibration import Calibration
+from calib.diagnosis.diagnosed import with_fit
+from calib.diagnosis.starting_model import model_of
+from calib.fitting.fit import fit
+from calib.session.session import read_session
+from calib.undistortion.grids import Array
+from fixtures.wide import AngleLens
+
+LENS = AngleLens(220)
+AWAY = 0.5
+"""m"""
+NOISE = 0.1
+"""px"""
+SIDE = 0.2
+"""m, of tags."""
+
+each_angle = pytest.mark.parametrize("degrees", [20.0, 85.0, 90.0, 105.0])
+"""From the axis."""
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
+    """As a fit leaves it, without a covariance."""
+    folder = tmp_path_factory.mktemp("wide") / "session"
+    return fit(read_session(LENS.write_session(folder, LENS.views(1, 14), "fisheye")))
+
+
+@pytest.fixture(scope="module")
+def calibration(bare: Calibration) -> Calibration:
+    """As a diagnosis leaves it, with the covariance of its lens."""
+    model = model_of(bare)
+    joint = model.fitted(bare.observations, torch.from_numpy(bare.poses))
+    return with_fit(bare, model, joint, bare.observations)
+
+
+def direction(degrees: float) -> Array:
+    """(3,) unit, to the right."""
+    angle = np.radians(degrees)
+    return np.array([np.sin(angle), 0.0, np.cos(angle)])
+
+
+def facing(degrees: float) -> Array:
+    """(6,) T_camera_board of a plane that faces the camera there."""
+    turn = frames_along(direction(degrees)[None])[0].T
+    return np.concatenate([Rotation.from_matrix(turn).as_rotvec(), AWAY * direction(degrees)])
+
+
+@each_angle
+def test_a_point_on_a_plane_is_where_its_ray_goes(calibration: Calibration, degrees: float) -> None:
+    """Its sigma from the pixel's noise is the noise over px for each radian, times the distance."""
+    pixel = calibration.project(direction(degrees)[None])
+    found = Measurer(calibration, NOISE).on_planes(pixel, [BoardPose.exactly(facing(degrees))], [0])
+    assert found.reasons == (Reason.MEASURED,)
+    assert np.abs(found.points[0] - AWAY * direction(degrees)).max() < 1e-9
+    outwards = np.array([np.cos(np.radians(degrees)), 0.0, -np.sin(np.radians(degrees))])
+    step = 0.01
+    ends = calibration.project(np.array([direction(degrees + step), direction(degrees - step)]))
+    per_radian = np.linalg.norm(ends[0] - ends[1]) / np.radians(2 * step)
+    sigma = np.sqrt(outwards @ found.own[0] @ outwards)
+    assert sigma == pytest.approx(NOISE / per_radian * AWAY, rel=1e-3)
+    assert np.isfinite(found.shared).all()
+
+
+def test_a_plane_in_front_is_not_seen_behind(calibration: Calibration) -> None:
+    pixels = calibration.project(np.array([direction(80.0), direction(100.0)]))
+    found = Measurer(calibration, NOISE).on_planes(pixels, [BoardPose.facing(1.0)], [0, 0])
+    assert found.reasons == (Reason.MEASURED, Reason.NO_POINT)
+
+
+@each_angle
+def test_two_views_meet_in_a_point(calibration: Calibration, degrees: float) -> None:
+    """The board stands still, the camera moves by 0.2 m up."""
+    point, up = AWAY * direction(degrees), np.array([0.0, -0.2, 0.0])
+    pixels = calibration.project(np.stack([point, point - up]))
+    boards = [BoardPose.exactly(np.zeros(6)), BoardPose.exactly(np.array([0, 0, 0, *-up]))]
+    found = Measurer(calibration, NOISE).triangulate(pixels, boards, [0, 1], [0, 0])
+    assert found.reasons == (Reason.MEASURED,)
+    assert np.abs(found.points[0] - point).max() < 1e-9
+
+
+@each_angle
+def test_a_tag_is_located(bare: Calibration, degrees: float) -> None:
+    """Exact corners give its pose, and its covariance is how corners that move a little move it."""
+    tilted = cv2.Rodrigues(np.array([0.5, -0.3, 0.2]))[0]
+    turn = frames_along(direction(degrees)[None])[0].T @ tilted
+    corners = bare.project(SIDE * SQUARE @ turn.T + AWAY * direction(degrees))
+    locator = TagLocator(bare, "DICT_APRILTAG_36h11", SIDE, side_sigma=0.0)
+
+    def pose(at: Array) -> tuple[Array, Array, Array]:
+        (found,) = locator.place(at[None], NOISE**2 * np.eye(8)[None])
+        assert isinstance(found, tuple)
+        return found[0].turn, found[0].position, found[0].own
+
+    at, position, own = pose(corners)
+    assert np.abs(at - turn).max() < 1e-6
+    assert np.abs(position - AWAY * direction(degrees)).max() < 1e-6
+    step, columns = 0.01, []
+    for which in range(8):
+        offset = np.eye(8)[which].reshape(4, 2) * step
+        (later, there, _), (earlier, here, _) = pose(corners + offset), pose(corners - offset)
+        spin = Rotation.from_matrix(later @ earlier.T).as_rotvec()
+        columns.append(np.concatenate([spin, there - here]) / (2 * step))
+    by_corners = np.stack(columns, -1)
+    expected = (NOISE**2 + 1e-8) * by_corners @ by_corners.T
+    assert np.abs(own - expected).max() < 0.01 * np.abs(expected).max()
+
+
+def test_maps_have_a_sigma_where_a_pinhole_sees(calibration: Calibration) -> None:
+    field = predicted_sigma(calibration)
+    assert field
+    nodes = np.stack(np.meshgrid(field.nodes_x, field.nodes_y), -1).reshape(-1, 2)
+    _, directions = calibration.rays(nodes)
+    known = np.isfinite(field.variance).all(-1).ravel()
+    assert (known == (directions[:, 2] > 1e-3)).all()
+
+
+def test_errors_of_rays_turn_with_their_frames(calibration: Calibration) -> None:
+    """What rays are off by is the same in any frame: an angle in a ray's own is the motion of its
+    undistorted pixel, by the slope there.
+    """
+    errors = ray_errors(calibration)
+    degrees = 40.0
+    pixel = calibration.project(direction(degrees)[None])
+    own = errors(pixel, frames_along(direction(degrees)[None]))[0]
+    plain = errors(pixel)[0]
+    assert plain.shape == own.shape
+    assert own.size
+    cosine = np.cos(np.radians(degrees))
+    assert np.allclose(plain[0] * cosine**2, own[0], rtol=1e-9, atol=0), "outwards"
+    assert np.allclose(plain[1] * cosine, own[1], rtol=1e-9, atol=0), "across"
+
+
+def test_errors_of_rays_are_known_behind_the_camera(calibration: Calibration) -> None:
+    """They are as large as those of rays in front, next to a corner."""
+    errors, off = ray_errors(calibration), []
+    for degrees in (60.0, 100.0):
+        at = direction(degrees)[None]
+        found = errors(calibration.project(at), frames_along(at))[0]
+        assert np.isfinite(found).all()
+        off.append(np.sqrt((found[:2] ** 2).sum()))
+    assert 0.1 < off[1] / off[0] < 10
