@@ -171,6 +171,8 @@ def _misfits(calibration: Calibration, said: Calibration, depths: Sequence[float
     sizes = calibration.camera.width, calibration.camera.height
     axes = (np.linspace(0, size - 1, count) for size, count in zip(sizes, CHECKED, strict=True))
     pixels = np.stack(np.meshgrid(*axes), -1).reshape(-1, 2)
+    if calibration.model()[0].lens.wide:
+        pixels = pixels[calibration.ray_field().holds(pixels)]
     (from_, along), (other, beside) = (one.rays(pixels) for one in (calibration, said))
     for depth in depths:
         seen, stated = (
