@@ -25,11 +25,11 @@ def undistortion_limit(calibration: Calibration) -> str:
     if _largest_angle(calibration, pixels) < np.degrees(np.arccos(FLATTEST)):
         return ""
     corners = _largest_angle(calibration, corners_at(calibration)[:, :2])
-    shown = _largest_angle(calibration, pixels[calibration.ray_field().holds(pixels)])
+    edge = _largest_angle(calibration, pixels[calibration.ray_field().holds(pixels)])
     return (
         "Some pixels see more than 90 degrees away from the axis, and corners were seen up to"
         f" {corners:.0f} degrees away. An undistorted picture is a pinhole's, which ends before 90"
-        f" degrees: at the camera's own focal length, at {shown:.0f}."
+        f" degrees: at the camera's own focal length, at {edge:.0f}."
     )
 
 

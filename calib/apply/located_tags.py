@@ -78,13 +78,13 @@ class TagPose:
 
     def turned(self, turn: Array) -> TagPose:
         """The same pose in a frame that (3, 3) leads to, of the same origin."""
-        both = np.kron(np.eye(2), turn)
+        block = np.kron(np.eye(2), turn)
         return replace(
             self,
             turn=turn @ self.turn,
             position=turn @ self.position,
-            own=both @ self.own @ both.T,
-            shared=both @ self.shared,
+            own=block @ self.own @ block.T,
+            shared=block @ self.shared,
         )
 
     def distance(self, other: TagPose) -> tuple[float, float]:

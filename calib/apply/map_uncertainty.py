@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 
 class RayErrors(Protocol):
-    """How far the rays of pixels may be off."""
+    """A function from pixels to the errors of their rays."""
 
     def __call__(self, pixels: Array, frames: Array | None = None) -> Array: ...
 
@@ -130,7 +130,7 @@ def ray_errors(calibration: Calibration) -> RayErrors:
 
 
 def _no_errors(pixels: Array, frames: Array | None = None) -> Array:  # noqa: ARG001
-    """Those of a calibration whose fit estimated no covariance."""
+    """The errors of a calibration whose fit estimated no covariance."""
     return np.zeros((len(pixels), 4, 0))
 
 
@@ -161,8 +161,9 @@ def frames_along(directions: Array) -> Array:
     """(N, 3, 3) rotations from the camera frame to frames whose z axes point along (N, 3) unit
     directions; no rotation where a direction is NaN.
     """
-    lost = np.isnan(directions).any(-1, keepdims=True)
-    return np.asarray(onto_z(torch.from_numpy(np.where(lost, [0.0, 0.0, 1.0], directions))).numpy())
+    undefined = np.isnan(directions).any(-1, keepdims=True)
+    defined = np.where(undefined, [0.0, 0.0, 1.0], directions)
+    return np.asarray(onto_z(torch.from_numpy(defined)).numpy())
 
 
 @dataclass(frozen=True, slots=True)

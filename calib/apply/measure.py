@@ -244,12 +244,12 @@ class Measurer:
             """(1, 3, 4) and (1, 3, 6) derivatives by one of the lines and one of the poses."""
 
             def by_its_line(moved: Array) -> Array:
-                beside = np.vstack([here[:which], moved, here[which + 1 :]])
-                return triangulate(*self._rays(beside, own_frames), there)[0][None]
+                changed = np.vstack([here[:which], moved, here[which + 1 :]])
+                return triangulate(*self._rays(changed, own_frames), there)[0][None]
 
             def by_its_pose(moved: Array) -> Array:
-                beside = np.vstack([there[:which], moved, there[which + 1 :]])
-                return triangulate(*self._rays(here, own_frames), beside)[0][None]
+                changed = np.vstack([there[:which], moved, there[which + 1 :]])
+                return triangulate(*self._rays(here, own_frames), changed)[0][None]
 
             one = slice(which, which + 1)
             return central_differences(by_its_line, here[one], LINE_STEPS), central_differences(
@@ -287,9 +287,9 @@ class Measurer:
         """(N, 4) A, less the principal point, and B of each pixel's ray in its own frame, px and
         px m.
         """
-        origins, directions = (
-            (frames @ part[..., None])[..., 0] for part in self.calibration.rays(pixels)
-        )
+        origins, directions = self.calibration.rays(pixels)
+        origins = np.einsum("nij,nj->ni", frames, origins)
+        directions = np.einsum("nij,nj->ni", frames, directions)
         tangents = directions[:, :2] / directions[:, 2:]
         return np.concatenate(
             [
@@ -306,7 +306,7 @@ class Measurer:
         ones, back = np.ones((len(lines), 1)), frames.swapaxes(1, 2)
         origins = np.hstack([lines[:, 2:] / self._focal, 0 * ones])
         directions = np.hstack([lines[:, :2] / self._focal, ones])
-        return (back @ origins[..., None])[..., 0], (back @ directions[..., None])[..., 0]
+        return np.einsum("nij,nj->ni", back, origins), np.einsum("nij,nj->ni", back, directions)
 
     def _own(self, by_line: Array, pixels: Array, frames: Array) -> Array:
         """(N, 3, 3) m^2 from the pixels' noise."""

@@ -62,7 +62,8 @@ class Lines:
 
     @staticmethod
     def of(calibration: Calibration, pixels: Array, frames: Array | None = None) -> Lines:
-        """Of (N, 2) px; NaN where no ray leaves the cover, or none that goes forward in its frame.
+        """Return the rays of (N, 2) px; NaN where none leaves the cover and goes forward in its
+        frame.
 
         Args:
             frames: (N, 3, 3) rotations from the camera frame to that of each; None: it is that.
@@ -71,9 +72,9 @@ class Lines:
         with single_thread():
             origins, directions = calibration.rays((pixels + steps[:, None]).reshape(-1, 2))
         if frames is not None:
-            each = np.tile(frames, (len(steps), 1, 1))
-            origins, directions = (each @ part[..., None] for part in (origins, directions))
-            origins, directions = origins[..., 0], directions[..., 0]
+            turns = np.tile(frames, (len(steps), 1, 1))
+            origins = np.einsum("nij,nj->ni", turns, origins)
+            directions = np.einsum("nij,nj->ni", turns, directions)
         slopes = directions[:, :2] / np.where(
             directions[:, 2:] > FLATTEST, directions[:, 2:], np.nan
         )

@@ -154,9 +154,9 @@ class TagLocator:
             return found
         pixels = corners[known].reshape(-1, 2)
         frames = self._frames(corners[known])
-        each = frames if frames is None else np.repeat(frames, 4, 0)
-        lines = Lines.of(self.calibration, pixels, each)
-        errors = self._errors(pixels, each).reshape(int(known.sum()), 4, 4, -1)
+        corner_frames = frames if frames is None else np.repeat(frames, 4, 0)
+        lines = Lines.of(self.calibration, pixels, corner_frames)
+        errors = self._errors(pixels, corner_frames).reshape(int(known.sum()), 4, 4, -1)
         for row, at in enumerate(np.flatnonzero(known).tolist()):
             own = lines.some(slice(4 * row, 4 * row + 4))
             if not own.seen:
@@ -221,8 +221,8 @@ class TagLocator:
         their ends, from (T, 4, 2) rough corners; 0 where that cannot be said.
         """
         frames = self._frames(rough)
-        each = frames if frames is None else np.repeat(frames, 4, 0)
-        lines = Lines.of(self.calibration, rough.reshape(-1, 2), each)
+        corner_frames = frames if frames is None else np.repeat(frames, 4, 0)
+        lines = Lines.of(self.calibration, rough.reshape(-1, 2), corner_frames)
         bends = np.zeros(rough.shape[:2])
         placed = {}
         for at in range(len(rough)):

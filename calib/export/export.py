@@ -68,9 +68,7 @@ def export(wanted: Export) -> Exported:
 
 
 def limits(calibration: Calibration) -> tuple[str, ...]:
-    """How far maps of a lens reach that sees what no undistorted picture holds; nothing of
-    another.
-    """
+    """Return a sentence on the angle at which maps end, if the lens sees what no map holds."""
     return tuple(filter(None, [undistortion_limit(calibration)]))
 
 

@@ -74,7 +74,7 @@ class Lines(Protocol):
         """
         ...
 
-    def seen(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
+    def visible(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
         """(h - 1, w - 1) whether the camera sees what lies midway between (w,) columns and (h,)
         rows.
         """
@@ -83,7 +83,7 @@ class Lines(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class PinholeLines:
-    """Those that an undistorted picture holds, by the field of rays."""
+    """The lines that an undistorted picture holds, by the field of rays."""
 
     field: RayField
     pinhole: Array
@@ -92,30 +92,30 @@ class PinholeLines:
     def at(self, pixels: Array) -> tuple[Array, Array]:
         return lines(self.field, self.pinhole, pixels)
 
-    def seen(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
+    def visible(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
         return self.field.sees(*np.meshgrid(middles(columns), middles(rows)), np.inf)
 
 
 @dataclass(frozen=True, slots=True)
 class WideLines:
-    """Those of a wide lens, as they are traced; their points are the nearest to the pinhole. Next
-    to where its formula ends no spline follows it: that does not count as seen.
+    """The lines of a wide lens, as they are traced; their points are the nearest to the pinhole.
+    No spline follows the lens next to where its formula ends: that does not count as visible.
     """
 
     calibration: Calibration
 
     def at(self, pixels: Array) -> tuple[Array, Array]:
         origins, directions = self.calibration.rays(pixels)
-        found = np.isfinite(directions).all(-1)
-        nearest = np.flatnonzero(found)[KDTree(pixels[found]).query(pixels)[1]]
+        valid = np.isfinite(directions).all(-1)
+        nearest = np.flatnonzero(valid)[KDTree(pixels[valid]).query(pixels)[1]]
         origins, directions = origins[nearest], directions[nearest]
         return origins - (origins * directions).sum(-1, keepdims=True) * directions, directions
 
-    def seen(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
+    def visible(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
         pixels = np.stack(np.meshgrid(columns, rows), -1)
         _, directions = self.calibration.rays(pixels.reshape(-1, 2))
-        found = np.isfinite(directions[:, 0]).reshape(pixels.shape[:2])
-        return inner(all_corners(found))
+        valid = np.isfinite(directions[:, 0]).reshape(pixels.shape[:2])
+        return inner(all_corners(valid))
 
 
 def control_points(field: RayField, traced: Lines, spacing: float) -> tuple[Spline, Spline]:
@@ -161,7 +161,7 @@ def misfit(
     pixels = np.stack(np.meshgrid(middles(points.nodes_x), middles(points.nodes_y)), -1).reshape(
         -1, 2
     )
-    pixels = pixels[traced.seen(points.nodes_x, points.nodes_y).ravel()]
+    pixels = pixels[traced.visible(points.nodes_x, points.nodes_y).ravel()]
     origin, towards = traced.at(pixels)
     seen = origin + NEAR * towards
     stated = directions.at(pixels)[0]

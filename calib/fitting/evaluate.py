@@ -46,8 +46,8 @@ class Evaluation:
     rmse_cm: float
     frames_used: int
     by_depth: tuple[Band, ...]
-    """By how far away each corner is (`Path.distance`), near to far. Every corner is in one band;
-    bands without corners are left out.
+    """The error by each corner's distance (`Path.distance`), near to far. Every corner is in one
+    band; bands without corners are left out.
     """
     near_m: float
     """The nearest corner's distance."""

@@ -12,7 +12,7 @@ from calib.report.evidence import Array, Evidence
 @dataclass(frozen=True, slots=True)
 class Displacement:
     """Undistorted minus distorted pixel, which is affine in inverse depth; NaN where no ray leaves
-    the cover, or where it is not shown (`Evidence.shown`).
+    the cover, or where it is not shown (`Evidence.shows`).
     """
 
     at_infinity: Array
@@ -28,9 +28,9 @@ class Displacement:
             np.rint((at - own[0]) / (own[1] - own[0])).astype(int).clip(0, len(own) - 1)
             for at, own in zip(flat.T, (field.nodes_x, field.nodes_y), strict=True)
         )
-        known = field.valid[row, column] & evidence.shown(flat)
+        visible = field.valid[row, column] & evidence.shows(flat)
         far, near = (
-            np.where(known[:, None], field.undistorted(flat, depth), np.nan)
+            np.where(visible[:, None], field.undistorted(flat, depth), np.nan)
             for depth in (np.inf, 1.0)
         )
         return Displacement((far - flat).reshape(pixels.shape), (near - far).reshape(pixels.shape))

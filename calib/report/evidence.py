@@ -61,7 +61,7 @@ class Evidence:
 
     @property
     def distance_name(self) -> str:
-        """What axes call the distances."""
+        """The distances' name for axes and titles."""
         return "distance" if self.path.lens.wide else "depth"
 
     @property
@@ -100,7 +100,7 @@ class Evidence:
             )
         )
 
-    def shown(self, pixels: Array) -> NDArray[np.bool_]:
+    def shows(self, pixels: Array) -> NDArray[np.bool_]:
         """(...) whether figures show the undistortion of (..., 2) px. That of a wide lens grows
         without bounds towards 90 degrees from the axis, so they show what its undistorted picture
         holds.
@@ -113,7 +113,7 @@ class Evidence:
         """(h, w) px, as `SigmaField.at_nodes`; NaN where that is not shown."""
         assert self.sigma
         nodes = np.stack(np.meshgrid(self.sigma.nodes_x, self.sigma.nodes_y), -1)
-        return np.where(self.shown(nodes), self.sigma.at_nodes(depth), np.nan)
+        return np.where(self.shows(nodes), self.sigma.at_nodes(depth), np.nan)
 
     def sigma_at_corners(self, depth: float) -> Array:
         """(n,) px: how sure the map of a depth (m) is where it was trained; empty without a
@@ -122,7 +122,7 @@ class Evidence:
         if not self.sigma:
             return np.zeros(0)
         found = self.sigma.at(self.pixels[:, :1], self.pixels[:, 1:], depth)[:, 0]
-        return found[np.isfinite(found) & self.shown(self.pixels)].astype(np.float64)
+        return found[np.isfinite(found) & self.shows(self.pixels)].astype(np.float64)
 
 
 def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) -> Evidence:

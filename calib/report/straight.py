@@ -70,7 +70,7 @@ def _largest_first(evidence: Evidence) -> list[int]:
         evidence.pixels[evidence.view == view] for view in range(len(evidence.calibration.views))
     ]
     return sorted(
-        (view for view in range(len(own)) if evidence.shown(own[view]).all()),
+        (view for view in range(len(own)) if evidence.shows(own[view]).all()),
         key=lambda view: -float(np.prod(np.ptp(own[view], 0))) if len(own[view]) else 0.0,
     )
 

@@ -93,9 +93,9 @@ class Case:
 
     @cached_property
     def covered(self) -> float:
-        """Of the image's cells, how many have corners. A cell without any counts if its middle sees
-        forward: where the picture of a wide lens ends is not known, and what is beside the camera
-        no undistorted picture holds.
+        """The part of the image's cells that has corners. A cell without any counts if its middle
+        sees forward: nobody says where the picture of a wide lens ends, and no undistorted picture
+        holds what is beside the camera.
         """
         sizes = np.array([self.calibration.camera.width, self.calibration.camera.height])
         cell = ((self.observations.pixels.numpy() + 0.5) / sizes * CELLS).astype(np.int64)

@@ -34,14 +34,14 @@ each_angle = pytest.mark.parametrize("degrees", [20.0, 85.0, 90.0, 105.0])
 
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
-    """As a fit leaves it, without a covariance."""
+    """A calibration as a fit leaves it, without a covariance."""
     folder = tmp_path_factory.mktemp("wide") / "session"
     return fit(read_session(LENS.write_session(folder, LENS.views(1, 14), "fisheye")))
 
 
 @pytest.fixture(scope="module")
 def calibration(bare: Calibration) -> Calibration:
-    """As a diagnosis leaves it, with the covariance of its lens."""
+    """The same as a diagnosis leaves it, with the covariance of its lens."""
     model = model_of(bare)
     joint = model.fitted(bare.observations, torch.from_numpy(bare.poses))
     return with_fit(bare, model, joint, bare.observations)
@@ -129,9 +129,7 @@ def test_maps_have_a_sigma_where_a_pinhole_sees(calibration: Calibration) -> Non
 
 
 def test_errors_of_rays_turn_with_their_frames(calibration: Calibration) -> None:
-    """What rays are off by is the same in any frame: an angle in a ray's own is the motion of its
-    undistorted pixel, by the slope there.
-    """
+    """An angle in a ray's own frame is the motion of its undistorted pixel, by the slope there."""
     errors = ray_errors(calibration)
     degrees = 40.0
     pixel = calibration.project(direction(degrees)[None])
