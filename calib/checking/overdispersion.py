@@ -112,7 +112,9 @@ def explained_squares(products: Array, columns: slice) -> tuple[float, int]:
     number of its directions, from inner products with the residual first.
     """
     information, score = products[columns, columns], products[columns, 0]
-    length = np.sqrt(np.maximum(information.diagonal(), 1e-300))
+    squared = information.diagonal()
+    # A direction that moves nothing explains nothing, even if rounding makes its square negative.
+    length = np.sqrt(np.where(squared > 0, squared, np.inf))
     values, axes = np.linalg.eigh(information / np.outer(length, length))
     resolved = values > RANK_TOLERANCE * max(values.max(initial=0.0), 1e-300)
     projections = axes.T[resolved] @ (score / length)

@@ -1,6 +1,7 @@
 """The command `calib undistort`."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from calib.commands.arguments import (
@@ -67,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     with quickly():
+        from calib.apply.angular_reach import undistortion_limit
         from calib.apply.undistort_files import Wanted, undistort_files
         from calib.calibration import Calibration
         from calib.commands.console import Bars
@@ -83,6 +85,8 @@ def run(args: argparse.Namespace) -> None:
     with Bars() as bars:
         written = undistort_files(calibration, args.images, wanted, output, bars)
     print_paths(written)
+    if limit := undistortion_limit(calibration):
+        print(limit, file=sys.stderr)
 
 
 def _alpha(text: str) -> float:

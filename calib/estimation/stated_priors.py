@@ -28,9 +28,12 @@ def with_estimates(
 ) -> tuple[Intrinsics, Cover]:
     """The same description with the estimates and their standard deviations; parameters of a fit
     that is not finite stay as stated. How the estimates are correlated the fit's covariance says.
+    Without a fit, the description stays as stated, with its correlations.
     """
-    found = joint.estimates() if joint else {}
-    if joint and not joint.finite:
+    if joint is None:
+        return intrinsics, cover
+    found = joint.estimates()
+    if not joint.finite:
         stated = numbers_of(intrinsics, cover)
         found = {
             name: replace(number, sigma=stated[name].sigma)

@@ -81,6 +81,14 @@ class Path:
         """
         return self.lens.wide and self.central and not self.adjustments
 
+    def distance(self, points: Tensor) -> Tensor:
+        """Return the (...) m distances of (..., 3) m points in the camera frame.
+
+        It is the depth z, as in maps, unless the lens is wide. A wide lens sees points beside and
+        behind the camera, whose depth is 0 or less, so its distances are measured from the origin.
+        """
+        return points.norm(dim=-1) if self.lens.wide else points[..., 2]
+
     @property
     def view_parts(self) -> tuple[str, ...]:
         """What every view has for itself, of `board_target.PARTS`."""

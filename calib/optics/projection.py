@@ -7,6 +7,7 @@ from torch import Tensor
 
 from calib.optics.params import Values
 from calib.optics.path import Path, by_row
+from calib.optics.rotation import Rotation, onto_z
 
 STEPS = 30
 LONGEST_STEP = 200.0
@@ -29,27 +30,29 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
 
     Returns:
         (N, 2) px; NaN for a point that is not in front of the camera and its cover, or that no ray
-        reaches. A wide lens without a cover sees what is not in front of it, too.
+        reaches. A wide lens sees what is beside and behind it, too.
     """
     if path.directly_projects:
         return _by_lens(path, values, points)
-    front = points[..., 2] > 1e-6
-    goal = torch.where(front.unsqueeze(-1), points, torch.ones_like(points))
+    visible = path.distance(points) > 1e-6
+    goal = torch.where(visible.unsqueeze(-1), points, torch.ones_like(points))
     pixels = (path.lens.project(goal, values) if start is None else start).clone()
-    depth = goal[..., 2]
+    frame = Rotation.of(onto_z(goal / goal.norm(dim=-1, keepdim=True))) if path.lens.wide else None
+    depth = path.distance(goal)
+    target = torch.zeros_like(goal[..., :2]) if frame else goal[..., :2]
     last = torch.full_like(depth, torch.inf)
     for _ in range(STEPS):
-        error, jacobian, ahead, failure = _miss(path, values, pixels, goal[..., :2], depth)
+        error, jacobian, ahead, failure = _miss(path, values, pixels, target, depth, frame)
         step = torch.linalg.solve_ex(jacobian, error.unsqueeze(-1)).result.squeeze(-1)
         length = step.norm(dim=-1)
         usable = torch.isfinite(length) & (failure == 0)
         last = torch.where(usable, length, torch.full_like(length, torch.inf))
         short = (LONGEST_STEP / length.clamp_min(LONGEST_STEP)).unsqueeze(-1)
         pixels = torch.where(usable.unsqueeze(-1), pixels - short * step, pixels)
-        if bool((last[front & usable] < CONVERGED).all()):
+        if bool((last[visible & usable] < CONVERGED).all()):
             break
     return torch.where(
-        (front & ahead & (last < ACCEPTED)).unsqueeze(-1),
+        (visible & ahead & (last < ACCEPTED)).unsqueeze(-1),
         pixels,
         torch.full_like(pixels, torch.nan),
     )
@@ -68,15 +71,22 @@ def _by_lens(path: Path, values: Values, points: Tensor) -> Tensor:
 
 
 def _miss(
-    path: Path, values: Values, pixels: Tensor, goal: Tensor, depth: Tensor
+    path: Path,
+    values: Values,
+    pixels: Tensor,
+    goal: Tensor,
+    depth: Tensor,
+    frame: Rotation | None,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """By how much (N, 2) m each pixel's ray passes the goal in the plane of its depth, the (N, 2,
     2) derivative, (N) bool whether the goal lies beyond the ray's exit from the cover, (N)
-    failures.
+    failures. Goal and depth are in the frame of each point, or in the camera frame if it is None.
     """
     with torch.enable_grad():
         at = pixels.detach().requires_grad_()
         rays = path.trace(at, values)
+        rays = rays.rotate(frame) if frame else rays
         error = rays.at_depth(depth) - goal
         (jacobian,) = by_row(error, [at])
-    return error.detach(), jacobian, (depth > rays.origin.z).detach(), rays.failure
+    ahead = (depth > rays.origin.z) & (rays.direction.z > 0)
+    return error.detach(), jacobian, ahead.detach(), rays.failure

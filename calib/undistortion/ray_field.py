@@ -74,9 +74,9 @@ class RayField:
     parallax: Array
     """(h, w, 2) px m, B: what is added for each 1/m of inverse depth."""
     valid: Mask
-    """(h, w), false where no ray leaves the cover, or where the lens or cover bends so sharply that
-    the nodes do not hold it. A and B are extrapolated there. Between four valid nodes, the splines
-    are true.
+    """(h, w), false where no ray leaves the cover or it does not go forward, and where the lens or
+    cover bends so sharply that the nodes do not hold it. A and B are extrapolated there. Between
+    four valid nodes, the splines are true.
     """
 
     nearest: Array
@@ -129,6 +129,14 @@ class RayField:
                 out = sliding_window_view(self.nearest, (2, 2)).max((2, 3))
                 seen &= depth > out[row, column]
         return seen
+
+    def holds(self, pixels: Array) -> Mask:
+        """Return (N,), true where the undistorted picture shows what (N, 2) distorted px see far
+        away. It is a pinhole's picture, which ends before 90 degrees from the axis.
+        """
+        far = self.undistorted(pixels, np.inf)
+        within = ((far >= -0.5) & (far <= [self.width - 0.5, self.height - 0.5])).all(-1)
+        return np.asarray(within & self.sees(pixels[:, 0], pixels[:, 1], np.inf))
 
     def map_at(self, depth: float, window: Window | None = None) -> DepthMap:
         """The map of one depth, in m; infinity is a depth.
@@ -232,7 +240,7 @@ def _affine(
     chunks = []
     for first in range(0, len(columns) * len(rows), CHUNK):
         rays = path.trace(torch.from_numpy(at.reshape(-1, 2)[first : first + CHUNK]), values)
-        ok = (rays.failure == 0) & (rays.direction.z > 1e-3)
+        ok = rays.in_pinhole
         forward = torch.where(ok, rays.direction.z, torch.ones_like(rays.direction.z))
         tan_x, tan_y = rays.direction.x / forward, rays.direction.y / forward
         at_infinity = torch.stack([fx * tan_x + cx, fy * tan_y + cy], -1)

@@ -52,7 +52,9 @@ def unmoved() -> ResidualScene:
 
 def with_residual(residual: Array) -> ResidualScene:
     still = unmoved()
-    return ResidualScene(still.observations, residual, still.depth, still.incidence, WIDTH, HEIGHT)
+    return ResidualScene(
+        still.observations, residual, still.distance, still.incidence, WIDTH, HEIGHT
+    )
 
 
 def noise(seed: int) -> Array:
@@ -101,7 +103,7 @@ def parallax() -> Array:
     """What a wrong glass does: outwards by incidence, near boards against far ones."""
     still = unmoved()
     outwards = (still.observations.pixels.numpy() - [WIDTH / 2, HEIGHT / 2]) / WIDTH
-    near = 1 / still.depth
+    near = 1 / still.distance
     return np.asarray((1 - still.incidence)[:, None] * (near - near.mean())[:, None] * outwards)
 
 
