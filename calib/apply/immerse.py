@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from calib.apply.loose import OUTSIDE, UNKNOWN, Loose, loose_numbers, sigmas
-from calib.apply.map_uncertainty import UndistortedChange, corners_at
+from calib.apply.map_uncertainty import UndistortedChange, corners_at, frames_along
 from calib.calibration import Calibration
 from calib.effects.flat_port import FlatPort
 from calib.errors import InputError
@@ -193,10 +193,16 @@ def _with_sigmas(wet: Calibration, covariance: Array) -> Cover:
 
 
 def _errors(calibration: Calibration, pixels: Array) -> Array:
-    """(N, 4, S) of A and B by the parameters; S is 0 where there is no covariance."""
+    """Return the (N, 4, S) Jacobian of A and B by the parameters; S is 0 without a covariance.
+
+    A and B of a wide lens are taken in frames along the pixels' rays (`frames_along`), because an
+    undistorted picture does not hold all its pixels.
+    """
     if not calibration.covariance.size:
         return np.zeros((len(pixels), 4, 0))
-    jacobian, lost = UndistortedChange.of(calibration).jacobian(pixels)
+    wide = calibration.model()[0].lens.wide
+    frames = frames_along(calibration.rays(pixels)[1]) if wide else None
+    jacobian, lost = UndistortedChange.of(calibration).jacobian(pixels, frames)
     return np.where(lost[:, None, None], np.nan, jacobian)
 
 
@@ -214,6 +220,9 @@ def _on_other_face(
     path, values = wet_near
     _, motions, lost = undistorted_jacobian(path, Parameters.none(values), pixels)
     kept = ~lost
+    if path.lens.wide:
+        kept &= calibration.ray_field().holds(pixels)
+        depth = depth * path.trace(torch.from_numpy(pixels), values).direction.z.numpy()
 
     def off(at: Array) -> Array:
         (a, b), (c, d) = (

@@ -4,7 +4,7 @@ placed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -75,6 +75,19 @@ class TagPose:
     def quaternion(self) -> Array:
         """(4,) x, y, z, w."""
         return np.asarray(Rotation.from_matrix(self.turn).as_quat(canonical=True))
+
+    def rotate(self, turn: Array) -> TagPose:
+        """Return the pose in another frame with the same origin; the (3, 3) rotation leads to
+        that frame.
+        """
+        block = np.kron(np.eye(2), turn)
+        return replace(
+            self,
+            turn=turn @ self.turn,
+            position=turn @ self.position,
+            own=block @ self.own @ block.T,
+            shared=block @ self.shared,
+        )
 
     def distance(self, other: TagPose) -> tuple[float, float]:
         """From one tag's middle to another's in the same frame, and its sigma, m.

@@ -3,14 +3,16 @@ covariance propagated to the maps.
 
 p_u(Z) = A + B / Z for every pixel, so the variance is a quadratic in inverse depth, of three
 coefficients a pixel. The rigid motion of all rays that board views leave open is the gauge: of each
-error, the motion that hides most of it at the training corners is subtracted.
+error, the motion that hides most of it at the training corners is subtracted. A wide lens sees
+corners that no undistorted picture holds, so the errors at its corners are measured in frames along
+their rays, as if the camera looked straight at each corner.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -23,11 +25,19 @@ from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import BATCH_SIZE
 from calib.optics.path import Path
+from calib.optics.rotation import onto_z
 from calib.threads import single_thread
 from calib.undistortion.depth_map import DepthMap
 from calib.undistortion.remap import remap
 
 Array = NDArray[np.float64]
+
+
+class RayErrors(Protocol):
+    """A function that returns the errors of the rays of pixels (`ray_errors`)."""
+
+    def __call__(self, pixels: Array, frames: Array | None = None) -> Array: ...
+
 
 NO_CORNERS = (
     "the calibration's poses and corners do not go with its camera and cover, as if its files had"
@@ -47,7 +57,8 @@ class SigmaField:
     """(h,) px"""
     variance: Array
     """(h, w, 3) px^2, px^2 m, px^2 m^2: the variance at depth Z is the first + the second / Z + the
-    third / Z^2, x and y together. NaN where no ray leaves the cover.
+    third / Z^2, x and y together. NaN where no ray leaves the cover, or the ray does not go
+    forward.
     """
 
     def at_nodes(self, depth: float) -> Array:
@@ -101,21 +112,27 @@ def predicted_sigma(calibration: Calibration) -> SigmaField | None:
 
 
 @lru_cache(maxsize=1)
-def ray_errors(calibration: Calibration) -> Callable[[Array], Array]:
+def ray_errors(calibration: Calibration) -> RayErrors:
     """From (N, 2) px to the (N, 4, S) errors of their A (px) and B (px m) for each of S independent
-    errors of unit variance, which all pixels share; NaN where no ray leaves the cover. S is 0 where
-    the fit estimated no covariance.
+    errors of unit variance, which all pixels share; NaN where no ray leaves the cover, or the ray
+    does not go forward. S is 0 where the fit estimated no covariance. With frames, (N, 3, 3)
+    rotations from the camera frame, A and B of each pixel are taken in its frame.
     """
     if not calibration.covariance.size:
-        return lambda pixels: np.zeros((len(pixels), 4, 0))
+        return _no_errors
     change = UndistortedChange.of(calibration)
     root = root_of(calibration.covariance)
 
-    def errors(pixels: Array) -> Array:
-        jacobian, lost = change.jacobian(pixels)
+    def errors(pixels: Array, frames: Array | None = None) -> Array:
+        jacobian, lost = change.jacobian(pixels, frames)
         return np.where(lost[:, None, None], np.nan, jacobian @ root)
 
     return errors
+
+
+def _no_errors(pixels: Array, frames: Array | None = None) -> Array:  # noqa: ARG001
+    """Return the errors of a calibration without a covariance, (N, 4, 0)."""
+    return np.zeros((len(pixels), 4, 0))
 
 
 def root_of(covariance: Array) -> Array:
@@ -131,15 +148,25 @@ def root_of(covariance: Array) -> Array:
 
 
 def corners_at(calibration: Calibration) -> Array:
-    """(N, 3) px and m: where the training corners are in the picture, and their depth."""
+    """Return (N, 3): x and y in px of the training corners, and their distance in m
+    (`Path.distance`).
+    """
     if not calibration.views:
         return calibration.corners_at
     model, observations = calibration.camera_model(), calibration.observations
     poses = torch.from_numpy(calibration.poses)[observations.view]
-    depth = model.path.place(observations.corners, observations.with_times(model.means), poses)[
-        :, 2
-    ].numpy()
-    return np.column_stack([observations.pixels.numpy(), depth])
+    timed = observations.with_times(model.means)
+    distance = model.path.distance(model.path.place(observations.corners, timed, poses))
+    return np.column_stack([observations.pixels.numpy(), distance.numpy()])
+
+
+def frames_along(directions: Array) -> Array:
+    """Return (N, 3, 3) rotations from the camera frame to frames whose z axes point along (N, 3)
+    unit directions; the identity where a direction is NaN.
+    """
+    undefined = np.isnan(directions).any(-1, keepdims=True)
+    defined = np.where(undefined, [0.0, 0.0, 1.0], directions)
+    return np.asarray(onto_z(torch.from_numpy(defined)).numpy())
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,15 +186,21 @@ class UndistortedChange:
     def of(calibration: Calibration) -> UndistortedChange:
         model = calibration.camera_model()
         path, parameters, corners = model.path, model.parameters, corners_at(calibration)
-        depth = corners[:, 2]
-        if not (depth > 0).all():
+        distance = corners[:, 2]
+        if not (distance > 0).all():
             raise InputError(NO_CORNERS)
         normal, right_side = np.zeros((6, 6)), np.zeros((6, parameters.count))
-        for first in range(0, len(depth), BATCH_SIZE):
+        for first in range(0, len(distance), BATCH_SIZE):
             some = slice(first, first + BATCH_SIZE)
-            jacobian, motions, lost = undistorted_jacobian(path, parameters, corners[some, :2])
+            pixels = corners[some, :2]
+            near = 1 / distance[some]
+            frames = None
+            if path.lens.wide:
+                rays = path.trace(torch.from_numpy(pixels), model.means)
+                frames = frames_along(rays.direction.stacked().numpy())
+            jacobian, motions, lost = undistorted_jacobian(path, parameters, pixels, frames)
             at = (
-                np.stack([np.ones_like(depth[some]), 1 / depth[some]], -1)[:, :, None, None]
+                np.stack([np.ones_like(near), near], -1)[:, :, None, None]
                 * ~lost[:, None, None, None]
             )
             seen, moved = (
@@ -181,9 +214,14 @@ class UndistortedChange:
             raise InputError(NO_CORNERS) from error
         return UndistortedChange(path, parameters, np.asarray(motion, dtype=np.float64))
 
-    def jacobian(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """(N, 4, S) of A and B by the parameters, and (N,) where there is no ray."""
-        jacobian, motions, lost = undistorted_jacobian(self.path, self.parameters, pixels)
+    def jacobian(
+        self, pixels: Array, frames: Array | None = None
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the (N, 4, S) Jacobian of A and B by the parameters, and (N,), true where there is
+        no ray or it does not go forward. With (N, 3, 3) frames, A and B of each pixel are taken in
+        its frame.
+        """
+        jacobian, motions, lost = undistorted_jacobian(self.path, self.parameters, pixels, frames)
         return (jacobian - motions @ self.motion).reshape(len(pixels), 4, jacobian.shape[-1]), lost
 
 

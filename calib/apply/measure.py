@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.apply.map_uncertainty import ray_errors
+from calib.apply.map_uncertainty import frames_along, ray_errors
 from calib.apply.triangulate import central_differences, intersect, triangulate, turns
 from calib.calibration import Calibration
 from calib.corners.pose_requirements import split_usable_views
@@ -143,10 +143,7 @@ class Measurer:
         self._errors = ray_errors(calibration)
         pinhole = calibration.camera.intrinsics
         assert pinhole
-        self._focal, self._centre = (
-            np.array([pinhole.fx.value, pinhole.fy.value]),
-            np.array([pinhole.cx.value, pinhole.cy.value]),
-        )
+        self._focal = np.array([pinhole.fx.value, pinhole.fy.value])
 
     def board_pose(self, view: View) -> BoardPose:
         """Where the board is in a view, with the least reprojection error through the calibrated
@@ -182,10 +179,14 @@ class Measurer:
             ) from None
         pose, pixels = poses[0].numpy(), seen.pixels.numpy()
         each = np.broadcast_to(pose, (len(pixels), 6))
+        frames = self._frames(pixels)
         by_line = central_differences(
-            lambda lines: intersect(*self._rays(lines), each), self._lines(pixels), LINE_STEPS
+            lambda lines: intersect(*self._rays(lines, frames), each),
+            self._lines(pixels, frames),
+            LINE_STEPS,
         )  # (M, 3, 4)
-        on_board = turns(pose[None])[0].T[:2] @ by_line @ self._errors(pixels)  # (M, 2, S)
+        errors = self._errors(pixels, frames)
+        on_board = turns(pose[None])[0].T[:2] @ by_line @ errors  # (M, 2, S)
         by_map = (weights.numpy() @ on_board).reshape(len(by_pose), -1)  # (2M, S)
         by_rays = -noise @ noise.T @ by_pose.T @ by_map
         by_size = self.calibration.board.relative_sigma * np.concatenate([np.zeros(3), pose[3:]])
@@ -203,18 +204,20 @@ class Measurer:
         """
         pixels, outside = self._within(pixel_rows(pixels))
         of = indices(plane, len(pixels), len(planes), "plane")
-        poses, lines = _poses(planes)[of], self._lines(pixels)
-        points = intersect(*self._rays(lines), poses)
+        poses = _poses(planes)[of]
+        frames = self._frames(pixels)
+        lines = self._lines(pixels, frames)
+        points = intersect(*self._rays(lines, frames), poses)
         by_line = central_differences(
-            lambda moved: intersect(*self._rays(moved), poses), lines, LINE_STEPS
+            lambda moved: intersect(*self._rays(moved, frames), poses), lines, LINE_STEPS
         )
         by_pose = central_differences(
-            lambda moved: intersect(*self._rays(lines), moved), poses, POSE_STEPS
+            lambda moved: intersect(*self._rays(lines, frames), moved), poses, POSE_STEPS
         )
-        shared = self._shared(planes, of, by_pose, by_line @ self._errors(pixels))
+        shared = self._shared(planes, of, by_pose, by_line @ self._errors(pixels, frames))
         return _measured(
             points,
-            self._own(by_line, pixels),
+            self._own(by_line, pixels, frames),
             shared,
             np.zeros(len(points)),
             outside,
@@ -241,12 +244,14 @@ class Measurer:
         if not all(len(rows) for rows in groups):
             raise InputError("point leaves out a number: count the points from 0 on.")
         poses = _poses(boards)[of]
-        lines = self._lines(pixels)
-        errors = self._errors(pixels)
+        frames = self._frames(pixels)
+        lines = self._lines(pixels, frames)
+        errors = self._errors(pixels, frames)
         if not groups:
             return self.on_planes(pixels, boards, of.tolist())
         parts = [
-            self._triangulated(rows, pixels, poses, lines, errors, boards, of) for rows in groups
+            self._triangulated(rows, pixels, poses, frames, lines, errors, boards, of)
+            for rows in groups
         ]
         points, own, shared, gap = (np.concatenate(column) for column in zip(*parts, strict=True))
         refused, lost = (
@@ -259,6 +264,7 @@ class Measurer:
         rows: Indices,
         pixels: Array,
         poses: Array,
+        frames: Array,
         lines: Array,
         errors: Array,
         boards: Sequence[BoardPose],
@@ -267,20 +273,19 @@ class Measurer:
         """One point's (1, ...) parts of Measured, from the rows of its pixels."""
 
         here, there = lines[rows], poses[rows]
-        at, missed = triangulate(*self._rays(here), there)
+        ray_frames = frames[rows]
+        at, missed = triangulate(*self._rays(here, ray_frames), there)
 
         def by_one(which: int) -> tuple[Array, Array]:
             """(1, 3, 4) and (1, 3, 6) derivatives by one of the lines and one of the poses."""
 
             def by_its_line(moved: Array) -> Array:
-                return triangulate(
-                    *self._rays(np.vstack([here[:which], moved, here[which + 1 :]])), there
-                )[0][None]
+                changed = np.vstack([here[:which], moved, here[which + 1 :]])
+                return triangulate(*self._rays(changed, ray_frames), there)[0][None]
 
             def by_its_pose(moved: Array) -> Array:
-                return triangulate(
-                    *self._rays(here), np.vstack([there[:which], moved, there[which + 1 :]])
-                )[0][None]
+                changed = np.vstack([there[:which], moved, there[which + 1 :]])
+                return triangulate(*self._rays(here, ray_frames), changed)[0][None]
 
             one = slice(which, which + 1)
             return central_differences(by_its_line, here[one], LINE_STEPS), central_differences(
@@ -290,7 +295,7 @@ class Measurer:
         by_line, by_pose = (
             np.concatenate(parts) for parts in zip(*map(by_one, range(len(rows))), strict=True)
         )
-        own = self._own(by_line, pixels[rows]).sum(0, keepdims=True)
+        own = self._own(by_line, pixels[rows], ray_frames).sum(0, keepdims=True)
         shared = self._shared(boards, of[rows], by_pose, by_line @ errors[rows]).sum(
             0, keepdims=True
         )
@@ -325,33 +330,49 @@ class Measurer:
             outside,
         )
 
-    def _lines(self, pixels: Array) -> Array:
-        """(N, 4) A and B of each pixel's ray, px and px m."""
+    def _frames(self, pixels: Array) -> Array:
+        """Return (N, 3, 3) rotations from the camera frame to a frame along each pixel's ray. In
+        that frame a ray has A and B even beside and behind the camera.
+        """
+        return frames_along(self.calibration.rays(pixels)[1])
+
+    def _lines(self, pixels: Array, frames: Array) -> Array:
+        """Return (N, 4): A without the principal point (px) and B (px m) of each pixel's ray, in
+        its frame.
+        """
         origins, directions = self.calibration.rays(pixels)
+        origins = np.einsum("nij,nj->ni", frames, origins)
+        directions = np.einsum("nij,nj->ni", frames, directions)
         tangents = directions[:, :2] / directions[:, 2:]
         return np.concatenate(
             [
-                self._focal * tangents + self._centre,
+                self._focal * tangents,
                 self._focal * (origins[:, :2] - tangents * origins[:, 2:]),
             ],
             -1,
         )
 
-    def _rays(self, lines: Array) -> tuple[Array, Array]:
-        """(N, 3) where lines of A and B cross the plane of the pinhole, m, and (N, 3) where they
-        go.
+    def _rays(self, lines: Array, frames: Array) -> tuple[Array, Array]:
+        """Return, in the camera frame, the (N, 3) m points where lines given by A and B cross the
+        plane z = 0 of their frames, and their (N, 3) directions.
         """
         ones = np.ones((len(lines), 1))
-        return np.hstack([lines[:, 2:] / self._focal, 0 * ones]), np.hstack(
-            [(lines[:, :2] - self._centre) / self._focal, ones]
+        to_camera = frames.swapaxes(1, 2)
+        origins = np.hstack([lines[:, 2:] / self._focal, 0 * ones])
+        directions = np.hstack([lines[:, :2] / self._focal, ones])
+        return (
+            np.einsum("nij,nj->ni", to_camera, origins),
+            np.einsum("nij,nj->ni", to_camera, directions),
         )
 
-    def _own(self, by_line: Array, pixels: Array) -> Array:
+    def _own(self, by_line: Array, pixels: Array, frames: Array) -> Array:
         """(N, 3, 3) m^2 from the pixels' noise."""
         by_pixel = (
             self.noise_px
             * by_line
-            @ central_differences(self._lines, pixels, (PIXEL_STEP, PIXEL_STEP))
+            @ central_differences(
+                lambda moved: self._lines(moved, frames), pixels, (PIXEL_STEP, PIXEL_STEP)
+            )
         )
         return np.asarray(by_pixel @ by_pixel.swapaxes(1, 2))
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
+from calib.optics.rays import FLATTEST
 from calib.threads import single_thread
 
 Array = NDArray[np.float64]
@@ -48,7 +49,7 @@ UPWARD = np.diag([1.0, -1.0, -1.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lines:
-    """The rays of N pixels, as slopes A + B / Z."""
+    """The rays of N pixels, as slopes A + B / Z, in the camera frame or in a rotated one."""
 
     at_infinity: Array
     """(N, 2) A"""
@@ -60,12 +61,24 @@ class Lines:
     """(N, 2, 2) m/px"""
 
     @staticmethod
-    def of(calibration: Calibration, pixels: Array) -> Lines:
-        """Of (N, 2) px; NaN where no ray leaves the cover."""
+    def of(calibration: Calibration, pixels: Array, frames: Array | None = None) -> Lines:
+        """Return the rays of (N, 2) px; NaN where no ray leaves the cover, or the ray does not go
+        forward in its frame.
+
+        Args:
+            frames: (N, 3, 3) rotations from the camera frame to the frame of each pixel; None for
+                the camera frame.
+        """
         steps = PIXEL_STEP * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
         with single_thread():
             origins, directions = calibration.rays((pixels + steps[:, None]).reshape(-1, 2))
-        slopes = directions[:, :2] / directions[:, 2:]
+        if frames is not None:
+            turns = np.tile(frames, (len(steps), 1, 1))
+            origins = np.einsum("nij,nj->ni", turns, origins)
+            directions = np.einsum("nij,nj->ni", turns, directions)
+        slopes = directions[:, :2] / np.where(
+            directions[:, 2:] > FLATTEST, directions[:, 2:], np.nan
+        )
         both = np.stack([slopes, origins[:, :2] - slopes * origins[:, 2:]]).reshape(2, 5, -1, 2)
         by_pixel = np.stack([both[:, 1] - both[:, 2], both[:, 3] - both[:, 4]], -1) / (
             2 * PIXEL_STEP

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.apply.located_tags import Located, Reason, Tag, TagPose, Unplaced
-from calib.apply.map_uncertainty import ray_errors
+from calib.apply.map_uncertainty import frames_along, ray_errors
 from calib.apply.tag_pose import SQUARE, Lines, misfit, poses
 from calib.calibration import Calibration
 from calib.corners.detect import eight_bits
@@ -164,10 +164,10 @@ class TagLocator:
         if not known.any():
             return found
         pixels = corners[known].reshape(-1, 2)
-        lines, errors = (
-            Lines.of(self.calibration, pixels),
-            self._errors(pixels).reshape(int(known.sum()), 4, 4, -1),
-        )
+        frames = self._frames(corners[known])
+        corner_frames = frames if frames is None else np.repeat(frames, 4, 0)
+        lines = Lines.of(self.calibration, pixels, corner_frames)
+        errors = self._errors(pixels, corner_frames).reshape(int(known.sum()), 4, 4, -1)
         for row, at in enumerate(np.flatnonzero(known).tolist()):
             own = lines.some(slice(4 * row, 4 * row + 4))
             if not own.seen:
@@ -181,8 +181,21 @@ class TagLocator:
                 OFF
                 * float(np.linalg.norm(np.roll(corners[at], 1, 0) - corners[at], axis=-1).mean()),
             )
+            if frames is not None:
+                ways = tuple(pose.rotate(frames[row].T) for pose in ways)
             found[at] = ways if ways and ways[0].off_px <= limit else Reason.NO_SQUARE
         return found
+
+    def _frames(self, corners: Array) -> Array | None:
+        """Return (T, 3, 3) rotations from the camera frame to frames that look at the tags with
+        (T, 4, 2) px corners. Return None unless the lens is wide: the camera frame does for all
+        tags of other lenses.
+        """
+        if not self.calibration.model()[0].lens.wide:
+            return None
+        _, directions = self.calibration.rays(corners.reshape(-1, 2))
+        middle = directions.reshape(-1, 4, 3).sum(1)
+        return frames_along(middle / np.linalg.norm(middle, axis=-1, keepdims=True))
 
     def _placed(
         self, grey: NDArray, numbers: list[int], rough: Array
@@ -219,7 +232,9 @@ class TagLocator:
         """(T, 4) px, by how much the middles of the edges lie outside of the straight lines between
         their ends, from (T, 4, 2) rough corners; 0 where that cannot be said.
         """
-        lines = Lines.of(self.calibration, rough.reshape(-1, 2))
+        frames = self._frames(rough)
+        corner_frames = frames if frames is None else np.repeat(frames, 4, 0)
+        lines = Lines.of(self.calibration, rough.reshape(-1, 2), corner_frames)
         bends = np.zeros(rough.shape[:2])
         placed = {}
         for at in range(len(rough)):
@@ -230,8 +245,9 @@ class TagLocator:
             return bends
         middles = (SQUARE + np.roll(SQUARE, -1, 0)) / 2
         points = [
-            self.side * np.concatenate([SQUARE, middles]) @ turn.T + shift
-            for turn, shift, _ in placed.values()
+            (self.side * np.concatenate([SQUARE, middles]) @ turn.T + shift)
+            @ (np.eye(3) if frames is None else frames[at])
+            for at, (turn, shift, _) in placed.items()
         ]
         seen = self.calibration.project(np.concatenate(points)).reshape(len(placed), 2, 4, 2)
         corners, middle = seen[:, 0], seen[:, 1]

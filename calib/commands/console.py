@@ -14,6 +14,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
 from calib.corners.view import RejectedPicture
 from calib.errors import brief, harmless
@@ -80,7 +81,14 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
     )
     looks = summed([SecondLook(**look) for look in calibration.settings.get(LOOKS, [])])
     of_views = filter(None, (looks, noisier(calibration.settings.get(VIEW_NOISE, {}))))
-    for line in (*of_views, *_lens(calibration), *_prior(calibration), *_estimates(calibration)):
+    reach = filter(None, [undistortion_limit(calibration)])
+    for line in (
+        *of_views,
+        *_lens(calibration),
+        *_prior(calibration),
+        *_estimates(calibration),
+        *reach,
+    ):
         console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
     if validation := calibration.settings.get("cross_validation"):
         console.print(
@@ -135,11 +143,11 @@ def _estimates(calibration: Calibration) -> Iterator[str]:
     yield from (f"Estimated: {one.name} {one.estimated}" for one in own_parameters(calibration))
 
 
-def print_evaluation(evaluation: Evaluation) -> None:
-    """The held-out error, in all and by depth."""
+def print_evaluation(evaluation: Evaluation, *, wide: bool) -> None:
+    """Print the held-out error, in total and by depth, or by distance for a wide lens."""
     console = Console()
     table = Table(
-        "depth",
+        "distance" if wide else "depth",
         "corners",
         "reprojection error",
         "on the board",

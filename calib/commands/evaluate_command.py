@@ -46,5 +46,5 @@ def run(args: argparse.Namespace) -> None:
             | told(verdict, [])
         )
     else:
-        print_evaluation(evaluation)
+        print_evaluation(evaluation, wide=calibration.model()[0].lens.wide)
         print_verdict(verdict, [])

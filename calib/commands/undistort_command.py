@@ -1,6 +1,7 @@
 """The command `calib undistort`."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from calib.commands.arguments import (
@@ -69,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     with quickly():
+        from calib.apply.angular_reach import undistortion_limit
         from calib.apply.undistort_files import Wanted, undistort_files
         from calib.calibration import Calibration
         from calib.commands.console import Bars
@@ -86,6 +88,8 @@ def run(args: argparse.Namespace) -> None:
     with Bars() as bars:
         done = undistort_files(calibration, args.images, wanted, output, bars)
     print_paths(done.paths)
+    if limit := undistortion_limit(calibration):
+        print(limit, file=sys.stderr)
     if done.cut_off:
         more = len(done.cut_off) - 1
         others = f" {more} more video{'s' * (more > 1)} of these break off." if more else ""

@@ -80,7 +80,7 @@ def diagnose(
             camera=calibration.camera,
             observations=observations,
             folds=fold_split(poses),
-            depth_bands=depth_split(_view_depths(base, observations), poses),
+            depth_bands=depth_split(_view_distances(base, observations), poses),
             base=base_model(calibration),
             report=_Reporter(advance),
             has_structure=lambda fit: bool(
@@ -149,13 +149,14 @@ class _Reporter:
         self._advance(min(self._steps, STEPS - 1), remark)
 
 
-def _view_depths(fit: ModelFit, observations: Observations) -> NDArray[np.float64]:
-    """Return (V,) m, the mean depth of the corners of each view."""
+def _view_distances(fit: ModelFit, observations: Observations) -> NDArray[np.float64]:
+    """Return (V,) m, the mean distance of the corners of each view (`Path.distance`)."""
     timed = observations.with_times(fit.joint.values)
     poses = fit.joint.poses[observations.view]
-    depth = fit.model.path.place(observations.corners, timed, poses)[:, 2].numpy()
+    points = fit.model.path.place(observations.corners, timed, poses)
+    distance = fit.model.path.distance(points).numpy()
     view = observations.view.numpy()
-    return np.asarray(np.bincount(view, depth) / np.bincount(view))
+    return np.asarray(np.bincount(view, distance) / np.bincount(view))
 
 
 def _residuals(fit: ModelFit, observations: Observations) -> Residuals:

@@ -99,12 +99,12 @@ def _pose_bank(fitted: FittedModel, camera: Camera) -> Iterator[Array]:
     timed = observations.with_times(values)
     view_poses = fitted.joint.poses[observations.view]
     points = fitted.model.path.place(observations.corners, timed, view_poses)
-    median_depth = float(points[:, 2].median())
+    median_distance = float(fitted.model.path.distance(points).median())
     focal = float(values["camera.fx"])
     cx = float(values["camera.cx"])
     cy = float(values["camera.cy"])
     for ratio, x, y, tilt, turn in product(DEPTHS, PLACES, PLACES, TILTS, TURNS):
-        depth = ratio * median_depth
+        depth = ratio * median_distance
         ray = np.array([x * camera.width - cx, y * camera.height - cy, focal]) / focal
         rotation = Rotation.from_rotvec([*tilt, 0.0]) * Rotation.from_rotvec([0.0, 0.0, turn])
         yield np.concatenate([rotation.as_rotvec(), ray * depth])

@@ -13,39 +13,47 @@ from calib.estimation.probes import ProbedValues, TracedRows
 from calib.optics.params import Values
 from calib.optics.path import Path, row_derivatives
 from calib.optics.rays import Rays
+from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
 
 Array = NDArray[np.float64]
 
 
 def undistorted_jacobian(
-    path: Path, parameters: Parameters, pixels: Array
+    path: Path, parameters: Parameters, pixels: Array, frames: Array | None = None
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return the Jacobians of A, in px, and of B, in px m, at (N, 2) px and at the parameters'
     origin.
 
+    Args:
+        frames: (N, 3, 3) rotations from the camera frame to the frame of each pixel, in which its A
+            and B are taken, as if the camera looked in that direction. In such a frame, even a ray
+            beside or behind the camera has A and B. None for the camera frame.
+
     Returns:
         (N, 2, 2, S) derivatives of A and B, x and y each, by the vector of the shared parameters;
         (N, 2, 2, 6) derivatives by a small rotation (rad) and translation (m) of all rays; (N,)
-        true where there is no ray.
+        true where there is no ray, or where it does not go forward.
     """
     rows, points, values = len(pixels), torch.from_numpy(pixels), parameters.origin
     probed = ProbedValues.of(path, parameters, values, rows, path.adjustments)
+    frame = None if frames is None else Rotation.of(torch.from_numpy(frames))
     motion = torch.zeros(rows, 6, dtype=torch.float64, requires_grad=True)
     with torch.enable_grad():
         rays = path.trace(points, probed.values)
         by_motion, *by_leaves = row_derivatives(
-            _undistorted(rays, motion, values), [motion, *probed.leaves.values()]
+            _undistorted(rays, motion, values, frame), [motion, *probed.leaves.values()]
         )
+        valid = _in_frame(frame, rays).in_pinhole
     traced = TracedRows(points, rays, values, path.linear_terms(points, values))
     columns = probed.columns(by_leaves, traced)
     by_shared = by_motion[..., :0] if columns is None else columns
     jacobian = by_shared.reshape(rows, 2, 2, by_shared.shape[-1]).numpy()
     by_rigid = by_motion.reshape(rows, 2, 2, by_motion.shape[-1]).numpy()
-    return jacobian, by_rigid, (rays.failure != 0).numpy()
+    return jacobian, by_rigid, (~valid).numpy()
 
 
-def _undistorted(rays: Rays, motion: Tensor, values: Values) -> Tensor:
+def _undistorted(rays: Rays, motion: Tensor, values: Values, frame: Rotation | None) -> Tensor:
     """Return (N, 4): A, minus the principal point, and B, of rays after a small motion.
 
     The pinhole of the undistorted picture does not change.
@@ -53,9 +61,13 @@ def _undistorted(rays: Rays, motion: Tensor, values: Values) -> Tensor:
     turn, shift = Vector.of(motion[:, :3]), Vector.of(motion[:, 3:])
     direction = rays.direction + turn.cross(rays.direction)
     origin = rays.origin + turn.cross(rays.origin) + shift
+    rays = _in_frame(frame, Rays(origin, direction, rays.failure))
+    origin, direction = rays.origin, rays.direction
+    forward = torch.where(rays.in_pinhole, direction.z, torch.ones_like(direction.z))
     fx = float(values["camera.fx"])
     fy = float(values["camera.fy"])
-    tan_x, tan_y = direction.x / direction.z, direction.y / direction.z
+    tan_x = direction.x / forward
+    tan_y = direction.y / forward
     return torch.stack(
         [
             fx * tan_x,
@@ -65,3 +77,7 @@ def _undistorted(rays: Rays, motion: Tensor, values: Values) -> Tensor:
         ],
         -1,
     )
+
+
+def _in_frame(frame: Rotation | None, rays: Rays) -> Rays:
+    return rays.rotate(frame) if frame else rays

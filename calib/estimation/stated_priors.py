@@ -28,10 +28,12 @@ def with_estimates(
 ) -> tuple[Intrinsics, Cover]:
     """Return the same description with the estimates and their standard deviations. If the fit is
     not finite, the standard deviations stay as stated. The correlations of the estimates are in the
-    fit's covariance.
+    fit's covariance. Without a fit, the description stays as stated, with its correlations.
     """
-    estimates = joint.estimates() if joint else {}
-    if joint and not joint.finite:
+    if joint is None:
+        return intrinsics, cover
+    estimates = joint.estimates()
+    if not joint.finite:
         stated = numbers_of(intrinsics, cover)
         estimates = {
             name: replace(number, sigma=stated[name].sigma)

@@ -28,6 +28,7 @@ from calib.export.lens_fit import to_intrinsics
 from calib.export.sampled_rays import CHECK_GRID
 from calib.optics.dome import Dome
 from calib.optics.flat import Flat
+from calib.optics.rays import FLATTEST
 from calib.optics.vector import Vector
 from calib.session.cover import Cover
 from calib.session.schema import Number
@@ -186,6 +187,8 @@ def _misfits(
     columns = np.linspace(0, calibration.camera.width - 1, CHECK_GRID[0])
     rows = np.linspace(0, calibration.camera.height - 1, CHECK_GRID[1])
     pixels = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
+    if calibration.model()[0].lens.wide:
+        pixels = pixels[calibration.ray_field().holds(pixels)]
     exact_rays = calibration.rays(pixels)
     exported_rays = exported.rays(pixels)
     for depth in depths:
@@ -206,8 +209,11 @@ def _misfits(
 
 
 def _points_at(depth: float, origins: Array, directions: Array) -> Array:
-    """Return (N, 2) m, x and y where the rays pass the plane z = depth."""
-    steps = (depth - origins[:, 2]) / directions[:, 2]
+    """Return (N, 2) m, x and y where the rays pass the plane z = depth; NaN for rays that do not go
+    forward.
+    """
+    forward = np.where(directions[:, 2] > FLATTEST, directions[:, 2], np.nan)
+    steps = (depth - origins[:, 2]) / forward
     return np.asarray(origins[:, :2] + directions[:, :2] * steps[:, None])
 
 

@@ -86,6 +86,10 @@ class CentralModel:
     """At half of the depth for which it was fitted."""
     misfit_at_depth: Misfit
     misfit_at_double_depth: Misfit
+    angle_limit: float | None = None
+    """rad from the axis, the largest angle at which the model is fitted and checked; None if the
+    camera sees nothing beyond it.
+    """
 
     @property
     def misfits(self) -> tuple[Misfit, Misfit, Misfit]:
@@ -117,6 +121,7 @@ class CentralModel:
                 f"Its origin is at ({x:.6f}, {y:.6f}, {z:.6f}) mm in the calibration's camera"
                 " frame, its axes are parallel to that frame's."
             ),
+            *self._limit_sentences(),
         ]
 
     def commented(self) -> str:
@@ -124,7 +129,10 @@ class CentralModel:
         return "".join(f"# {line}\n" for line in self.statement)
 
     def remarks(self) -> Iterator[str]:
-        """Yield sentences about a misfit that is too large to be ignored."""
+        """Yield sentences about the angle beyond which the model does not hold, and about a misfit
+        that is too large to be ignored.
+        """
+        yield from self._limit_sentences()
         fitted = self.misfit_at_depth
         if fitted.worst_px > MISFIT_LIMIT:
             yield (
@@ -141,6 +149,14 @@ class CentralModel:
                 "this camera's distortion depends on depth, and a central camera's does not: the"
                 f" one fitted at {fitted.depth:g} m has errors that differ by up to"
                 f" {worst.drift_px:.2f} px at {worst.depth:g} m: export one for each depth in use."
+            )
+
+    def _limit_sentences(self) -> Iterator[str]:
+        """Yield a sentence on the angle up to which the model holds, if the camera sees more."""
+        if self.angle_limit is not None:
+            yield (
+                f"It holds up to {np.floor(np.degrees(self.angle_limit)):.0f} degrees from the"
+                " axis, and the camera sees farther."
             )
 
 
@@ -244,6 +260,7 @@ def _fit(
         misfit_at_half_depth=_misfit(depth / 2, half_error, error),
         misfit_at_depth=_misfit(depth, error, error),
         misfit_at_double_depth=_misfit(2 * depth, double_error, error),
+        angle_limit=check_rays.angle_limit,
     )
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.export.export import ExportedFiles, ExportRequest
+from calib.export.export import ExportedFiles, ExportRequest, limit_remarks
 from calib.io.file_set import FileSet
 from calib.undistortion.ray_field import RayField
 
@@ -32,7 +32,7 @@ def export(request: ExportRequest) -> ExportedFiles:
         path, remark = write_mesh(field, depth, request.files, depth_name)
         written.append(path)
         remarks.append(remark)
-    return ExportedFiles(tuple(written), remarks=tuple(remarks))
+    return ExportedFiles(tuple(written), remarks=(*remarks, *limit_remarks(request.calibration)))
 
 
 def write_mesh(field: RayField, depth: float, files: FileSet, depth_name: str) -> tuple[Path, str]:

@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
 
+from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
 from calib.export.central import CentralModel, best_central
 from calib.export.formats import AXES, ExportLens, Format
@@ -64,6 +65,13 @@ def export(request: ExportRequest) -> ExportedFiles:
         InputError: a file cannot be written, or a library that the format needs is absent.
     """
     return cast(Exporter, import_module(f"calib.export.{request.form.module}")).export(request)
+
+
+def limit_remarks(calibration: Calibration) -> tuple[str, ...]:
+    """Return a sentence on the angle at which maps end, if the lens sees more than they show; else
+    nothing.
+    """
+    return tuple(filter(None, [undistortion_limit(calibration)]))
 
 
 def export_central(

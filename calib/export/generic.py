@@ -5,7 +5,8 @@ A grid of control points spans the picture. The second and the last but one of a
 picture's edges, so every pixel lies between four of them in either direction. One grid has points
 on the lines, in m. Another has unit directions, and directions between them are normalised. The
 control points are unit vectors, too, so they are found by iteration. Pixels count from the corner
-of the picture. Where no ray leaves the cover, the lines are continued smoothly.
+of the picture. Where no ray leaves the cover, the lines are continued smoothly. The lines of a wide
+lens may go in any direction, even behind the camera.
 
 Source: T. Schöps et al., Why having 10,000 parameters in your camera model is better than twelve
 (CVPR 2020); SaveCameraModel in
@@ -15,14 +16,17 @@ generic_models/src/noncentral_generic.h of their program.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
+from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.export.export import ExportedFiles, ExportRequest
-from calib.undistortion.grids import midpoints
+from calib.undistortion.grids import all_corners_true, interior_cells, midpoints
 from calib.undistortion.ray_field import RayField
 from calib.undistortion.spline import Spline
 
@@ -32,8 +36,8 @@ SPACINGS = (64, 32, 16, 8)
 """px between control points; the first that is fine enough is used."""
 MAX_MISFIT = 0.005
 """px, at worst, of a spacing that is fine enough."""
-CHECK_DEPTH = 0.1
-"""m: the depth where the misfit is measured. It is smaller at larger depths."""
+CHECK_DISTANCE = 0.1
+"""m: the distance at which the misfit is measured. It is smaller farther away."""
 ITERATIONS = 20
 """Each one leaves at most about a tenth of the error."""
 
@@ -45,15 +49,18 @@ def export(request: ExportRequest) -> ExportedFiles:
     field = request.calibration.ray_field()
     if not field.valid.any():
         raise InputError("No ray of this camera leaves its cover: check the cover's numbers.")
+    wide = request.calibration.model()[0].lens.wide
+    exact = WideLines(request.calibration) if wide else PinholeLines(field, pinhole)
     advance = request.progress.task("Lines", len(SPACINGS))
     for done, spacing in enumerate(SPACINGS, start=1):
-        points, directions = control_points(field, pinhole, spacing)
-        rms, worst = misfit(field, pinhole, points, directions)
+        points, directions = control_points(field, exact, spacing)
+        rms, worst = misfit(pinhole, exact, points, directions)
         advance(done, f"{spacing} px")
         if worst < MAX_MISFIT:
             break
     statement = (
-        f"Misfit over the image: {rms:.4f} px RMS, {worst:.4f} px at worst, at {CHECK_DEPTH:g} m."
+        f"Misfit over the image: {rms:.4f} px RMS, {worst:.4f} px at worst, at"
+        f" {CHECK_DISTANCE:g} m."
     )
     text = camera_yaml(field, points.coefficients, directions.coefficients, statement)
     return ExportedFiles(
@@ -62,7 +69,62 @@ def export(request: ExportRequest) -> ExportedFiles:
     )
 
 
-def control_points(field: RayField, pinhole: Array, spacing: float) -> tuple[Spline, Spline]:
+class ExactLines(Protocol):
+    """The lines that the splines approximate."""
+
+    def at(self, pixels: Array) -> tuple[Array, Array]:
+        """Return (N, 3) m, points on the lines of (N, 2) px, and their (N, 3) unit directions; a
+        smooth continuation where the camera does not see.
+        """
+        ...
+
+    def visible(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
+        """Return (h - 1, w - 1), true where the camera sees midway between (w,) columns and (h,)
+        rows.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class PinholeLines:
+    """The lines that an undistorted picture holds, from the ray field."""
+
+    field: RayField
+    pinhole: Array
+    """(4,) px: focal lengths and principal point."""
+
+    def at(self, pixels: Array) -> tuple[Array, Array]:
+        return lines(self.field, self.pinhole, pixels)
+
+    def visible(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
+        return self.field.sees(*np.meshgrid(midpoints(columns), midpoints(rows)), np.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class WideLines:
+    """The traced lines of a wide lens; their points are those nearest to the pinhole.
+
+    No spline follows the lens close to the end of its formula, so nothing there counts as visible.
+    """
+
+    calibration: Calibration
+
+    def at(self, pixels: Array) -> tuple[Array, Array]:
+        origins, directions = self.calibration.rays(pixels)
+        valid = np.isfinite(directions).all(-1)
+        nearest = np.flatnonzero(valid)[KDTree(pixels[valid]).query(pixels)[1]]
+        origins = origins[nearest]
+        directions = directions[nearest]
+        return origins - (origins * directions).sum(-1, keepdims=True) * directions, directions
+
+    def visible(self, columns: Array, rows: Array) -> NDArray[np.bool_]:
+        pixels = np.stack(np.meshgrid(columns, rows), -1)
+        _, directions = self.calibration.rays(pixels.reshape(-1, 2))
+        valid = np.isfinite(directions[:, 0]).reshape(pixels.shape[:2])
+        return interior_cells(all_corners_true(valid))
+
+
+def control_points(field: RayField, exact: ExactLines, spacing: float) -> tuple[Spline, Spline]:
     """Return splines through the lines' points and directions at nodes over the picture, one of
     them on each edge. Their coefficients are the control points; those of the directions are unit
     vectors.
@@ -70,7 +132,7 @@ def control_points(field: RayField, pinhole: Array, spacing: float) -> tuple[Spl
     columns = _nodes(field.width, spacing)
     rows = _nodes(field.height, spacing)
     pixels = np.stack(np.meshgrid(columns, rows), -1)
-    origins, directions = lines(field, pinhole, pixels.reshape(-1, 2))
+    origins, directions = exact.at(pixels.reshape(-1, 2))
     origin = origins.reshape(*pixels.shape[:2], 3)
     direction = directions.reshape(*pixels.shape[:2], 3)
     aim = direction
@@ -100,25 +162,24 @@ def lines(field: RayField, pinhole: Array, pixels: Array) -> tuple[Array, Array]
 
 
 def misfit(
-    field: RayField, pinhole: Array, points: Spline, directions: Spline
+    pinhole: Array, exact: ExactLines, points: Spline, directions: Spline
 ) -> tuple[float, float]:
-    """Return the misfit in px of the undistorted picture at CHECK_DEPTH, RMS and at worst, midway
-    between the nodes where the camera sees.
+    """Return the misfit in px, RMS and at worst, midway between the nodes where the camera sees.
+
+    It is the distance between a splined line and the point at CHECK_DISTANCE on the exact line, as
+    a pinhole camera of this focal length sees it that looks along the line.
     """
     pixels = np.stack(
         np.meshgrid(midpoints(points.nodes_x), midpoints(points.nodes_y)), -1
     ).reshape(-1, 2)
-    pixels = pixels[field.sees(pixels[:, 0], pixels[:, 1], np.inf)]
-    exact = _points_at_check_depth(*lines(field, pinhole, pixels))
-    fitted = _points_at_check_depth(points.at(pixels)[0], directions.at(pixels)[0])
-    error = np.linalg.norm((exact - fitted) * pinhole[:2] / CHECK_DEPTH, axis=-1)
+    pixels = pixels[exact.visible(points.nodes_x, points.nodes_y).ravel()]
+    origins, exact_directions = exact.at(pixels)
+    targets = origins + CHECK_DISTANCE * exact_directions
+    splined = directions.at(pixels)[0]
+    splined = splined / np.linalg.norm(splined, axis=-1, keepdims=True)
+    separation = np.linalg.norm(np.cross(targets - points.at(pixels)[0], splined), axis=-1)
+    error = pinhole[:2].mean() / CHECK_DISTANCE * separation
     return float(np.sqrt((error**2).mean())), float(error.max())
-
-
-def _points_at_check_depth(origins: Array, directions: Array) -> Array:
-    """Return (N, 2) m, x and y where the lines pass the plane z = CHECK_DEPTH."""
-    slopes = directions[:, :2] / directions[:, 2:]
-    return np.asarray(origins[:, :2] + slopes * (CHECK_DEPTH - origins[:, 2:]))
 
 
 def camera_yaml(field: RayField, points: Array, directions: Array, statement: str) -> str:

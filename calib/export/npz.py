@@ -24,7 +24,7 @@ import numpy as np
 from calib.apply.map_uncertainty import SigmaField, predicted_sigma
 from calib.calibration import Calibration
 from calib.errors import InputError
-from calib.export.export import ExportedFiles, ExportRequest, depth_text
+from calib.export.export import ExportedFiles, ExportRequest, depth_text, limit_remarks
 from calib.io.file_set import FileSet, in_force
 from calib.io.files import npz
 from calib.progress import Progress
@@ -36,7 +36,8 @@ ARRAYS = ("nodes_x", "nodes_y", "at_infinity", "parallax", "valid", "nearest")
 
 def export(request: ExportRequest) -> ExportedFiles:
     return ExportedFiles(
-        tuple(write_npz(request.calibration, request.depths, request.files, request.progress))
+        tuple(write_npz(request.calibration, request.depths, request.files, request.progress)),
+        remarks=limit_remarks(request.calibration),
     )
 
 

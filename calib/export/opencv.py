@@ -12,7 +12,13 @@ import cv2
 import numpy as np
 
 from calib.export.central import CentralModel
-from calib.export.export import ExportedFiles, ExportRequest, depth_text, export_central
+from calib.export.export import (
+    ExportedFiles,
+    ExportRequest,
+    depth_text,
+    export_central,
+    limit_remarks,
+)
 from calib.io.file_set import FileSet
 from calib.undistortion.depth_map import DepthMap
 
@@ -32,6 +38,7 @@ def export(request: ExportRequest) -> ExportedFiles:
             for path in (camera, *map_paths)
         ),
         cameras.models,
+        limit_remarks(request.calibration),
     )
 
 

@@ -39,6 +39,10 @@ class SampledRays:
     """(N, 2) dx/dz and dy/dz."""
     exit_depth: float
     """m: the largest z at which a ray leaves the cover."""
+    angle_limit: float | None
+    """rad from the axis, the largest angle of these rays; None if the camera sees nothing beyond
+    it.
+    """
 
     @staticmethod
     def sample(calibration: Calibration, grid: tuple[int, int]) -> SampledRays:
@@ -55,13 +59,15 @@ class SampledRays:
                 "Too little of the image sees through the cover to fit a central camera: use"
                 " --format npz, opencv or stmap."
             )
+        sees_beyond = bool((directions[~usable, 2] <= MIN_Z).any())  # false for NaN
         origins, directions = origins[usable], directions[usable]
         tangent = directions[:, :2] / directions[:, 2:]
         return SampledRays(
-            pixels[usable],
-            origins[:, :2] - tangent * origins[:, 2:],
-            tangent,
-            float(origins[:, 2].max()),
+            pixels=pixels[usable],
+            foot=origins[:, :2] - tangent * origins[:, 2:],
+            tangent=tangent,
+            exit_depth=float(origins[:, 2].max()),
+            angle_limit=float(np.arccos(directions[:, 2].min())) if sees_beyond else None,
         )
 
     def nearly_intersect(self) -> Array:

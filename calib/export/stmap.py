@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.export.export import ExportedFiles, ExportRequest
+from calib.export.export import ExportedFiles, ExportRequest, limit_remarks
 from calib.io.file_set import FileSet
 from calib.undistortion.ray_field import RayField
 
@@ -29,7 +29,8 @@ def export(request: ExportRequest) -> ExportedFiles:
             path
             for depth, name in request.each_depth()
             for path in write_stmaps(field, depth, request.files, name, suffix)
-        )
+        ),
+        remarks=limit_remarks(request.calibration),
     )
 
 

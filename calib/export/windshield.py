@@ -17,7 +17,9 @@ from calib.export.export import ExportedFiles, ExportRequest, export_central
 from calib.export.windshield_fit import TERMS, tangents_within_cover
 
 ANGLE_MARGIN = 1.01
-"""The angle where NCore's fisheye ends, over the largest angle of the picture's corners."""
+"""The angle where NCore's fisheye ends, over the largest angle of the picture's corners. A model
+with an angle limit ends there instead.
+"""
 
 
 def export(request: ExportRequest) -> ExportedFiles:
@@ -67,13 +69,9 @@ def _pinhole(lens: np.ndarray) -> dict[str, object]:
 def _fisheye(model: CentralModel, lens: np.ndarray) -> dict[str, object]:
     right, bottom = model.width - 0.5, model.height - 0.5
     corners = np.array([[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]])
-    slopes = np.linalg.norm(
-        tangents_within_cover(
-            corners, model.lens, np.array([*model.focal, *model.principal, *lens])
-        ),
-        axis=-1,
-    )
-    return {
-        "radial_coeffs": lens.tolist(),
-        "max_angle": ANGLE_MARGIN * float(np.arctan(slopes.max())),
-    }
+    parameters = np.array([*model.focal, *model.principal, *lens])
+    slopes = np.linalg.norm(tangents_within_cover(corners, model.lens, parameters), axis=-1)
+    max_angle = model.angle_limit
+    if max_angle is None:
+        max_angle = ANGLE_MARGIN * float(np.arctan(slopes.max()))
+    return {"radial_coeffs": lens.tolist(), "max_angle": max_angle}

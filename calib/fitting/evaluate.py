@@ -28,7 +28,7 @@ NARROWEST = 0.125
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """The error of the corners at some depths."""
+    """The error of the corners at some distances."""
 
     from_m: float
     to_m: float
@@ -46,9 +46,11 @@ class Evaluation:
     rmse_cm: float
     frames_used: int
     by_depth: tuple[Band, ...]
-    """By each corner's own depth, near to far; bands without corners are left out."""
+    """The error by the distance of the corners (`Path.distance`), near to far. Every corner is in
+    one band; bands without corners are left out.
+    """
     near_m: float
-    """The nearest corner's depth."""
+    """The nearest corner's distance."""
     far_m: float
     rejected: tuple[RejectedPicture, ...]
     """Pictures in which no board with enough corners was found. No view is dropped for its error.
@@ -96,15 +98,16 @@ def evaluate(
             poses, missed = _by_halves(path, values, observations, poses, noise)
         else:
             poses, missed = refit_poses(path, values, observations, poses)
-    depth = path.place(
+    points = path.place(
         observations.corners, observations.with_times(values), poses[observations.view]
-    )[:, 2]
-    near, far = float(depth.min()), float(depth.max())
+    )
+    distance = path.distance(points)
+    near, far = float(distance.min()), float(distance.max())
     return Evaluation(
         missed.rms_px,
         missed.rmse_cm,
         len(views),
-        _bands(missed, depth),
+        _bands(missed, distance),
         near,
         far,
         (*rejected, *few, *lost),
@@ -127,13 +130,15 @@ def _by_halves(
     return own, Residuals(image, board)
 
 
-def _bands(missed: Residuals, depth: Tensor) -> tuple[Band, ...]:
+def _bands(missed: Residuals, distance: Tensor) -> tuple[Band, ...]:
     edges = [0.0, NARROWEST]
-    while edges[-1] <= float(depth.max()):
+    while edges[-1] <= float(distance.max()):
         edges.append(2 * edges[-1])
+    # Unless the lens is wide, a corner behind it has a negative depth; the first band takes it.
+    distance = distance.clamp_min(0.0)
     bands = []
     for low, high in pairwise(edges):
-        inside = (depth >= low) & (depth < high)
+        inside = (distance >= low) & (distance < high)
         if bool(inside.any()):
             part = Residuals(missed.image[inside], missed.board[inside])
             bands.append(Band(low, high, part.rms_px, part.rmse_cm, int(inside.sum())))

@@ -53,8 +53,8 @@ class ResidualScene:
     observations: Observations
     residual: Array
     """(M, 2) px"""
-    depth: Array
-    """(M,) m"""
+    distance: Array
+    """(M,) m, the distance of each corner (`Path.distance`)."""
     incidence: Array
     """(M,) the cosine between the ray and the normal of the cover, or the optical axis without a
     cover.
@@ -144,8 +144,8 @@ def _time(scene: ResidualScene) -> Basis:
 
 
 def _refraction(scene: ResidualScene) -> Basis:
-    """Terms towards the image centre, by incidence and inverse depth."""
-    near = 1 / scene.depth
+    """Terms towards the image centre, by incidence and inverse distance."""
+    near = 1 / scene.distance
     bend = 1 - scene.incidence
     x, y = (scene.observations.pixels.numpy() - [scene.width / 2, scene.height / 2]).T / scene.width
     smooth = [bend**i * near**j for i in range(3) for j in range(3)]
@@ -187,14 +187,14 @@ def variance_shares(
     visible = torch.isfinite(residuals.image).all(-1)
     corners = observations.select_rows(visible)
     timed = corners.with_times(joint.values)
-    depth = model.path.place(corners.corners, timed, joint.poses[corners.view])[:, 2]
+    points = model.path.place(corners.corners, timed, joint.poses[corners.view])
     rays = model.path.trace(corners.pixels, timed)
     pinhole = model.path.lens(*model.path.adjust_pixels(corners.pixels, timed)).direction
     incidence = pinhole.dot(rays.direction) if model.path.cover else pinhole.z
     scene = ResidualScene(
         observations=corners,
         residual=residuals.image[visible].numpy(),
-        depth=depth.numpy(),
+        distance=model.path.distance(points).numpy(),
         incidence=incidence.numpy(),
         width=calibration.camera.width,
         height=calibration.camera.height,

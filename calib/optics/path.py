@@ -80,6 +80,14 @@ class Path:
         """True if the lens alone gives the pixel of a point, even beside and behind the pinhole."""
         return self.lens.wide and self.central and not self.adjustments
 
+    def distance(self, points: Tensor) -> Tensor:
+        """Return the (...) m distances of (..., 3) m points in the camera frame.
+
+        It is the depth z, as in maps, unless the lens is wide. A wide lens sees points beside and
+        behind the camera, whose depth is 0 or less, so its distances are measured from the origin.
+        """
+        return points.norm(dim=-1) if self.lens.wide else points[..., 2]
+
     @property
     def view_blocks(self) -> tuple[str, ...]:
         """The blocks of `board_target.VIEW_BLOCKS` that every view has."""

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from calib.optics.params import Values
 from calib.optics.path import Path, row_derivatives
+from calib.optics.rotation import Rotation, onto_z
 
 MAX_ITERATIONS = 30
 MAX_STEP = 200.0
@@ -29,18 +30,20 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
 
     Returns:
         (N, 2) px; NaN for a point that is not in front of the camera and its cover, or that no ray
-        reaches. A wide lens without a cover also sees points that are not in front of it.
+        reaches. A wide lens also sees points beside and behind the camera.
     """
     if path.directly_projects:
         return _project_by_lens(path, values, points)
-    front = points[..., 2] > 1e-6
-    goal = torch.where(front.unsqueeze(-1), points, torch.ones_like(points))
+    visible = path.distance(points) > 1e-6
+    goal = torch.where(visible.unsqueeze(-1), points, torch.ones_like(points))
     pixels = (path.lens.project(goal, values) if start is None else start).clone()
-    depth = goal[..., 2]
+    frame = Rotation.of(onto_z(goal / goal.norm(dim=-1, keepdim=True))) if path.lens.wide else None
+    depth = path.distance(goal)
+    target = torch.zeros_like(goal[..., :2]) if frame else goal[..., :2]
     last = torch.full_like(depth, torch.inf)
     for _ in range(MAX_ITERATIONS):
         error, jacobian, ahead, failure = _linearised_residual(
-            path, values, pixels, goal[..., :2], depth
+            path, values, pixels, target, depth, frame
         )
         step = torch.linalg.solve_ex(jacobian, error.unsqueeze(-1)).result.squeeze(-1)
         length = step.norm(dim=-1)
@@ -48,10 +51,10 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
         last = torch.where(usable, length, torch.full_like(length, torch.inf))
         short = (MAX_STEP / length.clamp_min(MAX_STEP)).unsqueeze(-1)
         pixels = torch.where(usable.unsqueeze(-1), pixels - short * step, pixels)
-        if bool((last[front & usable] < CONVERGED).all()):
+        if bool((last[visible & usable] < CONVERGED).all()):
             break
     return torch.where(
-        (front & ahead & (last < MAX_FINAL_STEP)).unsqueeze(-1),
+        (visible & ahead & (last < MAX_FINAL_STEP)).unsqueeze(-1),
         pixels,
         torch.full_like(pixels, torch.nan),
     )
@@ -72,15 +75,23 @@ def _project_by_lens(path: Path, values: Values, points: Tensor) -> Tensor:
 
 
 def _linearised_residual(
-    path: Path, values: Values, pixels: Tensor, goal: Tensor, depth: Tensor
+    path: Path,
+    values: Values,
+    pixels: Tensor,
+    goal: Tensor,
+    depth: Tensor,
+    frame: Rotation | None,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Return the (N, 2) m offset of each pixel's ray from its goal in the plane of the goal's
     depth, its (N, 2, 2) derivative by the pixel, (N) bool, true where the goal lies beyond the
-    ray's exit from the cover, and (N) failures.
+    ray's exit from the cover, and (N) failures. Goal and depth are in the frame of each point, or
+    in the camera frame if `frame` is None.
     """
     with torch.enable_grad():
         variable = pixels.detach().requires_grad_()
         rays = path.trace(variable, values)
+        rays = rays.rotate(frame) if frame else rays
         error = rays.at_depth(depth) - goal
         (jacobian,) = row_derivatives(error, [variable])
-    return error.detach(), jacobian, (depth > rays.origin.z).detach(), rays.failure
+    ahead = (depth > rays.origin.z) & (rays.direction.z > 0)
+    return error.detach(), jacobian, ahead.detach(), rays.failure

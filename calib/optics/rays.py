@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
 
 FAILURES = (
@@ -17,6 +18,11 @@ FAILURES = (
     "missed the board's plane",
 )
 """A ray's `failure` is an index into this tuple: the first failure on its way, 0 if it arrived."""
+
+FLATTEST = 1e-3
+"""The smallest z of a unit direction that the picture of a pinhole holds. An undistorted picture is
+one. This direction is 0.06 degrees short of sideways.
+"""
 
 LENS, MISSED_INNER, REFLECTED_INNER, MISSED_OUTER, REFLECTED_OUTER, MISSED_TARGET = range(1, 7)
 
@@ -48,6 +54,17 @@ class Rays:
         for mask, code in failures:
             failure = torch.where((failure == 0) & mask, torch.full_like(failure, code), failure)
         return Rays(origin, direction, failure)
+
+    @property
+    def in_pinhole(self) -> Tensor:
+        """(...) bool, true where the ray exists and goes forward, so that the picture of a pinhole
+        can show it.
+        """
+        return (self.failure == 0) & (self.direction.z > FLATTEST)
+
+    def rotate(self, turn: Rotation) -> "Rays":
+        """Return the rays in another frame with the same origin; `turn` leads to that frame."""
+        return Rays(turn.turn(self.origin), turn.turn(self.direction), self.failure)
 
     def at_depth(self, depth: Tensor) -> Tensor:
         """Return the (..., 2) m x and y where each ray crosses the plane z = depth (...) m."""

@@ -72,6 +72,17 @@ def matrix(rotvec: Tensor) -> Tensor:
     return sine_part
 
 
+def onto_z(directions: Tensor) -> Tensor:
+    """Return (..., 3, 3) rotations that turn (..., 3) unit directions onto the z axis."""
+    half_turn = torch.ones_like(directions)
+    half_turn[..., 1:] = torch.where(directions[..., 2:] < 0, -1.0, 1.0)  # about x, away from -z
+    x, y, z = (directions * half_turn).unbind(-1)
+    near = 1 / (1 + z)
+    rows = [1 - near * x * x, -near * x * y, -x, -near * x * y, 1 - near * y * y, -y, x, y, z]
+    turned: Tensor = torch.stack(rows, -1).reshape(*x.shape, 3, 3) * half_turn.unsqueeze(-2)
+    return turned
+
+
 def _factors(angle2: Tensor) -> tuple[Tensor, Tensor]:
     """Return (...) sin(a) / a and (1 - cos(a)) / a^2 for (...) a^2, smooth through zero."""
     small = angle2 < 1e-8

@@ -22,7 +22,7 @@ def board_errors(evidence: Evidence) -> Drawing:
         closer = reach / panels[0][2]
         panels = [(f"without {left_out}", without, reach), ("with the model", with_model, reach)]
         if closer > 2:
-            panels.append((f"the same, {closer:.2g} times closer", with_model, reach / closer))
+            panels.append((f"the same, {closer:.0f} times closer", with_model, reach / closer))
 
     def paint(figure: Figure) -> None:
         colours = hues(len(evidence.calibration.views))[evidence.view]

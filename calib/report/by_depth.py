@@ -70,9 +70,9 @@ def distortion_by_depth(evidence: Evidence) -> Drawing | None:
 
 
 def _lines(axes: Axes, evidence: Evidence, pixels: Array, displacement: Displacement) -> None:
-    near, far = evidence.depth.min(), evidence.depth.max()
+    near, far = evidence.distance.min(), evidence.distance.max()
     inverse = np.linspace(min(REACH[0], 1 / far), max(REACH[1], 1 / near), 60)
-    chosen = Displacement.of(evidence.field, pixels)
+    chosen = Displacement.of(evidence, pixels)
     lengths = np.array(
         [np.linalg.norm(chosen.at(1 / inverse_depth), axis=-1) for inverse_depth in inverse]
     )
@@ -84,6 +84,8 @@ def _lines(axes: Axes, evidence: Evidence, pixels: Array, displacement: Displace
     )
     axes.axvspan(1 / far, 1 / near, color=FAINT, alpha=0.15, linewidth=0, label="trained")
     for mark, length, (column, row), colour in zip(CHOSEN, lengths.T, pixels, SERIES, strict=False):
+        if not np.isfinite(length).all():
+            continue  # the undistorted picture does not hold this pixel
         label = f"{mark} ({column:.0f}, {row:.0f}): {length[-1] - length[0]:+.2f} px"
         axes.plot(inverse, length, color=colour, linewidth=1.8, label=label)
     axes.plot(

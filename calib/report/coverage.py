@@ -51,11 +51,11 @@ def corner_coverage(evidence: Evidence) -> Drawing:
         )
         image_panel.set_title(f"image: {100 * evidence.covered:.0f} % of the cells")
         colour_bar(figure, shown, image_panel, "corners")
-        near, far = evidence.depth.min(), evidence.depth.max()
-        depth_panel.hist(evidence.depth, BARS, color=SERIES[0], rwidth=0.88)
-        depth_panel.set(
-            xlabel="depth (m)", ylabel="corners", title=f"depth: {near:.2g} to {far:.2g} m"
-        )
+        near, far = evidence.distance.min(), evidence.distance.max()
+        depth_panel.hist(evidence.distance, BARS, color=SERIES[0], rwidth=0.88)
+        name = evidence.distance_name
+        title = f"{name}: {near:.2g} to {far:.2g} m"
+        depth_panel.set(xlabel=f"{name} (m)", ylabel="corners", title=title)
         for axes in glass_panels:
             chart_axes(axes, evidence)
             axes.plot(

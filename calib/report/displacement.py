@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.report.evidence import Array, Evidence
-from calib.undistortion.ray_field import RayField
 
 
 @dataclass(frozen=True, slots=True)
 class Displacement:
     """Undistorted minus distorted pixel, which is affine in inverse depth; NaN where no ray leaves
-    the cover.
+    the cover, and where the undistorted picture does not show it (`Evidence.shows`).
     """
 
     at_infinity: Array
@@ -23,14 +22,15 @@ class Displacement:
     """(..., 2) px m, for each 1/m of inverse depth."""
 
     @staticmethod
-    def of(field: RayField, pixels: Array) -> Displacement:
+    def of(evidence: Evidence, pixels: Array) -> Displacement:
         """Return the displacement of (..., 2) px."""
+        field = evidence.field
         flat = pixels.reshape(-1, 2)
         column = _nearest_node(flat[:, 0], field.nodes_x)
         row = _nearest_node(flat[:, 1], field.nodes_y)
-        valid = field.valid[row, column, None]
-        far = np.where(valid, field.undistort_pixels(flat, np.inf), np.nan)
-        near = np.where(valid, field.undistort_pixels(flat, 1.0), np.nan)
+        visible = (field.valid[row, column] & evidence.shows(flat))[:, None]
+        far = np.where(visible, field.undistort_pixels(flat, np.inf), np.nan)
+        near = np.where(visible, field.undistort_pixels(flat, 1.0), np.nan)
         return Displacement((far - flat).reshape(pixels.shape), (near - far).reshape(pixels.shape))
 
     def at(self, depth: float) -> Array:
@@ -51,4 +51,4 @@ def lattice(evidence: Evidence, nodes: tuple[int, int]) -> tuple[Array, Array, D
     camera = evidence.calibration.camera
     x = np.linspace(-0.5, camera.width - 0.5, nodes[0])
     y = np.linspace(-0.5, camera.height - 0.5, nodes[1])
-    return x, y, Displacement.of(evidence.field, np.stack(np.meshgrid(x, y), -1))
+    return x, y, Displacement.of(evidence, np.stack(np.meshgrid(x, y), -1))

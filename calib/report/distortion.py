@@ -71,7 +71,8 @@ def distortion_fields(evidence: Evidence) -> Drawing:
             " The panels differ because the cover shifts rays as well as bending them."
             if len(depths) == 2
             else ""
-        ),
+        )
+        + evidence.limit_caption,
     )
 
 

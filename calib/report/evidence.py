@@ -50,12 +50,28 @@ class Evidence:
     view: NDArray[np.int64]
     """(M,) the view of each corner."""
     depth: Array
-    """(M,) m"""
+    """(M,) m, z of each corner in the camera frame."""
+    distance: Array
+    """(M,) m, the distance of each corner (`Path.distance`): its depth, except for a wide lens."""
     field: RayField
     sigma: SigmaField | None
     """None where the fit estimated no covariance."""
     depths: tuple[float, ...]
     """The depths in m, near to far, at which fields are drawn."""
+
+    @property
+    def distance_name(self) -> str:
+        """The name of `distance` on axes and in titles."""
+        return "distance" if self.path.lens.wide else "depth"
+
+    @property
+    def limit_caption(self) -> str:
+        """A sentence on the empty parts of a figure over the image; empty unless the lens is
+        wide.
+        """
+        if not self.path.lens.wide:
+            return ""
+        return " Empty: what the undistorted picture of this camera does not show."
 
     @property
     def errors(self) -> Array:
@@ -93,14 +109,30 @@ class Evidence:
             )
         )
 
+    def shows(self, pixels: Array) -> NDArray[np.bool_]:
+        """Return (...), true where figures show the undistortion of (..., 2) px.
+
+        The undistortion of a wide lens grows without bounds towards 90 degrees from the axis, so
+        figures show only the pixels that its undistorted picture holds.
+        """
+        if not self.path.lens.wide:
+            return np.ones(pixels.shape[:-1], dtype=np.bool_)
+        return self.field.holds(pixels.reshape(-1, 2)).reshape(pixels.shape[:-1])
+
+    def sigma_at_nodes(self, depth: float) -> Array:
+        """Return (h, w) px, as `SigmaField.at_nodes`; NaN where figures do not show it."""
+        assert self.sigma
+        nodes = np.stack(np.meshgrid(self.sigma.nodes_x, self.sigma.nodes_y), -1)
+        return np.where(self.shows(nodes), self.sigma.at_nodes(depth), np.nan)
+
     def sigma_at_corners(self, depth: float) -> Array:
-        """Return (n,) px, the standard deviation of the map of a depth (m) at the training corners;
-        empty without a covariance.
+        """Return (n,) px, the standard deviation of the map of a depth (m) at the training corners
+        that figures show; empty without a covariance.
         """
         if not self.sigma:
             return np.zeros(0)
-        sigma = self.sigma.at(self.pixels[:, :1], self.pixels[:, 1:], depth)
-        return sigma[np.isfinite(sigma)].astype(np.float64)
+        sigma = self.sigma.at(self.pixels[:, :1], self.pixels[:, 1:], depth)[:, 0]
+        return sigma[np.isfinite(sigma) & self.shows(self.pixels)].astype(np.float64)
 
 
 def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) -> Evidence:
@@ -117,14 +149,16 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
     path, values = calibration.model()
     observations = calibration.observations
     pose = torch.from_numpy(calibration.poses)[observations.view]
-    depth = path.place(observations.corners, values, pose)[:, 2].numpy()
+    points = path.place(observations.corners, values, pose)
+    depth = points[:, 2].numpy()
+    distance = path.distance(points).numpy()
     residual, sigma = (
         residuals(path, values, observations, torch.from_numpy(calibration.poses)),
         predicted_sigma(calibration),
     )
     visible_fraction = torch.isfinite(residual.image).all(-1).double().mean()
     if (
-        not (depth > 0).all()
+        not (distance > 0).all()
         or visible_fraction < MIN_VISIBLE_FRACTION
         or (sigma and not np.isfinite(sigma.variance).any())
     ):
@@ -138,10 +172,11 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
         pixels=observations.pixels.numpy(),
         view=observations.view.numpy(),
         depth=depth,
+        distance=distance,
         field=calibration.ray_field(),
         sigma=sigma,
         depths=tuple(sorted(set(depths)))
-        or tuple(dict.fromkeys(float(f"{d:.2g}") for d in np.quantile(depth, (0, 0.5, 1)))),
+        or tuple(dict.fromkeys(float(f"{d:.2g}") for d in np.quantile(distance, (0, 0.5, 1)))),
     )
 
 

@@ -92,13 +92,15 @@ def _by_depth(axes: Axes, evidence: Evidence) -> None:
     lengths = np.linalg.norm(evidence.errors, axis=-1)
     bands = [
         band
-        for band in np.array_split(np.argsort(evidence.depth), BANDS)
+        for band in np.array_split(np.argsort(evidence.distance), BANDS)
         if np.isfinite(lengths[band]).any()
     ]
-    middle = [evidence.depth[band].mean() for band in bands]
+    middle = [evidence.distance[band].mean() for band in bands]
     low = [np.nanquantile(lengths[band], 0.16) for band in bands]
     high = [np.nanquantile(lengths[band], 0.84) for band in bands]
-    axes.plot(evidence.depth, lengths, ".", markersize=2, color=BLUE, alpha=0.35, rasterized=True)
+    axes.plot(
+        evidence.distance, lengths, ".", markersize=2, color=BLUE, alpha=0.35, rasterized=True
+    )
     axes.fill_between(middle, low, high, color=SERIES[1], alpha=0.25, linewidth=0)
     axes.plot(
         middle,
@@ -115,9 +117,9 @@ def _by_depth(axes: Axes, evidence: Evidence) -> None:
         label="the corners' noise",
     )
     axes.set(
-        xlabel="depth (m)",
+        xlabel=f"{evidence.distance_name} (m)",
         ylabel="error (px)",
         ylim=(0, 1.35 * np.nanquantile(lengths, 0.99) + 1e-9),
-        title="by depth",
+        title=f"by {evidence.distance_name}",
     )
     axes.legend(loc="upper left")

@@ -24,7 +24,7 @@ def predicted_errors(evidence: Evidence) -> Drawing | None:
     if not field:
         return None
     camera, depths = evidence.calibration.camera, evidence.depths[:3]
-    sigmas = [field.at_nodes(depth) for depth in depths]
+    sigmas = [evidence.sigma_at_nodes(depth) for depth in depths]
     panel = panel_size(camera.width / camera.height, 2.7 if len(depths) > 2 else 4.0)
     limit = max(float(np.nanquantile(sigma, 0.98)) for sigma in sigmas)
 
@@ -61,5 +61,5 @@ def predicted_errors(evidence: Evidence) -> Drawing | None:
         "Predicted standard deviation of the undistorted position, x and y together, if the model"
         " is right. It follows from the corners' noise and the prior on the glass. It excludes the"
         " rigid motion of all rays, which no view of a board fixes. Dots: corners. The titles give"
-        " the median over them.",
+        " the median over them." + evidence.limit_caption,
     )

@@ -46,12 +46,16 @@ class BoardLine:
 
 
 def straight_html(evidence: Evidence, session: Path | None) -> str:
-    """Return the section as HTML; empty for a pinhole, which bends nothing."""
+    """Return the section as HTML; empty for a pinhole, which bends nothing, and where no view has
+    all its corners in the undistorted picture.
+    """
     if evidence.bare_residuals is None:
         return ""
     camera = evidence.calibration.camera
     size = camera.width, camera.height
     order = _largest_first(evidence)
+    if not order:
+        return ""
     for view in order[:MAX_READS]:
         path = session and picture_of(session, evidence.calibration.views[view].name)
         if path and (picture := read_small(path, size, min(WIDTH, camera.width))) is not None:
@@ -60,12 +64,12 @@ def straight_html(evidence: Evidence, session: Path | None) -> str:
 
 
 def _largest_first(evidence: Evidence) -> list[int]:
-    """Return the views, those whose corners span most of the picture first."""
+    """Return the views whose corners figures show, those that span most of the picture first."""
     corners = [
         evidence.pixels[evidence.view == view] for view in range(len(evidence.calibration.views))
     ]
     return sorted(
-        range(len(corners)),
+        (view for view, pixels in enumerate(corners) if evidence.shows(pixels).all()),
         key=lambda view: -float(np.prod(np.ptp(corners[view], 0))) if len(corners[view]) else 0.0,
     )
 
@@ -88,7 +92,7 @@ def lines_across(evidence: Evidence, view: int) -> Iterator[BoardLine]:
         slope = directions @ rotation[:, 2]
         slope = np.where(np.abs(slope) < 1e-6, np.nan, slope)
         depth = pose[3:] @ rotation[:, 2] / slope  # m, on the board's plane
-        near = depth > evidence.depth.min() / 2  # excludes the plane's passage past the camera
+        near = depth > evidence.distance.min() / 2  # excludes the plane's passage past the camera
         distorted, visible = evidence.field.distort_pixels(line[near], depth[near])
         detections = np.isfinite(corners).all(-1)
         if visible.sum() > 2:

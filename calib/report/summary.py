@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.apply.angular_reach import undistortion_limit
 from calib.fitting.cross_validation import CrossValidation
 from calib.fitting.provenance import KEY
 from calib.report.evidence import Evidence
@@ -34,7 +35,9 @@ def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
     """Summarise a calibration; `depths` are those of the requested maps, in m."""
     session = Path(evidence.calibration.settings.get(KEY, {}).get("session", "SESSION")).name
     verdict = judge(evidence.calibration, depths=depths, folder=HERE, session=Path(session))
-    return Summary((_subject(evidence), _fit(evidence, verdict), _coverage(evidence)), verdict)
+    limit = undistortion_limit(evidence.calibration)
+    coverage = " ".join(filter(None, [_coverage(evidence), limit]))
+    return Summary((_subject(evidence), _fit(evidence, verdict), coverage), verdict)
 
 
 def _subject(evidence: Evidence) -> str:
@@ -48,7 +51,7 @@ def _subject(evidence: Evidence) -> str:
             f" {index:.4g},"
         )
     board = calibration.board
-    near, far = evidence.depth.min(), evidence.depth.max()
+    near, far = evidence.distance.min(), evidence.distance.max()
     size = f"{calibration.camera.width}x{calibration.camera.height}"
     camera = (
         calibration.camera.model
@@ -105,7 +108,7 @@ def _coverage(evidence: Evidence) -> str:
         f"{np.median(evidence.sigma_at_corners(depth)):.2g} px at {depth:g} m"
         for depth in evidence.depths
     )
-    worst = max(float(np.nanmax(evidence.sigma.at_nodes(depth))) for depth in evidence.depths)
+    worst = max(float(np.nanmax(evidence.sigma_at_nodes(depth))) for depth in evidence.depths)
     return (
         text + f". The predicted standard deviation of the maps is {at_corners} there, and up to"
         f" {worst:.2g} px elsewhere."

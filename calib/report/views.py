@@ -75,7 +75,7 @@ def _thumbnail(path: Path, size: tuple[int, int]) -> str | None:
 def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) -> str:
     camera = evidence.calibration.camera
     in_view = evidence.view == view
-    view_corners, depth = evidence.calibration.views[view], evidence.depth[in_view]
+    view_corners, distance = evidence.calibration.views[view], evidence.distance[in_view]
     tilt = np.degrees(
         np.arccos(
             min(1.0, abs(float(cv2.Rodrigues(evidence.calibration.poses[view, :3])[0][2, 2])))
@@ -96,7 +96,7 @@ def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) 
         f'<div class="view" style="--own: rgb({red} {green} {blue})"><div class="shot"'
         f' style="aspect-ratio: {size[0]}/{size[1]}">{image}{overlay}</div><p><i'
         f' class="dot"></i><b>{name}</b> <span class="number">{evidence.rms_by_view[view]:.3f}'
-        f" px</span><br><small>{view_corners.count} corners, {depth.mean():.2f} m, tilted"
+        f" px</span><br><small>{view_corners.count} corners, {distance.mean():.2f} m, tilted"
         f" {tilt:.0f}°{noisier}</small></p></div>"
     )
 

@@ -80,9 +80,9 @@ class RayField:
     parallax: Array
     """(h, w, 2) px m, B: the shift of the undistorted pixel per 1/m of inverse depth."""
     valid: Mask
-    """(h, w), false where no ray leaves the cover, or where the lens or cover bends so sharply that
-    the splines are not accurate. A and B are extrapolated there. Between four valid nodes, the
-    splines are accurate.
+    """(h, w), false where no ray leaves the cover, where it does not go forward, or where the lens or
+    cover bends so sharply that the splines are not accurate. A and B are extrapolated there.
+    Between four valid nodes, the splines are accurate.
     """
 
     nearest: Array
@@ -138,6 +138,14 @@ class RayField:
                 exit_depth = sliding_window_view(self.nearest, (2, 2)).max((2, 3))
                 visible &= depth > exit_depth[row, column]
         return visible
+
+    def holds(self, pixels: Array) -> Mask:
+        """Return (N,), true where the undistorted picture shows what (N, 2) distorted px see far
+        away. It is a pinhole's picture, which ends before 90 degrees from the axis.
+        """
+        far = self.undistort_pixels(pixels, np.inf)
+        within = ((far >= -0.5) & (far <= [self.width - 0.5, self.height - 0.5])).all(-1)
+        return np.asarray(within & self.sees(pixels[:, 0], pixels[:, 1], np.inf))
 
     def map_at(self, depth: float, window: Window | None = None) -> DepthMap:
         """Return the map of one depth in m, which may be infinite.
@@ -258,7 +266,7 @@ def _trace_grid(path: Path, values: Values, columns: Array, rows: Array) -> _Tra
     for first in range(0, len(columns) * len(rows), BATCH_SIZE):
         batch = torch.from_numpy(pixels.reshape(-1, 2)[first : first + BATCH_SIZE])
         rays = path.trace(batch, values)
-        forward = (rays.failure == 0) & (rays.direction.z > 1e-3)
+        forward = rays.in_pinhole
         direction_z = torch.where(forward, rays.direction.z, torch.ones_like(rays.direction.z))
         tan_x, tan_y = rays.direction.x / direction_z, rays.direction.y / direction_z
         at_infinity = torch.stack([fx * tan_x + cx, fy * tan_y + cy], -1)

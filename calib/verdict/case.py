@@ -87,18 +87,30 @@ class Case:
         )
 
     @property
-    def depth(self) -> Array:
-        """(M,) m"""
-        return np.asarray(self.corners[:, 2])
+    def distance(self) -> Array:
+        """(M,) m, the distance of each corner (`Path.distance`)."""
+        path, _ = self.calibration.model()
+        return np.asarray(path.distance(torch.from_numpy(self.corners)).numpy())
 
     @cached_property
     def covered(self) -> float:
-        """Of the image's cells, how many have corners."""
-        camera = self.calibration.camera
-        cell = (
-            (self.observations.pixels.numpy() + 0.5) / [camera.width, camera.height] * CELLS
-        ).astype(np.int64)
-        return len(np.unique(np.clip(cell, 0, np.array(CELLS) - 1), axis=0)) / (CELLS[0] * CELLS[1])
+        """The fraction of the image's cells that have corners, 0 to 1.
+
+        A cell without corners counts only if its middle sees forward. The border of a wide lens's
+        picture is unknown, and no undistorted picture holds what lies beside the camera.
+        """
+        sizes = np.array([self.calibration.camera.width, self.calibration.camera.height])
+        cell = ((self.observations.pixels.numpy() + 0.5) / sizes * CELLS).astype(np.int64)
+        column, row = np.clip(cell, 0, np.array(CELLS) - 1).T
+        has_corners = np.zeros(CELLS, dtype=np.bool_)
+        has_corners[column, row] = True
+        middles = np.stack(np.meshgrid(*map(np.arange, CELLS), indexing="ij"), -1) + 0.5
+        pixels = torch.from_numpy(middles * sizes / CELLS - 0.5)
+        path, values = self.calibration.model()
+        forward = np.ones(CELLS, dtype=np.bool_)
+        if path.lens.wide:
+            forward = path.trace(pixels, values).in_pinhole.numpy()
+        return float(has_corners.sum() / (has_corners | forward).sum())
 
     @property
     def at_optimum(self) -> bool:
@@ -145,7 +157,7 @@ class Case:
     @property
     def usual_depths(self) -> tuple[float, ...]:
         """m: those that maps are wanted for, or else the corners' median."""
-        return self.depths or (float(f"{np.median(self.depth):.2g}"),)
+        return self.depths or (float(f"{np.median(self.distance):.2g}"),)
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

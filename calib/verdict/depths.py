@@ -39,7 +39,7 @@ def trusted_depths(near: float, far: float) -> tuple[float, float]:
 
 
 def _seen(case: Case) -> tuple[float, float]:
-    return float(case.depth.min()), float(case.depth.max())
+    return float(case.distance.min()), float(case.distance.max())
 
 
 def _reach(nearest: float, farthest: float) -> str:

@@ -101,7 +101,7 @@ def judge(
                 commands.undistort(float(np.median(calibration.corners_at[:, 2]))),
             )
         reasons = tuple(reason for check in CHECKS for reason in check(case))
-        depth = next(iter(case.depths), float(np.median(case.depth)))
+        depth = next(iter(case.depths), float(np.median(case.distance)))
         return Verdict(
             reasons,
             commands.export(depth),

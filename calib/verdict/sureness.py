@@ -106,6 +106,10 @@ def map_sigmas(calibration: Calibration, depths: Sequence[float]) -> dict[float,
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
 def _spread(calibration: Calibration) -> NDArray[np.float64]:
-    """(n, 4, S) of some corners' rays."""
+    """Return the (n, 4, S) errors of the rays of some corners; for a wide lens, of corners that its
+    undistorted picture holds.
+    """
     pixels = calibration.observations.pixels.numpy()
+    if calibration.model()[0].lens.wide:
+        pixels = pixels[calibration.ray_field().holds(pixels)]
     return ray_errors(calibration)(pixels[:: max(1, len(pixels) // SAMPLED)])

@@ -3,20 +3,26 @@ distribution.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from scipy.linalg import block_diag, null_space
 from scipy.stats import chi2, kstest
 
 from calib.checking.overdispersion import Overdispersion, explained_squares
+from calib.checking.prior import CalibrationPrior
 from calib.checking.reduced_equations import ReducedEquations, parameters_with_changes
 from calib.checking.significance import significance
 from calib.effects.focal import Focal
 from calib.estimation.elimination import view_equations
 from calib.estimation.observations import Observations
+from calib.fitting.fit import fit
+from calib.session.session import read_session
 from fixtures.later import Later
 from fixtures.synthetic import HEIGHT
+from fixtures.wide import AngleLens
 from tests.checking.conftest import Made
 
 DRAWS = 300
@@ -49,6 +55,29 @@ def test_dense_algebra_says_the_same(cameras: Made) -> None:
     assert equations.log_determinant(np.arange(3)) == pytest.approx(
         np.linalg.slogdet(covariance)[1], rel=1e-6
     )
+
+
+def test_no_view_of_a_bare_camera_has_more_information_than_its_fit(tmp_path: Path) -> None:
+    """The information of one view about the lens is a part of that of all views. A calibration
+    without a cover keeps the latter as the covariance of its intrinsics, with correlations.
+    """
+    lens = AngleLens(140)
+    session = read_session(lens.write_session(tmp_path / "session", lens.views(1, 10), "fisheye"))
+    calibration = fit(session)
+    prior = CalibrationPrior.of(calibration)
+    poses = torch.from_numpy(calibration.poses)
+    equations = ReducedEquations.of(prior, (), calibration.observations, poses)
+    inner = slice(1, 1 + equations.calibrated)
+    shares = [np.linalg.eigvalsh(products[inner, inner]) for products in equations.products]
+    assert equations.calibrated == 8
+    assert max(share.max() for share in shares) < 1
+    assert np.sum(shares) == pytest.approx(8, rel=0.1), "the views' shares add up to the total"
+
+
+def test_a_direction_that_moves_nothing_explains_nothing() -> None:
+    """Rounding may even make its square negative."""
+    products = np.array([[9.0, 2.0, 1e-3], [2.0, 4.0, 1e-3], [1e-3, 1e-3, -1e-12]])
+    assert explained_squares(products, slice(1, 3)) == pytest.approx((1.0, 1))
 
 
 def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:

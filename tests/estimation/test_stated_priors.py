@@ -10,6 +10,7 @@ from calib.estimation.stated_priors import priors_of, widen_prior, with_estimate
 from calib.optics.build import covered_path
 from calib.session.camera import Intrinsics
 from calib.session.freeing import free_parameters
+from calib.session.numbers import replace_numbers
 from calib.session.schema import Number
 from fixtures.synthetic import paper_cone
 
@@ -92,5 +93,9 @@ def test_a_doubted_number_of_the_cover_leaves_the_camera() -> None:
 
 
 def test_estimates_leave_their_correlations_to_the_covariance() -> None:
-    intrinsics, _ = with_estimates(FOUND, COVER, None)
+    intrinsics, _ = replace_numbers(FOUND, COVER, {})
     assert intrinsics == replace(FOUND, correlations=())
+
+
+def test_without_a_fit_the_correlations_stay() -> None:
+    assert with_estimates(FOUND, COVER, None) == (FOUND, COVER)

@@ -54,7 +54,9 @@ def unmoved() -> ResidualScene:
 
 def with_residual(residual: Array) -> ResidualScene:
     still = unmoved()
-    return ResidualScene(still.observations, residual, still.depth, still.incidence, WIDTH, HEIGHT)
+    return ResidualScene(
+        still.observations, residual, still.distance, still.incidence, WIDTH, HEIGHT
+    )
 
 
 def noise(seed: int) -> Array:
@@ -103,7 +105,7 @@ def parallax() -> Array:
     """What a wrong glass does: outwards by incidence, near boards against far ones."""
     still = unmoved()
     outwards = (still.observations.pixels.numpy() - [WIDTH / 2, HEIGHT / 2]) / WIDTH
-    near = 1 / still.depth
+    near = 1 / still.distance
     return np.asarray((1 - still.incidence)[:, None] * (near - near.mean())[:, None] * outwards)
 
 
@@ -218,7 +220,7 @@ def test_columns_that_leave_no_freedom_tell_nothing() -> None:
     whole = unmoved()
     residual = np.random.default_rng(2).normal(0, SIGMA, (5, 2))
     one = whole.observations.view_range(range(1)).select_rows(torch.arange(BOARD.count) < 5)
-    scene = ResidualScene(one, residual, whole.depth[:5], whole.incidence[:5], WIDTH, HEIGHT)
+    scene = ResidualScene(one, residual, whole.distance[:5], whole.incidence[:5], WIDTH, HEIGHT)
     board = next(share for share in scene.split() if share.organised_by == "board")
     assert board.fraction == pytest.approx(1.0)
     assert (board.chance, board.p_value) == (1.0, 1.0)

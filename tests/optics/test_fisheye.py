@@ -1,6 +1,7 @@
 """The fisheye lens against OpenCV's, and against its own formula where OpenCV's ends."""
 
 import math
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -9,7 +10,7 @@ import torch
 
 from calib.optics.fisheye import Fisheye
 from calib.optics.lens import PUPIL, PUPIL_LATERAL
-from calib.optics.params import Values
+from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.optics.projection import project
 from calib.optics.rays import LENS
@@ -83,6 +84,46 @@ def test_it_sees_beside_and_behind_itself(degrees: float) -> None:
         project(Path(Fisheye()), values(), 0.7 * directions),
         Fisheye().project(0.7 * directions, values()),
     )
+
+
+@dataclass(frozen=True)
+class Shift:
+    """An adjustment by 0.3 px: every pixel lies too far to the right."""
+
+    params: tuple[Param, ...] = ()
+
+    def __call__(self, pixels: torch.Tensor, values: Values) -> tuple[torch.Tensor, Values]:
+        return pixels - torch.tensor([0.3, 0.0], dtype=pixels.dtype), values
+
+
+@pytest.mark.parametrize("degrees", [0.5, 60, 89.9999, 90, 91, 120, 150])
+@pytest.mark.parametrize(
+    "path",
+    [
+        Path(Fisheye(pupil=PUPIL + PUPIL_LATERAL)),
+        Path(Fisheye(), adjustments=(Shift(),)),
+        Path(Fisheye(pupil=PUPIL), adjustments=(Shift(),)),
+    ],
+    ids=["pupil", "adjustment", "both"],
+)
+def test_points_on_rays_are_projected_back(path: Path, degrees: float) -> None:
+    """Points beside and behind the camera are projected back even with effects, from any start
+    nearby.
+    """
+    pixels = Fisheye().project(around(degrees), values())
+    rays = path.trace(pixels, values())
+    points = (rays.origin + rays.direction * torch.tensor(0.4, dtype=torch.float64)).stacked()
+    for start in (None, pixels + 3.0):
+        found = project(path, values(), points, start)
+        assert (found - pixels).abs().max() < 1e-6
+
+
+def test_a_point_on_the_other_side_is_not_seen() -> None:
+    """The line of a ray continues behind its origin, where the ray sees nothing."""
+    path = Path(Fisheye(), adjustments=(Shift(),))
+    pixels = Fisheye().project(around(60), values())
+    found = project(path, values(), -around(60), start=pixels)
+    assert (torch.isnan(found).all(-1) | ((found - pixels).norm(dim=-1) > 100)).all()
 
 
 def test_it_fails_beyond_the_fold_and_stays_finite() -> None:

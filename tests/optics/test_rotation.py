@@ -29,6 +29,18 @@ rotvecs = st.builds(
 STEP = 1e-5
 
 
+@given(directions)
+def test_a_direction_is_turned_onto_the_axis(direction: tuple[float, float, float]) -> None:
+    """The matrix is a rotation for every direction."""
+    unit = torch.tensor(direction, dtype=torch.float64)
+    unit = unit / unit.norm()
+    turn = rotation.onto_z(unit)
+    axis = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+    assert (turn @ unit - axis).abs().max() < 1e-14
+    assert (turn @ turn.mT - torch.eye(3, dtype=torch.float64)).abs().max() < 1e-14
+    assert torch.linalg.det(turn) > 0
+
+
 @given(rotvecs)
 def test_the_matrix_is_scipy_s(rotvec: np.ndarray) -> None:
     """To some roundings of its entries, none of which is larger than one."""

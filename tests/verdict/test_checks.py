@@ -308,8 +308,8 @@ def test_depths_that_the_views_speak_of() -> None:
 
 
 def test_depths_asked_for_outside_of_those_seen(good: Calibration) -> None:
-    depth = Case(good, (), None, None, "").depth  # type: ignore[arg-type]
-    nearest, _ = trusted_depths(depth.min(), depth.max())
+    distance = Case(good, (), None, None, "").distance  # type: ignore[arg-type]
+    nearest, _ = trusted_depths(distance.min(), distance.max())
     assert not asked(depths_asked_for, good, (1.01 * nearest, 1.0))
     (reason,) = asked(depths_asked_for, good, (0.99 * nearest, 1.0))
     assert "1 m" not in reason.sentence.split(", and corners")[0].replace("0.1 m", "")
