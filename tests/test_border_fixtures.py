@@ -12,7 +12,7 @@ from calib.fitting.fit import fit
 from calib.progress import Silent
 from calib.session.session import Session, read_session
 from calib.verdict.judge import judge
-from calib.verdict.verdict import Word
+from calib.verdict.verdict import Trust
 from fixtures.border import at_border, held_out
 from fixtures.rays import FIXTURES, detected_off, map_error
 from tests.test_fixtures import copied, with_true_glass
@@ -104,7 +104,7 @@ def test_every_view_is_used_and_the_calibration_trusted(
     assert calibration.rejected == ()
     assert len(calibration.views) == 24
     verdict = judge(calibration)
-    assert verdict.word is Word.TRUSTED, verdict.reasons
+    assert verdict.word is Trust.TRUSTED, verdict.reasons
     assert verdict.suspects == ()
 
 

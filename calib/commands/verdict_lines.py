@@ -7,7 +7,7 @@ from rich.console import Console
 
 from calib.commands.program import as_typed
 from calib.errors import harmless
-from calib.verdict.verdict import Verdict, Word
+from calib.verdict.verdict import Trust, Verdict
 
 
 def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[str] = ()) -> None:
@@ -23,7 +23,7 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     for reason in verdict.reasons:
         console.print(harmless(f"- {reason.sentence}"))
     console.print(harmless(f"Next: {as_typed(verdict.next)}"))
-    if further and verdict.word is not Word.DO_NOT_USE:
+    if further and verdict.word is not Trust.DO_NOT_USE:
         console.print(
             harmless(f"Then: {'; '.join(as_typed(one) for one in further if one != verdict.next)}")
         )

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from calib.effects.effect import Effect, is_possible
-from calib.estimation.joint_fit import ROUNDS, WARM_ROUNDS, JointFit, Start, fit_joint
+from calib.estimation.joint_fit import ROUNDS, WARM_ROUNDS, Estimate, JointFit, Start, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refine_poses_in_image
@@ -111,7 +111,7 @@ class CameraModel:
         """
         return with_blocks(poses, self.path.view_blocks)
 
-    def fit_poses(self, joint: JointFit, observations: Observations, poses: Tensor) -> Tensor:
+    def fit_poses(self, joint: Estimate, observations: Observations, poses: Tensor) -> Tensor:
         """Fit the (V, B) parameters of views that were not part of the joint fit, from a start."""
         pad_poses = self.pad_poses(poses)
         return refine_poses_in_image(

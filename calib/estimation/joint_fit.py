@@ -63,37 +63,21 @@ class Start:
 
 
 @dataclass(frozen=True, slots=True)
-class JointFit:
-    """The result of a joint fit."""
+class Estimate:
+    """The estimate of a model: its parameters, poses and covariance."""
 
     values: dict[str, Tensor]
     poses: Tensor
     """(V, 6)"""
     covariance: Tensor
-    """(S, S) covariance of the shared parameters' vector; poses are marginalised.
-
-    NaN where the outcome is NOT_FINITE.
-    """
-    cost: float
-    """The minimum: the robust squares of the corners over sigma squared, plus those of the
-    priors.
+    """(S, S) covariance of the shared parameters' vector; poses are marginalised. NaN if the fit
+    is not finite.
     """
     sigma: float
-    """px: the estimated standard deviation of a corner in x and in y."""
+    """px: the standard deviation of a corner in x and in y."""
     smoothness: Smoothness | None
     parameters: Parameters
     """The estimated shared parameters, and their places in the covariance."""
-    outcome: Outcome
-    iterations: int
-    """The number of linearisations in all rounds."""
-    log_evidence: float
-    """The logarithm of the corners' probability, with the shared parameters integrated out, up to a
-    constant that depends on the corners and views only.
-    """
-    log_marginal: float
-    """The same with the views' parameters integrated out as well: it compares models whose views
-    have different parameters.
-    """
 
     @property
     def start(self) -> Start:
@@ -102,7 +86,8 @@ class JointFit:
 
     @property
     def finite(self) -> bool:
-        return self.outcome is not Outcome.NOT_FINITE
+        """True if the covariance is finite."""
+        return bool(torch.isfinite(self.covariance).all())
 
     @property
     def saved_covariance(self) -> np.ndarray:
@@ -121,6 +106,32 @@ class JointFit:
     def sigma_of(self, name: str) -> Tensor:
         """Return the standard deviation of a free parameter, in the parameter's shape."""
         return self.parameters.sigma(name, self.covariance)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointFit(Estimate):
+    """The result of a joint fit."""
+
+    cost: float
+    """The minimum: the robust squares of the corners over sigma squared, plus those of the
+    priors.
+    """
+    outcome: Outcome
+    iterations: int
+    """The number of linearisations in all rounds."""
+    log_evidence: float
+    """The logarithm of the corners' probability, with the shared parameters integrated out, up to a
+    constant that depends on the corners and views only.
+    """
+    log_marginal: float
+    """The same with the views' parameters integrated out as well: it compares models whose views
+    have different parameters.
+    """
+
+    @property
+    def finite(self) -> bool:
+        """True if the fit ended at finite values."""
+        return self.outcome is not Outcome.NOT_FINITE
 
     def record(self) -> dict[str, object]:
         """Return the entries about the fit in a calibration file."""

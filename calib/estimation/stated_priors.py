@@ -4,7 +4,7 @@ the joint fit and take its estimates.
 
 from dataclasses import replace
 
-from calib.estimation.joint_fit import JointFit
+from calib.estimation.joint_fit import Estimate
 from calib.estimation.priors import Priors
 from calib.optics.path import Path
 from calib.session.camera import Intrinsics
@@ -24,7 +24,7 @@ def priors_of(intrinsics: Intrinsics, cover: Cover, path: Path) -> Priors:
 
 
 def with_estimates(
-    intrinsics: Intrinsics, cover: Cover, joint: JointFit | None
+    intrinsics: Intrinsics, cover: Cover, joint: Estimate | None
 ) -> tuple[Intrinsics, Cover]:
     """Return the same description with the estimates and their standard deviations. If the fit is
     not finite, the standard deviations stay as stated. The correlations of the estimates are in the

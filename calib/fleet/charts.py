@@ -13,7 +13,7 @@ import numpy as np
 from calib.fleet.control import Chart
 from calib.fleet.findings import Fleet, title_of
 from calib.fleet.result import CAMERAS, State
-from calib.verdict.verdict import Word
+from calib.verdict.verdict import Trust
 
 WIDTH, HEIGHT = 520, 168
 LEFT, RIGHT, TOP, BOTTOM = 62, 12, 12, 20
@@ -91,7 +91,7 @@ def map_svg(fleet: Fleet) -> str:
             )
         else:
             kinds[
-                "usual" if result.verdict.get("word") == Word.TRUSTED.value else "doubted"
+                "usual" if result.verdict.get("word") == Trust.TRUSTED.value else "doubted"
             ].append(square)
     cells = "".join(
         f'<path class="{kind}" d="{"".join(squares)}"/>'

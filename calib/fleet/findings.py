@@ -15,7 +15,7 @@ from calib.fitting.rounding import with_sigma
 from calib.fleet.control import ALPHA, Chart, charts
 from calib.fleet.manifest import Entry
 from calib.fleet.result import Result, State
-from calib.verdict.verdict import Word
+from calib.verdict.verdict import Trust
 
 RARE_FRACTION = 0.1
 """Fraction of the cameras. An effect that more of them have is common to the fleet."""
@@ -118,7 +118,7 @@ def title_of(name: str) -> str:
 def _camera_findings(entry: Entry, result: Result) -> Iterator[Finding]:
     if result.state is not State.CALIBRATED:
         yield Finding(NO_CALIBRATION, f"no calibration: {result.sentence.rstrip('.')}")
-    if result.verdict.get("word") == Word.DO_NOT_USE.value:
+    if result.verdict.get("word") == Trust.DO_NOT_USE.value:
         because = str(next(iter(result.verdict["reasons"]), "")).rstrip(".")
         yield Finding(NOT_TO_BE_USED, f"its verdict is not to use it: {because}")
     for limit in entry.limits:

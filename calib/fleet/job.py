@@ -36,7 +36,7 @@ from calib.progress import Silent
 from calib.report.write import NAME, write_report
 from calib.session.session import Session, read_session
 from calib.verdict.judge import judge
-from calib.verdict.verdict import Verdict, Word
+from calib.verdict.verdict import Trust, Verdict
 
 PATIENCE_S = 900.0
 """The longest wait for another worker that was thought dead and still writes to the same camera."""
@@ -166,7 +166,7 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
                     folder=folder / DIAGNOSED,
                     session=Path(entry.session),
                 )
-    if verdict.word is not Word.DO_NOT_USE:
+    if verdict.word is not Trust.DO_NOT_USE:
         written += _exported(last, job, folder)
     elif wanted.formats:
         remarks = (*remarks, "It was not exported, for its verdict is not to use it.")

@@ -16,7 +16,7 @@ from calib.fleet.findings import Fleet, title_of
 from calib.fleet.result import Result, State
 from calib.report.page import PageSection, document
 from calib.report.tables import table
-from calib.verdict.verdict import Word
+from calib.verdict.verdict import Trust
 
 MAX_REASONS = 3
 """Reasons of a camera that are visible at once."""
@@ -25,9 +25,9 @@ MAX_OPEN = 60
 MAX_LINKS = 12
 """Cameras that the row of an effect names."""
 NAMES = {
-    Word.TRUSTED.value: "trusted",
-    Word.CARE.value: "to be taken with care",
-    Word.DO_NOT_USE.value: "not to be used",
+    Trust.TRUSTED.value: "trusted",
+    Trust.CARE.value: "to be taken with care",
+    Trust.DO_NOT_USE.value: "not to be used",
 }
 
 

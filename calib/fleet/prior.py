@@ -22,7 +22,7 @@ from calib.session.camera import Camera
 from calib.session.fleet_prior import FleetPrior
 from calib.session.lens import SPLINED
 from calib.session.numbers import numbers_of
-from calib.verdict.verdict import Word
+from calib.verdict.verdict import Trust
 
 OUTSIDE_CAMERA = ("the board", "each single view", "the corners' detector")
 """Subjects of effects that leave a camera's numbers unchanged."""
@@ -134,7 +134,7 @@ def _unusable(result: Result | None) -> str:
         return "its result is not whole, or of another version"
     if result.state is not State.CALIBRATED:
         return f"it has no calibration: {result.sentence.rstrip('.')}"
-    if result.verdict.get("word") == Word.DO_NOT_USE.value:
+    if result.verdict.get("word") == Trust.DO_NOT_USE.value:
         return "its verdict is not to use it"
     return ""
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.estimation.elimination import landing_problem, project_out
-from calib.estimation.joint_fit import JointFit, invert_precision
+from calib.estimation.joint_fit import Estimate, invert_precision
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.residuals import residuals
 from calib.inference.laplace_evidence import schur_factors, view_columns
@@ -48,7 +48,7 @@ DAMPED_REMAINDER = 0.15
 class FitWithout:
     """A fit without some views."""
 
-    joint: JointFit
+    joint: Estimate
     """The fit with the poses of all views. Views that are left out have the poses that fit them
     best.
     """
@@ -63,18 +63,19 @@ class FitWithout:
 
 
 def fits_without(
-    fitted: FittedModel, groups: NDArray[np.int64], pose_corners: Tensor | None = None
+    fitted: FittedModel, cost: float, groups: NDArray[np.int64], pose_corners: Tensor | None = None
 ) -> list[FitWithout]:
     """Return the fits without each group of views, with the noise and prior of the fit to all.
 
     Args:
+        cost: the minimum of the fit to all views, `JointFit.cost`.
         groups: (V,) the group of each view, from 0.
         pose_corners: (M,) bool, the corners to which the own parameters of a view are fitted when
             it is left out; None for all.
     """
     if pose_corners is None:
         pose_corners = torch.ones(len(fitted.observations.pixels), dtype=torch.bool)
-    expansion = _Expansion.of(fitted, pose_corners)
+    expansion = _Expansion.of(fitted, cost, pose_corners)
     indices = range(int(groups.max()) + 1)
     return [expansion.without(torch.from_numpy(groups == index)) for index in indices]
 
@@ -83,7 +84,7 @@ def fits_without(
 class _Step:
     """A step towards the fit without some views. Costs are over the noise variance."""
 
-    joint: JointFit
+    joint: Estimate
     """The end of the step, with the poses of all views."""
     residual: Tensor
     """(M, 2) px"""
@@ -102,6 +103,8 @@ class _Expansion:
     """The second-order expansion of the cost at the fit to all views or after a step from it."""
 
     fitted: FittedModel
+    cost: float
+    """The minimum of the fit to all views."""
     pose_corners: Tensor
     """(M,) bool, see `fits_without`."""
     columns: list[Tensor]
@@ -123,7 +126,7 @@ class _Expansion:
     """
 
     @classmethod
-    def of(cls, fitted: FittedModel, pose_corners: Tensor) -> _Expansion:
+    def of(cls, fitted: FittedModel, cost: float, pose_corners: Tensor) -> _Expansion:
         joint = fitted.joint
         columns = list(view_columns(fitted))
         precision = view_precision(fitted.model.path, joint.poses)
@@ -151,6 +154,7 @@ class _Expansion:
         squares = _sum_by_view(fitted, torch.where(pose_corners, corner_squares, 0.0))
         return cls(
             fitted=fitted,
+            cost=cost,
             pose_corners=pose_corners,
             columns=columns,
             schur=schur,
@@ -186,9 +190,11 @@ class _Expansion:
             if not is_last or step.decrease > step.predicted:  # more damping gains nothing
                 break
         if best and max_steps > 1:
-            expansion = _Expansion.of(replace(fitted, joint=best.joint), self.pose_corners)
+            expansion = _Expansion.of(
+                replace(fitted, joint=best.joint), self.cost, self.pose_corners
+            )
             return expansion.without(removed, max_steps - 1, max_remainder)
-        return self._score_fit(_fit_remaining(fitted, removed), removed)
+        return self._score_fit(_fit_remaining(fitted, self.cost, removed), removed)
 
     def _step(self, removed: Tensor, damping: float) -> _Step:
         """Step towards the optimum of the remaining views."""
@@ -244,7 +250,7 @@ class _Expansion:
             self._prediction_variance(step.joint.covariance, removed),
         )
 
-    def _score_fit(self, joint: JointFit, removed: Tensor) -> FitWithout:
+    def _score_fit(self, joint: Estimate, removed: Tensor) -> FitWithout:
         """Fit the poses of the removed views to a fit without them."""
         fitted = self.fitted
         views = fitted.observations.without_views(~removed)
@@ -295,10 +301,10 @@ def _sum_by_view(fitted: FittedModel, losses: Tensor) -> Tensor:
     return sums.index_add(0, fitted.observations.view, losses)
 
 
-def _fit_remaining(fitted: FittedModel, removed: Tensor) -> JointFit:
+def _fit_remaining(fitted: FittedModel, cost: float, removed: Tensor) -> Estimate:
     """Fit the remaining views from the fit to all."""
     joint = fitted.joint
-    tolerance = TOLERANCE * fitted.model.parameters.count / joint.cost
+    tolerance = TOLERANCE * fitted.model.parameters.count / cost
     remaining = fitted.model.fit(
         fitted.observations.without_views(removed), joint.poses[~removed], joint.start, (tolerance,)
     )

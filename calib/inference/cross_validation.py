@@ -170,7 +170,9 @@ def hold_out(
     residual = torch.full((len(scored), 2), torch.nan, dtype=torch.float64)
     weight = torch.zeros(len(scored), dtype=torch.float64)
     fitted = FittedModel(model, observations, fit)
-    for index, held_out in enumerate(fits_without(fitted, split.group, ~scored if half else None)):
+    for index, held_out in enumerate(
+        fits_without(fitted, fit.cost, split.group, ~scored if half else None)
+    ):
         rows = group == index
         residual[rows] = torch.where(scored[rows, None], held_out.residual, torch.nan)
         weight[rows] = 1 / (1 + held_out.prediction_variance)

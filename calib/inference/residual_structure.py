@@ -16,7 +16,7 @@ from scipy.special import fdtrc
 
 from calib.calibration import Calibration
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import JointFit
+from calib.estimation.joint_fit import Estimate
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals
 
@@ -179,7 +179,7 @@ ORGANISERS: dict[str, Callable[[ResidualScene], Basis]] = {
 def variance_shares(
     calibration: Calibration,
     model: CameraModel,
-    joint: JointFit,
+    joint: Estimate,
     observations: Observations,
     residuals: Residuals,
 ) -> list[VarianceShare]:

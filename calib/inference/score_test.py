@@ -26,7 +26,7 @@ from calib.estimation.elimination import (
     project_out,
     view_equations,
 )
-from calib.estimation.joint_fit import JointFit
+from calib.estimation.joint_fit import Estimate, JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.inference.jackknife import jackknife_p_value
@@ -92,7 +92,7 @@ class FittedModel:
 
     model: CameraModel
     observations: Observations
-    joint: JointFit
+    joint: Estimate
 
     def candidates(self, effects: Sequence[Effect]) -> list[ScoreTest]:
         """Test effects, each without the others, with priors adapted to the residual."""

@@ -1,5 +1,5 @@
-"""What the checks of a verdict go by: a calibration, what is wanted of it, and its model asked at
-the training corners, each thing once.
+"""The input of the checks: a calibration, the requested maps, and quantities that are computed
+once.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from calib.calibration import Calibration
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.registry import EFFECTS
 from calib.estimation.elimination import project_out
-from calib.estimation.joint_fit import JointFit
-from calib.estimation.levenberg_marquardt import Outcome
+from calib.estimation.joint_fit import Estimate
 from calib.estimation.noise import MIN_NOISE
 from calib.estimation.observations import Observations
 from calib.estimation.surface_prior import Smoothness
@@ -30,15 +29,15 @@ from calib.verdict.next_commands import NextCommands
 from calib.verdict.thresholds import CELLS
 
 Array = NDArray[np.float64]
-ASKED = tuple(
+SCORED_EFFECTS = tuple(
     kind
     for kind in EFFECTS
     if kind.judged_by_score and not kind.needs_place and kind is not InnerSurface
 )
-"""Cheap to ask.
+"""Effects with a cheap score test.
 
-The inner surface has many parameters, of which the outer one's relief imitates all but a
-thousandth.
+The inner surface is excluded: it has many parameters, and the outer relief imitates all but a
+thousandth of its effect.
 """
 
 
@@ -48,12 +47,12 @@ class Case:
 
     calibration: Calibration
     depths: tuple[float, ...]
-    """m, for which maps are wanted; none were asked for."""
+    """The depths in m of the requested maps; may be empty."""
     next: NextCommands
     evaluation: Evaluation | None
-    """How it did on other views, if that was measured."""
+    """The errors on other views, if measured."""
     holdout: str
-    """The session of these views."""
+    """The session of the evaluation's views."""
 
     @cached_property
     def observations(self) -> Observations:
@@ -61,17 +60,17 @@ class Case:
 
     @cached_property
     def rms_px(self) -> dict[str, float]:
-        """By stage."""
+        """The root mean square error in px of each stage."""
         return {stage.name: stage.rms_px for stage in self.calibration.stages}
 
     @property
     def left_px(self) -> float:
-        """After the last stage."""
+        """The error in px after the last stage."""
         return self.calibration.stages[-1].rms_px
 
     @cached_property
     def rays(self) -> Rays:
-        """(M,) of the corners, where they leave the cover."""
+        """(M,) rays of the corners where they leave the cover."""
         path, values = self.calibration.model()
         return path.trace(self.observations.pixels, self.observations.with_times(values))
 
@@ -104,8 +103,8 @@ class Case:
         column, row = np.clip(cell, 0, np.array(CELLS) - 1).T
         has_corners = np.zeros(CELLS, dtype=np.bool_)
         has_corners[column, row] = True
-        middles = np.stack(np.meshgrid(*map(np.arange, CELLS), indexing="ij"), -1) + 0.5
-        pixels = torch.from_numpy(middles * sizes / CELLS - 0.5)
+        centres = np.stack(np.meshgrid(*map(np.arange, CELLS), indexing="ij"), -1) + 0.5
+        pixels = torch.from_numpy(centres * sizes / CELLS - 0.5)
         path, values = self.calibration.model()
         forward = np.ones(CELLS, dtype=np.bool_)
         if path.lens.wide:
@@ -114,84 +113,85 @@ class Case:
 
     @property
     def at_optimum(self) -> bool:
-        """Whether the fit ended where its parameters are most probable; the paper's method, which
-        has no covariance, does not.
+        """True if the fit ended at the maximum of its posterior. The paper's method, which has no
+        covariance, does not.
         """
         return self.calibration.covariance.size > 0 or not self.calibration.relief
 
     @property
     def optimum(self) -> FittedModel:
-        """The fit where it ended."""
+        """Return the fitted model of the calibration."""
         return optimum_of(self.calibration)
 
     @property
     def scores(self) -> tuple[ScoreTest, ...]:
-        """Of the effects that are asked, in their simplest forms; none where the fit did not end at
-        its optimum.
+        """The score tests of SCORED_EFFECTS in their simplest forms; empty if the fit did not end
+        at its optimum.
         """
         return _scores(self.calibration) if self.at_optimum else ()
 
     @property
     def from_optimum(self) -> float:
-        """How far the shared parameters are from the optimum, in standard deviations of what they
-        are known to: the root of the Newton decrement.
+        """The distance of the shared parameters from the optimum in standard deviations: the root
+        of the Newton decrement.
         """
-        at = self.optimum
-        views = list(at.equations())
-        off = np.concatenate([project_out(view.jacobian_block, view.residual) for view in views])
-        rows = np.concatenate(
+        fitted = self.optimum
+        views = list(fitted.equations())
+        residual = np.concatenate(
+            [project_out(view.jacobian_block, view.residual) for view in views]
+        )
+        jacobian = np.concatenate(
             [project_out(view.jacobian_block, view.jacobian_shared) for view in views]
         )
-        precision = at.prior_precision()
-        gradient = rows.T @ off + precision @ at.deviation
-        return float(np.sqrt(gradient @ np.linalg.solve(rows.T @ rows + precision, gradient)))
+        precision = fitted.prior_precision()
+        gradient = jacobian.T @ residual + precision @ fitted.deviation
+        return float(
+            np.sqrt(gradient @ np.linalg.solve(jacobian.T @ jacobian + precision, gradient))
+        )
 
     @property
     def corrected(self) -> tuple[str, ...]:
-        """The declared numbers that the views tell from what is declared, the farthest first."""
+        """Names of declared numbers that the views correct, the largest deviation first."""
         if not self.calibration.covariance.size:
             return ()
-        found = [one for one in comparisons(self.calibration) if one.corrected]
-        return tuple(one.name for one in sorted(found, key=lambda one: -one.normalised_deviation))
+        numbers = [number for number in comparisons(self.calibration) if number.corrected]
+        return tuple(
+            number.name
+            for number in sorted(numbers, key=lambda number: -number.normalised_deviation)
+        )
 
     @property
     def usual_depths(self) -> tuple[float, ...]:
-        """m: those that maps are wanted for, or else the corners' median."""
+        """The depths of the requested maps in m, or else the median distance of the corners."""
         return self.depths or (float(f"{np.median(self.distance):.2g}"),)
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
 def optimum_of(calibration: Calibration) -> FittedModel:
-    """The fit where it ended."""
-    model, prior = full_model(calibration), calibration.settings.get("relief_prior")
-    joint = JointFit(
+    """Return the fitted model of the calibration."""
+    model = full_model(calibration)
+    prior = calibration.settings.get("relief_prior")
+    sigma = float(calibration.settings.get("sigma_px", calibration.stages[-1].rms_px / 2**0.5))
+    estimate = Estimate(
         values=calibration.model()[1],
         poses=torch.from_numpy(calibration.poses),
         covariance=torch.from_numpy(calibration.covariance),
-        cost=np.nan,
-        sigma=max(
-            MIN_NOISE,
-            float(calibration.settings.get("sigma_px", calibration.stages[-1].rms_px / 2**0.5)),
-        ),
+        sigma=max(MIN_NOISE, sigma),
         smoothness=Smoothness(prior["height_m"], prior["length_of_patch"]) if prior else None,
         parameters=model.parameters,
-        outcome=Outcome.CONVERGED,
-        iterations=0,
-        log_evidence=np.nan,
-        log_marginal=np.nan,
     )
-    return FittedModel(model, calibration.observations, joint)
+    return FittedModel(model, calibration.observations, estimate)
 
 
 @lru_cache(maxsize=1)
 def _scores(calibration: Calibration) -> tuple[ScoreTest, ...]:
-    at = optimum_of(calibration)
-    there = effect_context(at, calibration.board, calibration.camera, locate=False)
-    present = {effect.name for effect in at.model.effects}
-    asked = [
+    fitted = optimum_of(calibration)
+    context = effect_context(fitted, calibration.board, calibration.camera, locate=False)
+    present = {effect.name for effect in fitted.model.effects}
+    candidates = [
         (*effect.alternatives(), effect)[0]
-        for kind in ASKED
+        for kind in SCORED_EFFECTS
         if kind.name not in present
-        for effect in kind.propose(there)
+        for effect in kind.propose(context)
     ]
-    return tuple(at.tests(asked))
+    return tuple(fitted.tests(candidates))

@@ -1,4 +1,4 @@
-"""How much of the picture has corners."""
+"""Check: enough of the picture has corners."""
 
 from collections.abc import Iterator
 
@@ -9,8 +9,8 @@ from calib.verdict.verdict import Reason
 
 def coverage(case: Case) -> Iterator[Reason]:
     if case.covered < FEW_CELLS:
-        said = (
+        sentence = (
             f"only {100 * case.covered:.0f} % of the image has corners: take views with the board"
             " where the picture is empty."
         )
-        yield Reason(said, case.next.capture())
+        yield Reason(sentence, case.next.capture())

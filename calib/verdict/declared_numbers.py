@@ -1,4 +1,4 @@
-"""What the session declares against what the views say."""
+"""Check: the declared numbers against the views."""
 
 from collections.abc import Iterator
 
@@ -11,25 +11,30 @@ ADVICE = {
     DECLARED: "measure it again, and correct session.yaml",
     BARE: "take the pictures in bare/ again, with the focus as it is under the cover",
 }
-"""By how the number was known."""
+"""Advice by the source of the number."""
 
 
 def declared_numbers(case: Case) -> Iterator[Reason]:
-    """The numbers that cannot be as they were known, the farthest first; an estimate that is no
-    surer than that, and drifted within both, contradicts nothing. Nor does a lens that these same
-    views told, before the rest was fitted.
+    """Report declared values that the data contradict, the largest deviation first.
+
+    An estimate that is no more precise than the declaration contradicts nothing. A lens estimated
+    from the same views is not evidence against them.
     """
     if not case.calibration.covariance.size:
         return
-    lacking = bool(likely_effects(case))
-    wrong = [
-        one
-        for one in comparisons(case.calibration)
-        if one.contradicted and one.corrected and one.source != VIEWS
+    model_lacks = bool(likely_effects(case))
+    contradicted = [
+        number
+        for number in comparisons(case.calibration)
+        if number.contradicted and number.corrected and number.source != VIEWS
     ]
-    for one in sorted(wrong, key=lambda one: -one.normalised_deviation):
+    for number in sorted(contradicted, key=lambda number: -number.normalised_deviation):
         advice = (
-            "find what the model lacks first, which may cause it" if lacking else ADVICE[one.source]
+            "find what the model lacks first, which may cause it"
+            if model_lacks
+            else ADVICE[number.source]
         )
-        said = f"{one}, {one.normalised_deviation:.1f} standard deviations apart: {advice}."
-        yield Reason(said, case.next.fit(), (one.name,))
+        sentence = (
+            f"{number}, {number.normalised_deviation:.1f} standard deviations apart: {advice}."
+        )
+        yield Reason(sentence, case.next.fit(), (number.name,))

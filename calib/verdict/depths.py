@@ -1,4 +1,4 @@
-"""The depths that the views are at, and those that maps are wanted for."""
+"""Checks: the depths of the views, and of the requested maps."""
 
 import math
 from collections.abc import Iterator
@@ -9,40 +9,41 @@ from calib.verdict.verdict import Reason
 
 
 def one_depth(case: Case) -> Iterator[Reason]:
-    near, far = _seen(case)
+    """Check that corners lie at several depths."""
+    near, far = _depth_range(case)
     if case.calibration.model()[0].cover and far < ONE_DEPTH * near:
-        said = (
+        sentence = (
             f"all corners are {near:.2g} to {far:.2g} m away: nearer and farther views show how the"
             " cover acts with depth."
         )
-        yield Reason(said, case.next.capture())
+        yield Reason(sentence, case.next.capture())
 
 
-def depths_asked_for(case: Case) -> Iterator[Reason]:
-    """Wanted depths that lie well outside of those that were seen."""
-    nearest, farthest = trusted_depths(*_seen(case))
-    outside = [depth for depth in case.depths if not nearest <= depth <= farthest]
-    if outside and case.calibration.model()[0].cover:
-        near, far = _seen(case)
-        said = (
-            f"maps are wanted for {', '.join(f'{depth:g} m' for depth in outside)}, and corners"
+def requested_depths(case: Case) -> Iterator[Reason]:
+    """Check that the requested depths are near those of the corners."""
+    nearest, farthest = trusted_depths(*_depth_range(case))
+    untrusted = [depth for depth in case.depths if not nearest <= depth <= farthest]
+    if untrusted and case.calibration.model()[0].cover:
+        near, far = _depth_range(case)
+        sentence = (
+            f"maps are wanted for {', '.join(f'{depth:g} m' for depth in untrusted)}, and corners"
             f" were seen at {near:.2g} to {far:.2g} m, which speaks for"
-            f" {_reach(nearest, farthest)}: take views there."
+            f" {_describe_range(nearest, farthest)}: take views there."
         )
-        yield Reason(said, case.next.capture())
+        yield Reason(sentence, case.next.capture())
 
 
 def trusted_depths(near: float, far: float) -> tuple[float, float]:
-    """m, of which depths corners from near to far speak."""
+    """Return the range of depths in m that corners from near to far support."""
     margin = DEPTH_MARGIN * (1 / near - 1 / far)
     return 1 / (1 / near + margin), 1 / (1 / far - margin) if 1 / far > margin else math.inf
 
 
-def _seen(case: Case) -> tuple[float, float]:
+def _depth_range(case: Case) -> tuple[float, float]:
     return float(case.distance.min()), float(case.distance.max())
 
 
-def _reach(nearest: float, farthest: float) -> str:
+def _describe_range(nearest: float, farthest: float) -> str:
     return (
         f"{nearest:.2g} m and more"
         if math.isinf(farthest)

@@ -1,4 +1,4 @@
-"""Whether the camera is one of the fleet whose prior its session names."""
+"""Check: the camera belongs to the fleet of its prior."""
 
 from collections.abc import Iterator
 
@@ -8,8 +8,8 @@ from calib.verdict.verdict import Reason
 
 
 def fleet_prior(case: Case) -> Iterator[Reason]:
-    """A prior that the views contradict was left out: the camera is another, or broken, or the
-    prior is of others.
+    """Report a prior that the views contradict, which the fit left out. The camera is of another
+    make or broken, or the prior is for other cameras.
     """
     prior = case.calibration.settings.get(KEY)
     if not prior or prior["used"]:

@@ -1,4 +1,4 @@
-"""Views that the fit has not seen: of its own folds, and of an evaluation."""
+"""Checks: the errors on held-out views of the fit's folds, and of an evaluation."""
 
 from collections.abc import Iterator
 
@@ -10,36 +10,38 @@ from calib.verdict.verdict import Reason
 
 
 def overfits(case: Case) -> Iterator[Reason]:
-    kept = case.calibration.settings.get("cross_validation")
-    if kept and (validation := CrossValidation(**kept)).overfits:
-        said = (
+    settings = case.calibration.settings.get("cross_validation")
+    if settings and (validation := CrossValidation(**settings)).overfits:
+        sentence = (
             "the fit overfits, views that it has not seen are much further off"
             f" ({validation.held_out_px:.3f} px for {validation.fitted_px:.3f} px): take more"
             " views, or choose a coarser grid."
         )
-        yield Reason(said, case.next.fit("--grid", "auto"))
+        yield Reason(sentence, case.next.fit("--grid", "auto"))
 
 
 def held_out(case: Case) -> Iterator[Reason]:
-    found = case.evaluation
-    if not found:
+    evaluation = case.evaluation
+    if not evaluation:
         return
     nearest, farthest = trusted_depths(float(case.distance.min()), float(case.distance.max()))
-    outside = found.near_m < nearest or found.far_m > farthest
-    if found.rms_px > HELD_OUT * case.left_px:
-        where = (
-            ", some of them at depths of which the calibration's do not speak" if outside else ""
+    extrapolated = evaluation.near_m < nearest or evaluation.far_m > farthest
+    if evaluation.rms_px > HELD_OUT * case.left_px:
+        note = (
+            ", some of them at depths of which the calibration's do not speak"
+            if extrapolated
+            else ""
         )
-        said = (
-            f"views that were not fitted have {found.rms_px:.3f} px where the fitted ones have"
-            f" {case.left_px:.3f} px{where}: the model lacks something, or these views are of"
+        sentence = (
+            f"views that were not fitted have {evaluation.rms_px:.3f} px where the fitted ones have"
+            f" {case.left_px:.3f} px{note}: the model lacks something, or these views are of"
             " another setup."
         )
-        yield Reason(said, case.next.diagnose("--holdout", case.holdout))
-    elif outside:
-        said = (
-            f"the views that it was measured with are {found.near_m:.2g} to {found.far_m:.2g} m"
-            f" away, and its own {case.distance.min():.2g} to {case.distance.max():.2g} m: it was"
-            " not made for all of these depths."
+        yield Reason(sentence, case.next.diagnose("--holdout", case.holdout))
+    elif extrapolated:
+        sentence = (
+            f"the evaluated views are {evaluation.near_m:.2g} to {evaluation.far_m:.2g} m"
+            f" away, and the fitted ones {case.distance.min():.2g} to {case.distance.max():.2g} m:"
+            " the calibration was not made for all of these depths."
         )
-        yield Reason(said, case.next.capture())
+        yield Reason(sentence, case.next.capture())

@@ -1,6 +1,6 @@
 """The verdict on a calibration: a pure function over a tuple of checks.
 
-A new check is a file of its own, and a line here.
+A new check is a function from a Case to reasons, and a line here.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from calib.verdict.bare_pictures import bare_pictures
 from calib.verdict.board_place import board_place
 from calib.verdict.case import Case
 from calib.verdict.confirmation import contradicted_numbers, unconfirmed_numbers
+from calib.verdict.convergence import not_converged, not_finite
 from calib.verdict.cover_stage import cover_stage, worse_than_none
 from calib.verdict.coverage import coverage
 from calib.verdict.declared_numbers import declared_numbers
-from calib.verdict.depths import depths_asked_for, one_depth
-from calib.verdict.ended import not_converged, not_finite
+from calib.verdict.depths import one_depth, requested_depths
 from calib.verdict.fleet_prior import fleet_prior
 from calib.verdict.held_out import held_out, overfits
 from calib.verdict.medium import medium
@@ -31,9 +31,9 @@ from calib.verdict.orientation import orientation
 from calib.verdict.other_medium import other_medium
 from calib.verdict.principal_point import principal_point
 from calib.verdict.residual import residual
-from calib.verdict.sureness import too_few_views, unsure_focal_length, unsure_maps
+from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, uncertain_maps
 from calib.verdict.unevenness import unevenness
-from calib.verdict.unseen_row import rows_beyond, unseen_row
+from calib.verdict.unseen_row import extra_rows, unseen_row
 from calib.verdict.verdict import Reason, Verdict
 
 Check = Callable[[Case], Iterable[Reason]]
@@ -41,7 +41,7 @@ CHECKS: tuple[Check, ...] = (
     principal_point,
     board_place,
     unseen_row,
-    rows_beyond,
+    extra_rows,
     bare_pictures,
     orientation,
     medium,
@@ -58,14 +58,13 @@ CHECKS: tuple[Check, ...] = (
     held_out,
     coverage,
     one_depth,
-    depths_asked_for,
+    requested_depths,
     too_few_views,
-    unsure_maps,
-    unsure_focal_length,
+    uncertain_maps,
+    uncertain_focal_length,
 )
-"""In the order in which their reasons stand; of equally grave ones, the first says what to do next.
-
-What explains others comes first.
+"""The checks in the order of their reasons. Of equally grave reasons, the first gives the next
+command, so reasons that explain others come first.
 """
 
 
@@ -78,14 +77,14 @@ def judge(
     evaluation: Evaluation | None = None,
     holdout: Path | None = None,
 ) -> Verdict:
-    """Whether to trust a calibration, why not, and what to do next. It reads no files.
+    """Judge whether to trust a calibration, why not, and what to do next. No files are read.
 
     Args:
-        depths: m, for which maps are wanted.
-        folder: where the calibration lies, for the commands; by default beside its session.
-        session: what was fitted, for the commands; by default as the calibration's provenance has
-            it.
-        evaluation: how it did on other views, those of the session `holdout`.
+        depths: m, of the requested maps.
+        folder: the calibration's folder in the commands; by default that beside its session.
+        session: the fitted session in the commands; by default that of the calibration's
+            provenance.
+        evaluation: the errors on views of the session `holdout`.
     """
     session = session or Path(calibration.settings.get(KEY, {}).get("session", "SESSION"))
     commands = NextCommands(session, folder or session / "calibration", calibration.settings)
@@ -93,7 +92,7 @@ def judge(
         calibration, tuple(dict.fromkeys(depths)), commands, evaluation, str(holdout or "HOLDOUT")
     )
     with single_thread():
-        if broken := tuple(not_finite(case)):  # then nothing else can be asked
+        if broken := tuple(not_finite(case)):  # then no other check is possible
             return Verdict(broken, commands.fit())
         if not calibration.views:
             return Verdict(

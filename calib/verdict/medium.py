@@ -1,6 +1,4 @@
-"""Air declared where there is water, or water where there is air: the smooth cover is tried with
-the other.
-"""
+"""Check: the declared medium. The smooth cover is also tried with the other one, air or water."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -20,31 +18,31 @@ HALFWAY = 1.17
 
 
 def medium(case: Case) -> Iterator[Reason]:
-    cover, bare = case.rms_px.get("cover", 0.0), case.rms_px["pinhole"]
+    cover, bare_error = case.rms_px.get("cover", 0.0), case.rms_px["pinhole"]
     declared = case.calibration.declared
-    if cover <= max(
-        OTHER_MEDIUM * bare, case.left_px
-    ):  # a cover that explains so much has the right medium
+    if cover <= max(OTHER_MEDIUM * bare_error, case.left_px):  # the medium is right
         return
     index = declared.cover.parameters["outside_index"].value
     name = "air" if index > HALFWAY else "water"
-    left = _left(case.calibration, name)
-    if left < OTHER_MEDIUM * cover:
-        said = (
-            f"with {name} outside of the cover, the numbers of session.yaml leave {left:.3f} px,"
+    error = _error_in(case.calibration, name)
+    if error < OTHER_MEDIUM * cover:
+        sentence = (
+            f"with {name} outside of the cover, the numbers of session.yaml leave {error:.3f} px,"
             f" and with its outside_index of {index:g} {cover:.3f} px: the board was in {name}."
         )
-        yield Reason(said, case.next.fit(), ("cover.outside_index",))
+        yield Reason(sentence, case.next.fit(), ("cover.outside_index",))
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
-def _left(calibration: Calibration, medium: str) -> float:
-    """px RMS by the numbers that are declared, but for the medium outside."""
+def _error_in(calibration: Calibration, medium: str) -> float:
+    """Return the root mean square error in px of the declared numbers with another medium
+    outside.
+    """
     declared, observations = calibration.declared, calibration.observations
-    other = replace(
+    cover = replace(
         declared.cover,
         parameters={**declared.cover.parameters, "outside_index": Number(MEDIA[medium])},
     )
-    path, values = covered_path(declared.intrinsics, other)
+    path, values = covered_path(declared.intrinsics, cover)
     poses = refine_poses(path, values, observations, pinhole_poses(observations, values)).blocks
     return residuals(path, values, observations, poses).rms_px

@@ -1,4 +1,4 @@
-"""The commands that a verdict says to type next, with their real paths, quoted for a shell."""
+"""The next commands of a verdict, with their real paths, quoted for a shell."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ class NextCommands:
 
     session: Path
     folder: Path
-    """Of the calibration."""
+    """The folder of the calibration."""
     settings: Mapping[str, Any]
-    """Of its fit."""
+    """The settings of its fit."""
 
     def fit(self, *options: str) -> str:
-        """The same fit again, once its session was corrected, or with other options."""
+        """Return the same fit, for a corrected session or with other options."""
         words = ["calib", "fit", str(self.session)]
         if (method := self.settings.get("method", "joint")) != "joint":
             words += ["--method", str(method)]
@@ -37,22 +37,22 @@ class NextCommands:
         return shlex.join([*words, *options])
 
     def capture(self) -> str:
-        """More views for the session."""
+        """Return the command that records more views."""
         return shlex.join(["capture", str(self.session)])
 
     def diagnose(self, *options: str) -> str:
         return shlex.join(["calib", "diagnose", str(self.folder), *options])
 
     def check(self, session: str) -> str:
-        """Whether it holds for the pictures of a session."""
+        """Return the check by the pictures of a session."""
         return shlex.join(["calib", "check", str(self.folder), session])
 
     def evaluate(self) -> str:
-        """By views that were not fitted, whose session the person names."""
+        """Return the evaluation on other views, whose session the user names."""
         return shlex.join(["calib", "evaluate", str(self.folder), "HOLDOUT"])
 
     def undistort(self, depth: float) -> str:
-        """The session's own pictures, for a depth (m)."""
+        """Return the undistortion of the session's pictures for a depth in m."""
         folder = str(self.folder)
         pictures, out = str(self.session / "frames"), str(self.folder / "undistorted")
         return shlex.join(
@@ -63,7 +63,7 @@ class NextCommands:
         return shlex.join(["calib", "report", str(self.folder)])
 
     def export(self, depth: float) -> str:
-        """Maps for a depth (m)."""
+        """Return the export of maps for a depth in m."""
         folder = str(self.folder)
         return shlex.join(
             [

@@ -1,5 +1,5 @@
-"""The eight ways in which a picture can be turned and mirrored: a cover that fits one of the others
-is described for other pictures.
+"""Check: the orientation of the pictures, among the eight ways to turn and mirror them. If another
+one fits, the cover is described for other pictures.
 """
 
 from __future__ import annotations
@@ -18,13 +18,15 @@ from calib.verdict.case import Case
 from calib.verdict.thresholds import ASKING_ORIENTATION, OTHER_ORIENTATION
 from calib.verdict.verdict import Reason
 
-VIEWS = 4
-"""That are asked, evenly over the session: a wrong orientation is wrong in all of them."""
+MAX_TESTED_VIEWS = 4
+"""The number of tested views, spread over the session; a wrong orientation is wrong in all
+views.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Orientation:
-    """Quarter turns clockwise of a picture, then mirrored left to right or not."""
+    """Clockwise quarter turns of a picture, followed by mirroring left to right or not."""
 
     quarters: int
     mirrored: bool
@@ -34,8 +36,8 @@ class Orientation:
         return " and ".join(filter(None, (turned, "mirrored" if self.mirrored else "")))
 
     def apply(self, observations: Observations, width: int, height: int) -> Observations:
-        """What would have been seen in pictures of width x height px that are put right this way. A
-        mirrored board is its own mirror image but for the order of its corners.
+        """Return the observations in pictures of width x height px turned and mirrored this way. A
+        mirrored board equals its mirror image except for the order of its corners.
         """
         x, y = observations.pixels.unbind(-1)
         for _ in range(self.quarters):
@@ -50,37 +52,41 @@ ALL = tuple(Orientation(quarters, mirrored) for mirrored in (False, True) for qu
 
 
 def orientation(case: Case) -> Iterator[Reason]:
-    """Asked only where the cover as it is described leaves much, and numbers that the fit corrected
-    explain that.
+    """Check the orientation if the declared cover has a large error and the fit corrected
+    numbers.
     """
     cover, last = case.rms_px.get("cover", np.nan), case.rms_px.get("cover+rbf", np.nan)
     if not (cover > ASKING_ORIENTATION * last and case.corrected):
         return
-    errors = {way: _error(case, way) for way in ALL}
-    as_is, best = errors[ALL[0]], min(ALL, key=errors.__getitem__)
-    if not errors[best] < OTHER_ORIENTATION * as_is:
+    errors = {candidate: _error(case, candidate) for candidate in ALL}
+    declared_error, best = errors[ALL[0]], min(ALL, key=errors.__getitem__)
+    if not errors[best] < OTHER_ORIENTATION * declared_error:
         return
-    said = (
+    sentence = (
         f"{best}, the pictures would fit the camera and cover as they are described, with"
-        f" {errors[best]:.3f} px in place of {as_is:.3f}: either the camera's driver turns or"
-        " mirrors them, or the numbers that the fit corrected are wrong. Describe the camera as"
+        f" {errors[best]:.3f} px in place of {declared_error:.3f}: either the camera's driver turns"
+        " or mirrors them, or the numbers that the fit corrected are wrong. Describe the camera as"
         " these pictures show it, or turn them back."
     )
-    yield Reason(said, case.next.fit(), ("frames", *case.corrected))
+    yield Reason(sentence, case.next.fit(), ("frames", *case.corrected))
 
 
-def _error(case: Case, way: Orientation) -> float:
-    """px RMS of the smooth cover as it is declared; infinite where it cannot be."""
+def _error(case: Case, orientation: Orientation) -> float:
+    """Return the root mean square error in px of the smooth declared cover; infinite without
+    poses.
+    """
     calibration = case.calibration
-    views = calibration.views[:: -(-len(calibration.views) // VIEWS)]
-    seen = way.apply(
+    views = calibration.views[:: -(-len(calibration.views) // MAX_TESTED_VIEWS)]
+    observations = orientation.apply(
         Observations.of(views, calibration.board),
         calibration.camera.width,
         calibration.camera.height,
     )
     path, values = covered_path(calibration.declared.intrinsics, calibration.declared.cover)
-    poses = pinhole_poses(seen, values)
+    poses = pinhole_poses(observations, values)
     if not bool(torch.isfinite(poses).all()):
         return np.inf
-    error = residuals(path, values, seen, refine_poses(path, values, seen, poses).blocks).rms_px
+    error = residuals(
+        path, values, observations, refine_poses(path, values, observations, poses).blocks
+    ).rms_px
     return error if np.isfinite(error) else np.inf

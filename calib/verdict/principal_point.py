@@ -1,11 +1,13 @@
-"""The declared principal point: in the picture, or in that of another mode of the sensor."""
+"""Check: the declared principal point lies in the picture, and not in that of another sensor
+mode.
+"""
 
 from collections.abc import Iterator
 
 from calib.session.camera import Camera, Intrinsics
 from calib.verdict.case import Case
 from calib.verdict.thresholds import CROPPED, FIELD, OTHER_SIZE, SAME_SIZE
-from calib.verdict.verdict import Reason, Word
+from calib.verdict.verdict import Reason, Trust
 
 SENSOR_MODES = (
     *(
@@ -40,52 +42,56 @@ SENSOR_MODES = (
         (640, 480),
     ),
 )
-"""Width and height, px: of Raspberry Pi's cameras (v2, v1, HQ, 3, Global Shutter), of common
-sensors, and of video.
+"""Widths and heights in px of the modes of Raspberry Pi's cameras (v2, v1, HQ, 3, Global Shutter),
+of common sensors, and of video.
 """
 SCALES = (2, 3, 4, 1 / 2, 1 / 3, 1 / 4)
-"""Binning, and a picture that was scaled."""
+"""Scales of binned and resized pictures."""
 
 
 def principal_point(case: Case) -> Iterator[Reason]:
     camera, k = case.calibration.camera, case.calibration.declared.intrinsics
-    off = max(
+    offset = max(
         abs(k.cx.value / (camera.width - 1) - 0.5), abs(k.cy.value / (camera.height - 1) - 0.5)
     )
     suspects = ("camera.fx", "camera.fy", "camera.cx", "camera.cy")
     if size := other_mode(camera, k):
-        said = (
+        sentence = (
             f"these look like the intrinsics of {size[0]}x{size[1]}, and the pictures have"
             f" {camera.width}x{camera.height}: their principal point, ({k.cx.value:.0f},"
             f" {k.cy.value:.0f}), is the middle of that size. Give those of this mode."
         )
-        yield Reason(said, case.next.fit(), suspects, Word.DO_NOT_USE)
-    elif off > 0.5:
-        said = (
+        yield Reason(sentence, case.next.fit(), suspects, Trust.DO_NOT_USE)
+    elif offset > 0.5:
+        sentence = (
             f"the principal point, ({k.cx.value:.0f}, {k.cy.value:.0f}), is outside of the picture"
             f" of {camera.width}x{camera.height}: were cx and cy changed over, or is the picture a"
             " cut-out?"
         )
         yield Reason(
-            said, case.next.fit(), suspects[2:], Word.DO_NOT_USE if off > CROPPED else Word.CARE
+            sentence,
+            case.next.fit(),
+            suspects[2:],
+            Trust.DO_NOT_USE if offset > CROPPED else Trust.CARE,
         )
 
 
 def other_mode(camera: Camera, k: Intrinsics) -> tuple[int, int] | None:
-    """The size of picture that the intrinsics are of, if it is another than the camera's; the
-    likeliest of those that fit.
+    """Return the most likely picture size of the intrinsics if it is not that of the camera, or
+    None.
     """
     centred = (2 * k.cx.value + 1, 2 * k.cy.value + 1)
-    if _apart(centred, (camera.width, camera.height)) < OTHER_SIZE:
+    if _relative_difference(centred, (camera.width, camera.height)) < OTHER_SIZE:
         return None
     scaled = [(round(camera.width * scale), round(camera.height * scale)) for scale in SCALES]
     fitting = [
         size
         for size in (*scaled, *SENSOR_MODES)
-        if _apart(centred, size) < SAME_SIZE and FIELD[0] < k.fx.value / size[0] < FIELD[1]
+        if _relative_difference(centred, size) < SAME_SIZE
+        and FIELD[0] < k.fx.value / size[0] < FIELD[1]
     ]
-    return min(fitting, key=lambda size: _apart(centred, size), default=None)
+    return min(fitting, key=lambda size: _relative_difference(centred, size), default=None)
 
 
-def _apart(one: tuple[float, float], size: tuple[int, int]) -> float:
-    return max(abs(length / whole - 1) for length, whole in zip(one, size, strict=True))
+def _relative_difference(first: tuple[float, float], size: tuple[int, int]) -> float:
+    return max(abs(length / reference - 1) for length, reference in zip(first, size, strict=True))

@@ -1,5 +1,6 @@
-"""What is left, where noise is all that should be: which effects would explain it, or else what
-organises it.
+"""Check: the residual is noise.
+
+Otherwise report the effects that would explain it, or its structure.
 """
 
 from __future__ import annotations
@@ -39,34 +40,34 @@ def residual(case: Case) -> Iterator[Reason]:
     large = case.left_px > max(BEYOND_NOISE * noise, MIN_NOISE)
     if not (large or organised or likely):
         return
-    said = (
+    sentence = (
         f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px"
         if large
         else NOT_ALL_NOISE
     )
     if organised:
-        most = organised[0]
-        said += (
-            f", and {100 * most.fraction:.0f} % of it go with {most.organised_by}"
-            f" ({100 * most.chance:.0f} % by chance)"
+        share = organised[0]
+        sentence += (
+            f", and {100 * share.fraction:.0f} % of it go with {share.organised_by}"
+            f" ({100 * share.chance:.0f} % by chance)"
         )
     if likely:
-        names = (
+        effects = (
             f"{effect.name}, which would lower it by {100 * gain:.0f} %" for effect, gain in likely
         )
-        said += f": it may be {', or '.join(names)}."
+        sentence += f": it may be {', or '.join(effects)}."
     else:
-        said += (
+        sentence += (
             ": the model lacks something, or the board, cover or intrinsics are not as described."
         )
     diagnosed = "diagnosis" in case.calibration.settings
     suspects = tuple(dict.fromkeys(name for effect, _ in likely for name in suspects_of(effect)))
-    yield Reason(said, case.next.report() if diagnosed else case.next.diagnose(), suspects)
+    yield Reason(sentence, case.next.report() if diagnosed else case.next.diagnose(), suspects)
 
 
 def likely_effects(case: Case) -> list[tuple[Effect, float]]:
-    """The few that would surely explain something, each with the fraction by which it would lower
-    the error; one with parameters of every view only where no other would.
+    """Return the few significant effects with the fraction by which each would lower the error;
+    effects with parameters of single views only if no other is significant.
     """
     scores = case.scores
     if not scores:
@@ -75,40 +76,42 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
         1, 2 * len(case.observations.pixels) - case.calibration.poses.size
     )
 
-    most = max(0.0, 1.0 - case.calibration.noise_px / case.left_px) if case.left_px else 0.0
+    max_gain = max(0.0, 1.0 - case.calibration.noise_px / case.left_px) if case.left_px else 0.0
 
     def gain(test: ScoreTest) -> float:
-        """What it promises beyond what as many parameters would lower of noise; below which nothing
-        goes, however far a score is from where it says the truth.
+        """Return the promised decrease beyond that by as many parameters on noise. The noise is a
+        lower bound, however far the score extrapolates.
         """
-        beyond = max(0.0, test.chi2 - test.dof * dispersion)
-        return min(most, 1.0 - float(np.sqrt(1.0 - min(1.0, beyond / test.cost))))
+        excess = max(0.0, test.chi2 - test.dof * dispersion)
+        return min(max_gain, 1.0 - float(np.sqrt(1.0 - min(1.0, excess / test.cost))))
 
-    def sure(test: ScoreTest) -> bool:
+    def is_significant(test: ScoreTest) -> bool:
         return test.p_value < AGREED and float(
             chdtrc(test.dof, test.chi2 / dispersion)
         ) < SCORED / len(scores)
 
-    gains = {test: gain(test) for test in scores if sure(test)}
+    gains = {test: gain(test) for test in scores if is_significant(test)}
     best = max(gains.values(), default=0.0)
-    named = [test for test in gains if gains[test] > max(WORTH_NAMING, NAMED_BESIDE * best)]
-    shared = [test for test in named if not test.effect.per_view]
+    candidates = [test for test in gains if gains[test] > max(WORTH_NAMING, NAMED_BESIDE * best)]
+    shared = [test for test in candidates if not test.effect.per_view]
     likely = sorted(
-        shared or named, key=lambda test: -gains[test]
+        shared or candidates, key=lambda test: -gains[test]
     )  # parameters of every view can imitate much
     return [(test.effect, gains[test]) for test in likely[:MOST_NAMED]]
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
 def _shares(calibration: Calibration) -> tuple[VarianceShare, ...]:
-    at = optimum_of(calibration)
+    fitted = optimum_of(calibration)
     path, values = calibration.model()
-    missed = residuals(path, values, at.observations, at.joint.poses)
-    return tuple(variance_shares(calibration, at.model, at.joint, at.observations, missed))
+    residual = residuals(path, values, fitted.observations, fitted.joint.poses)
+    return tuple(
+        variance_shares(calibration, fitted.model, fitted.joint, fitted.observations, residual)
+    )
 
 
 def suspects_of(effect: Effect) -> tuple[str, ...]:
-    """The numbers that it is about, or its own name."""
+    """Return the names of the numbers that an effect changes, or its own name."""
     return (
         effect.parameters
         if isinstance(effect, CoverEffect)

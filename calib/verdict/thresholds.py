@@ -1,6 +1,4 @@
-"""From which size on something is said, and why from there. docs/verdict.md shows them to
-readers.
-"""
+"""The thresholds of the checks with their reasons, which docs/verdict.md shows to readers."""
 
 STATIONARY = 0.3
 """Standard deviations from the optimum, within which a fit that ended early has converged for all
@@ -37,7 +35,7 @@ more changes the bending of every ray by more than any other number can, so that
 right halves the error at least.
 """
 GLASS_FIGURES = 3.0
-"""Of `GLASS_FIGURE`, root mean square: three standard deviations of what cheap glass does.
+"""A multiple of `GLASS_FIGURE`, root mean square: three standard deviations of cheap glass.
 
 `fixtures/bumps`, made to be bad, has 1.1.
 """
@@ -51,11 +49,11 @@ AGREED = 0.01
 few of them: 0.0015 in `fixtures/stretch`.
 """
 WORTH_NAMING = 0.01
-"""Of the error, by which an effect must promise to lower it beyond chance: the least that the
-diagnosis accepts. Rendered sessions that hide nothing have 0.004 at most.
+"""The smallest promised decrease of the error beyond chance: the least that the diagnosis accepts.
+Rendered sessions that hide nothing have 0.004 at most.
 """
 NAMED_BESIDE = 0.5
-"""Of what the best effect promises: others from there on may be the cause as well."""
+"""Relative to the best promise: other effects that promise more may be the cause as well."""
 MOST_NAMED = 3
 BEYOND_NOISE = 2.0
 """Error over the corners' noise.
@@ -70,7 +68,8 @@ moved.
 """
 
 FEW_CELLS = 0.6
-"""Of the image's cells: corners in fewer leave more than a third of the picture to extrapolation.
+"""The smallest fraction of the image's cells with corners: fewer leave more than a third of the
+picture to extrapolation.
 """
 CELLS = (16, 12)
 """Across and down the image."""
@@ -81,10 +80,10 @@ Lens and cover are told apart by what changes with depth; from 1 to 1.5 m, a thi
 does.
 """
 DEPTH_MARGIN = 0.5
-"""Of the span of inverse depths that corners were seen at, on both sides. A pixel's ray is the same
-at every depth, so its undistorted place is a straight line over inverse depth; the standard
-deviation of a line that was fitted to evenly spread points is, half a span beyond their ends, 1.8
-times what it is at the ends.
+"""The margin on both sides of the corners' inverse depths, relative to their span. A pixel's ray is
+the same at every depth, so its undistorted place is a straight line over inverse depth; the
+standard deviation of a line that was fitted to evenly spread points is, half a span beyond their
+ends, 1.8 times what it is at the ends.
 """
 UNSURE = 0.5
 """px, predicted standard deviation of the maps at the corners: from there a map is known to less
@@ -104,7 +103,7 @@ UNBOUNDED_SCALE = 0.1
 then the width that a declared focal length is given.
 """
 DOMINANT = 0.5
-"""Of the scale's variance or change: a number that makes so much of it is named."""
+"""The fraction of the scale's variance or change from which a number is named."""
 TELLS = 2
 """Unknowns of camera and glass that one view of a flat board tells, its pose aside: a homography
 has eight numbers, six are the pose's (Z. Zhang, A flexible new technique for camera calibration,
@@ -119,8 +118,8 @@ outside of the picture, which a mode that reads out a corner of the sensor may d
 one, no such mode of a camera is known.
 """
 SAME_SIZE = 0.06
-"""Of the length, between twice the principal point and a sensor mode's size: three standard
-deviations of how far lenses are mounted off the middle, 20 px of 1000.
+"""The relative difference between twice the principal point and a sensor mode's size: three
+standard deviations of how far lenses are mounted off the middle, 20 px of 1000.
 """
 OTHER_SIZE = 0.15
 """The same between twice the principal point and the picture's size, from where on it is asked

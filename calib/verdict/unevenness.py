@@ -1,4 +1,4 @@
-"""The relief against what glass can do."""
+"""Check: the relief is possible for glass."""
 
 from collections.abc import Iterator, Sequence
 
@@ -11,7 +11,7 @@ from calib.verdict.thresholds import GLASS_FIGURES
 from calib.verdict.verdict import Reason
 
 LIKELIEST = 2
-"""Kinds of numbers that are suspected."""
+"""The largest number of suspected kinds of numbers."""
 
 
 def unevenness(case: Case) -> Iterator[Reason]:
@@ -19,9 +19,9 @@ def unevenness(case: Case) -> Iterator[Reason]:
     if uneven <= GLASS_FIGURES * GLASS_FIGURE.sigma:
         return
     held = [
-        one.name
-        for one in comparisons(case.calibration)
-        if one.held and one.name != "cover.outside_index"
+        number.name
+        for number in comparisons(case.calibration)
+        if number.held and number.name != "cover.outside_index"
     ]
     free = "which the fit held" if held else "which the fit estimated near what is declared"
     yield Reason(
@@ -34,9 +34,12 @@ def unevenness(case: Case) -> Iterator[Reason]:
 
 
 def _likeliest(case: Case, names: Sequence[str]) -> tuple[str, ...]:
-    """The few of these numbers whose changes would explain most of what is left."""
-    about = {
+    """Return the few of these numbers whose changes would explain most of the residual."""
+    numbers = {
         test: [name for name in suspects_of(test.effect) if name in names] for test in case.scores
     }
-    best = sorted((test for test, own in about.items() if own), key=lambda test: -test.chi2)
-    return tuple(name for test in best[:LIKELIEST] for name in about[test])
+    best = sorted(
+        (test for test, names_of_test in numbers.items() if names_of_test),
+        key=lambda test: -test.chi2,
+    )
+    return tuple(name for test in best[:LIKELIEST] for name in numbers[test])

@@ -1,5 +1,5 @@
-"""What is to be thought of a calibration, as data: a word, the reasons for it, whom they suspect,
-and the next command to type.
+"""The verdict on a calibration, as data: a grade of trust, its reasons, the suspected numbers, and
+the next command.
 """
 
 from __future__ import annotations
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 
-class Word(Enum):
-    """From good to bad."""
+class Trust(Enum):
+    """Grades of trust, from good to bad."""
 
     TRUSTED = "trusted"
     CARE = "care"
@@ -18,54 +18,54 @@ class Word(Enum):
     @property
     def sentence(self) -> str:
         return {
-            Word.TRUSTED: "To be trusted where it has corners.",
-            Word.CARE: "Take care before you trust it.",
-            Word.DO_NOT_USE: "Do not use it.",
+            Trust.TRUSTED: "To be trusted where it has corners.",
+            Trust.CARE: "Take care before you trust it.",
+            Trust.DO_NOT_USE: "Do not use it.",
         }[self]
 
     @property
     def gravity(self) -> int:
-        return list(Word).index(self)
+        return list(Trust).index(self)
 
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """One thing that speaks against a calibration."""
+    """A reason against trusting a calibration."""
 
     sentence: str
-    """Without a capital, with its full stop."""
+    """The sentence, without a capital, with a full stop."""
     next: str
     """The command to type next, quoted for a shell."""
     suspects: tuple[str, ...] = ()
-    """What may be wrong, by the names of `calib.fitting.declared` or of an effect."""
-    word: Word = Word.CARE
+    """Suspected numbers, by the names of `calib.fitting.declared`, or effects."""
+    word: Trust = Trust.CARE
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """All of it."""
+    """The verdict on a calibration."""
 
     reasons: tuple[Reason, ...]
-    """None for a calibration that is to be trusted."""
+    """Empty for a trusted calibration."""
     use: str
     """The command that puts a trusted calibration to use."""
     further: tuple[str, ...] = ()
-    """Commands that go on from any calibration that may be used: evaluate, diagnose, undistort."""
+    """Further commands for a usable calibration: evaluate, diagnose, undistort."""
 
     @property
-    def word(self) -> Word:
-        """The worst of the reasons'."""
-        return self._gravest.word if self._gravest else Word.TRUSTED
+    def word(self) -> Trust:
+        """The worst grade of the reasons."""
+        return self._gravest.word if self._gravest else Trust.TRUSTED
 
     @property
     def suspects(self) -> tuple[str, ...]:
-        """Each once, those of graver reasons first."""
+        """The suspects without repetition, those of graver reasons first."""
         ordered = sorted(self.reasons, key=lambda reason: -reason.word.gravity)
         return tuple(dict.fromkeys(name for reason in ordered for name in reason.suspects))
 
     @property
     def next(self) -> str:
-        """Of the first of the gravest reasons."""
+        """The command of the first of the gravest reasons."""
         return self._gravest.next if self._gravest else self.use
 
     @property
@@ -73,7 +73,7 @@ class Verdict:
         return max(self.reasons, key=lambda reason: reason.word.gravity, default=None)
 
     def as_json(self) -> dict[str, object]:
-        """The contract's object."""
+        """Return the JSON object of the command contract."""
         return {
             "word": self.word.value,
             "reasons": [reason.sentence for reason in self.reasons],
@@ -83,7 +83,7 @@ class Verdict:
 
     @property
     def sentences(self) -> list[str]:
-        """The word and the reasons, without what to type."""
+        """The grade and the reasons, without commands."""
         return [self.word.sentence, *(_capitalised(reason.sentence) for reason in self.reasons)]
 
     def __str__(self) -> str:
@@ -91,6 +91,6 @@ class Verdict:
 
 
 def _capitalised(sentence: str) -> str:
-    """Names stay as they are written."""
+    """Capitalise a sentence, unless it begins with a name such as cover.thickness."""
     first = sentence.split()[0]
     return sentence if "." in first else sentence[0].upper() + sentence[1:]

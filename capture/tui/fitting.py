@@ -60,7 +60,7 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     from calib.estimation.residuals import residuals
     from calib.fitting.view_noise import VIEW_NOISE, noisier
     from calib.verdict.judge import judge
-    from calib.verdict.sureness import map_sigmas
+    from calib.verdict.uncertainty import map_sigmas
 
     verdict = judge(calibration, folder=saved.parent)
     observations = calibration.observations

@@ -273,17 +273,17 @@ def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     nothing = torch.zeros(0, 0, dtype=torch.float64)
     joint = JointFit(
-        {},
-        nothing,
-        nothing,
-        0.0,
-        0.1,
-        None,
-        Parameters.none({}),
-        Outcome.NOT_FINITE,
-        1,
-        -np.inf,
-        -np.inf,
+        values={},
+        poses=nothing,
+        covariance=nothing,
+        sigma=0.1,
+        smoothness=None,
+        parameters=Parameters.none({}),
+        cost=0.0,
+        outcome=Outcome.NOT_FINITE,
+        iterations=1,
+        log_evidence=-np.inf,
+        log_marginal=-np.inf,
     )
     trial = Trial(test, ModelFit(CameraModel(path.Path(LensModel(0)), {}, NONE), joint))
     assert not trial.passes

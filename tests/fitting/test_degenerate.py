@@ -24,7 +24,7 @@ from calib.session.camera import Camera
 from calib.session.cover import Cover
 from calib.session.session import session_to_yaml
 from calib.verdict.judge import judge
-from calib.verdict.verdict import Word
+from calib.verdict.verdict import Trust
 from fixtures.calibrated import CAMERA
 from fixtures.degenerate import WRONG, bare_session, calibration_of, covered_session
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, bare_views
@@ -103,7 +103,7 @@ def test_copies_of_pictures_do_not_tell_a_lens(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["same corners", "two pictures"])
 def test_copies_of_pictures_behind_a_cone_are_not_trusted(kind: str, tmp_path: Path) -> None:
     found = calibration_of(covered_session(kind, 5000), tmp_path)
-    assert judge(found).word is not Word.TRUSTED
+    assert judge(found).word is not Trust.TRUSTED
 
 
 def copies(count: int) -> tuple[View, ...]:

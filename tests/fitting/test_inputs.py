@@ -25,7 +25,7 @@ from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.progress import Advance, Silent
 from calib.session.session import read_session
 from calib.verdict.judge import judge
-from calib.verdict.verdict import Word
+from calib.verdict.verdict import Trust
 from fixtures.synthetic import INTRINSICS, Scene, scene
 from tests.session.malformed import write_good_session
 from tests.test_calibration import write_session
@@ -231,7 +231,7 @@ def test_a_fit_that_is_not_finite_is_told_and_keeps_no_covariance(
     monkeypatch.setattr(joint_fit, "FIRST_SIGMA", 1e-300)
     free = {"fx": {"value": 2570.0, "sigma": 30.0}, "fy": 2558.36, "cx": 1666.03, "cy": 1273.65}
     result = fitted(spoiled(tmp_path, scene(21, views=10, noise=0.05), camera__intrinsics=free))
-    assert judge(result).word is Word.DO_NOT_USE
+    assert judge(result).word is Trust.DO_NOT_USE
     read = Calibration.load(
         replace(result, settings={**result.settings, "sigma_px": 0.1}).save(tmp_path)
     )

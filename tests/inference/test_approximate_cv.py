@@ -39,14 +39,20 @@ def optimum() -> FittedModel:
     )
 
 
-def apart(at: FittedModel, one: JointFit, other: JointFit) -> float:
+def cost_of(optimum: FittedModel) -> float:
+    """Return the minimum of the fit."""
+    assert isinstance(optimum.joint, JointFit)
+    return optimum.joint.cost
+
+
+def apart(at: FittedModel, one: Estimate, other: Estimate) -> float:
     """The largest difference of two fits' numbers, over the sigma of the other."""
     vectors = [at.model.parameters.vector(joint.values) for joint in (one, other)]
     return float(((vectors[0] - vectors[1]) / other.covariance.diagonal().sqrt()).abs().max())
 
 
 def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: FittedModel) -> None:
-    for index, left in enumerate(fits_without(optimum, PARTS)):
+    for index, left in enumerate(fits_without(optimum, cost_of(optimum), PARTS)):
         found, out = left.joint, torch.from_numpy(index == PARTS)
         rest = optimum.model.fit(
             optimum.observations.without_views(out), optimum.joint.poses[~out], optimum.joint.start
@@ -67,7 +73,7 @@ def test_views_that_were_left_out_follow_by_a_step_of_their_own(
     every other.
     """
     known = torch.arange(len(optimum.observations.pixels)) % every == 0
-    for index, left in enumerate(fits_without(optimum, PARTS, known)):
+    for index, left in enumerate(fits_without(optimum, cost_of(optimum), PARTS, known)):
         out = torch.from_numpy(index == PARTS)
         test = optimum.observations.without_views(~out)
         stay = optimum.joint.poses[out]
@@ -87,7 +93,7 @@ def test_views_that_were_left_out_follow_by_a_step_of_their_own(
 
 def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: FittedModel) -> None:
     """The parameters are drawn from their covariance, and the views' poses follow."""
-    left = fits_without(optimum, PARTS)[0]
+    left = fits_without(optimum, cost_of(optimum), PARTS)[0]
     out = torch.from_numpy(PARTS == 0)
     test = optimum.observations.without_views(~out)
     root = torch.linalg.cholesky(left.joint.covariance)
@@ -118,11 +124,13 @@ def test_where_a_step_fails_the_others_are_fitted(
     """From boards that are turned by 30 degrees, equations say little of where the fit ends."""
     turned = optimum.joint.poses + torch.tensor([0.5, 0, 0, 0, 0, 0], dtype=torch.float64)
     astray = replace(optimum, joint=replace(optimum.joint, poses=turned))
-    assert all(error < 1.01 for error in errors(optimum, fits_without(astray, PARTS)))
-    monkeypatch.setattr("calib.inference.approximate_cv.TOLERANCE", float("inf"))
-    assert all(error > 2 for error in errors(optimum, fits_without(astray, PARTS))), (
-        "the control: the steps alone"
+    assert all(
+        error < 1.01 for error in errors(optimum, fits_without(astray, cost_of(optimum), PARTS))
     )
+    monkeypatch.setattr("calib.inference.approximate_cv.TOLERANCE", float("inf"))
+    assert all(
+        error > 2 for error in errors(optimum, fits_without(astray, cost_of(optimum), PARTS))
+    ), "the control: the steps alone"
 
 
 def errors(at: FittedModel, found: Sequence[FitWithout]) -> Iterator[float]:

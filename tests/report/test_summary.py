@@ -13,7 +13,7 @@ from calib.report.patterns import over_board, over_image
 from calib.report.summary import summarise
 from calib.session.board import Board
 from calib.verdict.residual import NOT_ALL_NOISE
-from calib.verdict.verdict import Reason, Verdict, Word
+from calib.verdict.verdict import Reason, Trust, Verdict
 from fixtures.synthetic import scene
 from tests.optics.shapes import Example, each_shape
 from tests.report.conftest import Reported
@@ -32,7 +32,7 @@ class Misprinted(Board):
 
 def test_a_good_calibration_is_trusted(reported: Reported) -> None:
     summary = summarise(gather_evidence(reported.calibration))
-    assert summary.verdict.word is Word.TRUSTED
+    assert summary.verdict.word is Trust.TRUSTED
     what, left, where = summary.sentences
     assert (
         "3280x2464 px behind a cone, 1.15 mm thick with index 1.5, was calibrated from 45 views of"

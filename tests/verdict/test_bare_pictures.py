@@ -21,7 +21,7 @@ from calib.verdict.bare_pictures import bare_pictures
 from calib.verdict.cover_stage import cover_stage, worse_than_none
 from calib.verdict.judge import judge
 from calib.verdict.thresholds import EXPLAINED, WORSE_THAN_BARE
-from calib.verdict.verdict import Word
+from calib.verdict.verdict import Trust
 from fixtures.synthetic import (
     HEIGHT,
     INTRINSICS,
@@ -71,7 +71,7 @@ def test_a_bare_that_was_taken_through_the_cover_is_told(
         tmp_path / "s", covered(thickness), through, paper_cone(thickness), settings
     )
     first = judge(calibration).reasons[0]
-    assert first.word is Word.CARE
+    assert first.word is Trust.CARE
     assert first.sentence.startswith("the camera alone explains the pictures through the cover (0.")
     assert "taken with the cover on?" in first.sentence
     assert first.next.startswith("capture ")

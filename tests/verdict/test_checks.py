@@ -19,21 +19,21 @@ from calib.session.coding import AprilGrid, Charuco, Coding
 from calib.session.schema import Number
 from calib.verdict.board_place import board_place
 from calib.verdict.case import Case
+from calib.verdict.convergence import not_converged, not_finite
 from calib.verdict.cover_stage import cover_stage, worse_than_none
 from calib.verdict.coverage import coverage
 from calib.verdict.declared_numbers import declared_numbers
-from calib.verdict.depths import depths_asked_for, one_depth, trusted_depths
-from calib.verdict.ended import not_converged, not_finite
+from calib.verdict.depths import one_depth, requested_depths, trusted_depths
 from calib.verdict.held_out import held_out, overfits
 from calib.verdict.judge import CHECKS
 from calib.verdict.medium import medium
 from calib.verdict.principal_point import SENSOR_MODES, other_mode, principal_point
 from calib.verdict.residual import residual
-from calib.verdict.sureness import too_few_views, unsure_focal_length, unsure_maps
 from calib.verdict.thresholds import BEYOND_NOISE, TAKEN_UP, WORSE_THAN_BARE
+from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, uncertain_maps
 from calib.verdict.unevenness import unevenness
-from calib.verdict.unseen_row import rows_beyond, unseen_row
-from calib.verdict.verdict import Word
+from calib.verdict.unseen_row import extra_rows, unseen_row
+from calib.verdict.verdict import Trust
 from fixtures.synthetic import paper_cone, scene
 from tests.fitting.test_inputs import spoiled
 from tests.report.made import calibrated
@@ -79,7 +79,7 @@ def test_a_row_that_no_view_shows_is_asked_for(
 
     cut = tuple(shown(view, whole=False) for view in good.views)
     (reason,) = asked(unseen_row, replace(good, board=board, views=cut))
-    assert (reason.word, reason.suspects) == (Word.CARE, ("board.rows",))
+    assert (reason.word, reason.suspects) == (Trust.CARE, ("board.rows",))
     assert f"{len(cut)} show the one beside it" in reason.sentence
     assert not asked(
         unseen_row, replace(good, board=board, views=(*cut[1:], shown(good.views[0], whole=True)))
@@ -96,18 +96,18 @@ def test_pictures_that_show_more_rows_than_are_declared_ask_for_the_board(
         " board.rows in session.yaml",
     )
     (reason,) = asked(
-        rows_beyond,
+        extra_rows,
         replace(good, rejected=(left_out, RejectedPicture("0002.png", "no board was found"))),
     )
-    assert (reason.word, reason.suspects) == (Word.CARE, ("board.rows",))
+    assert (reason.word, reason.suspects) == (Trust.CARE, ("board.rows",))
     assert "a picture shows markers beyond the last row" in reason.sentence
-    assert not asked(rows_beyond, good)
+    assert not asked(extra_rows, good)
 
 
 def test_a_fit_that_is_not_finite_is_of_no_use(good: Calibration) -> None:
     (reason,) = asked(not_finite, ended_with(good, Outcome.NOT_FINITE))
     assert (reason.word, reason.next) == (
-        Word.DO_NOT_USE,
+        Trust.DO_NOT_USE,
         f"calib fit '{SESSION}' --grid 5x5 --free none",
     )
     poses = good.poses.copy()
@@ -123,7 +123,7 @@ def test_a_fit_that_ended_early_is_judged_by_how_far_that_was(
     assert not asked(not_converged, ended_with(good, outcome)), "it is at its optimum all the same"
     away = replace(good, amplitudes=good.amplitudes + 1e-6 * np.eye(5))
     (reason,) = asked(not_converged, ended_with(away, outcome))
-    assert reason.word is Word.DO_NOT_USE
+    assert reason.word is Trust.DO_NOT_USE
     assert not asked(not_converged, away), "it says that it has converged"
 
 
@@ -310,8 +310,8 @@ def test_depths_that_the_views_speak_of() -> None:
 def test_depths_asked_for_outside_of_those_seen(good: Calibration) -> None:
     distance = Case(good, (), None, None, "").distance  # type: ignore[arg-type]
     nearest, _ = trusted_depths(distance.min(), distance.max())
-    assert not asked(depths_asked_for, good, (1.01 * nearest, 1.0))
-    (reason,) = asked(depths_asked_for, good, (0.99 * nearest, 1.0))
+    assert not asked(requested_depths, good, (1.01 * nearest, 1.0))
+    (reason,) = asked(requested_depths, good, (0.99 * nearest, 1.0))
     assert "1 m" not in reason.sentence.split(", and corners")[0].replace("0.1 m", "")
 
 
@@ -332,9 +332,9 @@ def test_views_are_counted_against_the_unknowns(good: Calibration, freed: Calibr
 
 
 def test_maps_that_are_hardly_known(good: Calibration) -> None:
-    (reason,) = asked(unsure_maps, replace(good, covariance=1e4 * good.covariance), (0.5,))
+    (reason,) = asked(uncertain_maps, replace(good, covariance=1e4 * good.covariance), (0.5,))
     assert "px at 0.5 m" in reason.sentence
-    assert not asked(unsure_maps, good, (0.5,))
+    assert not asked(uncertain_maps, good, (0.5,))
 
 
 @pytest.mark.parametrize(("sigma", "doubted"), [(9.9, False), (10.1, True), (52.0, True)])
@@ -347,10 +347,10 @@ def test_a_focal_length_that_is_hardly_known(
     )
     bare = replace(good, camera=Camera(3280, 2464, intrinsics=k), covariance=np.zeros((0, 0)))
     plain = replace(bare, settings=bare.settings | {"intrinsics_from": "views"})
-    reasons = asked(unsure_focal_length, plain)
+    reasons = asked(uncertain_focal_length, plain)
     assert [reason.suspects for reason in reasons] == [("camera.fx",)] * doubted
     assert all("tilt the board by about 30 degrees" in reason.sentence for reason in reasons)
-    assert not asked(unsure_focal_length, bare), "the session states it"
+    assert not asked(uncertain_focal_length, bare), "the session states it"
 
 
 def test_a_board_in_centimetres_or_in_metres(good: Calibration) -> None:
@@ -361,7 +361,7 @@ def test_a_board_in_centimetres_or_in_metres(good: Calibration) -> None:
 
     for by in (0.015, 1000.0):
         (reason,) = asked(board_place, scaled(by))
-        assert (reason.word, reason.suspects) == (Word.DO_NOT_USE, ("board.square_mm",))
+        assert (reason.word, reason.suspects) == (Trust.DO_NOT_USE, ("board.square_mm",))
     for by in (0.2, 20.0):
         assert not asked(board_place, scaled(by))
 
@@ -377,7 +377,7 @@ def told(
 def test_intrinsics_of_another_mode_are_named(good: Calibration) -> None:
     (reason,) = asked(principal_point, told(good, 1640, 1232, 2558.36, 1666.03, 1273.65))
     assert "these look like the intrinsics of 3280x2464" in reason.sentence
-    assert reason.word is Word.DO_NOT_USE
+    assert reason.word is Trust.DO_NOT_USE
     (reason,) = asked(principal_point, told(good, 3280, 2464, 1279.18, 832.8, 636.6))
     assert "1640x1232" in reason.sentence
     assert not asked(principal_point, told(good, 1640, 1232, 1279.18, 832.8, 636.6))
@@ -397,7 +397,7 @@ def test_no_mode_is_taken_for_another(size: tuple[int, int]) -> None:
 
 
 def test_a_principal_point_outside_of_the_picture(good: Calibration) -> None:
-    for cx, word in ((1650.0, Word.CARE), (5000.0, Word.DO_NOT_USE)):
+    for cx, word in ((1650.0, Trust.CARE), (5000.0, Trust.DO_NOT_USE)):
         (reason,) = asked(principal_point, told(good, 1640, 1232, 1279.0, cx, 500.0))
         assert (reason.word, reason.suspects) == (word, ("camera.cx", "camera.cy"))
     assert not asked(principal_point, told(good, 1640, 1232, 1279.0, 1600.0, 500.0))

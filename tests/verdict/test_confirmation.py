@@ -22,7 +22,7 @@ from calib.verdict.confirmation import contradicted_numbers, unconfirmed_numbers
 from calib.verdict.judge import judge
 from calib.verdict.scale_evidence import scale_evidence
 from calib.verdict.thresholds import UNSURE_FOCAL
-from calib.verdict.verdict import Word
+from calib.verdict.verdict import Trust
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, bare_views, paper_cone, scene
 from tests.report.made import calibrated
 from tests.verdict.cases import SESSION, asked
@@ -59,12 +59,12 @@ def test_parallel_boards_confirm_no_focal_length(tmp_path: Path, times: float) -
     for index, focal in enumerate(declared(times)):
         found = bare(tmp_path / str(index), views, focal)
         (reason,) = asked(unconfirmed_numbers, found)
-        assert (reason.word, reason.suspects) == (Word.CARE, NAMES)
+        assert (reason.word, reason.suspects) == (Trust.CARE, NAMES)
         assert "taken as declared, not confirmed by these views" in reason.sentence
         assert "tilted by 20 to 40 degrees" in reason.sentence
         assert reason.next == f"capture '{SESSION}'"
         assert not asked(contradicted_numbers, found)
-        assert judge(found).word is Word.CARE
+        assert judge(found).word is Trust.CARE
 
 
 def test_tilted_boards_confirm_the_right_one(tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_tilted_boards_confirm_the_right_one(tmp_path: Path) -> None:
         found = bare(tmp_path / str(index), views, focal)
         assert not asked(unconfirmed_numbers, found)
         assert not asked(contradicted_numbers, found)
-        assert judge(found).word is Word.TRUSTED
+        assert judge(found).word is Trust.TRUSTED
 
 
 @pytest.mark.parametrize("times", [1.02, 1.1])
@@ -83,7 +83,7 @@ def test_tilted_boards_contradict_a_wrong_one(tmp_path: Path, times: float) -> N
     for index, focal in enumerate(declared(times)):
         found = bare(tmp_path / str(index), views, focal)
         (reason,) = asked(contradicted_numbers, found)
-        assert (reason.word, reason.suspects) == (Word.CARE, NAMES)
+        assert (reason.word, reason.suspects) == (Trust.CARE, NAMES)
         assert f"declared as {times * FOCAL:.6g}" in reason.sentence
         assert reason.next.startswith("calib fit")
         evidence = scale_evidence(found)

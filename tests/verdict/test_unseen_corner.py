@@ -8,7 +8,7 @@ import torch
 
 from calib.estimation.residuals import residuals
 from calib.verdict.judge import judge
-from calib.verdict.verdict import Word
+from calib.verdict.verdict import Trust
 from fixtures.degenerate import bare_session, calibration_of
 
 
@@ -17,4 +17,4 @@ def test_views_in_one_line_are_judged_though_a_corner_is_out_of_sight(tmp_path: 
     path, values = found.model()
     left = residuals(path, values, found.observations, torch.from_numpy(found.poses)).board
     assert 0 < int(torch.isnan(left).any(-1).sum()) < 5
-    assert judge(found).word is not Word.TRUSTED
+    assert judge(found).word is not Trust.TRUSTED

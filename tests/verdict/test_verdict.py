@@ -1,9 +1,9 @@
 """The data: the worst word stands, and the gravest reason says what to do next."""
 
-from calib.verdict.verdict import Reason, Verdict, Word
+from calib.verdict.verdict import Reason, Trust, Verdict
 
 CARE = Reason("it is small.", "calib diagnose here", ("cover.thickness", "camera.fx"))
-BAD = Reason("it is wrong.", "calib fit there", ("camera.fx",), Word.DO_NOT_USE)
+BAD = Reason("it is wrong.", "calib fit there", ("camera.fx",), Trust.DO_NOT_USE)
 
 
 def test_no_reasons_are_trust() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from calib.calibration import Calibration
 from calib.verdict.judge import judge
-from calib.verdict.verdict import Word
+from calib.verdict.verdict import Trust
 from fixtures.rays import FIXTURES
 from tests.capture.tui.driving import drive, running, see, shown
 
@@ -23,7 +23,7 @@ def test_a_board_with_markers_is_guided_to_its_calibration(name: str, tmp_path: 
     drive(_from_its_description(session, name))
     calibration = Calibration.load(session / "calibration")
     assert len(calibration.views) == FRAMES
-    assert judge(calibration).word is Word.TRUSTED
+    assert judge(calibration).word is Trust.TRUSTED
 
 
 async def _from_its_description(session: Path, name: str) -> None:

@@ -1,4 +1,4 @@
-"""The fit has not ended where it should."""
+"""Checks: the fit is finite and has converged."""
 
 from collections.abc import Iterator
 
@@ -7,11 +7,11 @@ import numpy as np
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.verdict.case import Case
 from calib.verdict.thresholds import STATIONARY
-from calib.verdict.verdict import Reason, Word
+from calib.verdict.verdict import Reason, Trust
 
 
 def not_finite(case: Case) -> Iterator[Reason]:
-    """Nothing that it left can be judged."""
+    """Check that the fit is finite; otherwise no other check is possible."""
     arrays = (
         case.calibration.poses,
         case.calibration.amplitudes,
@@ -21,24 +21,22 @@ def not_finite(case: Case) -> Iterator[Reason]:
         np.isfinite(array).all() for array in arrays
     ):
         yield Reason(
-            _uncapitalised(Outcome.NOT_FINITE.value), case.next.fit(), word=Word.DO_NOT_USE
+            _uncapitalised(Outcome.NOT_FINITE.value), case.next.fit(), word=Trust.DO_NOT_USE
         )
 
 
 def not_converged(case: Case) -> Iterator[Reason]:
-    """It is finite, and so far from the most probable that it matters; where no more than rounding
-    was left to gain, it does not.
-    """
+    """Check that the fit is close to the optimum, compared with its standard deviations."""
     if _outcome(case) == Outcome.CONVERGED.value or case.from_optimum < STATIONARY:
         return
     if _outcome(case) == Outcome.STEPS_USED_UP.value:
-        said = (
+        sentence = (
             "the fit was still improving when its steps were used up: the views hardly tell some"
             " numbers, or the model lacks something."
         )
     else:
-        said = _uncapitalised(Outcome.STUCK.value)
-    yield Reason(said, case.next.diagnose(), word=Word.DO_NOT_USE)
+        sentence = _uncapitalised(Outcome.STUCK.value)
+    yield Reason(sentence, case.next.diagnose(), word=Trust.DO_NOT_USE)
 
 
 def _outcome(case: Case) -> str:

@@ -1,5 +1,5 @@
-"""Whether there are views enough: by their number against that of the unknowns, and by how sure the
-maps are.
+"""Checks: enough views, by the number of unknowns and by the uncertainty of focal length and
+maps.
 """
 
 import math
@@ -20,39 +20,39 @@ from calib.verdict.thresholds import FIGURE_UNKNOWNS, TELLS, UNSURE, UNSURE_FOCA
 from calib.verdict.verdict import Reason
 
 SAMPLED = 300
-"""Corners at which the standard deviation is asked."""
+"""The number of corners at which the standard deviation is computed."""
 
 
 def too_few_views(case: Case) -> Iterator[Reason]:
-    """A number with a tolerance is no unknown: where it is hardly told, it stays near what is
-    declared, and sigma counts that.
+    """Check the number of views. A number with a tolerance does not count as unknown: without
+    evidence it stays near its declared value, which sigma includes.
     """
     calibration = case.calibration
-    own = (
+    lens_unknowns = (
         len(base_model(calibration).parameters.free)
         if calibration.settings.get("intrinsics_from") == "views"
         else 0
     )
-    unknowns = own + (FIGURE_UNKNOWNS if calibration.relief else 0)
-    wanted = math.ceil(unknowns / TELLS)
+    unknowns = lens_unknowns + (FIGURE_UNKNOWNS if calibration.relief else 0)
+    required = math.ceil(unknowns / TELLS)
     poses = int(pose_labels(calibration.views).max()) + 1
-    if poses < wanted:
-        said = (
+    if poses < required:
+        sentence = (
             f"{poses} poses of the board are few for {unknowns} unknown numbers of camera and"
-            f" glass: {wanted} are the least that can tell them."
+            f" glass: {required} are the least that can tell them."
         )
-        yield Reason(said, case.next.capture())
+        yield Reason(sentence, case.next.capture())
     elif poses < MIN_FIT_VIEWS:
-        said = (
+        sentence = (
             f"{len(calibration.views)} views show {poses} pose{'s' * (poses > 1)} of the board, and"
             " copies of one picture tell no more than that picture: move the board between the"
             f" pictures, to {MIN_FIT_VIEWS} poses or more."
         )
-        yield Reason(said, case.next.capture())
+        yield Reason(sentence, case.next.capture())
 
 
-def unsure_focal_length(case: Case) -> Iterator[Reason]:
-    """Of a camera without a cover, whose maps have no standard deviation of their own."""
+def uncertain_focal_length(case: Case) -> Iterator[Reason]:
+    """Check the focal length of a camera without a cover, whose maps have no standard deviation."""
     k = case.calibration.camera.intrinsics
     if (
         not k
@@ -61,51 +61,52 @@ def unsure_focal_length(case: Case) -> Iterator[Reason]:
     ):
         return
     numbers = {"camera.fx": k.fx, "camera.fy": k.fy}
-    unsure = {
+    uncertain = {
         name: number.sigma / number.value
         for name, number in numbers.items()
         if number.sigma > UNSURE_FOCAL * number.value
     }
-    if unsure:
-        worst = max(unsure, key=lambda name: unsure[name])
-        said = (
-            f"the focal length is known to {100 * unsure[worst]:.2g} % only"
+    if uncertain:
+        worst = max(uncertain, key=lambda name: uncertain[name])
+        sentence = (
+            f"the focal length is known to {100 * uncertain[worst]:.2g} % only"
             f" ({numbers[worst].value:.0f} ± {numbers[worst].sigma:.2g} px), and so are metres that"
             f" are measured with it: {TILT}."
         )
-        yield Reason(said, case.next.capture(), tuple(unsure))
+        yield Reason(sentence, case.next.capture(), tuple(uncertain))
 
 
-def unsure_maps(case: Case) -> Iterator[Reason]:
-    unsure = {
+def uncertain_maps(case: Case) -> Iterator[Reason]:
+    uncertain = {
         depth: sigma
         for depth, sigma in map_sigmas(case.calibration, case.usual_depths).items()
         if sigma > UNSURE
     }
-    if unsure:
-        at = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in unsure.items())
-        said = (
-            f"the maps are hardly known even at the corners (one standard deviation: {at}): take"
-            " more views, tilted and near."
+    if uncertain:
+        listed = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in uncertain.items())
+        sentence = (
+            f"the maps are hardly known even at the corners (one standard deviation: {listed}):"
+            " take more views, tilted and near."
         )
-        yield Reason(said, case.next.capture())
+        yield Reason(sentence, case.next.capture())
 
 
 def map_sigmas(calibration: Calibration, depths: Sequence[float]) -> dict[float, float]:
-    """By depth (m): the maps' predicted standard deviation (px), the median over the corners; empty
-    where the fit has no covariance.
+    """Return the predicted standard deviation of the maps in px by depth in m, the median over the
+    corners; empty if the fit has no covariance.
     """
-    spread = _spread(calibration)
-    if not spread.size:
+    errors = _ray_errors(calibration)
+    if not errors.size:
         return {}
-    of_map = {depth: spread[:, :2] + spread[:, 2:] / depth for depth in depths}
+    errors_by_depth = {depth: errors[:, :2] + errors[:, 2:] / depth for depth in depths}
     return {
-        depth: float(np.nanmedian(np.sqrt((off**2).sum((1, 2))))) for depth, off in of_map.items()
+        depth: float(np.nanmedian(np.sqrt((map_errors**2).sum((1, 2)))))
+        for depth, map_errors in errors_by_depth.items()
     }
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
-def _spread(calibration: Calibration) -> NDArray[np.float64]:
+def _ray_errors(calibration: Calibration) -> NDArray[np.float64]:
     """Return the (n, 4, S) errors of the rays of some corners; for a wide lens, of corners that its
     undistorted picture holds.
     """
