@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from calib.effects.board_shape import BoardShape
-from calib.estimation.joint_fit import ROUNDS, JointFit
+from calib.estimation.joint_fit import ROUNDS, Estimate, JointFit
 from calib.estimation.residuals import residuals
 from calib.inference.approximate_cv import FitWithout, fits_without
 from calib.inference.calibration_model import base_model
