@@ -69,6 +69,6 @@ def test_of_a_refit_that_was_cut_short_it_says_whose_the_calibration_is(tmp_path
     )
     assert remainder == list(farewell_lines(tmp_path, shown, []))
     assert not any(
-        "of before" in line
+        "previous one" in line
         for line in farewell_lines(tmp_path / "without one", None, [], was_cancelled=True)
     )

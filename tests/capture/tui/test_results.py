@@ -270,8 +270,8 @@ async def _refit(session: Path) -> None:
         assert "3.330" in shown(pilot), "the fit that they are compared with"
         assert (
             farewell(pilot)[0]
-            == "The last fit was ended before it had a result: the calibration is the one of"
-            " before."
+            == "The last fit was ended before it had a result: the calibration is still the"
+            " previous one."
         )
 
 
