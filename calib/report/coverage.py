@@ -42,7 +42,7 @@ def coverage(evidence: Evidence) -> Drawing:
         )
         left.set_title(f"image: {100 * evidence.covered:.0f} % of the cells")
         colour_bar(figure, shown, left, "corners")
-        near, far = evidence.distance.min(), evidence.distance.max()
+        near, far = evidence.reach
         centre.hist(evidence.distance, BARS, color=SERIES[0], rwidth=0.88)
         name = evidence.distance_name
         title = f"{name}: {near:.2g} to {far:.2g} m"

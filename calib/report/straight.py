@@ -93,7 +93,7 @@ def lines_across(evidence: Evidence, view: int) -> Iterator[Line]:
             depth = (
                 pose[3:] @ turn[:, 2] / np.where(np.abs(towards) < 1e-6, np.nan, towards)
             )  # m, on the board's plane
-            there = depth > evidence.distance.min() / 2  # not where the plane passes the camera
+            there = depth > evidence.reach[0] / 2  # not where the plane passes the camera
             before, sees = evidence.field.distorted(after[there], depth[there])
             found = np.isfinite(own).all(-1)
             if sees.sum() > 2:

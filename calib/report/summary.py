@@ -52,7 +52,7 @@ def _subject(evidence: Evidence) -> str:
             f" behind {SHAPES[c.cover.shape]}, {1e3 * thickness:.3g} mm thick with index"
             f" {index:.4g},"
         )
-    near, far = evidence.distance.min(), evidence.distance.max()
+    near, far = evidence.reach
     size = f"{c.camera.width}x{c.camera.height}"
     camera = (
         c.camera.model

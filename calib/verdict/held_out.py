@@ -24,7 +24,8 @@ def held_out(case: Case) -> Iterator[Reason]:
     found = case.evaluation
     if not found:
         return
-    nearest, farthest = trusted_depths(float(case.distance.min()), float(case.distance.max()))
+    near, far = case.reach
+    nearest, farthest = trusted_depths(near, far)
     outside = found.near_m < nearest or found.far_m > farthest
     if found.rms_px > HELD_OUT * case.left_px:
         where = (
@@ -39,7 +40,7 @@ def held_out(case: Case) -> Iterator[Reason]:
     elif outside:
         said = (
             f"the views that it was measured with are {found.near_m:.2g} to {found.far_m:.2g} m"
-            f" away, and its own {case.distance.min():.2g} to {case.distance.max():.2g} m: it was"
+            f" away, and its own {near:.2g} to {far:.2g} m: it was"
             " not made for all of these depths."
         )
         yield Reason(said, case.next.capture())
