@@ -186,9 +186,10 @@ class UndistortedChange:
     def of(calibration: Calibration) -> UndistortedChange:
         model = calibration.camera_model()
         path, parameters, corners = model.path, model.parameters, corners_at(calibration)
-        distance = corners[:, 2]
-        if not (distance > 0).all():
+        corners = corners[corners[:, 2] > 0]  # a lens that is not wide sees nothing behind it
+        if not len(corners):
             raise InputError(NO_CORNERS)
+        distance = corners[:, 2]
         normal, right_side = np.zeros((6, 6)), np.zeros((6, parameters.count))
         for first in range(0, len(distance), BATCH_SIZE):
             some = slice(first, first + BATCH_SIZE)

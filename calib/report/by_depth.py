@@ -70,7 +70,7 @@ def distortion_by_depth(evidence: Evidence) -> Drawing | None:
 
 
 def _lines(axes: Axes, evidence: Evidence, pixels: Array, displacement: Displacement) -> None:
-    near, far = evidence.distance.min(), evidence.distance.max()
+    near, far = evidence.reach
     inverse = np.linspace(min(REACH[0], 1 / far), max(REACH[1], 1 / near), 60)
     chosen = Displacement.of(evidence, pixels)
     lengths = np.array(

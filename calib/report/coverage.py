@@ -51,7 +51,7 @@ def corner_coverage(evidence: Evidence) -> Drawing:
         )
         image_panel.set_title(f"image: {100 * evidence.covered:.0f} % of the cells")
         colour_bar(figure, shown, image_panel, "corners")
-        near, far = evidence.distance.min(), evidence.distance.max()
+        near, far = evidence.reach
         depth_panel.hist(evidence.distance, BARS, color=SERIES[0], rwidth=0.88)
         name = evidence.distance_name
         title = f"{name}: {near:.2g} to {far:.2g} m"

@@ -60,6 +60,14 @@ class Evidence:
     """The depths in m, near to far, at which fields are drawn."""
 
     @property
+    def reach(self) -> tuple[float, float]:
+        """m: how far away the nearest and the farthest corner are. A corner behind a lens that is
+        not wide does not count: the model does not see it.
+        """
+        ahead = self.distance[self.distance > 0]
+        return float(ahead.min()), float(ahead.max())
+
+    @property
     def distance_name(self) -> str:
         """The name of `distance` on axes and in titles."""
         return "distance" if self.path.lens.wide else "depth"
@@ -158,7 +166,7 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
     )
     visible_fraction = torch.isfinite(residual.image).all(-1).double().mean()
     if (
-        not (distance > 0).all()
+        not (distance > 0).any()
         or visible_fraction < MIN_VISIBLE_FRACTION
         or (sigma and not np.isfinite(sigma.variance).any())
     ):
@@ -176,7 +184,11 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
         field=calibration.ray_field(),
         sigma=sigma,
         depths=tuple(sorted(set(depths)))
-        or tuple(dict.fromkeys(float(f"{d:.2g}") for d in np.quantile(distance, (0, 0.5, 1)))),
+        or tuple(
+            dict.fromkeys(
+                float(f"{d:.2g}") for d in np.quantile(distance[distance > 0], (0, 0.5, 1))
+            )
+        ),
     )
 
 

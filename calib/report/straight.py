@@ -92,7 +92,7 @@ def lines_across(evidence: Evidence, view: int) -> Iterator[BoardLine]:
         slope = directions @ rotation[:, 2]
         slope = np.where(np.abs(slope) < 1e-6, np.nan, slope)
         depth = pose[3:] @ rotation[:, 2] / slope  # m, on the board's plane
-        near = depth > evidence.distance.min() / 2  # excludes the plane's passage past the camera
+        near = depth > evidence.reach[0] / 2  # excludes the plane's passage past the camera
         distorted, visible = evidence.field.distort_pixels(line[near], depth[near])
         detections = np.isfinite(corners).all(-1)
         if visible.sum() > 2:

@@ -51,7 +51,7 @@ def _subject(evidence: Evidence) -> str:
             f" {index:.4g},"
         )
     board = calibration.board
-    near, far = evidence.distance.min(), evidence.distance.max()
+    near, far = evidence.reach
     size = f"{calibration.camera.width}x{calibration.camera.height}"
     camera = (
         calibration.camera.model

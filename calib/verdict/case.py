@@ -91,6 +91,15 @@ class Case:
         path, _ = self.calibration.model()
         return np.asarray(path.distance(torch.from_numpy(self.corners)).numpy())
 
+    @property
+    def reach(self) -> tuple[float, float]:
+        """m: how far away the nearest and the farthest corner are. A corner behind a lens that is
+        not wide does not count, as the model does not see it, unless all are there.
+        """
+        ahead = self.distance > 0
+        counted = self.distance[ahead | ~ahead.any()]
+        return float(counted.min()), float(counted.max())
+
     @cached_property
     def covered(self) -> float:
         """The fraction of the image's cells that have corners, 0 to 1.

@@ -10,7 +10,7 @@ from calib.verdict.verdict import Reason
 
 def one_depth(case: Case) -> Iterator[Reason]:
     """Check that corners lie at several depths."""
-    near, far = _depth_range(case)
+    near, far = case.reach
     if case.calibration.model()[0].cover and far < ONE_DEPTH * near:
         sentence = (
             f"all corners are {near:.2g} to {far:.2g} m away: nearer and farther views show how the"
@@ -21,10 +21,10 @@ def one_depth(case: Case) -> Iterator[Reason]:
 
 def requested_depths(case: Case) -> Iterator[Reason]:
     """Check that the requested depths are near those of the corners."""
-    nearest, farthest = trusted_depths(*_depth_range(case))
+    nearest, farthest = trusted_depths(*case.reach)
     untrusted = [depth for depth in case.depths if not nearest <= depth <= farthest]
     if untrusted and case.calibration.model()[0].cover:
-        near, far = _depth_range(case)
+        near, far = case.reach
         sentence = (
             f"maps are wanted for {', '.join(f'{depth:g} m' for depth in untrusted)}, and corners"
             f" were seen at {near:.2g} to {far:.2g} m, which speaks for"
@@ -37,10 +37,6 @@ def trusted_depths(near: float, far: float) -> tuple[float, float]:
     """Return the range of depths in m that corners from near to far support."""
     margin = DEPTH_MARGIN * (1 / near - 1 / far)
     return 1 / (1 / near + margin), 1 / (1 / far - margin) if 1 / far > margin else math.inf
-
-
-def _depth_range(case: Case) -> tuple[float, float]:
-    return float(case.distance.min()), float(case.distance.max())
 
 
 def _describe_range(nearest: float, farthest: float) -> str:

@@ -24,7 +24,8 @@ def held_out(case: Case) -> Iterator[Reason]:
     evaluation = case.evaluation
     if not evaluation:
         return
-    nearest, farthest = trusted_depths(float(case.distance.min()), float(case.distance.max()))
+    near, far = case.reach
+    nearest, farthest = trusted_depths(near, far)
     extrapolated = evaluation.near_m < nearest or evaluation.far_m > farthest
     if evaluation.rms_px > HELD_OUT * case.left_px:
         note = (
@@ -41,7 +42,7 @@ def held_out(case: Case) -> Iterator[Reason]:
     elif extrapolated:
         sentence = (
             f"the evaluated views are {evaluation.near_m:.2g} to {evaluation.far_m:.2g} m"
-            f" away, and the fitted ones {case.distance.min():.2g} to {case.distance.max():.2g} m:"
+            f" away, and the fitted ones {near:.2g} to {far:.2g} m:"
             " the calibration was not made for all of these depths."
         )
         yield Reason(sentence, case.next.capture())
