@@ -1,5 +1,4 @@
-"""Record a session without a screen: keep the frames in which the board is seen well and adds
-something.
+"""Record a session without a screen: keep the frames that show the board well in a new view.
 
 SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
 question mark, such as v4l2:/dev/video0?size=1640x1232. A session that has pictures is continued.

@@ -1,5 +1,4 @@
-"""The terminal UI: from nothing to a calibration, following the screen. `capture SESSION` is short
-for it.
+"""The terminal UI, from nothing to a calibration; `capture SESSION` is short for it.
 
 SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
 question mark. With --serve the same runs in a browser: on this machine alone, or with --host on
