@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from calib.apply.located_tags import SURE, Tag
+from calib.apply.located_tags import MIN_PROBABILITY, Tag
 from calib.apply.tags import TagLocator
 from calib.calibration import Calibration
 from calib.corners.markers import read_markers
@@ -211,7 +211,7 @@ def synthetic(seed: int) -> tuple[Array, list[list[float]]]:
         best = [
             (one[0], place)
             for one, place in zip(ways, true, strict=True)
-            if isinstance(one, tuple) and one[0].probability > SURE
+            if isinstance(one, tuple) and one[0].probability > MIN_PROBABILITY
         ]
         poses, kept = [one for one, _ in best], np.array([place for _, place in best])
         errors.append(

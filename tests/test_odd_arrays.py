@@ -152,7 +152,7 @@ CALLS: Mapping[str, Call] = {
         lambda at, a: at.measurer.triangulate(PIXELS, boards(), [0, 1, 0, 1], a),
         np.array([0, 0, 1, 1]),
     ),
-    "Measured.distance": Call(
+    "MeasuredPoints.distance": Call(
         lambda at, a: at.measurer.on_planes(PIXELS, boards()[:1], [0] * 4).distance(0, a), 1
     ),
     "TagLocator(side)": Call(

@@ -1,5 +1,5 @@
 """The largest angle from the axis that a wide lens sees, and the angle at which its undistorted
-picture ends. That picture is a pinhole's, which ends before 90 degrees.
+picture ends. An undistorted picture is that of a pinhole, which ends before 90 degrees.
 """
 
 import numpy as np
@@ -14,8 +14,8 @@ GRID = (65, 49)
 
 
 def undistortion_limit(calibration: Calibration) -> str:
-    """Return a sentence on the angle at which undistorted pictures end, or nothing if the lens sees
-    only what a pinhole can.
+    """Return a sentence on the angle at which undistorted pictures end; an empty text if a pinhole
+    can see everything that the lens sees.
     """
     if not calibration.model()[0].lens.wide:
         return ""

@@ -1,10 +1,10 @@
-"""A calibration in another medium: made in air, for water, or the other way round. What lies
-outside is replaced; all else is the glass's.
+"""A calibration for another medium: made in air and used in water, or the other way round. Only
+the index outside of the cover is replaced. The camera and the glass stay the same.
 
-The covariance goes with it, so sigma tells what the change of medium makes visible: in air a
-window's distance moves no ray, under water every one. Views do not go with it: they were taken in
-the other medium. Where their corners were, `Calibration.corners_at` keeps, as sigma leaves out the
-rigid motion of all rays that hides most there.
+The covariance is carried over, so sigma shows what the change of medium makes visible: in air a
+window's distance moves no ray, under water it moves every ray. The views are not carried over: they
+were taken in the other medium. `Calibration.corners_at` keeps the places of their corners, because
+sigma leaves out the rigid motion of all rays that hides most of an error there.
 """
 
 from __future__ import annotations
@@ -32,69 +32,76 @@ from calib.session.schema import Number
 Array = NDArray[np.float64]
 
 DEPTHS = (0.3, 0.5, 1.0)
-"""m: where it is said how sure the maps are."""
+"""m: the depths at which the sigma of the maps is reported by default."""
 SAMPLED = 400
-"""Corners at which that is asked, of all."""
+"""The number of corners, out of all, at which that sigma is computed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Immersion:
-    """A calibration in its new medium, and how sure it is there: px, root mean square over the
-    corners, at each depth.
+    """A calibration in its new medium, and the sigma of its maps there: px, root mean square over
+    the corners, at each depth.
     """
 
     calibration: Calibration
     depths: tuple[float, ...]
     """m"""
     before_px: tuple[float, ...]
-    """In the medium that it came from; empty where its fit estimated no covariance."""
+    """Sigma in the original medium; empty if the fit estimated no covariance."""
     after_px: tuple[float, ...]
+    """Sigma in the new medium; empty if the fit estimated no covariance."""
     loose: tuple[Loose, ...]
-    """The groups that are worth naming, the one that matters most first."""
+    """The groups of parameters that dominate sigma in the new medium, the largest first."""
     other_face_px: tuple[float, ...]
-    """How far off the maps are, were all unevenness on the glass's inner face; empty without a
+    """The error of the maps if all unevenness were on the glass's inner face; empty without a
     relief.
     """
     unexplained: tuple[str, ...]
-    """Effects that mend an error without a physical cause."""
+    """The names of effects that correct an error without a physical cause."""
 
     @property
     def unknown(self) -> bool:
-        """Whether the views do not tell what the new medium shows."""
+        """True if sigma in the new medium exceeds UNKNOWN at one of the depths."""
         return any(sigma > UNKNOWN for sigma in self.after_px)
 
 
 def immerse(
-    calibration: Calibration, outside: Number, depths: Sequence[float] = DEPTHS
+    calibration: Calibration, medium: Number, depths: Sequence[float] = DEPTHS
 ) -> Immersion:
     """Put a calibration into a medium of another index.
 
     Raises:
-        InputError: nothing is known of what stands before its lens, or no ray leaves it there.
+        InputError: the calibration does not describe its window or dome, or no ray leaves the
+            cover into that medium.
     """
-    wet = immersed(calibration, outside)
+    wet = immersed(calibration, medium)
     rows = corners_at(calibration)
     if not np.isfinite(wet.rays(rows[:, :2])[0]).any():
         raise InputError(
-            f"no ray of this camera leaves its cover into an index of {outside.value:g}: check the"
+            f"no ray of this camera leaves its cover into an index of {medium.value:g}: check the"
             " cover's numbers."
         )
-    some = rows[:: max(1, len(rows) // SAMPLED), :2]
-    before, after = (_errors(one, some) for one in (calibration, wet))
+    sampled_pixels = rows[:: max(1, len(rows) // SAMPLED), :2]
+    original = _errors(calibration, sampled_pixels)
+    changed = _errors(wet, sampled_pixels)
     return Immersion(
-        wet,
-        tuple(depths),
-        sigmas(before, calibration.covariance, depths),
-        sigmas(after, wet.covariance, depths),
-        tuple(loose_numbers(wet, after, depths)),
-        tuple(_on_other_face(calibration, wet, rows, depths)),
-        tuple(found.effect.name for found in wet.effects if not found.effect.has_cause),
+        calibration=wet,
+        depths=tuple(depths),
+        before_px=sigmas(original, calibration.covariance, depths),
+        after_px=sigmas(changed, wet.covariance, depths),
+        loose=tuple(loose_numbers(wet, changed, depths)),
+        other_face_px=tuple(_on_other_face(calibration, wet, rows, depths)),
+        unexplained=tuple(added.effect.name for added in wet.effects if not added.effect.has_cause),
     )
 
 
-def immersed(calibration: Calibration, outside: Number) -> Calibration:
-    """The calibration with another index outside, without its views."""
-    if any(isinstance(found.effect, FlatPort) for found in calibration.effects):
+def immersed(calibration: Calibration, medium: Number) -> Calibration:
+    """Return the calibration with another index outside of its cover, without its views.
+
+    Raises:
+        InputError: the calibration does not describe its window or dome.
+    """
+    if any(isinstance(added.effect, FlatPort) for added in calibration.effects):
         raise InputError(
             "the window of this calibration was found by the diagnosis, and where it stands is not"
             " known in air: describe it under cover in session.yaml, with its distance_mm and"
@@ -105,23 +112,24 @@ def immersed(calibration: Calibration, outside: Number) -> Calibration:
             "this calibration has no cover, and what water does is done at a window or dome:"
             " describe it under cover in session.yaml, and fit the session again."
         )
-    was, declared = calibration.cover.parameters[OUTSIDE], calibration.declared
+    original = calibration.cover.parameters[OUTSIDE]
+    declared = calibration.declared
     wet = replace(
         calibration,
-        cover=_within(calibration.cover, outside),
+        cover=_within(calibration.cover, medium),
         views=(),
         poses=calibration.poses[:0],
         covariance=calibration.covariance[:0, :0],
         rejected=(),
         stages=(),
         corners_at=corners_at(calibration),
-        stated=replace(declared, cover=_within(declared.cover, outside)),
+        stated=replace(declared, cover=_within(declared.cover, medium)),
         settings={
             **calibration.settings,
             "immersed": {
-                "from_index": was.value,
-                "to_index": outside.value,
-                "sigma": outside.sigma,
+                "from_index": original.value,
+                "to_index": medium.value,
+                "sigma": medium.sigma,
                 "calibration": calibration.digest,
             },
         },
@@ -132,19 +140,23 @@ def immersed(calibration: Calibration, outside: Number) -> Calibration:
     return replace(wet, covariance=covariance, cover=_with_sigmas(wet, covariance))
 
 
-def _within(cover: Cover, outside: Number) -> Cover:
-    return replace(cover, parameters={**cover.parameters, OUTSIDE: outside})
+def _within(cover: Cover, medium: Number) -> Cover:
+    return replace(cover, parameters={**cover.parameters, OUTSIDE: medium})
 
 
 def _carried(calibration: Calibration, wet: Calibration) -> Array:
-    """(S, S) of the wet calibration's parameters: as they were before, and independent of them what
-    is outside.
+    """Return the (S, S) covariance of the wet calibration's parameters. It is the original's, and
+    the index outside is independent of all other parameters.
     """
-    old, new = calibration.camera_model().parameters, wet.camera_model().parameters
-    covariance, before = np.zeros((new.count, new.count)), _as_declared(calibration, old)
-    known = [name for name in new.slices() if name in old.slices() and name != f"cover.{OUTSIDE}"]
-    covariance[np.ix_(new.entries(known), new.entries(known))] = before[
-        np.ix_(old.entries(known), old.entries(known))
+    old = calibration.camera_model().parameters
+    new = wet.camera_model().parameters
+    covariance = np.zeros((new.count, new.count))
+    declared_covariance = _as_declared(calibration, old)
+    common_names = [
+        name for name in new.slices() if name in old.slices() and name != f"cover.{OUTSIDE}"
+    ]
+    covariance[np.ix_(new.entries(common_names), new.entries(common_names))] = declared_covariance[
+        np.ix_(old.entries(common_names), old.entries(common_names))
     ]
     for param in new.free:
         if param.name == f"cover.{OUTSIDE}":
@@ -154,13 +166,13 @@ def _carried(calibration: Calibration, wet: Calibration) -> Array:
 
 
 def _as_declared(calibration: Calibration, parameters: Parameters) -> Array:
-    """(S, S) covariance in which no number of the cover is surer than it was declared, what depends
-    on it moving along.
+    """Return the (S, S) covariance in which no number of the cover has a smaller sigma than was
+    declared. The parameters that correlate with such a number move with it.
 
-    An uneven glass takes up most of what such a number is off by. What is left, the fit takes for
-    knowledge of the number, and in its own
-    medium that does no harm: the two together are right. In another they part (`python -m
-        benchmarks.immerse` prints by how much).
+    The relief of an uneven glass takes up most of the error of such a number, and the fit takes the
+    remainder for information on the number. In the original medium this does no harm: number and
+    relief together are right. In another medium their errors no longer cancel
+    (`python -m benchmarks.immerse` prints by how much).
     """
     declared = {
         f"cover.{name}": number.sigma
@@ -171,25 +183,25 @@ def _as_declared(calibration: Calibration, parameters: Parameters) -> Array:
     if calibration.relief is None or not numbers:
         return covariance
     at = parameters.entries([param.name for param in numbers])
-    own = covariance[np.ix_(at, at)]
-    along = covariance[:, at] @ np.linalg.pinv(
-        own, hermitian=True
-    )  # (S, n) how all move with these
+    block = covariance[np.ix_(at, at)]
+    # (S, n): how all parameters move with these
+    regression = covariance[:, at] @ np.linalg.pinv(block, hermitian=True)
     spread = np.array([declared[param.name] / param.scale for param in numbers]) ** 2
-    wider = np.diag(np.maximum(spread - own.diagonal(), 0.0))
-    return np.asarray(covariance + along @ wider @ along.T)
+    excess = np.diag(np.maximum(spread - block.diagonal(), 0.0))
+    return np.asarray(covariance + regression @ excess @ regression.T)
 
 
 def _with_sigmas(wet: Calibration, covariance: Array) -> Cover:
-    """Its cover, each estimated number as sure as the covariance has it."""
+    """Return the cover with the sigma of each estimated number from the (S, S) covariance."""
     parameters = wet.camera_model().parameters
-    found = dict(wet.cover.parameters)
+    numbers = dict(wet.cover.parameters)
     for param in parameters.free:
-        if (name := param.name.removeprefix("cover.")) in found:
-            found[name] = replace(
-                found[name], sigma=float(parameters.sigma(param.name, torch.from_numpy(covariance)))
+        if (name := param.name.removeprefix("cover.")) in numbers:
+            numbers[name] = replace(
+                numbers[name],
+                sigma=float(parameters.sigma(param.name, torch.from_numpy(covariance))),
             )
-    return replace(wet.cover, parameters=found)
+    return replace(wet.cover, parameters=numbers)
 
 
 def _errors(calibration: Calibration, pixels: Array) -> Array:
@@ -202,46 +214,51 @@ def _errors(calibration: Calibration, pixels: Array) -> Array:
         return np.zeros((len(pixels), 4, 0))
     wide = calibration.model()[0].lens.wide
     frames = frames_along(calibration.rays(pixels)[1]) if wide else None
-    jacobian, lost = UndistortedChange.of(calibration).jacobian(pixels, frames)
-    return np.where(lost[:, None, None], np.nan, jacobian)
+    jacobian, invalid = UndistortedChange.of(calibration).jacobian(pixels, frames)
+    return np.where(invalid[:, None, None], np.nan, jacobian)
 
 
 def _on_other_face(
     calibration: Calibration, wet: Calibration, rows: Array, depths: Sequence[float]
 ) -> list[float]:
-    """px by depth, root mean square: how much more than in the first medium it matters which face
-    of the glass is uneven, the best rigid motion of all rays taken off. An inner face that bends
-    light as much in air is uneven by the same height inwards.
+    """Return, for each depth, how much more it matters in the new medium than in the original one
+    which face of the glass is uneven: px, root mean square over the corners, less the best rigid
+    motion of all rays. An inner face that bends light equally in air is uneven by the same height
+    inwards. Return nothing without a relief.
     """
     if wet.relief is None:
         return []
     pixels, depth = rows[:, :2], rows[:, 2]
-    (near, far), (wet_near, wet_far) = ((one.model(), _moved(one)) for one in (calibration, wet))
-    path, values = wet_near
-    _, motions, lost = undistorted_jacobian(path, Parameters.none(values), pixels)
-    kept = ~lost
+    path, values = wet.model()
+    outer_face, inner_face = calibration.model(), _with_inner_relief(calibration)
+    wet_outer_face, wet_inner_face = (path, values), _with_inner_relief(wet)
+    _, motions, invalid = undistorted_jacobian(path, Parameters.none(values), pixels)
+    valid = ~invalid
     if path.lens.wide:
-        kept &= calibration.ray_field().holds(pixels)
+        valid &= calibration.ray_field().holds(pixels)
         depth = depth * path.trace(torch.from_numpy(pixels), values).direction.z.numpy()
 
-    def off(at: Array) -> Array:
-        (a, b), (c, d) = (
-            (_seen(*one, pixels, at), _seen(*other, pixels, at))
-            for one, other in ((near, far), (wet_near, wet_far))
+    def difference(metres: Array) -> Array:
+        """Return (M, 2) px at (N,) m for the M valid pixels."""
+        wet_change = _undistorted(*wet_outer_face, pixels, metres) - _undistorted(
+            *wet_inner_face, pixels, metres
         )
-        return np.asarray(((c - d) - (a - b))[kept])
+        change = _undistorted(*outer_face, pixels, metres) - _undistorted(
+            *inner_face, pixels, metres
+        )
+        return np.asarray((wet_change - change)[valid])
 
-    columns = (motions[:, 0] + motions[:, 1] / depth[:, None, None])[kept].reshape(-1, 6)
-    motion = np.linalg.lstsq(columns, off(depth).ravel(), rcond=None)[0]
-    left = (
-        off(np.full(len(pixels), m)) - (motions[:, 0] + motions[:, 1] / m)[kept] @ motion
+    columns = (motions[:, 0] + motions[:, 1] / depth[:, None, None])[valid].reshape(-1, 6)
+    motion = np.linalg.lstsq(columns, difference(depth).ravel(), rcond=None)[0]
+    remainders = (
+        difference(np.full(len(pixels), m)) - (motions[:, 0] + motions[:, 1] / m)[valid] @ motion
         for m in depths
     )
-    return [float(np.sqrt((one**2).sum(-1).mean())) for one in left]
+    return [float(np.sqrt((remainder**2).sum(-1).mean())) for remainder in remainders]
 
 
-def _moved(calibration: Calibration) -> tuple[Path, Values]:
-    """The path with its relief on the inner face."""
+def _with_inner_relief(calibration: Calibration) -> tuple[Path, Values]:
+    """Return the path and its values with the relief on the inner face instead of the outer one."""
     path, values = calibration.model()
     inner, outer = path.cover
     cover = (
@@ -251,10 +268,13 @@ def _moved(calibration: Calibration) -> tuple[Path, Values]:
     return replace(path, cover=cover), {**values, AMPLITUDES: -values[AMPLITUDES]}
 
 
-def _seen(path: Path, values: Values, pixels: Array, depth: Array) -> Array:
-    """(N, 2) px of the undistorted picture, less its principal point, at (N,) m."""
+def _undistorted(path: Path, values: Values, pixels: Array, depth: Array) -> Array:
+    """Return the (N, 2) px of the undistorted picture, less its principal point, of (N, 2) px of
+    the camera at (N,) m.
+    """
     rays = path.trace(torch.from_numpy(pixels), values)
-    origin, direction = (vector.stacked().numpy() for vector in (rays.origin, rays.direction))
+    origin = rays.origin.stacked().numpy()
+    direction = rays.direction.stacked().numpy()
     tangent = direction[:, :2] / direction[:, 2:]
     focal = np.array([float(values[f"camera.{name}"]) for name in ("fx", "fy")])
     return np.asarray(

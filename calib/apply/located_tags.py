@@ -1,5 +1,5 @@
-"""What is known of tags that were located: places, turns, covariances, and why one is not
-placed.
+"""The result of locating tags in a picture: the poses of tags with their covariances, and the
+reasons why other tags have none.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from calib.corners.ink_spread import InkSpread
 
 Array = NDArray[np.float64]
 
-SURE = 0.99
-"""The least probability of a pose that is the only one."""
+MIN_PROBABILITY = 0.99
+"""A tag is ambiguous if the probability of its best pose is less."""
 
 
-class Reason(StrEnum):
-    """Why a tag that was read is not placed."""
+class UnplacedReason(StrEnum):
+    """The reason why a tag that was read has no pose."""
 
     TWICE = "seen twice: show each number once"
     NO_RAY = (
@@ -35,103 +35,105 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TagPose:
-    """T_camera_tag: x to the right of the upright tag, y down, z away from who looks at it; origin
-    in its middle.
+    """T_camera_tag. In the tag's frame, x points to the right of the upright tag, y down, and z
+    away from the viewer; the origin is the tag's middle.
     """
 
     turn: Array
     """(3, 3)"""
     position: Array
     """(3,) m"""
-    own: Array
-    """(6, 6) covariance from the noise of its own corners: of a small turn about the camera's axes
-    (rad), then of the position (m).
+    noise: Array
+    """(6, 6) covariance from the noise of the tag's corners: of a small turn about the camera's
+    axes (rad), then of the position (m).
     """
     shared: Array
     """(6, S + 1) errors for each of S independent errors of unit variance of the calibration's
-    rays, which all tags share, and for that of the tags' side.
+    rays, which all tags share, and for the error of the tags' side.
     """
     off_px: float
-    """Root mean square distance of its corners from those of a square there."""
+    """The root mean square distance of the tag's corners from those of a square at this pose."""
     probability: float
-    """Of this pose and not the other that the same corners allow."""
+    """The probability of this pose against the other pose that the same corners allow."""
 
     @property
     def covariance(self) -> Array:
-        """(6, 6) rad and m, of the turn and the position as in `own`."""
-        return np.asarray(self.own + self.shared @ self.shared.T)
+        """The (6, 6) covariance of the turn (rad) and the position (m), as in `noise`."""
+        return np.asarray(self.noise + self.shared @ self.shared.T)
 
     @property
     def sigma(self) -> Array:
-        """(6,) rad and m: standard deviations."""
+        """The (6,) standard deviations of the turn (rad) and the position (m)."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def rotation(self) -> Array:
-        """(3,) rad: the rotation vector."""
+        """The (3,) rad rotation vector."""
         return np.asarray(Rotation.from_matrix(self.turn).as_rotvec())
 
     @property
     def quaternion(self) -> Array:
-        """(4,) x, y, z, w."""
+        """The (4,) quaternion: x, y, z, w."""
         return np.asarray(Rotation.from_matrix(self.turn).as_quat(canonical=True))
 
-    def rotate(self, turn: Array) -> TagPose:
+    def rotate(self, rotation: Array) -> TagPose:
         """Return the pose in another frame with the same origin; the (3, 3) rotation leads to
         that frame.
         """
-        block = np.kron(np.eye(2), turn)
+        block = np.kron(np.eye(2), rotation)
         return replace(
             self,
-            turn=turn @ self.turn,
-            position=turn @ self.position,
-            own=block @ self.own @ block.T,
+            turn=rotation @ self.turn,
+            position=rotation @ self.position,
+            noise=block @ self.noise @ block.T,
             shared=block @ self.shared,
         )
 
-    def distance(self, other: TagPose) -> tuple[float, float]:
-        """From one tag's middle to another's in the same frame, and its sigma, m.
-
-        What moves both alike does not count.
+    def distance(self, tag: TagPose) -> tuple[float, float]:
+        """Return the distance in m from this tag's middle to another tag's in the same frame, and
+        its sigma. Errors that move both tags equally do not count.
         """
-        apart = other.position - self.position
-        metres = float(np.linalg.norm(apart))
-        along = apart / metres if metres else np.full(3, 3**-0.5)
-        own = along @ (self.own + other.own)[3:, 3:] @ along
-        return metres, float(np.sqrt(own + ((along @ (other.shared - self.shared)[3:]) ** 2).sum()))
+        offset = tag.position - self.position
+        length = float(np.linalg.norm(offset))
+        direction = offset / length if length else np.full(3, 3**-0.5)
+        variance = direction @ (self.noise + tag.noise)[3:, 3:] @ direction
+        return length, float(
+            np.sqrt(variance + ((direction @ (tag.shared - self.shared)[3:]) ** 2).sum())
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tag:
-    """A tag that was placed."""
+    """A tag with a pose."""
 
     number: int
     corners: Array
     """(4, 2) px: upper left, upper right, lower right, lower left of the upright tag."""
     poses: tuple[TagPose, ...]
-    """The most probable first; a second one where the corners allow it at all."""
+    """The poses that the corners allow, one or two, the most probable first."""
 
     @property
     def ambiguous(self) -> bool:
-        """Whether its corners do not tell which of two poses it has."""
-        return self.poses[0].probability < SURE
+        """True if the corners do not determine which of two poses the tag has."""
+        return self.poses[0].probability < MIN_PROBABILITY
 
 
 @dataclass(frozen=True, slots=True)
 class Unplaced:
-    """A tag that was read, and is not placed."""
+    """A tag that was read and has no pose."""
 
     number: int
-    reason: Reason
+    reason: UnplacedReason
 
 
 @dataclass(frozen=True, slots=True)
-class Located:
-    """What one picture shows."""
+class LocatedTags:
+    """The tags of one picture."""
 
     tags: tuple[Tag, ...]
-    """By number."""
+    """The tags with a pose, in the order of their numbers."""
     unplaced: tuple[Unplaced, ...]
     growth: InkSpread
-    """By how much black looked larger than it is, and corners were corrected; 0 where it did not.
+    """The ink spread that was removed from the corners: black looked larger by it. 0 if it was not
+    significant.
     """

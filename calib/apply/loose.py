@@ -1,5 +1,5 @@
-"""What a calibration leaves open in another medium: which numbers, and how well they would have to
-be measured.
+"""The parameters that dominate a calibration's uncertainty in another medium, and the standard
+deviation to which each would have to be measured.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ Array = NDArray[np.float64]
 
 OUTSIDE = "outside_index"
 UNKNOWN = 0.15
-"""px, predicted standard deviation of the maps: above it there is a warning.
+"""px: a predicted standard deviation of the maps above this gets a warning.
 
-Calibrations in the medium itself reach a few hundredths.
+Calibrations that are made in the medium itself reach a few hundredths.
 """
 WORTH_NAMING = 0.8
-"""A number is named as loose if sigma without its error would be less than this fraction."""
+"""A group dominates if sigma without its errors is less than this fraction of the full sigma."""
 WORDS = {
     "relief": "the glass's unevenness",
     "camera": "the camera's focal length, principal point and lens",
@@ -42,29 +42,31 @@ ADVICE = {
     OUTSIDE: "measure its salinity and temperature, and write --index-sigma",
 }
 SHOWN = {"m": ("mm", 1e3), "rad": ("degrees", 180 / np.pi), "": ("", 1.0)}
-"""Units as session.yaml has them."""
+"""The unit in session.yaml for each SI unit, and the number of these in one SI unit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Loose:
-    """A group of numbers, and how sure the maps would be if they were known exactly."""
+    """A group of parameters, and the sigma of the maps if these parameters had no error."""
 
     name: str
     """A key of WORDS, or an effect's name."""
     sigma_px: tuple[float, ...]
-    """By depth."""
+    """The sigma of the maps without the errors of this group, for each depth."""
     measured_to: float | None = None
-    """The standard deviation, in `unit`, with which no depth's sigma is above UNKNOWN; None: there
-    is none, or nobody can measure it.
+    """The standard deviation, in `unit`, at which the sigma of no depth exceeds UNKNOWN. None if no
+    standard deviation suffices, or nobody can measure these parameters.
     """
     unit: str = ""
 
     @property
     def words(self) -> str:
+        """The group in words."""
         return WORDS.get(self.name, f"the effect {self.name}")
 
     @property
     def advice(self) -> str:
+        """A sentence on what to measure."""
         if advice := ADVICE.get(self.name):
             return advice
         to = (
@@ -76,40 +78,42 @@ class Loose:
 
 
 def loose_numbers(wet: Calibration, errors: Array, depths: Sequence[float]) -> list[Loose]:
-    """The groups that are worth naming, the one that matters most first.
+    """Return the groups that dominate sigma, the one with the largest influence first.
 
     Args:
-        wet: in its new medium.
-        errors: (N, 4, S) of A and B of some pixels, by the parameters.
-        depths: m.
+        wet: the calibration in its new medium.
+        errors: (N, 4, S) derivatives of A and B of N pixels by the parameters.
+        depths: m
     """
     if not wet.covariance.size:
         return []
     sigma = np.array(sigmas(errors, wet.covariance, depths))
-    every = (_loose(wet, group, names, errors, depths) for group, names in _groups(wet))
+    groups = (_loose(wet, group, names, errors, depths) for group, names in _groups(wet))
     return sorted(
-        (one for one in every if (np.array(one.sigma_px) < WORTH_NAMING * sigma).any()),
-        key=lambda one: one.sigma_px,
+        (group for group in groups if (np.array(group.sigma_px) < WORTH_NAMING * sigma).any()),
+        key=lambda group: group.sigma_px,
     )
 
 
 def sigmas(errors: Array, covariance: Array, depths: Sequence[float]) -> tuple[float, ...]:
-    """px by depth, root mean square over the pixels."""
+    """Return the sigma of the maps for each depth: px, root mean square over the pixels; nothing
+    without a covariance.
+    """
     return _spreads(errors, root_of(covariance), depths) if covariance.size else ()
 
 
 def _spreads(errors: Array, root: Array, depths: Sequence[float]) -> tuple[float, ...]:
     spread = errors @ root
-    offs = (spread[:, :2] + spread[:, 2:] / depth for depth in depths)
-    return tuple(float(np.sqrt(np.nanmean((off**2).sum((1, 2))))) for off in offs)
+    displacements = (spread[:, :2] + spread[:, 2:] / depth for depth in depths)
+    return tuple(float(np.sqrt(np.nanmean((px**2).sum((1, 2))))) for px in displacements)
 
 
 def _groups(wet: Calibration) -> Iterator[tuple[str, list[str]]]:
-    """The parameters that belong together."""
+    """Yield each group's name and the names of its parameters."""
     groups: dict[str, list[str]] = {}
     for name in wet.camera_model().parameters.slices():
-        head, _, rest = name.partition(".")
-        groups.setdefault(rest.split(".")[0] if head == "cover" else head, []).append(name)
+        head, _, suffix = name.partition(".")
+        groups.setdefault(suffix.split(".")[0] if head == "cover" else head, []).append(name)
     yield from groups.items()
 
 
@@ -118,25 +122,23 @@ def _loose(
 ) -> Loose:
     parameters, covariance = wet.camera_model().parameters, wet.covariance
     at = parameters.entries(names)
-    along = covariance[:, at] @ np.linalg.pinv(
-        covariance[np.ix_(at, at)], hermitian=True
-    )  # (S, n) how all move with these
-    known = np.array(sigmas(errors, covariance - along @ covariance[at], depths))
-    own = [param for param in parameters.free if param.name in names]
+    # (S, n): how all parameters move with these
+    regression = covariance[:, at] @ np.linalg.pinv(covariance[np.ix_(at, at)], hermitian=True)
+    sigma = np.array(sigmas(errors, covariance - regression @ covariance[at], depths))
+    params = [param for param in parameters.free if param.name in names]
     if (
         group in ADVICE
         or group not in WORDS
-        or len({(param.unit, param.scale) for param in own}) != 1
-        or (known >= UNKNOWN).any()
+        or len({(param.unit, param.scale) for param in params}) != 1
+        or (sigma >= UNKNOWN).any()
     ):
-        return Loose(group, tuple(known))
-    unit, per_si = SHOWN[own[0].unit]
-    each = np.maximum(
-        _spreads(errors, along, depths), np.finfo(float).tiny
-    )  # px, of numbers that are known to one of their scale
+        return Loose(group, tuple(sigma))
+    unit, per_si = SHOWN[params[0].unit]
+    # px for each depth, if sigma of these parameters were one of their scale
+    unit_sigma = np.maximum(_spreads(errors, regression, depths), np.finfo(float).tiny)
     return Loose(
         group,
-        tuple(known),
-        float(np.min(np.sqrt(UNKNOWN**2 - known**2) / each)) * own[0].scale * per_si,
+        tuple(sigma),
+        float(np.min(np.sqrt(UNKNOWN**2 - sigma**2) / unit_sigma)) * params[0].scale * per_si,
         unit,
     )

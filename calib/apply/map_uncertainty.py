@@ -49,7 +49,7 @@ NODES = (49, 37)
 
 @dataclass(frozen=True, slots=True)
 class SigmaField:
-    """The predicted error of the undistorted pixel of every distorted one."""
+    """The predicted error of the undistorted position of every distorted pixel."""
 
     nodes_x: Array
     """(w,) px"""
@@ -62,7 +62,7 @@ class SigmaField:
     """
 
     def at_nodes(self, depth: float) -> Array:
-        """(h, w) px: standard deviation of the two-dimensional position at depth m."""
+        """Return (h, w) px: the standard deviation of the two-dimensional position at depth m."""
         sigma: Array = np.sqrt(
             np.maximum(self.variance @ np.array([1, 1 / depth, 1 / depth**2]), 0.0)
         )
@@ -71,29 +71,28 @@ class SigmaField:
     def at(
         self, x: NDArray[np.floating], y: NDArray[np.floating], depth: float
     ) -> NDArray[np.float32]:
-        """The same at (h, w) distorted px each; NaN next to where no ray leaves the cover, and
-        outside the image.
+        """Return the same standard deviation at distorted pixels, px, given as arrays of x and y of
+        one shape. NaN outside the image, and next to pixels whose ray does not leave the cover.
         """
         column, inside_x = _among(x, self.nodes_x)
         row, inside_y = _among(y, self.nodes_y)
         sigma = self.at_nodes(depth).astype(np.float32)
-        found = remap(sigma, column, row, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE)
-        return np.where(inside_x & inside_y, found, np.float32(np.nan))
+        interpolated = remap(sigma, column, row, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE)
+        return np.where(inside_x & inside_y, interpolated, np.float32(np.nan))
 
     def of_map(self, made: DepthMap) -> NDArray[np.float32]:
-        """(height, width) px of a map's own pixels; NaN where the map is not valid."""
+        """Return (height, width) px for the pixels of a map; NaN where the map is not valid."""
         return np.where(made.valid, self.at(made.x, made.y, made.depth), np.float32(np.nan))
 
 
 @lru_cache(maxsize=1)  # maps, report and verdict ask the same calibration
 def predicted_sigma(calibration: Calibration) -> SigmaField | None:
-    """The uncertainty of a calibration's maps; None where its fit estimated no covariance."""
+    """Return the uncertainty of a calibration's maps; None if its fit estimated no covariance."""
     if not calibration.covariance.size:
         return None
     size = calibration.camera.width, calibration.camera.height
-    nodes_x, nodes_y = (
-        np.linspace(-0.5, length - 0.5, n) for length, n in zip(size, NODES, strict=True)
-    )
+    nodes_x = np.linspace(-0.5, size[0] - 0.5, NODES[0])
+    nodes_y = np.linspace(-0.5, size[1] - 0.5, NODES[1])
     pixels = np.stack(np.meshgrid(nodes_x, nodes_y), -1).reshape(-1, 2)
     with single_thread():
         spread = ray_errors(calibration)(pixels).reshape(
@@ -113,10 +112,10 @@ def predicted_sigma(calibration: Calibration) -> SigmaField | None:
 
 @lru_cache(maxsize=1)
 def ray_errors(calibration: Calibration) -> RayErrors:
-    """From (N, 2) px to the (N, 4, S) errors of their A (px) and B (px m) for each of S independent
-    errors of unit variance, which all pixels share; NaN where no ray leaves the cover, or the ray
-    does not go forward. S is 0 where the fit estimated no covariance. With frames, (N, 3, 3)
-    rotations from the camera frame, A and B of each pixel are taken in its frame.
+    """Return a function from (N, 2) px to the (N, 4, S) errors of their A (px) and B (px m) for
+    each of S independent errors of unit variance, which all pixels share; NaN where no ray leaves
+    the cover, or the ray does not go forward. S is 0 if the fit estimated no covariance. With
+    frames, (N, 3, 3) rotations from the camera frame, A and B of each pixel are taken in its frame.
     """
     if not calibration.covariance.size:
         return _no_errors
@@ -124,8 +123,8 @@ def ray_errors(calibration: Calibration) -> RayErrors:
     root = root_of(calibration.covariance)
 
     def errors(pixels: Array, frames: Array | None = None) -> Array:
-        jacobian, lost = change.jacobian(pixels, frames)
-        return np.where(lost[:, None, None], np.nan, jacobian @ root)
+        jacobian, invalid = change.jacobian(pixels, frames)
+        return np.where(invalid[:, None, None], np.nan, jacobian @ root)
 
     return errors
 
@@ -136,10 +135,11 @@ def _no_errors(pixels: Array, frames: Array | None = None) -> Array:  # noqa: AR
 
 
 def root_of(covariance: Array) -> Array:
-    """(n, n) R with R R^T the covariance; what rounding leaves below zero is nothing.
+    """Return the (n, n) root R of a covariance, R R^T. Eigenvalues that rounding makes negative
+    count as zero.
 
-    By way of the correlations: a relief's variances are 1e-12 of a focal length's, and beside these
-        they would be lost in rounding.
+    The root is taken of the correlations: a relief's variances are 1e-12 of a focal length's, and
+    would be lost in rounding beside it.
     """
     spread = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     scale = np.where(spread > 0, spread, 1.0)
@@ -171,8 +171,8 @@ def frames_along(directions: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class UndistortedChange:
-    """How the undistorted pixels of a calibration change with what its fit estimated, the gauge's
-    motion projected out.
+    """The change of a calibration's undistorted pixels with the parameters of its fit, after the
+    motion of the gauge is projected out.
     """
 
     path: Path
@@ -184,6 +184,9 @@ class UndistortedChange:
 
     @staticmethod
     def of(calibration: Calibration) -> UndistortedChange:
+        """Return the change for a calibration; InputError if a training corner is not in front of
+        the camera.
+        """
         model = calibration.camera_model()
         path, parameters, corners = model.path, model.parameters, corners_at(calibration)
         corners = corners[corners[:, 2] > 0]  # a lens that is not wide sees nothing behind it
@@ -192,23 +195,22 @@ class UndistortedChange:
         distance = corners[:, 2]
         normal, right_side = np.zeros((6, 6)), np.zeros((6, parameters.count))
         for first in range(0, len(distance), BATCH_SIZE):
-            some = slice(first, first + BATCH_SIZE)
-            pixels = corners[some, :2]
-            near = 1 / distance[some]
+            batch = slice(first, first + BATCH_SIZE)
+            pixels = corners[batch, :2]
+            near = 1 / distance[batch]
             frames = None
             if path.lens.wide:
                 rays = path.trace(torch.from_numpy(pixels), model.means)
                 frames = frames_along(rays.direction.stacked().numpy())
-            jacobian, motions, lost = undistorted_jacobian(path, parameters, pixels, frames)
-            at = (
+            jacobian, motions, invalid = undistorted_jacobian(path, parameters, pixels, frames)
+            at_depth = (
                 np.stack([np.ones_like(near), near], -1)[:, :, None, None]
-                * ~lost[:, None, None, None]
+                * ~invalid[:, None, None, None]
             )
-            seen, moved = (
-                (at * part).sum(1).reshape(2 * len(at), -1) for part in (jacobian, motions)
-            )
-            normal += moved.T @ moved
-            right_side += moved.T @ seen
+            by_parameters = (at_depth * jacobian).sum(1).reshape(2 * len(near), -1)
+            by_motion = (at_depth * motions).sum(1).reshape(2 * len(near), -1)
+            normal += by_motion.T @ by_motion
+            right_side += by_motion.T @ by_parameters
         try:
             motion = np.linalg.solve(normal, right_side)
         except np.linalg.LinAlgError as error:
@@ -222,13 +224,19 @@ class UndistortedChange:
         no ray or it does not go forward. With (N, 3, 3) frames, A and B of each pixel are taken in
         its frame.
         """
-        jacobian, motions, lost = undistorted_jacobian(self.path, self.parameters, pixels, frames)
-        return (jacobian - motions @ self.motion).reshape(len(pixels), 4, jacobian.shape[-1]), lost
+        jacobian, motions, invalid = undistorted_jacobian(
+            self.path, self.parameters, pixels, frames
+        )
+        return (jacobian - motions @ self.motion).reshape(
+            len(pixels), 4, jacobian.shape[-1]
+        ), invalid
 
 
-def _among(at: NDArray[np.floating], nodes: Array) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Coordinates in px as indices of evenly spaced nodes, and whether they are among them, but for
-    float32's rounding.
+def _among(
+    pixels: NDArray[np.floating], nodes: Array
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return coordinates in px as fractional indices of evenly spaced nodes, and a mask that is
+    true where they lie between the first and the last node, up to float32's rounding.
     """
-    index = ((at - nodes[0]) / (nodes[1] - nodes[0])).astype(np.float32)
+    index = ((pixels - nodes[0]) / (nodes[1] - nodes[0])).astype(np.float32)
     return index, (index >= -1e-3) & (index <= len(nodes) - 1 + 1e-3)

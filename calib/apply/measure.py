@@ -1,10 +1,10 @@
 """Metric measurement with one calibrated camera: points on a known plane, or triangulated from
-several views of a still board. In metres, with sigma.
+several views of a static board. Results are in metres, with sigma.
 
-Sigma counts the noise of the pixels, the uncertainty of the calibration's rays, which pixels and
-boards share, the noise of the corners of boards that say where a plane is, and how well the side of
-their squares is known. It does not count a board of another shape, nor glass that the fit cannot
-follow.
+Sigma includes the noise of the pixels, the uncertainty of the calibration's rays, which pixels and
+boards share, the noise of the corners of the boards that define the planes, and the tolerance of
+the side of their squares. It does not include a board that is not flat, nor glass whose shape the
+fit cannot describe.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ from calib.undistortion.ray_field import check_depth
 Indices = NDArray[np.signedinteger]
 Flags = NDArray[np.bool_]
 
-LEAST_WEIGHT = 1e-6
-"""Of a corner: a detector's level 20."""
+MIN_WEIGHT = 1e-6
+"""Corners of this weight or less are not used. A corner of a detector's level 20 has it."""
 PIXEL_STEP = 0.05
-"""px, of differences."""
+"""px: the step of differences by a pixel's coordinates."""
 LINE_STEPS = (0.05, 0.05, 0.05, 0.05)
-"""px, px, px m, px m: of differences by A and B."""
+"""px, px, px m, px m: the steps of differences by A and B."""
 POSE_STEPS = (1e-6,) * 6
-"""rad and m"""
+"""rad and m: the steps of differences by a pose."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardPose:
-    """T_camera_board, or where any plane is."""
+    """The pose T_camera_board of a board, or of any plane."""
 
     pose: Array
     """(6,) rotation vector (rad) and translation (m)."""
@@ -63,24 +63,25 @@ class BoardPose:
     corners.
     """
     rays: Array
-    """(6, S + 1) errors for each independent error of the calibration's rays, and for that of the
-    squares' side.
+    """(6, S + 1) errors for each independent error of the calibration's rays, and for the error of
+    the squares' side.
     """
 
     @staticmethod
     def exactly(pose: Array) -> BoardPose:
+        """Return a (6,) pose without errors."""
         return BoardPose(_pose(pose), np.zeros((6, 6)), np.zeros((6, 0)))
 
     @staticmethod
     def facing(depth: float) -> BoardPose:
-        """A plane across the optical axis, depth m in front of the camera."""
+        """Return a plane perpendicular to the optical axis, at a depth in m."""
         metres = number(depth, "depth")
         check_depth(metres)
         return BoardPose.exactly(np.array([0, 0, 0, 0, 0, metres]))
 
 
-class Reason(StrEnum):
-    """Why a point is not measured."""
+class UnmeasuredReason(StrEnum):
+    """The reason why a point is not measured, or MEASURED."""
 
     MEASURED = ""
     OUTSIDE = "outside the picture"
@@ -90,47 +91,51 @@ class Reason(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """N points in one frame."""
+class MeasuredPoints:
+    """The coordinates of N points in one frame, with their errors."""
 
     points: Array
-    """(N, 3) m; NaN where there is a reason against it."""
-    own: Array
-    """(N, 3, 3) m^2: covariance from the noise of each point's own pixels."""
+    """(N, 3) m; NaN where the reason is not MEASURED."""
+    noise: Array
+    """(N, 3, 3) m^2: covariance from the noise of each point's pixels."""
     shared: Array
     """(N, 3, Q) m: errors for each of Q independent errors of unit variance that points share."""
     gap_px: Array
-    """(N,): how far its rays miss a triangulated point, root mean square; 0 on a plane."""
-    reasons: tuple[Reason, ...]
-    """N: why a point is NaN; MEASURED where it is not."""
+    """(N,): root mean square angle between a triangulated point and its rays, in px of the mean
+    focal length; 0 on a plane.
+    """
+    reasons: tuple[UnmeasuredReason, ...]
+    """N reasons, one for each point."""
 
     @property
     def sigma(self) -> Array:
-        """(N, 3) m: standard deviations of x, y and z."""
-        return np.asarray(np.sqrt(np.einsum("nii->ni", self.own) + (self.shared**2).sum(-1)))
+        """The (N, 3) m standard deviations of x, y and z."""
+        return np.asarray(np.sqrt(np.einsum("nii->ni", self.noise) + (self.shared**2).sum(-1)))
 
     def distance(self, first: int, second: int) -> tuple[float, float]:
-        """Between two points, and its sigma, m. What moves both alike does not count."""
+        """Return the distance in m between the points of two indices, and its sigma. Errors that
+        move both points equally do not count.
+        """
         first, second = indices((first, second), 2, len(self.points), "the pair of points").tolist()
-        apart = self.points[second] - self.points[first]
-        metres = float(np.linalg.norm(apart))
-        along = apart / metres if metres else np.full(3, 3**-0.5)
+        offset = self.points[second] - self.points[first]
+        length = float(np.linalg.norm(offset))
+        direction = offset / length if length else np.full(3, 3**-0.5)
         variance = (
-            along @ (self.own[first] + self.own[second]) @ along
-            + ((along @ (self.shared[second] - self.shared[first])) ** 2).sum()
+            direction @ (self.noise[first] + self.noise[second]) @ direction
+            + ((direction @ (self.shared[second] - self.shared[first])) ** 2).sum()
         )
-        return metres, float(np.sqrt(variance))
+        return length, float(np.sqrt(variance))
 
 
 class Measurer:
-    """Measures with one calibration."""
+    """Measures points and board poses with one calibrated camera."""
 
     def __init__(self, calibration: Calibration, noise_px: float | None = None) -> None:
         """
         Args:
-            calibration: of the camera.
-            noise_px: per axis, of the pixels that will be measured; by default that of the
-                calibration's corners.
+            calibration: the camera's calibration.
+            noise_px: standard deviation per axis of the pixels that will be measured; by default
+                that of the calibration's corners.
         """
         self.calibration = calibration
         self._corner_noise = calibration.noise_px / 2**0.5
@@ -146,29 +151,29 @@ class Measurer:
         self._focal = np.array([pinhole.fx.value, pinhole.fy.value])
 
     def board_pose(self, view: View) -> BoardPose:
-        """Where the board is in a view, with the least reprojection error through the calibrated
-        camera.
+        """Return the pose of the board in a view: the one of least reprojection error through the
+        calibrated camera.
 
         Raises:
-            NotEnoughDataError: the corners that are seen give no pose.
+            NotEnoughDataError: the visible corners do not determine a pose.
         """
         view = self._checked(view)
-        usable, few = split_usable_views((view,), self.calibration.board)
+        usable, unusable = split_usable_views((view,), self.calibration.board)
         path, values = self.calibration.model()
         observations = Observations.of(usable, self.calibration.board)
         start = pinhole_poses(observations, values)
-        if few or not bool(torch.isfinite(start).all()):
-            reason = few[0].reason if few else "no board pose explains its corners"
+        if unusable or not bool(torch.isfinite(start).all()):
+            reason = unusable[0].reason if unusable else "no board pose explains its corners"
             raise NotEnoughDataError(
                 f"{view.name}: {reason}: take a picture that shows the whole board."
             )
         with single_thread():
             poses, _ = refit_poses(path, values, observations, start)
-            seen = observations.select_rows(
+            visible = observations.select_rows(
                 path.land(observations.pixels, values, poses[observations.view])[1] == 0
             )
-            weights = pixel_weights(path, values, seen, poses, self._corner_noise)
-            (landing,) = make_residual_blocks(path, Parameters.none(values), seen, weights)
+            weights = pixel_weights(path, values, visible, poses, self._corner_noise)
+            (landing,) = make_residual_blocks(path, Parameters.none(values), visible, weights)
             by_pose = landing.linearise(values, poses).jacobian_block.flatten(0, 1).numpy()
         try:
             noise = np.linalg.cholesky(np.linalg.inv(by_pose.T @ by_pose))
@@ -177,11 +182,11 @@ class Measurer:
                 f"{view.name}: no board pose explains its corners: take a picture that shows the"
                 " whole board."
             ) from None
-        pose, pixels = poses[0].numpy(), seen.pixels.numpy()
-        each = np.broadcast_to(pose, (len(pixels), 6))
+        pose, pixels = poses[0].numpy(), visible.pixels.numpy()
+        repeated_pose = np.broadcast_to(pose, (len(pixels), 6))
         frames = self._frames(pixels)
         by_line = central_differences(
-            lambda lines: intersect(*self._rays(lines, frames), each),
+            lambda lines: intersect(*self._rays(lines, frames), repeated_pose),
             self._lines(pixels, frames),
             LINE_STEPS,
         )  # (M, 3, 4)
@@ -194,72 +199,81 @@ class Measurer:
 
     def on_planes(
         self, pixels: Array, planes: Sequence[BoardPose], plane: Sequence[int]
-    ) -> Measured:
-        """Where pixels look on planes, in the camera frame.
+    ) -> MeasuredPoints:
+        """Return the points where the rays of pixels meet planes, in the camera frame.
 
         Args:
             pixels: (N, 2)
-            planes: V, each the x-y plane of a board.
-            plane: (N,) which of them each pixel sees.
+            planes: V poses, whose x-y planes are used.
+            plane: (N,) the index of each pixel's plane.
         """
-        pixels, outside = self._within(pixel_rows(pixels))
-        of = indices(plane, len(pixels), len(planes), "plane")
-        poses = _poses(planes)[of]
+        pixels, excluded = self._within(pixel_rows(pixels))
+        plane_indices = indices(plane, len(pixels), len(planes), "plane")
+        poses = _poses(planes)[plane_indices]
         frames = self._frames(pixels)
         lines = self._lines(pixels, frames)
         points = intersect(*self._rays(lines, frames), poses)
         by_line = central_differences(
-            lambda moved: intersect(*self._rays(moved, frames), poses), lines, LINE_STEPS
+            lambda varied: intersect(*self._rays(varied, frames), poses), lines, LINE_STEPS
         )
         by_pose = central_differences(
-            lambda moved: intersect(*self._rays(lines, frames), moved), poses, POSE_STEPS
+            lambda varied: intersect(*self._rays(lines, frames), varied), poses, POSE_STEPS
         )
-        shared = self._shared(planes, of, by_pose, by_line @ self._errors(pixels, frames))
-        return _measured(
+        shared = self._shared(
+            planes, plane_indices, by_pose, by_line @ self._errors(pixels, frames)
+        )
+        return _measured_points(
             points,
-            self._own(by_line, pixels, frames),
-            shared,
-            np.zeros(len(points)),
-            outside,
-            _lost(lines),
-            Reason.NO_POINT,
+            noise=self._noise(by_line, pixels, frames),
+            shared=shared,
+            gap_px=np.zeros(len(points)),
+            excluded=excluded,
+            without_ray=_without_ray(lines),
+            unreached=UnmeasuredReason.NO_POINT,
         )
 
     def triangulate(
         self, pixels: Array, boards: Sequence[BoardPose], board: Sequence[int], point: Sequence[int]
-    ) -> Measured:
-        """Points that several views see, in the frame of the board that stands still in all of
-        them: where each misses its rays least.
+    ) -> MeasuredPoints:
+        """Return the N points that are nearest to their rays from several views, in the frame of
+        the board, which is static in all of them.
 
         Args:
             pixels: (M, 2)
-            boards: V
-            board: (M,) in whose view each pixel is.
-            point: (M,) which of the N points it shows.
+            boards: V poses of the board, one for each view.
+            board: (M,) the index of each pixel's view.
+            point: (M,) the index of the point that each pixel shows, from 0 to N - 1.
         """
-        pixels, outside = self._within(pixel_rows(pixels))
-        of = indices(board, len(pixels), len(boards), "board")
-        which = indices(point, len(pixels), len(pixels), "point")
-        groups = _groups(which)
+        pixels, excluded = self._within(pixel_rows(pixels))
+        board_indices = indices(board, len(pixels), len(boards), "board")
+        point_indices = indices(point, len(pixels), len(pixels), "point")
+        groups = _groups(point_indices)
         if not all(len(rows) for rows in groups):
             raise InputError("point leaves out a number: count the points from 0 on.")
-        poses = _poses(boards)[of]
+        poses = _poses(boards)[board_indices]
         frames = self._frames(pixels)
         lines = self._lines(pixels, frames)
         errors = self._errors(pixels, frames)
         if not groups:
-            return self.on_planes(pixels, boards, of.tolist())
-        parts = [
-            self._triangulated(rows, pixels, poses, frames, lines, errors, boards, of)
+            return self.on_planes(pixels, boards, board_indices.tolist())
+        results = [
+            self._triangulate_point(
+                rows, pixels, poses, frames, lines, errors, boards, board_indices
+            )
             for rows in groups
         ]
-        points, own, shared, gap = (np.concatenate(column) for column in zip(*parts, strict=True))
-        refused, lost = (
-            np.array([one[rows].any() for rows in groups]) for one in (outside, _lost(lines))
+        without_ray = _without_ray(lines)
+        return _measured_points(
+            np.concatenate([result.points for result in results]),
+            noise=np.concatenate([result.noise for result in results]),
+            shared=np.concatenate([result.shared for result in results]),
+            gap_px=np.concatenate([result.gap_px for result in results]),
+            excluded=np.array([excluded[rows].any() for rows in groups]),
+            without_ray=np.array([without_ray[rows].any() for rows in groups]),
+            unreached=UnmeasuredReason.NOWHERE,
         )
-        return _measured(points, own, shared, gap, refused, lost, Reason.NOWHERE)
 
-    def _triangulated(
+    def _triangulate_point(
         self,
         rows: Indices,
         pixels: Array,
@@ -268,71 +282,76 @@ class Measurer:
         lines: Array,
         errors: Array,
         boards: Sequence[BoardPose],
-        of: Indices,
-    ) -> tuple[Array, Array, Array, Array]:
-        """One point's (1, ...) parts of Measured, from the rows of its pixels."""
-
-        here, there = lines[rows], poses[rows]
+        board_indices: Indices,
+    ) -> MeasuredPoints:
+        """Return the point of one group of pixels: the one nearest to the rays of these rows."""
+        point_lines = lines[rows]
+        point_poses = poses[rows]
         ray_frames = frames[rows]
-        at, missed = triangulate(*self._rays(here, ray_frames), there)
+        point, angles = triangulate(*self._rays(point_lines, ray_frames), point_poses)
 
-        def by_one(which: int) -> tuple[Array, Array]:
-            """(1, 3, 4) and (1, 3, 6) derivatives by one of the lines and one of the poses."""
+        def by_line_of(row: int) -> Array:
+            """Return the (1, 3, 4) derivatives of the point by the line of a row."""
 
-            def by_its_line(moved: Array) -> Array:
-                changed = np.vstack([here[:which], moved, here[which + 1 :]])
-                return triangulate(*self._rays(changed, ray_frames), there)[0][None]
+            def move_line(line: Array) -> Array:
+                varied = np.vstack([point_lines[:row], line, point_lines[row + 1 :]])
+                return triangulate(*self._rays(varied, ray_frames), point_poses)[0][None]
 
-            def by_its_pose(moved: Array) -> Array:
-                changed = np.vstack([there[:which], moved, there[which + 1 :]])
-                return triangulate(*self._rays(here, ray_frames), changed)[0][None]
+            return central_differences(move_line, point_lines[row : row + 1], LINE_STEPS)
 
-            one = slice(which, which + 1)
-            return central_differences(by_its_line, here[one], LINE_STEPS), central_differences(
-                by_its_pose, there[one], POSE_STEPS
-            )
+        def by_pose_of(row: int) -> Array:
+            """Return the (1, 3, 6) derivatives of the point by the pose of a row."""
 
-        by_line, by_pose = (
-            np.concatenate(parts) for parts in zip(*map(by_one, range(len(rows))), strict=True)
+            def move_pose(pose: Array) -> Array:
+                varied = np.vstack([point_poses[:row], pose, point_poses[row + 1 :]])
+                return triangulate(*self._rays(point_lines, ray_frames), varied)[0][None]
+
+            return central_differences(move_pose, point_poses[row : row + 1], POSE_STEPS)
+
+        by_line = np.concatenate([by_line_of(row) for row in range(len(rows))])
+        by_pose = np.concatenate([by_pose_of(row) for row in range(len(rows))])
+        shared = self._shared(boards, board_indices[rows], by_pose, by_line @ errors[rows])
+        return MeasuredPoints(
+            points=point[None],
+            noise=self._noise(by_line, pixels[rows], ray_frames).sum(0, keepdims=True),
+            shared=shared.sum(0, keepdims=True),
+            gap_px=np.sqrt((angles**2).mean(keepdims=True)) * self._focal.mean(),
+            reasons=(UnmeasuredReason.MEASURED,),
         )
-        own = self._own(by_line, pixels[rows], ray_frames).sum(0, keepdims=True)
-        shared = self._shared(boards, of[rows], by_pose, by_line @ errors[rows]).sum(
-            0, keepdims=True
-        )
-        return at[None], own, shared, np.sqrt((missed**2).mean(keepdims=True)) * self._focal.mean()
 
     def _checked(self, view: View) -> View:
-        """The view, without corners outside the picture or of no weight."""
+        """Return the view without the corners that are outside the picture or have no weight."""
         count = self.calibration.board.count
-        corners, outside = self._within(pixel_rows(view.corners, "corners"))
+        corners, excluded = self._within(pixel_rows(view.corners, "corners"))
         weight = numbers(view.weight, (count,), "weight")
         if len(corners) != count:
             raise InputError(
                 f"corners are {len(corners)} where the board has {count}: give NaN for one that"
                 " is not seen."
             )
-        seen = ~outside & (weight > LEAST_WEIGHT) & (weight < np.inf)
+        used = ~excluded & (weight > MIN_WEIGHT) & (weight < np.inf)
         return replace(
             view,
-            corners=np.where(seen[:, None], corners, np.nan),
-            weight=np.where(seen, np.minimum(weight, 1.0), 0.0),
+            corners=np.where(used[:, None], corners, np.nan),
+            weight=np.where(used, np.minimum(weight, 1.0), 0.0),
         )
 
     def _within(self, pixels: Array) -> tuple[Array, Flags]:
-        """(N, 2) px, those outside the picture moved to its border, and (N,) which these are. A
-        border pixel ends half a pixel beyond its centre.
+        """Return (N, 2) px, in which pixels outside the picture are moved to its border, and an
+        (N,) mask of these pixels. The picture ends half a pixel outside the centres of its border
+        pixels. A pixel that is NaN counts as outside.
         """
         camera = self.calibration.camera
         last = np.array([camera.width, camera.height]) - 0.5
-        outside = np.asarray(~((pixels >= -0.5) & (pixels <= last)).all(-1))  # NaN among them
+        excluded = np.asarray(~((pixels >= -0.5) & (pixels <= last)).all(-1))
         return (
-            np.where(outside[:, None], np.clip(np.nan_to_num(pixels), -0.5, last), pixels),
-            outside,
+            np.where(excluded[:, None], np.clip(np.nan_to_num(pixels), -0.5, last), pixels),
+            excluded,
         )
 
     def _frames(self, pixels: Array) -> Array:
         """Return (N, 3, 3) rotations from the camera frame to a frame along each pixel's ray. In
-        that frame a ray has A and B even beside and behind the camera.
+        that frame a ray has A and B at any angle from the camera's axis.
         """
         return frames_along(self.calibration.rays(pixels)[1])
 
@@ -356,70 +375,81 @@ class Measurer:
         """Return, in the camera frame, the (N, 3) m points where lines given by A and B cross the
         plane z = 0 of their frames, and their (N, 3) directions.
         """
-        ones = np.ones((len(lines), 1))
         to_camera = frames.swapaxes(1, 2)
-        origins = np.hstack([lines[:, 2:] / self._focal, 0 * ones])
-        directions = np.hstack([lines[:, :2] / self._focal, ones])
+        origins = np.pad(lines[:, 2:] / self._focal, ((0, 0), (0, 1)))
+        directions = np.pad(lines[:, :2] / self._focal, ((0, 0), (0, 1)), constant_values=1.0)
         return (
             np.einsum("nij,nj->ni", to_camera, origins),
             np.einsum("nij,nj->ni", to_camera, directions),
         )
 
-    def _own(self, by_line: Array, pixels: Array, frames: Array) -> Array:
-        """(N, 3, 3) m^2 from the pixels' noise."""
+    def _noise(self, by_line: Array, pixels: Array, frames: Array) -> Array:
+        """Return the (N, 3, 3) m^2 covariance from the pixels' noise."""
         by_pixel = (
             self.noise_px
             * by_line
             @ central_differences(
-                lambda moved: self._lines(moved, frames), pixels, (PIXEL_STEP, PIXEL_STEP)
+                lambda varied: self._lines(varied, frames), pixels, (PIXEL_STEP, PIXEL_STEP)
             )
         )
         return np.asarray(by_pixel @ by_pixel.swapaxes(1, 2))
 
     def _shared(
-        self, planes: Sequence[BoardPose], of: Indices, by_pose: Array, by_rays: Array
+        self, planes: Sequence[BoardPose], plane_indices: Indices, by_pose: Array, by_rays: Array
     ) -> Array:
-        """(N, 3, S + 1 + 6 V) errors that points share: of the rays, directly and through the
-        boards, of the squares' side, then of each board's corners.
+        """Return the (N, 3, S + 1 + 6 V) errors that points share: from the rays, directly and
+        through the boards' poses, from the squares' side, then from the corners of each board.
         """
-        by_rays = np.concatenate([by_rays, np.zeros((len(of), 3, 1))], -1)
-        noise = np.zeros((len(of), 3, len(planes), 6))
-        for row, plane in enumerate(of):
+        by_rays = np.concatenate([by_rays, np.zeros((len(plane_indices), 3, 1))], -1)
+        noise = np.zeros((len(plane_indices), 3, len(planes), 6))
+        for row, plane in enumerate(plane_indices):
             noise[row, :, plane] = by_pose[row] @ planes[plane].noise
             if planes[plane].rays.size:
                 by_rays[row] += by_pose[row] @ planes[plane].rays
-        return np.concatenate([by_rays, noise.reshape(len(of), 3, -1)], -1)
+        return np.concatenate([by_rays, noise.reshape(len(plane_indices), 3, -1)], -1)
 
 
-def _measured(
+def _measured_points(
     points: Array,
-    own: Array,
+    noise: Array,
     shared: Array,
     gap_px: Array,
-    outside: Flags,
-    lost: Flags,
-    missed: Reason,
-) -> Measured:
-    """NaN in every part of a point that is refused (N,), has no ray (N,), or came out as NaN, which
-    is `missed`.
+    excluded: Flags,
+    without_ray: Flags,
+    unreached: UnmeasuredReason,
+) -> MeasuredPoints:
+    """Return the points with their reasons, and NaN for every point that is not measured.
+
+    Args:
+        excluded: (N,) true where a pixel is outside the picture.
+        without_ray: (N,) true where a pixel has no ray.
+        unreached: the reason of the other points that are NaN.
     """
     reasons = np.select(
-        [outside, lost, np.isnan(points).any(-1)],
-        [Reason.OUTSIDE, Reason.NO_RAY, missed],
-        Reason.MEASURED,
+        [excluded, without_ray, np.isnan(points).any(-1)],
+        [UnmeasuredReason.OUTSIDE, UnmeasuredReason.NO_RAY, unreached],
+        UnmeasuredReason.MEASURED,
     ).tolist()
-    bad = [bool(reason) for reason in reasons]
-    for part in (points, own, shared, gap_px):
-        part[bad] = np.nan
-    return Measured(points, own, shared, gap_px, tuple(map(Reason, reasons)))
+    refused = [bool(reason) for reason in reasons]
+    for values in (points, noise, shared, gap_px):
+        values[refused] = np.nan
+    return MeasuredPoints(
+        points=points,
+        noise=noise,
+        shared=shared,
+        gap_px=gap_px,
+        reasons=tuple(UnmeasuredReason(reason) for reason in reasons),
+    )
 
 
-def _lost(lines: Array) -> Flags:
+def _without_ray(lines: Array) -> Flags:
     return np.asarray(np.isnan(lines).any(-1))
 
 
-def _groups(which: Indices) -> list[Indices]:
-    return [np.flatnonzero(which == n) for n in range(int(which.max(initial=-1)) + 1)]
+def _groups(point_indices: Indices) -> list[Indices]:
+    return [
+        np.flatnonzero(point_indices == n) for n in range(int(point_indices.max(initial=-1)) + 1)
+    ]
 
 
 def _pose(pose: Array) -> Array:
@@ -430,5 +460,5 @@ def _pose(pose: Array) -> Array:
 
 
 def _poses(boards: Sequence[BoardPose]) -> Array:
-    """(V, 6)"""
+    """Return the (V, 6) poses of boards; InputError if one is not finite."""
     return np.array([_pose(board.pose) for board in boards]).reshape(-1, 6)

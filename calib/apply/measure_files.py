@@ -1,7 +1,7 @@
-"""The files of `calib measure`: pixels to measure, and poses of views. CSV with a header line;
-lines that begin with # are left out.
+"""The files of `calib measure`: the pixels to measure, and the poses of views. They are CSV with a
+header line; lines that begin with # are ignored.
 
-name,image,x,y                    name,image are optional where nothing needs them; x,y px
+name,image,x,y                    name and image are optional where nothing needs them; x,y px
 image,rx,ry,rz,tx,ty,tz           T_camera_board: rotation vector, rad, and translation, m
 """
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.apply.measure import BoardPose, Measured, Measurer
+from calib.apply.measure import BoardPose, MeasuredPoints, Measurer
 from calib.calibration import Calibration
 from calib.corners.detection import NotFound
 from calib.corners.find import find_board
@@ -33,28 +33,32 @@ class Point:
 
     name: str
     image: str
-    """The picture it is in; empty where the file does not say."""
+    """The name of its picture; empty if the file has none."""
     x: float
     y: float
 
 
 def read_points(path: Path) -> list[Point]:
+    """Return the pixels of a file; InputError if it is not such a table."""
     rows = _read(path, ("x", "y"), ("name", "image"))
     return [
-        Point(said.get("name") or str(n), said.get("image", ""), *numeric)
-        for n, (said, numeric) in enumerate(rows, start=1)
+        Point(cells.get("name") or str(n), cells.get("image", ""), *numeric)
+        for n, (cells, numeric) in enumerate(rows, start=1)
     ]
 
 
 def read_poses(path: Path) -> dict[str, BoardPose]:
-    """By picture."""
+    """Return the board's pose for each picture; InputError if the file is not such a table."""
     return {
-        said["image"]: BoardPose.exactly(np.array(numeric))
-        for said, numeric in _read(path, POSE, ("image",))
+        cells["image"]: BoardPose.exactly(np.array(numeric))
+        for cells, numeric in _read(path, POSE, ("image",))
     }
 
 
-def measure_at_depth(measurer: Measurer, points: Sequence[Point], depth: float) -> Measured:
+def measure_at_depth(measurer: Measurer, points: Sequence[Point], depth: float) -> MeasuredPoints:
+    """Return the points on a plane perpendicular to the optical axis, at a depth in m, in the
+    camera frame.
+    """
     return measurer.on_planes(_pixels(points), [BoardPose.facing(depth)], [0] * len(points))
 
 
@@ -62,11 +66,13 @@ def measure_on_boards(
     measurer: Measurer,
     points: Sequence[Point],
     folder: Path,
-    given: dict[str, BoardPose],
+    poses: dict[str, BoardPose],
     progress: Progress,
-) -> Measured:
-    """Each point on the board that its own picture shows; all in the camera frame."""
-    boards = _boards(measurer, points, folder, given, progress)
+) -> MeasuredPoints:
+    """Return each point on the plane of the board in its picture, in the camera frame. The boards
+    are detected in the pictures of the folder if no poses are given.
+    """
+    boards = _boards(measurer, points, folder, poses, progress)
     names = list(boards)
     return measurer.on_planes(
         _pixels(points), list(boards.values()), [names.index(point.image) for point in points]
@@ -77,11 +83,14 @@ def measure_by_rays(
     measurer: Measurer,
     points: Sequence[Point],
     folder: Path,
-    given: dict[str, BoardPose],
+    poses: dict[str, BoardPose],
     progress: Progress,
-) -> tuple[list[str], Measured]:
-    """The points that two or more pictures show under one name, in the frame of the board that is
-    in all of these pictures.
+) -> tuple[list[str], MeasuredPoints]:
+    """Return the names of the points, and the points, triangulated from the pixels of one name in
+    two or more pictures, in the frame of the board that all these pictures show.
+
+    Raises:
+        NotEnoughDataError: a point is in one picture only.
     """
     names = list(dict.fromkeys(point.name for point in points))
     for name in names:
@@ -90,65 +99,62 @@ def measure_by_rays(
                 f"{brief(name)} is in one picture only: give its pixel in another as well, or"
                 " measure on a plane."
             )
-    boards = _boards(measurer, points, folder, given, progress)
+    boards = _boards(measurer, points, folder, poses, progress)
     images = list(boards)
-    if not given:
-        boards = _alike(measurer, points, folder, boards)
-    which = [names.index(point.name) for point in points]
+    if not poses:
+        boards = _in_one_frame(measurer, points, folder, boards)
+    point_indices = [names.index(point.name) for point in points]
     return names, measurer.triangulate(
-        _pixels(points), list(boards.values()), [images.index(p.image) for p in points], which
+        _pixels(points),
+        list(boards.values()),
+        [images.index(p.image) for p in points],
+        point_indices,
     )
 
 
-def _alike(
+def _in_one_frame(
     measurer: Measurer, points: Sequence[Point], folder: Path, boards: dict[str, BoardPose]
 ) -> dict[str, BoardPose]:
-    """The same boards with one frame: a checkerboard looks the same turned about, so each is turned
-    to where rays meet the first's best.
+    """Return the poses of the boards in one common frame. A checkerboard looks the same when it is
+    rotated by half a turn, so the corners of each picture are put in the order in which its rays
+    meet the rays of the first picture best.
     """
-    (first, held), *rest = boards.items()
-    chosen = {first: held}
-    for image, found in rest:
-        both = sorted(
+    images = list(boards)
+    first = images[0]
+    first_board = boards[first]
+    chosen = {first: first_board}
+    for image in images[1:]:
+        common = sorted(
             {p.name for p in points if p.image == first}
             & {p.name for p in points if p.image == image}
         )
-        some = [p for p in points if p.name in both and p.image in (first, image)]
-        which, view = [both.index(p.name) for p in some], [int(p.image == image) for p in some]
-        tried = [
-            measurer.board_pose(turned)
-            for turned in turned_views(
-                _view(measurer.calibration, folder / image), measurer.calibration
+        pair = [p for p in points if p.name in common and p.image in (first, image)]
+        point_indices = [common.index(p.name) for p in pair]
+        view_indices = [int(p.image == image) for p in pair]
+        views = turned_views(_view(measurer.calibration, folder / image), measurer.calibration)
+        candidates = [measurer.board_pose(view) for view in views]
+        if not pair:
+            chosen[image] = boards[image]
+            continue
+        results = [
+            measurer.triangulate(
+                _pixels(pair), [first_board, candidate], view_indices, point_indices
             )
+            for candidate in candidates
         ]
-        gaps = [
-            (
-                np.nansum(measurer.triangulate(_pixels(some), [held, one], view, which).gap_px)
-                if some
-                else 0.0
-            )
-            for one in tried
-        ]
-        wild = [
-            (
-                np.isnan(measurer.triangulate(_pixels(some), [held, one], view, which).points).sum()
-                if some
-                else 0
-            )
-            for one in tried
-        ]
-        chosen[image] = tried[int(np.lexsort((gaps, wild))[0])] if some else found
+        gaps = [np.nansum(result.gap_px) for result in results]
+        failures = [np.isnan(result.points).sum() for result in results]
+        chosen[image] = candidates[int(np.lexsort((gaps, failures))[0])]
     return chosen
 
 
 def turned_views(view: View, calibration: Calibration) -> list[View]:
-    """The orders of its corners that the board's pattern allows."""
+    """Return the view with its corners in each order that the board's pattern allows."""
     board = calibration.board
     if board.coding:
         return [view]
-    corners, weight = (
-        part.reshape(board.rows, board.columns, -1) for part in (view.corners, view.weight)
-    )
+    corners = view.corners.reshape(board.rows, board.columns, -1)
+    weight = view.weight.reshape(board.rows, board.columns, -1)
     quarters = range(4) if board.rows == board.columns else (0, 2)
     return [
         View(
@@ -162,10 +168,10 @@ def _boards(
     measurer: Measurer,
     points: Sequence[Point],
     folder: Path,
-    given: dict[str, BoardPose],
+    poses: dict[str, BoardPose],
     progress: Progress,
 ) -> dict[str, BoardPose]:
-    """Of every picture in which there is a point."""
+    """Return the board's pose for every picture that has a point. Detect it if none is given."""
     images = list(dict.fromkeys(point.image for point in points))
     if "" in images:
         raise InputError("the points do not say in which picture they are: add a column `image`.")
@@ -173,14 +179,14 @@ def _boards(
     boards = {}
     for done, image in enumerate(images):
         advance(done, image)
-        if given and image not in given:
+        if poses and image not in poses:
             raise InputError(
                 f"the poses do not name {brief(image)}: add a line for it, or leave --poses out so"
                 " that its board is looked for."
             )
         boards[image] = (
-            given[image]
-            if given
+            poses[image]
+            if poses
             else measurer.board_pose(_view(measurer.calibration, folder / image))
         )
     advance(len(images), "")
@@ -194,12 +200,14 @@ def _view(calibration: Calibration, path: Path) -> View:
             f"{path} is {grey.shape[1]}x{grey.shape[0]} px where the calibration is for"
             f" {camera.width}x{camera.height}."
         )
-    found = find_board(grey, board)
-    if isinstance(found, NotFound):
+    detection = find_board(grey, board)
+    if isinstance(detection, NotFound):
         raise NotEnoughDataError(
-            f"{path}: {found.reason}; or take another picture, or give the pose with --poses."
+            f"{path}: {detection.reason}; or take another picture, or give the pose with --poses."
         )
-    return View(path.name, found.corners, np.isfinite(found.corners[:, 0]).astype(np.float64))
+    return View(
+        path.name, detection.corners, np.isfinite(detection.corners[:, 0]).astype(np.float64)
+    )
 
 
 def _pixels(points: Sequence[Point]) -> Array:
@@ -207,9 +215,13 @@ def _pixels(points: Sequence[Point]) -> Array:
 
 
 def _read(
-    path: Path, numeric: tuple[str, ...], words: tuple[str, ...]
+    path: Path, number_columns: tuple[str, ...], text_columns: tuple[str, ...]
 ) -> list[tuple[dict[str, str], list[float]]]:
-    """Each line's words, and its parameters in order."""
+    """Return the cells of the text columns, and the values of the number columns, of each line.
+
+    Raises:
+        InputError: the file is not such a table, or has no line.
+    """
     try:
         text = read_file(path, MOST_TEXT).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -221,26 +233,26 @@ def _read(
         table = [dict(zip(header, cells, strict=False)) for cells in reader]
     except csv.Error as error:
         raise InputError(
-            f"{path} is not a CSV table ({error}): write a line of {','.join((*words, *numeric))}"
-            " for each entry."
+            f"{path} is not a CSV table ({error}): write a line of"
+            f" {','.join((*text_columns, *number_columns))} for each entry."
         ) from error
-    if missing := [name for name in numeric if name not in header]:
+    if missing := [name for name in number_columns if name not in header]:
         raise InputError(
             f"{path} has no column {missing[0]}: begin it with a line such as"
-            f" {','.join((*words, *numeric))}."
+            f" {','.join((*text_columns, *number_columns))}."
         )
     rows: list[tuple[dict[str, str], list[float]]] = []
     for row in table:
         try:
-            found = [float(row[name]) for name in numeric]
+            values = [float(row[name]) for name in number_columns]
         except (LookupError, ValueError):
-            found = [math.nan]
-        if not all(map(math.isfinite, found)):
+            values = [math.nan]
+        if not all(map(math.isfinite, values)):
             raise InputError(
-                f"{path}, entry {len(rows) + 1}: {', '.join(numeric)} are not all numbers: correct"
-                " that line."
+                f"{path}, entry {len(rows) + 1}: {', '.join(number_columns)} are not all numbers:"
+                " correct that line."
             )
-        rows.append(({name: row.get(name, "").strip() for name in words}, found))
+        rows.append(({name: row.get(name, "").strip() for name in text_columns}, values))
     if not rows:
         raise InputError(f"{path} holds no entry: write a line for each below the header.")
     return rows

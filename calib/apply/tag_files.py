@@ -1,5 +1,5 @@
-"""The pictures of `calib pose`, and its table: a line for each pose, two for a tag whose corners
-allow two.
+"""The pictures of `calib pose`, and its table. The table has a line for each pose, so two lines for
+a tag whose corners allow two poses.
 """
 
 import csv
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.apply.located_tags import Located, TagPose
+from calib.apply.located_tags import LocatedTags, TagPose
 from calib.apply.tags import TagLocator
 from calib.corners.detect import eight_bits
 from calib.corners.markers import read_markers
@@ -19,9 +19,9 @@ from calib.io.images import list_images, read_grey
 from calib.progress import Progress
 
 AXES = ("turn_x", "turn_y", "turn_z", "x", "y", "z")
-"""Of a covariance: rad, and m."""
+"""The axes of a pose's covariance, rad and m."""
 UPPER = tuple((row, column) for row in range(len(AXES)) for column in range(row, len(AXES)))
-"""Its entries that are written."""
+"""The rows and columns of the covariance's upper triangle, which the table has."""
 COLUMNS = (
     *("picture", "tag", "probability", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"),
     *(f"sigma_{axis}_{'rad' if axis.startswith('turn') else 'm'}" for axis in AXES),
@@ -33,42 +33,42 @@ OTHER_BORDER = {1: 2, 2: 1}
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One that was looked at."""
+    """A picture with its tags."""
 
     path: Path
-    located: Located
+    located: LocatedTags
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A picture that could not be looked at, as others could."""
+    """A picture that could not be read, or has the wrong size."""
 
     path: Path
     sentence: str
 
 
-def pictures_of(given: Sequence[Path]) -> list[Path]:
-    """Return pictures, and those of folders; InputError where there are none."""
+def pictures_of(inputs: Sequence[Path]) -> list[Path]:
+    """Return the pictures among files and in folders; InputError if there are none."""
     paths: list[Path] = []
-    for one in given:
-        with reading(one):
-            paths += list_images(one) if stat.S_ISDIR(one.stat().st_mode) else (one,)
+    for path in inputs:
+        with reading(path):
+            paths += list_images(path) if stat.S_ISDIR(path.stat().st_mode) else (path,)
     if not paths:
-        raise InputError(f"{given[0]} holds no picture: give pictures, or folders of them.")
+        raise InputError(f"{inputs[0]} holds no picture: give pictures, or folders of them.")
     return paths
 
 
 def locate_in_files(
-    locator: TagLocator, given: Sequence[Path], progress: Progress
+    locator: TagLocator, inputs: Sequence[Path], progress: Progress
 ) -> tuple[list[Picture], list[Refused]]:
-    """The tags of pictures, and of folders of pictures; and which of these cannot be read, or are
-    of another size than the calibration's.
+    """Locate the tags of pictures, and of folders of pictures. Return the pictures with their tags,
+    and the pictures that cannot be read or have another size than the calibration's.
 
     Raises:
-        InputError: none can be looked at, or a path that is given is not there.
-        NotEnoughDataError: no picture shows a tag that can be placed.
+        InputError: no picture can be used, or a path does not exist.
+        NotEnoughDataError: no tag of any picture gets a pose.
     """
-    paths = pictures_of(given)
+    paths = pictures_of(inputs)
     advance = progress.task("Tags", len(paths))
     pictures, refused = [], []
     for done, path in enumerate(paths):
@@ -87,22 +87,24 @@ def locate_in_files(
 
 
 def _why(locator: TagLocator, pictures: Sequence[Picture]) -> str:
-    """A sentence about pictures in which no tag is placed."""
-    read = [(picture, one) for picture in pictures for one in picture.located.unplaced]
+    """Return a sentence on why no tag of these pictures has a pose."""
+    unplaced = [(picture, tag) for picture in pictures for tag in picture.located.unplaced]
     border = OTHER_BORDER.get(locator.border)
     if border:
-        others = sum(
-            read_markers(eight_bits(read_grey(one.path)), locator.dictionary, border).numbers.size
-            for one in pictures
+        count = sum(
+            read_markers(
+                eight_bits(read_grey(picture.path)), locator.dictionary, border
+            ).numbers.size
+            for picture in pictures
         )
-        if others > len(read):
+        if count > len(unplaced):
             return (
                 f"the tags of {locator.dictionary} here have a border of {border}, not"
                 f" {locator.border}: write --border {border}."
             )
-    if read:
-        picture, one = read[0]
-        return f"no tag is placed; tag {one.number} of {picture.path.name}: {one.reason}."
+    if unplaced:
+        picture, tag = unplaced[0]
+        return f"no tag is placed; tag {tag.number} of {picture.path.name}: {tag.reason}."
     where = pictures[0].path.name if len(pictures) == 1 else f"any of {len(pictures)} pictures"
     return (
         f"no tag of {locator.dictionary} is seen in {where}: check the dictionary, and show tags"
@@ -111,7 +113,7 @@ def _why(locator: TagLocator, pictures: Sequence[Picture]) -> str:
 
 
 def as_table(pictures: Sequence[Picture]) -> str:
-    """CSV, in the order of COLUMNS."""
+    """Return the poses as CSV, with the columns COLUMNS."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)

@@ -1,16 +1,16 @@
-"""The pose of a tag from the rays of its corners: non-central, least squares in the picture, both
-minima of a small square.
+"""The pose of a tag from the rays of its corners, without a centre of projection: least squares in
+the picture, with both minima of a small square.
 
-A pixel's ray is the line whose undistorted pixel at depth Z is A + B / Z, wherever it begins; so no
-centre of projection is needed. In slopes, that is x / z and y / z of what it sees there, the misfit
-of a corner X is (X, Y) / Z - A - B / Z, and turned to pixels to first order by the derivative of A
-+ B / Z by the pixel. That is affine in 1 / Z, so no ray is traced while poses are sought.
+A pixel's ray is a line, whose slopes x / z and y / z at depth Z are A + B / Z, wherever the ray
+begins. So no centre of projection is needed. The misfit of a corner (X, Y, Z) is (X, Y) / Z - A -
+B / Z in slopes. The derivative of A + B / Z by the pixel converts it to pixels to first order. The
+slopes are affine in 1 / Z, so no ray is traced while a pose is estimated.
 
-Start: at the depths that the last round gave, the first time at infinity, the slopes are those of a
-    central camera, and of a square seen
-by one the two poses that look most alike are known in closed form (T. Collins, A. Bartoli,
-Infinitesimal plane-based pose estimation, 2014; OpenCV's SOLVEPNP_IPPE_SQUARE). Some rounds of this
-make each a start of its own, which Levenberg's and Marquardt's steps refine.
+Start: with the depths of the previous round (infinity in the first one), the slopes are those of a
+central camera. For a central camera, the two poses of a square that look most alike have a closed
+form (T. Collins, A. Bartoli, Infinitesimal plane-based pose estimation, 2014; OpenCV's
+SOLVEPNP_IPPE_SQUARE). A few rounds give a start for each of the two, and Levenberg-Marquardt steps
+refine it.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from calib.threads import single_thread
 Array = NDArray[np.float64]
 
 PIXEL_STEP = 0.05
-"""px, of differences."""
+"""px: the step of differences by a pixel's coordinates."""
 ROUNDS = 4
-"""Of starts: each leaves of an error of depth what rays miss a common centre by over the distance,
-a hundredth.
+"""The rounds for a start. Each multiplies the error of depth by the rays' distance from a common
+centre over the depth, a hundredth.
 """
-STEPS = 50
-SETTLED = 1e-9
-"""rad, and of the distance."""
+MAX_ITERATIONS = 50
+MIN_STEP = 1e-9
+"""rad, and relative to the distance: a step below this ends the iteration."""
 DAMPING = 1e-6
-SAME = 1e-4
-"""rad: two starts that end nearer to each other are one pose."""
+MIN_SEPARATION = 1e-4
+"""rad: two minima that are nearer to each other are the same pose."""
 SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]) / 2
-"""(4, 3) sides: upper left, upper right, lower right, lower left; x to the right, y down, z away
-from who looks at it.
+"""(4, 3) corners of a square of side 1: upper left, upper right, lower right, lower left; x to the
+right, y down, z away from the viewer.
 """
 UPWARD = np.diag([1.0, -1.0, -1.0])
-"""From a frame with x to the right, y up and z out of the tag, which is OpenCV's."""
+"""The rotation from OpenCV's frame of the square: x to the right, y up, z out of the tag."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,20 +79,21 @@ class Lines:
         slopes = directions[:, :2] / np.where(
             directions[:, 2:] > FLATTEST, directions[:, 2:], np.nan
         )
-        both = np.stack([slopes, origins[:, :2] - slopes * origins[:, 2:]]).reshape(2, 5, -1, 2)
-        by_pixel = np.stack([both[:, 1] - both[:, 2], both[:, 3] - both[:, 4]], -1) / (
+        lines = np.stack([slopes, origins[:, :2] - slopes * origins[:, 2:]]).reshape(2, 5, -1, 2)
+        by_pixel = np.stack([lines[:, 1] - lines[:, 2], lines[:, 3] - lines[:, 4]], -1) / (
             2 * PIXEL_STEP
         )
-        return Lines(both[0, 0], both[1, 0], by_pixel[0], by_pixel[1])
+        return Lines(lines[0, 0], lines[1, 0], by_pixel[0], by_pixel[1])
 
     @property
-    def seen(self) -> bool:
-        """Whether each has a ray, and so have the pixels beside it."""
+    def is_complete(self) -> bool:
+        """True if each pixel and its neighbours have a ray."""
         return bool(
             np.isfinite(self.at_infinity_by_pixel).all() and np.isfinite(self.at_infinity).all()
         )
 
-    def some(self, rows: NDArray[np.signedinteger] | slice) -> Lines:
+    def select(self, rows: NDArray[np.signedinteger] | slice) -> Lines:
+        """Return the rays of some rows."""
         return Lines(
             self.at_infinity[rows],
             self.parallax[rows],
@@ -103,53 +104,60 @@ class Lines:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Misfit:
-    """How far a square's four corners are from their rays."""
+    """The distances of a square's four corners from their rays, and their derivatives."""
 
     px: Array
-    """(8,) x and y of each corner, seen less expected, to first order."""
+    """(8,) x and y of each corner, measured less expected, to first order."""
     by_pose: Array
-    """(8, 6) by a small turn about the camera's axes, rad, and a shift, m."""
+    """(8, 6) derivatives by a small turn about the camera's axes, rad, and a shift, m."""
     by_line: Array
-    """(4, 2, 4) by A and B of the own ray."""
+    """(4, 2, 4) derivatives by A and B of the corner's ray."""
     by_size: Array
-    """(8,) by the side, as a part of it."""
+    """(8,) derivatives by the side's relative length."""
 
 
 def misfit(lines: Lines, side: float, turn: Array, shift: Array) -> Misfit:
-    """Of four rays and the square at T_camera_tag, (3, 3) and (3,) m."""
+    """Return the misfit of four rays and a square.
+
+    Args:
+        lines: the rays of the four corners.
+        side: m
+        turn: (3, 3) rotation of T_camera_tag.
+        shift: (3,) m translation of T_camera_tag.
+    """
     arm = side * SQUARE @ turn.T
     points = arm + shift
     inverse = 1 / points[:, 2]
-    apart = points[:, :2] - lines.parallax
-    off = lines.at_infinity - apart * inverse[:, None]  # (4, 2)
+    offset = points[:, :2] - lines.parallax
+    slope_error = lines.at_infinity - offset * inverse[:, None]  # (4, 2)
     to_pixels = np.linalg.inv(
         lines.at_infinity_by_pixel + lines.parallax_by_pixel * inverse[:, None, None]
     )
-    px = (to_pixels @ off[..., None])[..., 0]
+    px = (to_pixels @ slope_error[..., None])[..., 0]
     by_point = np.zeros((4, 2, 3))
     by_point[:, 0, 0] = by_point[:, 1, 1] = -inverse
-    by_point[:, :, 2] = apart * inverse[:, None] ** 2
+    by_point[:, :, 2] = offset * inverse[:, None] ** 2
     by_point[:, :, 2] += (lines.parallax_by_pixel @ px[..., None])[..., 0] * inverse[
         :, None
     ] ** 2  # the pixels' own scale
     by_point = to_pixels @ by_point
-    moved = np.concatenate([-_cross(arm), np.broadcast_to(np.eye(3), (4, 3, 3))], -1)  # (4, 3, 6)
+    motion = np.concatenate([-_cross(arm), np.broadcast_to(np.eye(3), (4, 3, 3))], -1)  # (4, 3, 6)
     by_line = np.concatenate([to_pixels, to_pixels * inverse[:, None, None]], -1)
     return Misfit(
-        px.ravel(), (by_point @ moved).reshape(8, 6), by_line, (by_point @ arm[..., None]).ravel()
+        px.ravel(), (by_point @ motion).reshape(8, 6), by_line, (by_point @ arm[..., None]).ravel()
     )
 
 
 def starts(lines: Lines, side: float) -> list[tuple[Array, Array]]:
-    """T_camera_tag, (3, 3) and (3,) m, of a square before the camera: two as a rule, by the rays of
-    its corners at rough depths.
+    """Return starts for T_camera_tag, (3, 3) and (3,) m, of a square in front of the camera: two as
+    a rule, from the slopes of its corners at approximate depths.
     """
-    found = []
-    for which in (0, 1):
+    pose_starts = []
+    for index in (0, 1):
         inverse, pose = np.zeros(4), None
         for _ in range(ROUNDS):
             slopes = lines.at_infinity + lines.parallax * inverse[:, None]
-            pose = _central(slopes, side, which)
+            pose = _central(slopes, side, index)
             if pose is None:
                 break
             depth = (side * SQUARE @ pose[0].T + pose[1])[:, 2]
@@ -158,82 +166,84 @@ def starts(lines: Lines, side: float) -> list[tuple[Array, Array]]:
                 break
             inverse = 1 / depth
         if pose is not None:
-            found.append(pose)
-    return found
+            pose_starts.append(pose)
+    return pose_starts
 
 
 def refine(
     lines: Lines, side: float, whiten: Array, turn: Array, shift: Array
 ) -> tuple[Array, Array, float]:
-    """The nearest minimum: T_camera_tag and its chi^2; infinite where it leaves the front of the
-    camera.
+    """Return the nearest minimum, T_camera_tag, and its chi^2, which is infinite if the square is
+    not in front of the camera.
 
     Args:
         whiten: (8, 8) W with W^T W the inverse of the corners' covariance.
     """
     damping = DAMPING
-    here, cost = _at(lines, side, whiten, turn, shift)
-    for _ in range(STEPS):
+    current, cost = _evaluate(lines, side, whiten, turn, shift)
+    for _ in range(MAX_ITERATIONS):
         if not np.isfinite(cost):
             return turn, shift, np.inf
-        jacobian = whiten @ here.by_pose
+        jacobian = whiten @ current.by_pose
         normal = jacobian.T @ jacobian
         step = -np.linalg.solve(
-            normal + damping * np.diag(normal.diagonal()), jacobian.T @ (whiten @ here.px)
+            normal + damping * np.diag(normal.diagonal()), jacobian.T @ (whiten @ current.px)
         )
-        tried = cv2.Rodrigues(step[:3])[0] @ turn, shift + step[3:]
-        there, new_cost = _at(lines, side, whiten, *tried)
+        moved_pose = cv2.Rodrigues(step[:3])[0] @ turn, shift + step[3:]
+        candidate, new_cost = _evaluate(lines, side, whiten, *moved_pose)
         if new_cost <= cost:
-            (turn, shift), here, cost, damping = tried, there, new_cost, damping / 10
+            (turn, shift), current, cost, damping = moved_pose, candidate, new_cost, damping / 10
         else:
             damping *= 10
-        if np.abs(step[:3]).max() < SETTLED and np.linalg.norm(step[3:]) < SETTLED * np.linalg.norm(
-            shift
-        ):
+        if np.abs(step[:3]).max() < MIN_STEP and np.linalg.norm(
+            step[3:]
+        ) < MIN_STEP * np.linalg.norm(shift):
             break
     return turn, shift, cost
 
 
 def poses(lines: Lines, side: float, whiten: Array) -> list[tuple[Array, Array, float]]:
-    """All minima that are found, the most probable first: T_camera_tag, (3, 3) and (3,) m, and
-    chi^2.
-    """
-    found: list[tuple[Array, Array, float]] = []
+    """Return the minima, the least chi^2 first: T_camera_tag, (3, 3) and (3,) m, and chi^2."""
+    minima: list[tuple[Array, Array, float]] = []
     for start in starts(lines, side):
         turn, shift, cost = refine(lines, side, whiten, *start)
-        alike = any(np.linalg.norm(cv2.Rodrigues(turn @ other[0].T)[0]) < SAME for other in found)
-        if np.isfinite(cost) and turn[:, 2] @ shift > 0 and not alike:
-            found.append((turn, shift, cost))
-    return sorted(found, key=lambda one: one[2])
+        is_duplicate = any(
+            np.linalg.norm(cv2.Rodrigues(turn @ minimum[0].T)[0]) < MIN_SEPARATION
+            for minimum in minima
+        )
+        if np.isfinite(cost) and turn[:, 2] @ shift > 0 and not is_duplicate:
+            minima.append((turn, shift, cost))
+    return sorted(minima, key=lambda minimum: minimum[2])
 
 
-def _at(
+def _evaluate(
     lines: Lines, side: float, whiten: Array, turn: Array, shift: Array
 ) -> tuple[Misfit, float]:
-    here = misfit(lines, side, turn, shift)
+    """Return the misfit and chi^2, which is infinite for a square behind the camera."""
+    current = misfit(lines, side, turn, shift)
     ahead = bool(((side * SQUARE @ turn.T + shift)[:, 2] > 0).all())
-    return here, float(((whiten @ here.px) ** 2).sum()) if ahead else np.inf
+    return current, float(((whiten @ current.px) ** 2).sum()) if ahead else np.inf
 
 
-def _central(slopes: Array, side: float, which: int) -> tuple[Array, Array] | None:
-    """One of the two poses of a square whose corners are seen along these slopes, (4, 2)."""
+def _central(slopes: Array, side: float, index: int) -> tuple[Array, Array] | None:
+    """Return one of the two poses of a square whose corners have the slopes (4, 2) from a central
+    camera; None if there is none.
+    """
     try:
-        found, turns, shifts, _ = cv2.solvePnPGeneric(
+        count, turns, shifts, _ = cv2.solvePnPGeneric(
             side * SQUARE @ UPWARD, slopes[:, None], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE
         )
     except cv2.error:
         return None
-    if found <= which:
+    if count <= index:
         return None
-    turn, shift = (
-        np.asarray(cv2.Rodrigues(turns[which])[0] @ UPWARD, np.float64),
-        np.asarray(shifts[which], np.float64).ravel(),
-    )
+    turn = np.asarray(cv2.Rodrigues(turns[index])[0] @ UPWARD, np.float64)
+    shift = np.asarray(shifts[index], np.float64).ravel()
     return (turn, shift) if np.isfinite(turn).all() and np.isfinite(shift).all() else None
 
 
 def _cross(vectors: Array) -> Array:
-    """(N, 3) to the (N, 3, 3) matrices [v] of v x."""
+    """Return the (N, 3, 3) matrices of the cross products with (N, 3) vectors, v x."""
     x, y, z = vectors.T
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(-1, 3, 3)

@@ -1,10 +1,10 @@
-"""Where tags are that a calibrated camera sees through its cover: position and rotation, in metres,
+"""The position and rotation of tags that a calibrated camera sees through its cover, in metres,
 with a covariance.
 
-Sigma counts the noise of the corners, as each picture's own pixels tell it, the uncertainty of the
-calibration's rays, and how well the side of the tags is known. It does not count a tag that is not
-flat. A camera's curve of tones, and ink that spreads, make black look
-smaller or larger than it is: that is measured within the tags, and taken off.
+Sigma includes the noise of the corners, which is estimated from each picture's pixels, the
+uncertainty of the calibration's rays, and the tolerance of the side of the tags. It does not
+include the error of a tag that is not flat. The camera's tone curve, and ink that spreads, make
+black look smaller or larger than it is. This spread is measured in the tags and removed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from difflib import get_close_matches
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.apply.located_tags import Located, Reason, Tag, TagPose, Unplaced
+from calib.apply.located_tags import LocatedTags, Tag, TagPose, Unplaced, UnplacedReason
 from calib.apply.map_uncertainty import frames_along, ray_errors
 from calib.apply.tag_pose import SQUARE, Lines, misfit, poses
 from calib.calibration import Calibration
@@ -33,33 +33,35 @@ from calib.threads import single_thread
 
 Array = NDArray[np.float64]
 
-LEAST_NOISE = 1e-4
-"""px, of a corner's coordinate."""
-ROUGH = 0.5
-"""px, of the corners of a tag's outline as OpenCV reads it."""
-UNLIKELY = 1e-3
-"""Of a pose: below it, its corners do not allow it."""
-STRANGE = 13.8
-"""chi^2 of two degrees of freedom, beyond which one in a thousand tags comes by chance: then sigma
-is as wide as the misfit.
+MIN_NOISE = 1e-4
+"""px: the standard deviation that is added to each coordinate of a corner."""
+OUTLINE_SIGMA = 0.5
+"""px: the standard deviation of the corners of a tag's outline from OpenCV."""
+MIN_SHARE = 1e-3
+"""A pose of less relative probability is not allowed by its corners."""
+MAX_CHI2 = 13.8
+"""chi^2 of two degrees of freedom that one in a thousand tags exceeds by chance: above it, sigma is
+scaled to the misfit.
 """
-FREEDOM = 2
-"""Eight coordinates less six of the pose."""
-WIDEST = 1e6
-"""px^2, of a corner's covariance: a corner that may be anywhere in a picture was not measured."""
-OFF = 0.01
-"""Of its side in the picture, root mean square: corners that miss a square's by more are of no flat
-square.
+DEGREES_OF_FREEDOM = 2
+"""Eight coordinates of corners, less six parameters of the pose."""
+MAX_VARIANCE = 1e6
+"""px^2: a corner of a larger covariance may be anywhere in a picture, so it was not measured."""
+MAX_RELATIVE_MISFIT = 0.01
+"""A root mean square misfit relative to the tag's side in the picture: corners with a larger misfit
+are not those of a flat square.
 """
-OFF_PX = 0.5
-"""px, the same of small tags."""
+MAX_MISFIT_PX = 0.5
+"""px: the same limit for small tags."""
 UPSIDE_DOWN = "DICT_APRILTAG_"
-"""The families of which OpenCV's upper left is the lower right of the makers' (and Kalibr's)
-upright tag.
+"""The beginning of the names of families whose upper left corner in OpenCV is the lower right
+corner of the makers' (and Kalibr's) upright tag.
 """
 BORDERS = (1, 2)
-"""Cells. One is usual; Kalibr prints two."""
-LEAST_SIDE, MOST_SIDE = 5e-5, 100.0
+"""The widths of a tag's black border in cells. One is usual; Kalibr prints two."""
+MIN_SIDE = 5e-5
+"""m"""
+MAX_SIDE = 100.0
 """m"""
 
 
@@ -76,14 +78,14 @@ class TagLocator:
     ) -> None:
         """
         Args:
-            calibration: of the camera.
-            dictionary: as OpenCV calls it, such as DICT_APRILTAG_36h11.
-            side: m, of the black square.
-            side_sigma: m, how well that is known; by default 0.2 % of it.
-            border: cells of black around the bits; 2 on Kalibr's boards.
+            calibration: the camera's calibration.
+            dictionary: OpenCV's name of the dictionary, such as DICT_APRILTAG_36h11.
+            side: m, the side of the black square.
+            side_sigma: m, the standard deviation of the side; by default 0.2 % of it.
+            border: the width of the black border in cells; 2 on Kalibr's boards.
 
         Raises:
-            InputError: there is no such dictionary, or a tag of no such size.
+            InputError: there is no such dictionary, or a size is out of range.
         """
         if not isinstance(dictionary, str) or dictionary not in DICTIONARIES:
             near = get_close_matches(str(dictionary).upper(), DICTIONARIES, 1)
@@ -92,7 +94,7 @@ class TagLocator:
                 f" {near[0] if near else 'DICT_APRILTAG_36h11, say'}."
             )
         side = number(side, "side")
-        if not LEAST_SIDE <= side <= MOST_SIDE:
+        if not MIN_SIDE <= side <= MAX_SIDE:
             raise InputError(
                 f"a tag of {1000 * side:g} mm will not do: give the side of its black square, from"
                 " 0.05 to 100000 mm."
@@ -115,11 +117,11 @@ class TagLocator:
         assert pinhole
         self._focal = np.array([pinhole.fx.value, pinhole.fy.value])
 
-    def locate(self, grey: NDArray) -> Located:
-        """The tags of a (H, W) uint8 or uint16 picture.
+    def locate(self, grey: NDArray) -> LocatedTags:
+        """Return the tags of an (H, W) uint8 or uint16 picture.
 
         Raises:
-            InputError: the picture is of another size than the calibration's.
+            InputError: the picture has another size than the calibration's.
         """
         camera = self.calibration.camera
         grey = picture(grey, camera.width, camera.height)
@@ -130,66 +132,79 @@ class TagLocator:
             )
         read = read_markers(eight_bits(grey), self.dictionary, self.border)
         order = np.argsort(read.numbers, kind="stable")
-        numbers, rough = read.numbers[order].tolist(), read.corners[order]
+        numbers = read.numbers[order].tolist()
+        rough = read.corners[order]
         rough = np.roll(rough, 2, 1) if self.dictionary.startswith(UPSIDE_DOWN) else rough
-        twice = {number for number in numbers if numbers.count(number) > 1}
-        once = [at for at, number in enumerate(numbers) if number not in twice]
+        repeated = {number for number in numbers if numbers.count(number) > 1}
+        unique = [at for at, number in enumerate(numbers) if number not in repeated]
         with single_thread():
-            found, growth = (
-                self._placed(grey, [numbers[at] for at in once], rough[once])
-                if once
+            tags, growth = (
+                self._place_markers(grey, [numbers[at] for at in unique], rough[unique])
+                if unique
                 else ([], NO_INK_SPREAD)
             )
         unplaced = [
-            *(Unplaced(number, Reason.TWICE) for number in sorted(twice)),
-            *(one for one in found if isinstance(one, Unplaced)),
+            *(Unplaced(number, UnplacedReason.TWICE) for number in sorted(repeated)),
+            *(tag for tag in tags if isinstance(tag, Unplaced)),
         ]
-        return Located(tuple(one for one in found if isinstance(one, Tag)), tuple(unplaced), growth)
+        return LocatedTags(
+            tuple(tag for tag in tags if isinstance(tag, Tag)), tuple(unplaced), growth
+        )
 
-    def place(self, corners: Array, covariances: Array) -> list[tuple[TagPose, ...] | Reason]:
-        """The poses of tags whose corners were measured, by whatever program; the most probable
-        first. Or why there is none.
+    def place(
+        self, corners: Array, covariances: Array
+    ) -> list[tuple[TagPose, ...] | UnplacedReason]:
+        """Return, for each of T tags, the poses that its corners allow, the most probable first, or
+        the reason why there is none. Any program may have measured the corners.
 
         Args:
             corners: (T, 4, 2) px: upper left, upper right, lower right, lower left of the upright
-                tags. NaN where they are not known.
-            covariances: (T, 8, 8) px^2, of x and y of the four.
+                tags. NaN for corners that were not measured.
+            covariances: (T, 8, 8) px^2, of x and y of the four corners.
         """
         corners = numbers(corners, (None, 4, 2), "corners")
         covariances = numbers(covariances, (len(corners), 8, 8), "covariances")
         corners = pixel_rows(corners.reshape(-1, 2)).reshape(-1, 4, 2)
-        known = np.isfinite(corners).all((1, 2)) & (np.abs(covariances) < WIDEST).all((1, 2))
-        _check_covariances(covariances[known])
-        found: list[tuple[TagPose, ...] | Reason] = [Reason.NO_EDGES] * len(corners)
-        if not known.any():
-            return found
-        pixels = corners[known].reshape(-1, 2)
-        frames = self._frames(corners[known])
+        is_given = np.isfinite(corners).all((1, 2)) & (np.abs(covariances) < MAX_VARIANCE).all(
+            (1, 2)
+        )
+        _check_covariances(covariances[is_given])
+        results: list[tuple[TagPose, ...] | UnplacedReason] = [UnplacedReason.NO_EDGES] * len(
+            corners
+        )
+        if not is_given.any():
+            return results
+        pixels = corners[is_given].reshape(-1, 2)
+        frames = self._frames(corners[is_given])
         corner_frames = frames if frames is None else np.repeat(frames, 4, 0)
         lines = Lines.of(self.calibration, pixels, corner_frames)
-        errors = self._errors(pixels, corner_frames).reshape(int(known.sum()), 4, 4, -1)
-        for row, at in enumerate(np.flatnonzero(known).tolist()):
-            own = lines.some(slice(4 * row, 4 * row + 4))
-            if not own.seen:
-                found[at] = Reason.NO_RAY
+        errors = self._errors(pixels, corner_frames).reshape(int(is_given.sum()), 4, 4, -1)
+        for row, at in enumerate(np.flatnonzero(is_given).tolist()):
+            tag_lines = lines.select(slice(4 * row, 4 * row + 4))
+            if not tag_lines.is_complete:
+                results[at] = UnplacedReason.NO_RAY
                 continue
-            ways = tuple(
-                self._poses(own, covariances[at] + LEAST_NOISE**2 * np.eye(8), errors[row])
+            tag_poses = tuple(
+                self._poses(tag_lines, covariances[at] + MIN_NOISE**2 * np.eye(8), errors[row])
             )
             limit = max(
-                OFF_PX,
-                OFF
+                MAX_MISFIT_PX,
+                MAX_RELATIVE_MISFIT
                 * float(np.linalg.norm(np.roll(corners[at], 1, 0) - corners[at], axis=-1).mean()),
             )
             if frames is not None:
-                ways = tuple(pose.rotate(frames[row].T) for pose in ways)
-            found[at] = ways if ways and ways[0].off_px <= limit else Reason.NO_SQUARE
-        return found
+                tag_poses = tuple(pose.rotate(frames[row].T) for pose in tag_poses)
+            results[at] = (
+                tag_poses
+                if tag_poses and tag_poses[0].off_px <= limit
+                else UnplacedReason.NO_SQUARE
+            )
+        return results
 
     def _frames(self, corners: Array) -> Array | None:
         """Return (T, 3, 3) rotations from the camera frame to frames that look at the tags with
-        (T, 4, 2) px corners. Return None unless the lens is wide: the camera frame does for all
-        tags of other lenses.
+        (T, 4, 2) px corners. Return None unless the lens is wide: for other lenses, the camera
+        frame serves for all tags.
         """
         if not self.calibration.model()[0].lens.wide:
             return None
@@ -197,117 +212,145 @@ class TagLocator:
         middle = directions.reshape(-1, 4, 3).sum(1)
         return frames_along(middle / np.linalg.norm(middle, axis=-1, keepdims=True))
 
-    def _placed(
+    def _place_markers(
         self, grey: NDArray, numbers: list[int], rough: Array
     ) -> tuple[list[Tag | Unplaced], InkSpread]:
+        """Return the tags of these numbers, each with poses or a reason, and the ink spread that
+        was removed from their corners.
+
+        Args:
+            grey: (H, W)
+            numbers: T
+            rough: (T, 4, 2) px approximate corners.
+        """
         outlines = measure_outlines(
-            grey, rough, size_of_markers(self.dictionary, self.border), self._bends(rough)
+            grey, rough, size_of_markers(self.dictionary, self.border), self._edge_bends(rough)
         )
-        known = np.isfinite(outlines.corners).all((1, 2))
+        measured = np.isfinite(outlines.corners).all((1, 2))
         growth = measure_ink_spread(
             grey,
-            outlines.corners[known],
-            [self._black(number) for number in np.array(numbers)[known].tolist()],
+            outlines.corners[measured],
+            [self._black(number) for number in np.array(numbers)[measured].tolist()],
         )
         if growth.is_significant:
             outlines = remove_ink_spread(growth, outlines)
-        both = zip(
+        rows = zip(
             numbers,
             outlines.corners,
             self.place(outlines.corners, outlines.covariances),
             strict=True,
         )
-        found = [
-            Unplaced(number, ways) if isinstance(ways, Reason) else Tag(number, own, ways)
-            for number, own, ways in both
+        tags = [
+            Unplaced(number, tag_poses)
+            if isinstance(tag_poses, UnplacedReason)
+            else Tag(number, corners, tag_poses)
+            for number, corners, tag_poses in rows
         ]
-        return found, growth if growth.is_significant else NO_INK_SPREAD
+        return tags, growth if growth.is_significant else NO_INK_SPREAD
 
     def _black(self, number: int) -> NDArray[np.bool_]:
-        """(n, n) cells of the upright tag."""
+        """Return the (n, n) cells of the upright tag, true where black."""
         cells = black_cells(self.dictionary, number, self.border)
         return cells[::-1, ::-1] if self.dictionary.startswith(UPSIDE_DOWN) else cells
 
-    def _bends(self, rough: Array) -> Array:
-        """(T, 4) px, by how much the middles of the edges lie outside of the straight lines between
-        their ends, from (T, 4, 2) rough corners; 0 where that cannot be said.
+    def _edge_bends(self, rough: Array) -> Array:
+        """Return (T, 4) px: the distance by which the middle of each edge lies outside of the
+        straight line between its ends, from (T, 4, 2) px approximate corners; 0 if it cannot be
+        computed.
         """
         frames = self._frames(rough)
         corner_frames = frames if frames is None else np.repeat(frames, 4, 0)
         lines = Lines.of(self.calibration, rough.reshape(-1, 2), corner_frames)
         bends = np.zeros(rough.shape[:2])
-        placed = {}
+        poses_by_tag = {}
         for at in range(len(rough)):
-            own = lines.some(slice(4 * at, 4 * at + 4))
-            if own.seen and (found := poses(own, self.side, np.eye(8) / ROUGH)):
-                placed[at] = found[0]
-        if not placed:
+            tag_lines = lines.select(slice(4 * at, 4 * at + 4))
+            if tag_lines.is_complete and (
+                candidates := poses(tag_lines, self.side, np.eye(8) / OUTLINE_SIGMA)
+            ):
+                poses_by_tag[at] = candidates[0]
+        if not poses_by_tag:
             return bends
         middles = (SQUARE + np.roll(SQUARE, -1, 0)) / 2
         points = [
             (self.side * np.concatenate([SQUARE, middles]) @ turn.T + shift)
             @ (np.eye(3) if frames is None else frames[at])
-            for at, (turn, shift, _) in placed.items()
+            for at, (turn, shift, _) in poses_by_tag.items()
         ]
-        seen = self.calibration.project(np.concatenate(points)).reshape(len(placed), 2, 4, 2)
-        corners, middle = seen[:, 0], seen[:, 1]
+        projected = self.calibration.project(np.concatenate(points)).reshape(
+            len(poses_by_tag), 2, 4, 2
+        )
+        corners, middle = projected[:, 0], projected[:, 1]
         steps, normals = edge_vectors(corners)
-        along = 2 * ((middle - corners) * steps).sum(-1) / (steps**2).sum(-1) - 1
-        bends[list(placed)] = np.nan_to_num(((middle - corners) * normals).sum(-1) / (1 - along**2))
+        position = 2 * ((middle - corners) * steps).sum(-1) / (steps**2).sum(-1) - 1
+        bends[list(poses_by_tag)] = np.nan_to_num(
+            ((middle - corners) * normals).sum(-1) / (1 - position**2)
+        )
         return bends
 
     def _poses(self, lines: Lines, noise: Array, errors: Array) -> list[TagPose]:
-        """All poses that (8, 8) px^2 of corners and (4, 4, S) errors of their A (px) and B (px m)
-        allow.
+        """Return the poses that a tag's rays allow, the most probable first.
+
+        Args:
+            lines: the rays of the four corners.
+            noise: (8, 8) px^2 covariance of the corners.
+            errors: (4, 4, S) errors of A (px) and B (px m) of the rays.
         """
         rough = poses(lines, self.side, np.linalg.inv(np.linalg.cholesky(noise)))
         if not rough:
             return []
         by_rays = self._by_rays(lines, errors, *rough[0][:2])
         whiten = np.linalg.inv(np.linalg.cholesky(noise + by_rays @ by_rays.T))
-        every = poses(lines, self.side, whiten)
-        if not every:
+        minima = poses(lines, self.side, whiten)
+        if not minima:
             return []
-        grown = every[0][2] / FREEDOM if every[0][2] > STRANGE else 1.0
-        made = [
-            self._pose(lines, noise * grown, errors, whiten, turn, shift)
-            for turn, shift, _ in every
+        inflation = minima[0][2] / DEGREES_OF_FREEDOM if minima[0][2] > MAX_CHI2 else 1.0
+        results = [
+            self._pose(lines, noise * inflation, errors, whiten, turn, shift)
+            for turn, shift, _ in minima
         ]
-        spreads = [np.linalg.slogdet(one.covariance)[1] / 2 for one in made]
+        spreads = [np.linalg.slogdet(pose.covariance)[1] / 2 for pose in results]
         weights = np.array(
             [
-                spread - cost / (2 * grown)
-                for spread, (_, _, cost) in zip(spreads, every, strict=True)
+                spread - cost / (2 * inflation)
+                for spread, (_, _, cost) in zip(spreads, minima, strict=True)
             ]
         )
         odds = np.exp(weights - weights.max())
-        odds[odds < UNLIKELY] = 0.0
+        odds[odds < MIN_SHARE] = 0.0
         shares = odds / odds.sum()
-        ranked = sorted(zip(made, shares.tolist(), strict=True), key=lambda pair: -pair[1])
-        return [replace(one, probability=share) for one, share in ranked if share]
+        ranked = sorted(zip(results, shares.tolist(), strict=True), key=lambda pair: -pair[1])
+        return [replace(pose, probability=share) for pose, share in ranked if share]
 
     def _by_rays(self, lines: Lines, errors: Array, turn: Array, shift: Array) -> Array:
-        """(8, S) px of misfit, for each of the rays' errors."""
+        """Return the (8, S) px change of the misfit by each of the rays' errors."""
         by_line = misfit(lines, self.side, turn, shift).by_line / np.tile(self._focal, 2)
         return np.asarray((by_line @ errors).reshape(8, -1))
 
     def _pose(
         self, lines: Lines, noise: Array, errors: Array, whiten: Array, turn: Array, shift: Array
     ) -> TagPose:
-        here = misfit(lines, self.side, turn, shift)
-        gain = (
-            np.linalg.pinv(whiten @ here.by_pose) @ whiten
-        )  # (6, 8): what a misfit moves the pose by, less its sign
+        """Return a pose with its errors. Its probability is not known yet, and is 1 here."""
+        tag_misfit = misfit(lines, self.side, turn, shift)
+        # (6, 8): the change of the pose by a misfit, with the opposite sign
+        gain = np.linalg.pinv(whiten @ tag_misfit.by_pose) @ whiten
         by_all = np.column_stack(
-            [self._by_rays(lines, errors, turn, shift), here.by_size * self._relative_sigma]
+            [self._by_rays(lines, errors, turn, shift), tag_misfit.by_size * self._relative_sigma]
         )
-        off = math.sqrt(float((here.px**2).sum()) / 4)
-        return TagPose(turn, shift, gain @ noise @ gain.T, -gain @ by_all, off, 1.0)
+        off_px = math.sqrt(float((tag_misfit.px**2).sum()) / 4)
+        return TagPose(
+            turn=turn,
+            position=shift,
+            noise=gain @ noise @ gain.T,
+            shared=-gain @ by_all,
+            off_px=off_px,
+            probability=1.0,
+        )
 
 
 def _check_covariances(covariances: Array) -> None:
     """Raise InputError where (T, 8, 8) px^2 are not symmetric, or a variance is negative."""
-    least = np.linalg.eigvalsh(covariances).min(initial=0.0)
+    smallest = np.linalg.eigvalsh(covariances).min(initial=0.0)
     size = 1e-9 + 1e-6 * np.abs(covariances).max(initial=0.0)
-    if least < -size or (np.abs(covariances - covariances.swapaxes(1, 2)) > size).any():
+    if smallest < -size or (np.abs(covariances - covariances.swapaxes(1, 2)) > size).any():
         raise InputError("covariances are not symmetric with variances of 0 px^2 or more.")

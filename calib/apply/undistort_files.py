@@ -1,5 +1,5 @@
-"""Picture files, videos, and folders of both, straightened into another folder under their own
-names.
+"""Undistort picture files, videos, and folders of both into another folder. Each result has the
+name of its original.
 """
 
 import os
@@ -25,7 +25,7 @@ ENCODING = {".jpg": [cv2.IMWRITE_JPEG_QUALITY, 97], ".jpeg": [cv2.IMWRITE_JPEG_Q
 
 
 @dataclass(frozen=True, slots=True)
-class Straightened:
+class UndistortedFiles:
     """The files that were written, and a sentence for each video that is cut off."""
 
     paths: tuple[Path, ...]
@@ -33,47 +33,47 @@ class Straightened:
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """What the straightened pictures show."""
+class UndistortOptions:
+    """The options for the undistorted pictures."""
 
     depth: Depth | Path
-    """m; or a depth image's file; or a folder with a depth image for each picture, under the
-    picture's name.
+    """A depth in m, the file of a depth image, or a folder with a depth image for each picture,
+    under the picture's name.
     """
     crop: float | None = None
     size: tuple[int, int] | None = None
     """px, width and height."""
     near: float = NEAR
-    """m: the nearest that depth images reach."""
+    """m: the nearest distance that depth images reach."""
 
 
 def undistort_files(
     calibration: Calibration,
-    given: Sequence[Path],
-    wanted: Wanted,
+    inputs: Sequence[Path],
+    options: UndistortOptions,
     output: OutputFolder,
     progress: Progress,
-) -> Straightened:
-    """Straighten pictures and videos into a folder.
+) -> UndistortedFiles:
+    """Undistort pictures and videos into a folder.
 
     Raises:
-        InputError: a file cannot be read or written, or a foreign file has the name of a new one;
-            the latter before anything is written.
+        InputError: a file cannot be read or written, or a foreign file has the name of a new one.
+            Foreign files are found before anything is written.
     """
     paths: list[Path] = []
-    for one in given:
-        with reading(one):
-            paths += (*list_images(one), *list_videos(one)) if one.is_dir() else (one,)
+    for path in inputs:
+        with reading(path):
+            paths += (*list_images(path), *list_videos(path)) if path.is_dir() else (path,)
     _check_names(paths, output.path)
-    _check_depth_images(paths, wanted.depth, output.path)
+    _check_depth_images(paths, options.depth, output.path)
     output.check(path.name for path in paths)
     first = (
-        wanted.depth
-        if not isinstance(wanted.depth, Path)
-        else depth_image_for(paths[0], wanted.depth)
+        options.depth
+        if not isinstance(options.depth, Path)
+        else depth_image_for(paths[0], options.depth)
     )
     undistorter = Undistorter(
-        calibration, first, crop=wanted.crop, size=wanted.size, near=wanted.near
+        calibration, first, crop=options.crop, size=options.size, near=options.near
     )
     make_folder(output.path)
     advance = progress.task("Undistort", len(paths))
@@ -81,8 +81,8 @@ def undistort_files(
     cut_off: list[str] = []
     for done, path in enumerate(paths):
         advance(done, path.name)
-        if isinstance(wanted.depth, Path) and wanted.depth.is_dir() and done:
-            undistorter = undistorter.at(depth_image_for(path, wanted.depth))
+        if isinstance(options.depth, Path) and options.depth.is_dir() and done:
+            undistorter = undistorter.at(depth_image_for(path, options.depth))
         if path.suffix.lower() in VIDEOS:
             target, sentence = straighten_video(path, output, undistorter, progress)
             written.append(target)
@@ -91,7 +91,7 @@ def undistort_files(
             image = _encoded(_straightened(path, undistorter), path)
             written.append(output.write(path.name, image))
     advance(len(paths), "")
-    return Straightened(tuple(written), tuple(cut_off))
+    return UndistortedFiles(tuple(written), tuple(cut_off))
 
 
 def _straightened(path: Path, undistorter: Undistorter) -> Image:
@@ -108,23 +108,22 @@ def _check_names(paths: Sequence[Path], folder: Path) -> None:
             "There are no pictures to undistort: name some, or a folder that holds png, jpg, tiff,"
             " bmp or npy files, or videos."
         )
-    seen: dict[str, Path] = {}
-    there = os.path.realpath(
-        folder
-    )  # unlike Path.resolve, it lets a loop of links pass: reading says what is wrong
+    paths_by_name: dict[str, Path] = {}
+    # unlike Path.resolve, realpath accepts a loop of links, which reading then reports
+    target = os.path.realpath(folder)
     for path in paths:
         if path.suffix.lower() not in (*SUFFIXES, *VIDEOS):
             raise InputError(
                 f"{path} does not say what to write: give it its type's suffix, one of"
                 f" {', '.join((*SUFFIXES, *VIDEOS))}."
             )
-        if path.name in seen:
+        if path.name in paths_by_name:
             raise InputError(
-                f"{seen[path.name]} and {path} have the same name: undistort them into different"
-                " folders."
+                f"{paths_by_name[path.name]} and {path} have the same name: undistort them into"
+                " different folders."
             )
-        seen[path.name] = path
-        if there in (os.path.realpath(path.parent), str(Path(os.path.realpath(path)).parent)):
+        paths_by_name[path.name] = path
+        if target in (os.path.realpath(path.parent), str(Path(os.path.realpath(path)).parent)):
             raise InputError(f"{path} would be overwritten: give another folder with -o.")
 
 
@@ -142,7 +141,7 @@ def _check_depth_images(paths: Sequence[Path], depth: Depth | Path, folder: Path
 
 
 def _encoded(image: Image, path: Path) -> bytes:
-    """The bytes of a file of the type that the picture's own name says."""
+    """Return the bytes of a file with the image, of the type of the path's suffix."""
     suffix = path.suffix.lower()
     if image.dtype == np.uint16 and suffix not in SIXTEEN_BIT:
         raise InputError(

@@ -1,12 +1,12 @@
-"""Undistortion for streams: at one depth, or with a depth for every pixel, by maps in the form that
-OpenCV runs fastest on.
+"""Undistortion for streams, at one depth or with a depth for every pixel. The maps have the form
+with which OpenCV is fastest.
 
     undistorter = Undistorter(calibration, depth=0.5)
     for frame in frames:
         straight = undistorter.undistort(frame)
 
-`undistorter.at(depth)` is the same picture at another depth. Pixels that the camera does not see
-are 0, and false in `valid`; a point that it does not see is NaN.
+`undistorter.at(depth)` returns an undistorter for the same picture at another depth. Pixels that
+the camera does not see are 0, and false in `valid`. Points that it does not see are NaN.
 """
 
 from __future__ import annotations
@@ -42,13 +42,14 @@ from calib.undistortion.remap import MAX_SIDE, remap
 from calib.undistortion.window import Window
 
 NEAR = 0.1
-"""m: what in a depth image is nearer counts as unknown, if nothing else is asked for."""
-MOST_NODES = 300_000
-"""Of the inverse, SPACING px of the bare camera apart, over what a camera matrix shows: solving
-them takes seconds. A view nine times as wide as a camera of a million px has fewer.
+"""m: by default, nearer depths of a depth image count as unknown."""
+MAX_NODES = 300_000
+"""The largest number of nodes of the inverse, which are SPACING px of the bare camera apart, over
+the view of a camera matrix: solving for these takes seconds. A view nine times as wide as that of a
+camera of a million px has fewer.
 """
-MOST_SHOWN = 4
-"""Times what a camera sees: a large camera's view may be that large, however many nodes it has."""
+MAX_ENLARGEMENT = 4
+"""A view of up to this many times the camera's picture is allowed whatever its number of nodes."""
 INTERPOLATIONS = (
     cv2.INTER_NEAREST,
     cv2.INTER_LINEAR,
@@ -57,20 +58,20 @@ INTERPOLATIONS = (
     cv2.INTER_LANCZOS4,
 )
 FIXED_POINT = int(cv2.__version__.split(".")[0]) < 5
-"""Measured: OpenCV 4 is a tenth faster on CV_16SC2 maps and as exact; OpenCV 5 is as fast or twice
-as fast on float maps, and exact.
+"""OpenCV 4 was measured to be a tenth faster with CV_16SC2 maps, and equally exact. OpenCV 5 is
+equally fast or twice as fast with float maps, and exact.
 """
 
 Image = Stored | NDArray[np.float32]
 
 Depth = float | NDArray[np.floating]
-"""m: one for all pixels, or a (height, width) image with the depth of every pixel of the
+"""m: one depth for all pixels, or a (height, width) image with the depth of every pixel of the
 undistorted picture; 0 and NaN are unknown.
 """
 
 
 class Undistorter:
-    """Shows what a camera behind a cover sees as a bare pinhole camera would."""
+    """Converts pictures and points of a camera behind a cover to those of a bare pinhole camera."""
 
     def __init__(
         self,
@@ -85,15 +86,15 @@ class Undistorter:
     ) -> None:
         """
         Args:
-            calibration: of the camera.
+            calibration: the camera's calibration.
             depth: m, see Depth.
-            crop: as the alpha of cv2.getOptimalNewCameraMatrix: 0 shows only valid pixels, 1
-                everything that the camera sees. Without it the picture has the camera's own focal
+            crop: the alpha of cv2.getOptimalNewCameraMatrix: 0 shows only valid pixels, 1
+                everything that the camera sees. Without it, the picture has the camera's focal
                 length and principal point.
-            camera_matrix: (3, 3) of the picture, instead of `crop`.
+            camera_matrix: (3, 3) camera matrix of the picture, instead of `crop`.
             size: px, width and height of the picture; by default the camera's.
-            near: m, the nearest that depth images reach.
-            interpolation: of cv2.remap.
+            near: m, the nearest distance that depth images reach.
+            interpolation: the flag of cv2.remap.
         """
         self.calibration = calibration
         self.field: RayField = calibration.ray_field()
@@ -122,39 +123,45 @@ class Undistorter:
 
     @property
     def depth(self) -> Depth:
+        """The depth, m, as it was given."""
         return self._depth
 
     @property
     def size(self) -> tuple[int, int]:
-        """px, width and height of the undistorted picture."""
+        """Width and height of the undistorted picture, px."""
         return self.window.width, self.window.height
 
     @property
     def camera_matrix(self) -> Array:
-        """(3, 3) of the undistorted picture: it has no other distortion."""
+        """The (3, 3) camera matrix of the undistorted picture, which has no distortion."""
         (fx, fy), (cx, cy) = self._pinhole()
-        (left, top), (wide, high) = self.window.corner, self.window.zoom
+        x_min, y_min = self.window.corner
+        zoom_x, zoom_y = self.window.zoom
         return np.array(
-            [[fx / wide, 0, (cx - left) / wide], [0, fy / high, (cy - top) / high], [0, 0, 1]]
+            [
+                [fx / zoom_x, 0, (cx - x_min) / zoom_x],
+                [0, fy / zoom_y, (cy - y_min) / zoom_y],
+                [0, 0, 1],
+            ]
         )
 
     def at(self, depth: Depth) -> Undistorter:
-        """The same picture at another depth, or with another depth image: what does not depend on
-        depth is shared.
+        """Return an undistorter for the same picture at another depth, or with another depth image.
+        The two share everything that does not depend on depth.
         """
-        other = object.__new__(Undistorter)
-        other.__dict__.update(self.__dict__)
-        other._show(depth)
-        self._stack = other._stack
-        return other
+        copy = object.__new__(Undistorter)
+        copy.__dict__.update(self.__dict__)
+        copy._show(depth)
+        self._stack = copy._stack
+        return copy
 
     def undistort(self, image: Image, into: Image | None = None) -> Image:
-        """A picture of the camera, straightened.
+        """Return the undistorted picture of a picture of the camera.
 
         Args:
             image: (H, W) or (H, W, 3), uint8, uint16 or float32, of the calibrated size.
-            into: where to write the result, of `size` and the image's type: saves making room for
-                it.
+            into: an array for the result, of `size` and the image's type. It saves the time to
+                allocate one.
         """
         pixels = picture(image, self.field.width, self.field.height)
         if into is not None and not (
@@ -176,56 +183,57 @@ class Undistorter:
         return cast(Image, straight)
 
     def undistort_points(self, pixels: Array, depth: float | Array | None = None) -> Array:
-        """(N, 2) px of the camera to (N, 2) px of the undistorted picture; NaN where the camera
-        does not see.
+        """Return the (N, 2) px of the undistorted picture for (N, 2) px of the camera; NaN where
+        the camera does not see.
 
         Args:
             pixels: (N, 2)
-            depth: m, one for all or (N,); the undistorter's own if it has one for all.
+            depth: m, one for all or (N,); by default that of the undistorter, if it is one for all.
         """
         rows = self._rows(pixels, depth)
 
         def undistorted(rows: Array) -> tuple[Array]:
             at, metres = rows[:, :2], 1 / rows[:, 2]
-            seen = self.field.sees(at[:, 0], at[:, 1], metres)
+            visible = self.field.sees(at[:, 0], at[:, 1], metres)
             plane = self.field.undistort_pixels(at, metres)
             shown = (plane - self.window.corner) / self.window.zoom
-            return (np.where(seen[:, None], shown, np.nan),)
+            return (np.where(visible[:, None], shown, np.nan),)
 
         with np.errstate(divide="ignore"):  # a depth may be infinite
             return on_finite_rows(undistorted, rows, 2)[0]
 
     def distort_points(self, pixels: Array, depth: float | Array | None = None) -> Array:
-        """(N, 2) px of the undistorted picture to the (N, 2) px of the camera that see them; NaN
-        where none does. Arguments as above.
+        """Return the (N, 2) px of the camera that see (N, 2) px of the undistorted picture; NaN
+        where no pixel does. The arguments are those of `undistort_points`.
         """
         rows = self._rows(pixels, depth)
 
         def distorted(rows: Array) -> tuple[Array]:
             plane = rows[:, :2] * np.array(self.window.zoom) + self.window.corner
-            found, seen = self.field.distort_pixels(plane, 1 / rows[:, 2])
-            return (np.where(seen[:, None], found, np.nan),)
+            distorted_pixels, visible = self.field.distort_pixels(plane, 1 / rows[:, 2])
+            return (np.where(visible[:, None], distorted_pixels, np.nan),)
 
         with np.errstate(divide="ignore"):
             return on_finite_rows(distorted, rows, 2)[0]
 
     def project(self, points: Array) -> Array:
-        """(N, 3) m in the camera frame to the (N, 2) px of the camera that see them; NaN where none
-        does.
+        """Return the (N, 2) px of the camera that see (N, 3) m points in the camera frame; NaN
+        where no pixel does.
         """
         return self.calibration.project(points)
 
     def rays(self, pixels: Array) -> tuple[Array, Array]:
-        """(N, 2) px of the camera to (N, 3) m where their rays leave the cover and (N, 3) unit
-        where these go; NaN where none does.
+        """Return, for (N, 2) px of the camera, the (N, 3) m points where their rays leave the
+        cover, and the rays' (N, 3) unit directions; NaN where no ray leaves the cover.
         """
         return self.calibration.rays(pixels)
 
     def _show(self, depth: Depth) -> None:
+        """Set the maps, and the mask of valid pixels, for a depth."""
         if not _is_image(depth):
             self._depth = metres = _metres(depth)
-            made = self.field.map_at(metres, self.window)
-            x, y, self.valid = made.x, made.y, made.valid
+            depth_map = self.field.map_at(metres, self.window)
+            x, y, self.valid = depth_map.x, depth_map.y, depth_map.valid
         else:
             self._depth = depth
             image = as_array(depth, "the depth image")
@@ -262,12 +270,14 @@ class Undistorter:
             )
         zoom = fx / float(matrix[0, 0]), fy / float(matrix[1, 1])
         shown = math.prod(size) * zoom[0] * zoom[1]  # px of the bare camera
-        most = max(MOST_NODES * SPACING**2, MOST_SHOWN * self.field.width * self.field.height)
-        if shown > most:
-            least = (fx * fy * math.prod(size) / most) ** 0.5
+        largest = max(
+            MAX_NODES * SPACING**2, MAX_ENLARGEMENT * self.field.width * self.field.height
+        )
+        if shown > largest:
+            smallest_focal = (fx * fy * math.prod(size) / largest) ** 0.5
             raise InputError(
                 f"the camera matrix shows far more than the camera sees: give focal lengths of"
-                f" {math.ceil(least)} px or more for a picture of {size[0]}x{size[1]} px."
+                f" {math.ceil(smallest_focal)} px or more for a picture of {size[0]}x{size[1]} px."
             )
         return Window(
             *size, (cx - float(matrix[0, 2]) * zoom[0], cy - float(matrix[1, 2]) * zoom[1]), zoom
@@ -320,10 +330,10 @@ def _whole_size(size: tuple[int, int]) -> tuple[int, int]:
 def _fast(
     x: NDArray[np.float32], y: NDArray[np.float32], valid: Mask, field: RayField
 ) -> tuple[Any, Any]:
-    """Two maps for cv2.remap.
+    """Return two maps for cv2.remap.
 
-    Valid pixels are kept on the image, so that a constant border fills what is not valid and
-    nothing else.
+    Valid pixels are clipped to the image, so that a constant border fills exactly the pixels that
+    are not valid.
     """
     for axis, size in ((x, field.width), (y, field.height)):
         np.clip(axis, 0, size - 1, out=axis)

@@ -1,4 +1,4 @@
-"""Videos, frame by frame through an undistorter. Sound is not kept."""
+"""Undistort videos frame by frame. The result has no sound."""
 
 import secrets
 from contextlib import suppress
@@ -14,11 +14,11 @@ from calib.io.videos import breaks_off, open_video, promised_frames
 from calib.progress import Progress
 
 VIDEOS = {".avi": "MJPG", ".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v"}
-"""By suffix, the code of what is written: one that every OpenCV can."""
+"""The codec that is written for each suffix; every OpenCV has these."""
 
 
 def list_videos(folder: Path) -> tuple[Path, ...]:
-    """The videos of a folder, by name. Hidden files are left out."""
+    """Return the videos of a folder, sorted by name, without hidden files."""
     return tuple(
         sorted(
             p
@@ -33,11 +33,11 @@ def straighten_video(
 ) -> tuple[Path, str]:
     """Write the undistorted video under its own name, with the frame rate of the original.
 
-    An earlier file of that name stays whole until the last frame.
+    An earlier file of that name stays complete until the last frame is written.
 
     Returns:
-        The path of the new video, and a sentence if the original is cut off, so that its last
-        frames are missing; else an empty text.
+        The path of the new video, and a sentence if the last frames of the original are missing;
+        else an empty text.
     """
     target = output.path / path.name
     capture = open_video(path)
@@ -50,8 +50,8 @@ def straighten_video(
     frames = 0
     try:
         while True:
-            there, frame = capture.read()
-            if not there:
+            success, frame = capture.read()
+            if not success:
                 break
             try:
                 undistorter.undistort(frame.astype(np.uint8, copy=False), straight)

@@ -2,25 +2,33 @@
 wavelength.
 
 Source: X. Quan and E. S. Fry, Empirical equation for the index of refraction of seawater, Applied
-    Optics 34 (1995) 3477, equation 3. It
-holds from 0 to 30 degrees C, 0 to 35 per mille, and 400 to 700 nm, to 1.5e-5.
+Optics 34 (1995) 3477, equation 3. It holds to 1.5e-5 from 0 to 30 degrees C, 0 to 35 per mille, and
+400 to 700 nm.
 """
 
 from calib.errors import InputError, brief
 from calib.io.numerals import number
 
-SALINITY, TEMPERATURE, WAVELENGTH = (0.0, 35.0), (0.0, 30.0), (400.0, 700.0)
-"""per mille, degrees C and nm: where the equation holds."""
+SALINITY = (0.0, 35.0)
+"""per mille: the range of the equation."""
+TEMPERATURE = (0.0, 30.0)
+"""degrees C: the range of the equation."""
+WAVELENGTH = (400.0, 700.0)
+"""nm: the range of the equation."""
 GREEN = 550.0
-"""nm: what a camera of all colours sees most of."""
+"""nm: the middle of the light that a colour camera sees."""
 
 
 def index_of_water(salinity: float, temperature: float, wavelength: float = GREEN) -> float:
-    """Return the index of water of so much salt, per mille by weight (0 fresh, 35 the oceans'), at
-    a temperature, degrees C, for light of a wavelength, nm.
+    """Return the index of refraction of water against air.
+
+    Args:
+        salinity: per mille by weight; 0 is fresh water, 35 the oceans'.
+        temperature: degrees C
+        wavelength: nm, of the light.
 
     Raises:
-        InputError: the equation does not hold there.
+        InputError: a number is outside the range of the equation.
     """
     for value, (low, high), name in (
         (salinity, SALINITY, "salinity"),

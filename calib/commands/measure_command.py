@@ -10,7 +10,7 @@ from calib.commands.loading import quickly
 from calib.errors import brief, harmless
 
 if TYPE_CHECKING:
-    from calib.apply.measure import Measured
+    from calib.apply.measure import MeasuredPoints
 
 SUMMARY = "Measure in metres: points on a plane, or points that several pictures show, and lengths."
 DESCRIPTION = """
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _as_mapping(
-    names: list[str], measured: "Measured", frame: str, noise_px: float
+    names: list[str], measured: "MeasuredPoints", frame: str, noise_px: float
 ) -> dict[str, object]:
     rows = zip(
         names,
@@ -116,7 +116,7 @@ def _as_mapping(
     }
 
 
-def _print(names: list[str], measured: "Measured", frame: str, noise_px: float) -> None:
+def _print(names: list[str], measured: "MeasuredPoints", frame: str, noise_px: float) -> None:
     import numpy as np
     from rich.box import SIMPLE_HEAD
     from rich.console import Console

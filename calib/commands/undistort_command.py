@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     with quickly():
         from calib.apply.angular_reach import undistortion_limit
-        from calib.apply.undistort_files import Wanted, undistort_files
+        from calib.apply.undistort_files import UndistortOptions, undistort_files
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.io.output_folder import OutputFolder
 
     calibration = Calibration.load(args.calibration)
-    wanted = Wanted(
+    wanted = UndistortOptions(
         args.depth if args.depth is not None else args.depth_image, args.crop, args.size, args.near
     )
     output = OutputFolder(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from calib.apply.located_tags import Located
+from calib.apply.located_tags import LocatedTags
 from calib.apply.tags import TagLocator
 from calib.calibration import Calibration
 from calib.cli import main
@@ -69,7 +69,9 @@ def at(degrees: float, depth: float) -> tuple[Array, Array]:
     return turn.as_matrix(), np.array([0.01, -0.02, depth])
 
 
-def located(calibration: Calibration, degrees: float, depth: float, repeats: int) -> list[Located]:
+def located(
+    calibration: Calibration, degrees: float, depth: float, repeats: int
+) -> list[LocatedTags]:
     light = sharp(*at(degrees, depth))
     locator = TagLocator(calibration, "DICT_4X4_50", SIDE, side_sigma=0.0)
     return [locator.locate(noisy(light, seed)) for seed in range(repeats)]

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.apply.measure import BoardPose, Measured, Measurer, Reason
+from calib.apply.measure import BoardPose, MeasuredPoints, Measurer, UnmeasuredReason
 from calib.apply.measure_files import read_points, read_poses, turned_views
 from calib.calibration import Calibration
 from calib.cli import main
@@ -110,7 +110,7 @@ def test_sigma_is_what_repeated_noise_shows(how: str) -> None:
     def noisy(pixels: np.ndarray) -> np.ndarray:
         return np.asarray(pixels + rng.normal(0, NOISE / 2**0.5, pixels.shape))
 
-    def once() -> tuple[Measured, np.ndarray]:
+    def once() -> tuple[MeasuredPoints, np.ndarray]:
         if how == "views":
             both = noisy(np.concatenate([seen(calibration, pose, on + off) for pose in POSES]))
             return measurer.triangulate(both, boards(2), [0, 0, 1, 1], [0, 1, 0, 1]), on + off
@@ -376,13 +376,16 @@ def test_every_point_that_is_not_measured_has_its_reason(calibration: Calibratio
     measurer = Measurer(calibration)
     centre = np.array([[WIDTH / 2, HEIGHT / 2]])
     behind = measurer.on_planes(centre, [BoardPose.exactly(np.array([0, 0, 0, 0, 0, -1.0]))], [0])
-    assert behind.reasons == (Reason.NO_POINT,)
+    assert behind.reasons == (UnmeasuredReason.NO_POINT,)
     apart = [BoardPose.exactly(np.array([0, 0, 0, shift, 0, 0.6])) for shift in (0.1, -0.1)]
     pixels = centre + np.array([[500.0, 0.0], [-500.0, 0.0]])
     parting = [
         measurer.triangulate(pixels[order], apart, [0, 1], [0, 0]) for order in ([0, 1], [1, 0])
     ]
-    assert sorted(one.reasons[0] for one in parting) == [Reason.MEASURED, Reason.NOWHERE]
+    assert sorted(one.reasons[0] for one in parting) == [
+        UnmeasuredReason.MEASURED,
+        UnmeasuredReason.NOWHERE,
+    ]
     for one in (behind, *parting):
         assert (
             np.isnan(one.points).any()
@@ -402,7 +405,7 @@ def test_pixels_that_no_ray_leaves_have_their_reason(calibration: Calibration) -
     measured = Measurer(away).on_planes(
         np.array([[WIDTH / 2, HEIGHT / 2]]), [BoardPose.facing(1.0)], [0]
     )
-    assert measured.reasons == (Reason.NO_RAY,)
+    assert measured.reasons == (UnmeasuredReason.NO_RAY,)
     assert np.isnan(measured.points).all()
 
 

@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calib.apply.located_tags import Located, Reason, Tag
+from calib.apply.located_tags import LocatedTags, Tag, UnplacedReason
 from calib.apply.tag_files import COLUMNS
 from calib.apply.tags import TagLocator
 from calib.calibration import Calibration
@@ -52,7 +52,7 @@ def truth() -> TagTruth:
 
 
 @pytest.fixture(scope="module")
-def located(calibration: Calibration, truth: TagTruth) -> list[Located]:
+def located(calibration: Calibration, truth: TagTruth) -> list[LocatedTags]:
     locators = {
         (family, side): TagLocator(calibration, name, side, side_sigma=0.0)
         for family, name in DICTIONARIES.items()
@@ -68,19 +68,19 @@ def held_out() -> tuple[View, ...]:
     return read_views(read_session(FIXTURES / "bumps" / "holdout"), Silent())[0]
 
 
-def poses_of(located: list[Located]) -> list[tuple[int, Tag]]:
+def poses_of(located: list[LocatedTags]) -> list[tuple[int, Tag]]:
     """Every tag, with the number of its picture."""
     return [(picture, tag) for picture, one in enumerate(located) for tag in one.tags]
 
 
-def test_every_tag_is_placed_as_itself(located: list[Located], truth: TagTruth) -> None:
+def test_every_tag_is_placed_as_itself(located: list[LocatedTags], truth: TagTruth) -> None:
     for one, numbers in zip(located, truth.numbers, strict=True):
         assert [tag.number for tag in one.tags] == sorted(numbers.tolist())
         assert not one.unplaced
         assert not any(tag.ambiguous for tag in one.tags)
 
 
-def test_corners_are_where_light_put_them(located: list[Located], truth: TagTruth) -> None:
+def test_corners_are_where_light_put_them(located: list[LocatedTags], truth: TagTruth) -> None:
     off = np.array(
         [tag.corners - truth.corners[picture, tag.number] for picture, tag in poses_of(located)]
     )
@@ -90,7 +90,7 @@ def test_corners_are_where_light_put_them(located: list[Located], truth: TagTrut
     assert np.abs(off).max() < 0.06
 
 
-def test_turns_are_those_that_were_rendered(located: list[Located], truth: TagTruth) -> None:
+def test_turns_are_those_that_were_rendered(located: list[LocatedTags], truth: TagTruth) -> None:
     off = [
         Rotation.from_matrix(tag.poses[0].turn @ truth.rotations[picture, tag.number].T)
         for picture, tag in poses_of(located)
@@ -102,7 +102,7 @@ def test_turns_are_those_that_were_rendered(located: list[Located], truth: TagTr
 
 
 def test_tags_are_placed_five_times_more_exactly_than_by_a_central_camera(
-    calibration: Calibration, located: list[Located], truth: TagTruth
+    calibration: Calibration, located: list[LocatedTags], truth: TagTruth
 ) -> None:
     """OpenCV's best, fitted to the same session, with the same corners; each after the one rigid
     motion of all tags that fits best.
@@ -126,7 +126,7 @@ def test_tags_are_placed_five_times_more_exactly_than_by_a_central_camera(
         assert mine < other / 5, f"{side} m at {depth} m: {1e3 * mine:.3f} and {1e3 * other:.3f} mm"
 
 
-def test_sigma_is_the_error(located: list[Located], truth: TagTruth) -> None:
+def test_sigma_is_the_error(located: list[LocatedTags], truth: TagTruth) -> None:
     every = poses_of(located)
     true = np.array([truth.translations[picture, tag.number] for picture, tag in every])
     poses = [tag.poses[0] for _, tag in every]
@@ -182,7 +182,7 @@ def test_a_number_that_is_seen_twice_is_not_placed(
         y - reach : y + reach, x - reach : x + reach
     ]
     found = TagLocator(calibration, "DICT_4X4_50", 0.05).locate(grey)
-    assert [(one.number, one.reason) for one in found.unplaced] == [(0, Reason.TWICE)]
+    assert [(one.number, one.reason) for one in found.unplaced] == [(0, UnplacedReason.TWICE)]
     assert 0 not in [tag.number for tag in found.tags]
 
 
@@ -201,7 +201,7 @@ def test_a_tag_that_is_no_flat_square_is_not_placed(
     warped = cv2.warpPerspective(grey, matrix, grey.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
     mask = cv2.fillConvexPoly(np.zeros_like(grey), np.rint(around).astype(np.int32), 1)
     found = TagLocator(calibration, "DICT_4X4_50", 0.05).locate(np.where(mask == 1, warped, grey))
-    assert [(one.number, one.reason) for one in found.unplaced] == [(0, Reason.NO_SQUARE)]
+    assert [(one.number, one.reason) for one in found.unplaced] == [(0, UnplacedReason.NO_SQUARE)]
 
 
 def test_16_bits_say_the_same(calibration: Calibration, truth: TagTruth) -> None:
@@ -281,7 +281,7 @@ def run(*arguments: object) -> int:
 
 def test_the_command_prints_what_the_library_finds(
     folder: Path,
-    located: list[Located],
+    located: list[LocatedTags],
     truth: TagTruth,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

@@ -9,7 +9,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from calib.apply.map_uncertainty import frames_along, predicted_sigma, ray_errors
-from calib.apply.measure import BoardPose, Measurer, Reason
+from calib.apply.measure import BoardPose, Measurer, UnmeasuredReason
 from calib.apply.tag_pose import SQUARE
 from calib.apply.tags import TagLocator
 from calib.calibration import Calibration
@@ -66,13 +66,13 @@ def test_a_point_on_a_plane_is_where_its_ray_goes(calibration: Calibration, degr
     measured = Measurer(calibration, NOISE).on_planes(
         pixel, [BoardPose.exactly(facing(degrees))], [0]
     )
-    assert measured.reasons == (Reason.MEASURED,)
+    assert measured.reasons == (UnmeasuredReason.MEASURED,)
     assert np.abs(measured.points[0] - DISTANCE * direction(degrees)).max() < 1e-9
     outwards = np.array([np.cos(np.radians(degrees)), 0.0, -np.sin(np.radians(degrees))])
     step = 0.01
     ends = calibration.project(np.array([direction(degrees + step), direction(degrees - step)]))
     per_radian = np.linalg.norm(ends[0] - ends[1]) / np.radians(2 * step)
-    sigma = np.sqrt(outwards @ measured.own[0] @ outwards)
+    sigma = np.sqrt(outwards @ measured.noise[0] @ outwards)
     assert sigma == pytest.approx(NOISE / per_radian * DISTANCE, rel=1e-3)
     assert np.isfinite(measured.shared).all()
 
@@ -80,7 +80,7 @@ def test_a_point_on_a_plane_is_where_its_ray_goes(calibration: Calibration, degr
 def test_a_plane_in_front_is_not_seen_behind(calibration: Calibration) -> None:
     pixels = calibration.project(np.array([direction(80.0), direction(100.0)]))
     measured = Measurer(calibration, NOISE).on_planes(pixels, [BoardPose.facing(1.0)], [0, 0])
-    assert measured.reasons == (Reason.MEASURED, Reason.NO_POINT)
+    assert measured.reasons == (UnmeasuredReason.MEASURED, UnmeasuredReason.NO_POINT)
 
 
 @each_angle
@@ -90,7 +90,7 @@ def test_two_views_meet_in_a_point(calibration: Calibration, degrees: float) -> 
     pixels = calibration.project(np.stack([point, point - up]))
     boards = [BoardPose.exactly(np.zeros(6)), BoardPose.exactly(np.array([0, 0, 0, *-up]))]
     measured = Measurer(calibration, NOISE).triangulate(pixels, boards, [0, 1], [0, 0])
-    assert measured.reasons == (Reason.MEASURED,)
+    assert measured.reasons == (UnmeasuredReason.MEASURED,)
     assert np.abs(measured.points[0] - point).max() < 1e-9
 
 
@@ -105,7 +105,7 @@ def test_a_tag_is_located(bare: Calibration, degrees: float) -> None:
     def pose(at: Array) -> tuple[Array, Array, Array]:
         (poses,) = locator.place(at[None], NOISE**2 * np.eye(8)[None])
         assert isinstance(poses, tuple)
-        return poses[0].turn, poses[0].position, poses[0].own
+        return poses[0].turn, poses[0].position, poses[0].noise
 
     rotation, position, covariance = pose(corners)
     assert np.abs(rotation - turn).max() < 1e-6
