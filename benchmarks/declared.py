@@ -9,9 +9,9 @@ Then what freeing costs where all that is declared is true: synthetic views at 0
 1.15 mm of uneven glass, 0.1 px of noise per axis, tested on 20 other views over more depths, and on
 20 nearer than any that was fitted, with poses refitted.
 
-Of sessions that are named, what `calib.fitting.believing` decides by: how much more probable the
-corners are with every number estimated than with every number held, how uneven the glass is with
-both, and which numbers would be contradicted.
+For the named sessions it prints the evidence that `calib.fitting.resolve_prior_conflict` weighs:
+how much more probable the corners are with every number estimated than with every number held, how
+uneven the glass is with both, and which numbers would be contradicted.
 """
 
 import copy
@@ -175,7 +175,7 @@ def cost(seed: int, views: int) -> Iterator[list[str]]:
     for name, free in (("held", NONE), ("estimated", ALL)):
         settings = Settings(free=(free,))
         found = fit_stages(
-            Setup(made.board, CAMERA, INTRINSICS, GLASS).freed(settings),
+            Setup(made.board, CAMERA, INTRINSICS, GLASS).with_tolerances(settings),
             made.observations,
             settings,
             Silent(),

@@ -33,7 +33,7 @@ from calib.errors import InputError
 from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
-from calib.fitting.posable import posable
+from calib.fitting.with_initial_pose import with_initial_pose
 from calib.inference.naming import NAME_ALONE
 from calib.progress import Progress, Silent
 from calib.session.board import Board
@@ -219,7 +219,9 @@ class Checker:
     def _fit_poses(
         self, pictures: Pictures
     ) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[RejectedPicture, ...]]:
-        views, poses, rejected = posable(pictures.views, pictures.board, self.prior.model.means)
+        views, poses, rejected = with_initial_pose(
+            pictures.views, pictures.board, self.prior.model.means
+        )
         if not views:
             raise InputError(
                 "No picture can be checked: no pose of the board explains the corners of any"

@@ -55,7 +55,7 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
         )
         return Pictures((), session.board, rejected, words, "other_mode")
     try:
-        views, undetected = read_views(session, progress, fewest=1)
+        views, undetected = read_views(session, progress, min_views=1)
     except OtherBoardError as error:
         return Pictures(
             (),

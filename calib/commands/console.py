@@ -18,11 +18,11 @@ from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
 from calib.corners.view import RejectedPicture
 from calib.errors import brief, harmless
-from calib.fitting.declared import comparisons, own_parameters
+from calib.fitting.declared import comparisons, effect_comparisons
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.fleet_expectation import KEY as PRIOR
-from calib.fitting.second_look import LOOKS, SecondLook, summed
-from calib.fitting.view_noise import VIEW_NOISE, noisier
+from calib.fitting.guided_redetection import REDETECTION, Redetection, describe_redetection
+from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views
 from calib.progress import Advance
 from calib.session.lens import NAMES
 
@@ -79,8 +79,10 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         f"{len(calibration.views)} views with {corners} corners, noise of the corners about"
         f" {calibration.noise_px:.3f} px, {seconds:.1f} s."
     )
-    looks = summed([SecondLook(**look) for look in calibration.settings.get(LOOKS, [])])
-    of_views = filter(None, (looks, noisier(calibration.settings.get(VIEW_NOISE, {}))))
+    looks = describe_redetection(
+        [Redetection.from_record(record) for record in calibration.settings.get(REDETECTION, [])]
+    )
+    of_views = filter(None, (looks, describe_noisy_views(calibration.settings.get(VIEW_NOISE, {}))))
     reach = filter(None, [undistortion_limit(calibration)])
     for line in (
         *of_views,
@@ -140,7 +142,7 @@ def _estimates(calibration: Calibration) -> Iterator[str]:
                 f"{'Corrected' if one.corrected else 'Estimated'}:"
                 f" {one.summed if one.effect else one}"
             )
-    yield from (f"Estimated: {one.name} {one.estimated}" for one in own_parameters(calibration))
+    yield from (f"Estimated: {one.name} {one.estimated}" for one in effect_comparisons(calibration))
 
 
 def print_evaluation(evaluation: Evaluation, *, wide: bool) -> None:

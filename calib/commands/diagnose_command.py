@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.printing import print_json, told
         from calib.commands.verdict_lines import print_verdict
         from calib.diagnosis.diagnose import diagnose
-        from calib.fitting.provenance import diagnosed
+        from calib.fitting.provenance import record_diagnosis
         from calib.io.file_set import FileSet
         from calib.io.output_folder import check_no_link
         from calib.report.write import NAME, write_report
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
         files.reserve([*FILES, NAME])
         with Bars() as bars:
             better, finding = diagnose(calibration, bars, holdout)
-            better = diagnosed(better, folder_of(args.calibration), args.holdout)
+            better = record_diagnosis(better, folder_of(args.calibration), args.holdout)
             written = [better.write(files)]
         try:
             with Bars() as bars:

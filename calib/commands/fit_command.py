@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.diagnosis.requested_effects import with_requested
         from calib.export.npz import file_names, write_npz
         from calib.fitting.fit import fit
-        from calib.fitting.provenance import asked
+        from calib.fitting.provenance import record_request
         from calib.io.file_set import FileSet
         from calib.io.output_folder import check_no_link
         from calib.report.write import NAME, write_report
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
                 calibration, finding = diagnose(calibration, bars)
             elif args.effects:
                 calibration = with_requested(calibration, args.effects, bars)
-            calibration = asked(calibration, args.effects, args.depth)
+            calibration = record_request(calibration, args.effects, args.depth)
             written = [calibration.write(files), *write_npz(calibration, args.depth, files, bars)]
         seconds = time.monotonic() - begun
         try:
@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> None:
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
     """The contract's JSON object."""
-    from calib.fitting.second_look import LOOKS
+    from calib.fitting.guided_redetection import REDETECTION
     from calib.fitting.view_noise import VIEW_NOISE
 
     intrinsics, held_out = (
@@ -111,7 +111,7 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         "frames_used": len(calibration.views),
         "frames_rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "corners": sum(view.count for view in calibration.views),
-        LOOKS: calibration.settings.get(LOOKS, []),
+        REDETECTION: calibration.settings.get(REDETECTION, []),
         VIEW_NOISE: calibration.settings.get(VIEW_NOISE, {}),
         "noise_px": calibration.noise_px,
         "seconds": seconds,

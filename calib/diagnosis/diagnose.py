@@ -26,7 +26,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit_result import with_fit
-from calib.fitting.view_noise import VIEW_NOISE, noisier
+from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views
 from calib.inference.calibration_model import base_model, full_model
 from calib.inference.cross_validation import FOLDS, depth_split, fold_split
 from calib.inference.residual_structure import (
@@ -103,7 +103,7 @@ def diagnose(
         formulas = tuple(printed_forms(state))
         structure = significant_shares(_shares(calibration, state.fit, observations))
         timed = are_timed(calibration.views)
-        noisy_views = noisier(calibration.settings.get(VIEW_NOISE, {}))
+        noisy_views = describe_noisy_views(calibration.settings.get(VIEW_NOISE, {}))
         sentences = (
             *scores,
             *([noisy_views] if noisy_views else []),

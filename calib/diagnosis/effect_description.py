@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.diagnosis.finding import ParameterEstimate
-from calib.fitting.declared import comparisons, own_parameters
+from calib.fitting.declared import comparisons, effect_comparisons
 from calib.optics.board_target import FLEX, block_columns
 
 
@@ -24,7 +24,7 @@ def describe_estimates(
         parameters: the estimates of the diagnosis; for a field, its root mean square.
     """
     texts = [number.summed for number in comparisons(calibration) if number.effect == effect]
-    for number in own_parameters(calibration):
+    for number in effect_comparisons(calibration):
         if number.effect == effect:
             texts.append(f"{number.name} {number.estimated}")
     for name, estimate in parameters.items():

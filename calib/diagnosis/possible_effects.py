@@ -33,7 +33,7 @@ def check_possible(session: Session, settings: Settings, names: Sequence[str]) -
     camera = session.camera
     setup = Setup(
         session.board, camera, camera.intrinsics or ESTIMATED_INTRINSICS, session.cover
-    ).freed(settings)
+    ).with_tolerances(settings)
     path, values = covered_path(setup.intrinsics, setup.cover)
     if path.cover:
         path = with_relief(path, RELIEF)

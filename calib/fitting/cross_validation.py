@@ -1,4 +1,4 @@
-"""Cross-validation over views: what a fit leaves on views that it has not seen."""
+"""Cross-validation over views: the error of a fit on views that it was not fitted to."""
 
 import math
 from collections.abc import Sequence
@@ -15,38 +15,38 @@ from calib.progress import Progress, Silent
 from calib.threads import single_thread
 
 GRIDS = ((6, 6), (8, 8), (12, 12), (16, 16))
-"""What `--grid auto` chooses from, coarse to fine."""
+"""The grids that `--grid auto` compares, coarse to fine."""
 GRID_FOLDS = 4
-WORTH = 0.01
+MIN_IMPROVEMENT = 0.01
 """A finer grid must lower the held-out error by this fraction."""
-OVERFITS = 1.25
-"""Held-out over fitted error from which a fit is said to overfit, beyond what the fitted poses
-explain.
+OVERFIT_RATIO = 1.25
+"""Ratio of held-out to fitted error above which a fit overfits. The fitted poses explain a smaller
+ratio.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class CrossValidation:
-    """Every view was held out once; only its pose was refitted."""
+    """The errors when each view is held out once and only its pose is refitted."""
 
     folds: int
     held_out_px: float
     """Root mean square two-dimensional reprojection error."""
     fitted_px: float
-    """The same of the views that were fitted, over all folds."""
+    """The same error of the fitted views, over all folds."""
     held_out_sigma_px: float = 0.0
-    """Standard deviation of the former, from how its views differ; 0 where that is not known."""
+    """Standard deviation of `held_out_px`, from the spread over poses; 0 if unknown."""
 
     @property
     def overfits(self) -> bool:
-        return self.held_out_px > OVERFITS * self.fitted_px
+        return self.held_out_px > OVERFIT_RATIO * self.fitted_px
 
 
 def cross_validate(
     setup: Setup, views: Sequence[View], settings: Settings, folds: int, progress: Progress
 ) -> CrossValidation:
     """Fit `folds` times, each time without every folds-th pose of the board, and measure the views
-    of those: a burst stays together.
+    of the omitted poses. All views of a pose are in one fold, so a burst is not split.
 
     Raises:
         NotEnoughDataError: too few views are left to fit.
@@ -58,47 +58,49 @@ def cross_validate(
         + (f", grid {settings.grid[0]}x{settings.grid[1]}" if settings.grid else ""),
         folds,
     )
-    squares, counts = (
-        np.zeros(pose.max() + 1),
-        np.zeros(pose.max() + 1),
-    )  # px^2 and corners of each pose
-    fitted, corners = 0.0, 0
+    squares = np.zeros(pose.max() + 1)  # px^2 of each pose
+    counts = np.zeros(pose.max() + 1)  # corners of each pose
+    fitted_squares = 0.0  # px^2
+    corners = 0
     with single_thread():
         for fold in range(folds):
-            rest, own = (
-                [view for view, out in zip(views, fold_of == fold, strict=True) if out == held]
-                for held in (False, True)
-            )
-            found = fit_stages(setup, Observations.of(rest, setup.board), settings, Silent())
-            test = Observations.of(own, setup.board)
-            missed = refit_poses(found.path, found.values, test, pinhole_poses(test, found.values))[
-                1
+            training_views = [
+                view for view, number in zip(views, fold_of, strict=True) if number != fold
             ]
+            test_views = [
+                view for view, number in zip(views, fold_of, strict=True) if number == fold
+            ]
+            fitted = fit_stages(
+                setup, Observations.of(training_views, setup.board), settings, Silent()
+            )
+            test = Observations.of(test_views, setup.board)
+            poses = pinhole_poses(test, fitted.values)
+            _, residual = refit_poses(fitted.path, fitted.values, test, poses)
             for number, image in zip(
-                pose[fold_of == fold], test.per_view(missed.image), strict=True
+                pose[fold_of == fold], test.per_view(residual.image), strict=True
             ):
                 squares[number] += float(image.square().nansum())
                 counts[number] += int(image.isfinite().all(1).sum())
-            fitted += found.residuals.rms_px**2 * len(test.pixels)
+            fitted_squares += fitted.residuals.rms_px**2 * len(test.pixels)
             corners += len(test.pixels)
-            advance(fold + 1, f"{missed.rms_px:.3f} px held out")
+            advance(fold + 1, f"{residual.rms_px:.3f} px held out")
     error = float(np.sqrt(squares.sum() / counts.sum()))
-    apart = float(
+    spread = float(
         np.sqrt(
             np.square(squares - error**2 * counts).sum() * len(counts) / max(1, len(counts) - 1)
         )
     )
     sigma = (
-        apart / counts.sum() / (2 * error) if error else 0.0
+        spread / counts.sum() / (2 * error) if error else 0.0
     )  # of the mean square, and of its root to first order
-    return CrossValidation(folds, error, (fitted / corners) ** 0.5, float(sigma))
+    return CrossValidation(folds, error, (fitted_squares / corners) ** 0.5, float(sigma))
 
 
 def choose_grid(
     setup: Setup, views: Sequence[View], settings: Settings, progress: Progress
 ) -> tuple[tuple[int, int], dict[str, float]]:
-    """The coarsest of GRIDS that no finer one beats by WORTH on held-out views, and the held-out
-    error of each that was tried, in px.
+    """Return the coarsest of GRIDS that no finer one beats by MIN_IMPROVEMENT on held-out views,
+    and the held-out error of each tried grid, in px.
 
     Finer grids are tried as long as they help.
     """
@@ -109,8 +111,8 @@ def choose_grid(
         ).held_out_px
         lowest = min(errors.values(), default=math.inf)
         errors[grid] = error
-        if error >= (1 - WORTH) * lowest:
+        if error >= (1 - MIN_IMPROVEMENT) * lowest:
             break
-    return simplest_model(errors, WORTH), {
-        f"{around}x{along}": error for (around, along), error in errors.items()
+    return simplest_model(errors, MIN_IMPROVEMENT), {
+        f"{around}x{axial}": error for (around, axial), error in errors.items()
     }

@@ -1,5 +1,5 @@
-"""What the session declares against what the views say: every number with its tolerance, and its
-estimate, effects' increments added.
+"""Compare the numbers that a session declares with their estimates: each with its tolerance, and
+with the increments of effects added.
 """
 
 from __future__ import annotations
@@ -21,41 +21,42 @@ from calib.session.cover import SHAPES
 from calib.session.schema import Number, Quantity
 
 UNITS = {"millimetres": "mm", "degrees": "deg"}
-"""As they are shown beside a figure."""
+"""Abbreviation of a unit that is shown after a number."""
 PREFIXES = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
-"""Units of effects' own parameters as people read them, where they are others, and how many make
-one.
-"""
-CORRECTED = 3.0
-"""Of the estimate's own standard deviations: nearer, the declared value is as good."""
+"""The unit that people read instead of an SI unit, and how many of it make one SI unit."""
+MIN_CORRECTION = 3.0
+"""Standard deviations of the estimate: a nearer declared value is as good as the estimate."""
 
 
 DECLARED, BARE, VIEWS = "declared", "found in bare/", "found by the views alone"
-"""How a number was known before the fit."""
-FROM = {"bare": BARE, "views": VIEWS}
-"""Intrinsics, by `intrinsics_from` of a calibration's settings; all others are declared."""
+"""The sources of a number's prior."""
+SOURCES = {"bare": BARE, "views": VIEWS}
+"""The source of intrinsics by `intrinsics_from` of a calibration's settings; all other numbers are
+declared.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One number, in the unit that session.yaml writes it in: with an effect that is an increment
-    of it, their sum.
+    """One declared number and its estimate, in the unit of session.yaml.
+
+    The estimate includes the increment of an effect that shifts this number.
     """
 
     name: str
     unit: str
     declared: float
     tolerance: float
-    """Standard deviation of the prior; 0 where it was held."""
+    """Standard deviation of the prior; 0 if the fit held the number."""
     estimate: float
     sigma: float
     effect: str = ""
-    """The effect that estimates it, or its increment; empty: the fit itself."""
+    """The effect that estimates the number or its increment; empty if only the fit does."""
     doubted: bool = False
-    """Whether the fit gave up the tolerance, since the views contradict it."""
+    """True if the fit widened the tolerance because the views contradict it."""
     source: str = DECLARED
     per_si: float = 1.0
-    """How many of the unit make one SI unit."""
+    """Factor from the SI unit to `unit`."""
 
     @property
     def held(self) -> bool:
@@ -63,9 +64,9 @@ class Comparison:
 
     @property
     def normalised_deviation(self) -> float:
-        """How far the estimate is from what is declared, in standard deviations of what that
-        distance may be: see `calib.estimation.prior_conflict`. An estimate that owes nothing to
-        what is declared has a variance of its own.
+        """Return the distance between estimate and declared value, in standard deviations of that
+        distance (`calib.estimation.prior_conflict`). The estimate of a doubted number is
+        independent of the declared value, so the variances add.
         """
         distance = self.estimate - self.declared
         return (independent_deviation if self.doubted else normalised_deviation)(
@@ -74,31 +75,31 @@ class Comparison:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the views and what is declared cannot both be right."""
+        """True if the views and the declared value contradict each other."""
         return self.doubted or self.normalised_deviation > CONFLICT_THRESHOLD
 
     @property
     def corrected(self) -> bool:
-        """Whether the views tell the number from what is declared."""
-        return not self.held and abs(self.estimate - self.declared) > CORRECTED * self.sigma
+        """True if the views distinguish the estimate from the declared value."""
+        return not self.held and abs(self.estimate - self.declared) > MIN_CORRECTION * self.sigma
 
     def __str__(self) -> str:
         return f"{self.name} {self.estimated}, {self.source} as {self.stated}"
 
     @property
     def stated(self) -> str:
-        """What was known of it, for people."""
+        """Return the declared value with tolerance and unit, as text."""
         tolerance = f" ± {self.tolerance:.2g}" if self.tolerance else ""
         return f"{self.declared:.6g}{tolerance} {self.unit}".rstrip()
 
     @property
     def estimated(self) -> str:
-        """What is estimated, for people."""
+        """Return the estimate with sigma and unit, as text."""
         return f"{with_sigma(self.estimate, self.sigma)} {self.unit}".rstrip()
 
     @property
     def summed(self) -> str:
-        """The estimate as what is declared and the effect's increment."""
+        """Return the estimate as the sum of declared value and increment, as text."""
         value = (
             f"{to_digit_of(self.estimate, self.sigma) if self.sigma > 0 else f'{self.estimate:.5g}'}"  # noqa: E501
             f" {self.unit}".rstrip()
@@ -112,33 +113,32 @@ class Comparison:
 
 
 def comparisons(calibration: Calibration) -> Iterator[Comparison]:
-    """Every number of the cover and of the intrinsics, in the order in which a session writes
-    them.
+    """Yield every number of the cover and of the intrinsics, in the order of session.yaml."""
+    increments = {
+        name: scalar for scalar in _scalars(calibration) for name in scalar.parameter.shifts
+    }
+    for row in _declared(calibration):
+        yield increments[row.name].add_to(row) if row.name in increments else row
+
+
+def effect_comparisons(calibration: Calibration) -> Iterator[Comparison]:
+    """Yield the scalar parameters of effects that are no increment of a declared number.
+
+    The mean of a parameter's prior takes the place of the declared value.
     """
-    increments = {name: added for added in _scalars(calibration) for name in added.unknown.shifts}
-    for one in _declared(calibration):
-        yield increments[one.name].onto(one) if one.name in increments else one
-
-
-def own_parameters(calibration: Calibration) -> Iterator[Comparison]:
-    """The effects' scalars that are no increment of a declared number.
-
-    What they are supposed to be stands for what is declared.
-    """
-    declared = {one.name for one in _declared(calibration)}
-    for added in _scalars(calibration):
-        if not declared & set(added.unknown.shifts):
-            param = added.unknown.param
+    declared = {row.name for row in _declared(calibration)}
+    for scalar in _scalars(calibration):
+        if not declared & set(scalar.parameter.shifts):
+            param = scalar.parameter.param
             unit, per_si = PREFIXES.get(param.unit, (param.unit, 1.0))
-            supposed, tolerance = added.unknown.initial * per_si, added.unknown.sigma * per_si
             yield Comparison(
                 param.name,
                 unit,
-                supposed,
-                tolerance,
-                added.value * per_si,
-                added.sigma * per_si,
-                added.effect,
+                scalar.parameter.initial * per_si,
+                scalar.parameter.sigma * per_si,
+                scalar.value * per_si,
+                scalar.sigma * per_si,
+                scalar.effect,
             )
 
 
@@ -147,33 +147,33 @@ class _Scalar:
     """A scalar parameter of an effect, in SI units."""
 
     effect: str
-    unknown: EffectParameter
+    parameter: EffectParameter
     value: float
     sigma: float
 
-    def onto(self, one: Comparison) -> Comparison:
-        """A declared number with this increment."""
-        unit = one.estimate if self.unknown.relative else one.per_si
+    def add_to(self, number: Comparison) -> Comparison:
+        """Return a declared number with this increment added."""
+        unit = number.estimate if self.parameter.relative else number.per_si
         return Comparison(
-            name=one.name,
-            unit=one.unit,
-            declared=one.declared,
-            tolerance=math.hypot(one.tolerance, self.unknown.sigma * abs(unit)),
-            estimate=one.estimate + self.value * unit,
-            sigma=math.hypot(one.sigma, self.sigma * abs(unit)),
+            name=number.name,
+            unit=number.unit,
+            declared=number.declared,
+            tolerance=math.hypot(number.tolerance, self.parameter.sigma * abs(unit)),
+            estimate=number.estimate + self.value * unit,
+            sigma=math.hypot(number.sigma, self.sigma * abs(unit)),
             effect=self.effect,
-            doubted=one.doubted,
-            source=one.source,
-            per_si=one.per_si,
+            doubted=number.doubted,
+            source=number.source,
+            per_si=number.per_si,
         )
 
 
 def _scalars(calibration: Calibration) -> Iterator[_Scalar]:
     for added in calibration.effects:
-        for unknown in added.effect.effect_parameters:
-            value, sigma = added.parameters[unknown.param.name]
+        for parameter in added.effect.effect_parameters:
+            value, sigma = added.parameters[parameter.param.name]
             if not value.ndim:
-                yield _Scalar(added.effect.name, unknown, float(value), float(sigma))
+                yield _Scalar(added.effect.name, parameter, float(value), float(sigma))
 
 
 def _declared(calibration: Calibration) -> Iterator[Comparison]:
@@ -181,19 +181,19 @@ def _declared(calibration: Calibration) -> Iterator[Comparison]:
     declared, cover, camera = calibration.declared, calibration.cover, calibration.camera.intrinsics
     assert camera
 
-    lens = FROM.get(calibration.settings.get("intrinsics_from", ""), DECLARED)
+    lens = SOURCES.get(calibration.settings.get("intrinsics_from", ""), DECLARED)
 
-    def compared(
-        quantity: Quantity, name: str, said: Number, found: Number, source: str = DECLARED
+    def compare(
+        quantity: Quantity, name: str, prior: Number, estimate: Number, source: str = DECLARED
     ) -> Comparison:
         unit, per_si = ("px", 1.0) if quantity in PINHOLE else quantity.unit
         return Comparison(
             name=name,
             unit=UNITS.get(unit, unit),
-            declared=said.value * per_si,
-            tolerance=said.sigma * per_si,
-            estimate=found.value * per_si,
-            sigma=found.sigma * per_si,
+            declared=prior.value * per_si,
+            tolerance=prior.sigma * per_si,
+            estimate=estimate.value * per_si,
+            sigma=estimate.sigma * per_si,
             doubted=name in declared.doubted,
             source=source,
             per_si=per_si,
@@ -201,19 +201,19 @@ def _declared(calibration: Calibration) -> Iterator[Comparison]:
 
     for quantity in SHAPES[cover.shape]:
         for name in quantity.names:
-            yield compared(
+            yield compare(
                 quantity, f"cover.{name}", declared.cover.parameters[name], cover.parameters[name]
             )
     for quantity, name in zip(PINHOLE, ("fx", "fy", "cx", "cy"), strict=True):
-        yield compared(
+        yield compare(
             quantity,
             f"camera.{name}",
             getattr(declared.intrinsics, name),
             getattr(camera, name),
             lens,
         )
-    for name, number, found in zip(
+    for name, prior, estimate in zip(
         camera.names, declared.intrinsics.distortion, camera.distortion, strict=False
     ):
-        if number.value or number.sigma or found.sigma:
-            yield compared(COEFFICIENT, f"camera.{name}", number, found, lens)
+        if prior.value or prior.sigma or estimate.sigma:
+            yield compare(COEFFICIENT, f"camera.{name}", prior, estimate, lens)

@@ -1,4 +1,4 @@
-"""How good a calibration is on views that it has not seen: only each view's pose is refitted."""
+"""Evaluate a calibration on held-out views: only the pose of each view is refitted."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,7 +14,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.inputs import read_views
-from calib.fitting.posable import posable
+from calib.fitting.with_initial_pose import with_initial_pose
 from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -22,13 +22,13 @@ from calib.progress import Progress, Silent
 from calib.session.session import Session
 from calib.threads import single_thread
 
-NARROWEST = 0.125
-"""m: where the depth bands begin to double; what is nearer is one band."""
+FIRST_BAND_END = 0.125
+"""m: the end of the first depth band. Each further band ends at twice the distance."""
 
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """The error of the corners at some distances."""
+    """The error of the corners in a range of distances."""
 
     from_m: float
     to_m: float
@@ -39,7 +39,7 @@ class Band:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Held-out quality."""
+    """The error on held-out views."""
 
     rms_px: float
     """Root mean square two-dimensional reprojection error."""
@@ -64,12 +64,12 @@ def evaluate(
     *,
     halves: bool = False,
 ) -> Evaluation:
-    """Refit the poses of a session's views, with the camera and cover of a calibration, and measure
-    what is left.
+    """Refit the poses of a session's views with the camera and cover of a calibration, and measure
+    the residual.
 
     Args:
-        halves: measure each half of a view's corners with the pose that the other half gives, as it
-            is always done where boards move during the readout.
+        halves: measure each half of a view's corners with the pose that the other half gives. This
+            is always done if boards move during the readout.
 
     Raises:
         InputError: the session is of another camera mode.
@@ -82,9 +82,9 @@ def evaluate(
             f" {ours.width}x{ours.height}: evaluate with a session of the calibrated camera mode."
         )
     views, rejected = read_views(session, progress)
-    views, few = split_usable_views(views, session.board)
+    views, unusable = split_usable_views(views, session.board)
     path, values = calibration.model()
-    views, poses, lost = posable(views, session.board, values)
+    views, poses, poseless = with_initial_pose(views, session.board, values)
     if not views:
         raise NotEnoughDataError(
             f"{session.path} has no view to evaluate with: take pictures that show the whole board."
@@ -95,51 +95,53 @@ def evaluate(
             noise = (
                 float(calibration.settings.get("sigma_px", 1.0)) if path.has_private_blocks else 1.0
             )  # else there is no prior to weigh
-            poses, missed = _by_halves(path, values, observations, poses, noise)
+            poses, residual = _cross_halves(path, values, observations, poses, noise)
         else:
-            poses, missed = refit_poses(path, values, observations, poses)
+            poses, residual = refit_poses(path, values, observations, poses)
     points = path.place(
         observations.corners, observations.with_times(values), poses[observations.view]
     )
     distance = path.distance(points)
-    near, far = float(distance.min()), float(distance.max())
     return Evaluation(
-        missed.rms_px,
-        missed.rmse_cm,
-        len(views),
-        _bands(missed, distance),
-        near,
-        far,
-        (*rejected, *few, *lost),
+        rms_px=residual.rms_px,
+        rmse_cm=residual.rmse_cm,
+        frames_used=len(views),
+        by_depth=_bands(residual, distance),
+        near_m=float(distance.min()),
+        far_m=float(distance.max()),
+        rejected=(*rejected, *unusable, *poseless),
     )
 
 
-def _by_halves(
+def _cross_halves(
     path: Path, values: Values, observations: Observations, poses: Tensor, sigma: float
 ) -> tuple[Tensor, Residuals]:
-    """Each half of a view's corners measured with the parameters that the other half gives: where a
-    view has so many of its own that they would hide its error. sigma: px, of a corner.
+    """Measure each half of a view's corners with the view's parameters that the other half gives: a
+    view may have so many parameters that they would hide its error. sigma: px, of a corner.
     """
     poses = with_blocks(poses, path.view_blocks)
     odd = (torch.arange(len(observations.pixels)) - observations.starts[observations.view]) % 2 == 1
     image, board = torch.empty_like(observations.pixels), torch.empty_like(observations.pixels)
     for scored in (odd, ~odd):
-        own, _ = refit_poses(path, values, observations.select_rows(~scored), poses, sigma=sigma)
-        missed = residuals(path, values, observations, own)
-        image[scored], board[scored] = missed.image[scored], missed.board[scored]
-    return own, Residuals(image, board)
+        refitted, _ = refit_poses(
+            path, values, observations.select_rows(~scored), poses, sigma=sigma
+        )
+        residual = residuals(path, values, observations, refitted)
+        image[scored] = residual.image[scored]
+        board[scored] = residual.board[scored]
+    return refitted, Residuals(image, board)
 
 
-def _bands(missed: Residuals, distance: Tensor) -> tuple[Band, ...]:
-    edges = [0.0, NARROWEST]
+def _bands(residual: Residuals, distance: Tensor) -> tuple[Band, ...]:
+    edges = [0.0, FIRST_BAND_END]
     while edges[-1] <= float(distance.max()):
         edges.append(2 * edges[-1])
     # Unless the lens is wide, a corner behind it has a negative depth; the first band takes it.
     distance = distance.clamp_min(0.0)
     bands = []
     for low, high in pairwise(edges):
-        inside = (distance >= low) & (distance < high)
-        if bool(inside.any()):
-            part = Residuals(missed.image[inside], missed.board[inside])
-            bands.append(Band(low, high, part.rms_px, part.rmse_cm, int(inside.sum())))
+        members = (distance >= low) & (distance < high)
+        if bool(members.any()):
+            band = Residuals(residual.image[members], residual.board[members])
+            bands.append(Band(low, high, band.rms_px, band.rmse_cm, int(members.sum())))
     return tuple(bands)

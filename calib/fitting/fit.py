@@ -1,4 +1,4 @@
-"""From a session to a calibration."""
+"""Fit a calibration to a session."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -13,15 +13,15 @@ from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals
 from calib.estimation.robust import outlier_mask
 from calib.estimation.stated_priors import with_estimates
-from calib.fitting.believing import believing
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
 from calib.fitting.fleet_expectation import KEY as PRIOR
 from calib.fitting.fleet_expectation import Expectation
-from calib.fitting.inputs import gather, recalibrated
+from calib.fitting.guided_redetection import REDETECTION, Redetection, redetect_corners
+from calib.fitting.inputs import gather_inputs, recalibrate_bare
 from calib.fitting.provenance import KEY, provenance
-from calib.fitting.second_look import LOOKS, SecondLook, look_again
+from calib.fitting.resolve_prior_conflict import resolve_prior_conflict
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
-from calib.fitting.view_noise import VIEW_NOISE, with_own_noise
+from calib.fitting.view_noise import VIEW_NOISE, weigh_noisy_views
 from calib.progress import Progress, Silent
 from calib.session.session import MIN_FIT_VIEWS, Session
 from calib.threads import single_thread
@@ -49,15 +49,15 @@ def fit(
         InputError: a picture or corners file is damaged.
         NotEnoughDataError: too few views show the board.
     """
-    start = gather(session, progress)
+    start = gather_inputs(session, progress)
     views, rejected = start.views, start.rejected
     expectation = Expectation.of(session, start)
-    told = (
-        expectation.told
+    nominal = (
+        expectation.nominal
         if expectation
         else Setup(session.board, session.camera, start.intrinsics, session.cover)
     )
-    setup = told.freed(settings)
+    setup = nominal.with_tolerances(settings)
     grids: dict[str, float] = {}
     if settings.folds:
         _check_enough(views, rejected, for_folds=settings.folds)
@@ -65,7 +65,7 @@ def fit(
         _check_enough(views, rejected, for_folds=GRID_FOLDS)
         grid, grids = choose_grid(setup, views, settings, progress)
         settings = replace(settings, grid=grid)
-    looks: tuple[SecondLook, ...] | None = () if session.corners else None
+    redetections: tuple[Redetection, ...] | None = () if session.corners else None
     earlier: Fitted | None = None
     purpose = ""
     while True:
@@ -81,25 +81,28 @@ def fit(
         if bad:
             purpose = f"without {len(rejected)} view{'s' * (len(rejected) > 1)}"
             continue
-        if looks is not None:
+        if redetections is not None:
             break
         with single_thread():
             size = session.camera.width, session.camera.height
-            views, looks = look_again(fitted, views, session.board, session.frames, size, progress)
-        if not any(look.found for look in looks):
+            views, redetections = redetect_corners(
+                fitted, views, session.board, session.frames, size, progress
+            )
+        if not any(redetection.new_corners for redetection in redetections):
             break
         purpose = "with more corners"
         if start.intrinsics_from == "views":
-            again = recalibrated(views, session, start.intrinsics, progress)
-            views, rejected = again.views, (*rejected, *again.rejected)
-            told = replace(told, intrinsics=again.intrinsics)
-            setup = told.freed(settings)
+            bare = recalibrate_bare(views, session, start.intrinsics, progress)
+            views = bare.views
+            rejected = (*rejected, *bare.rejected)
+            nominal = replace(nominal, intrinsics=bare.intrinsics)
+            setup = nominal.with_tolerances(settings)
         else:
             earlier = fitted
     with single_thread():
         worse: dict[str, float] = {}
         if settings.method == "joint":  # the paper's weighs all views alike
-            views, worse = with_own_noise(views, observations, fitted.residuals, session.board)
+            views, worse = weigh_noisy_views(views, observations, fitted.residuals, session.board)
         if worse:
             observations = Observations.of(views, session.board)
             fitted = fit_stages(
@@ -111,10 +114,11 @@ def fit(
                 purpose="with noisier views weighing less",
             )
         if expectation:
-            believed, prior = expectation.believed(fitted, views, settings, progress)
+            resolved, prior = expectation.resolve(fitted, views, settings, progress)
         else:
-            believed, prior = believing(fitted, setup, told, views, settings, progress), {}
-    fitted, setup = believed.fitted, believed.setup
+            prior = {}
+            resolved = resolve_prior_conflict(fitted, setup, nominal, views, settings, progress)
+    fitted, setup = resolved.fitted, resolved.setup
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, fitted.joint)
     validation = None
     if settings.folds:
@@ -145,7 +149,7 @@ def fit(
             "exact_hit": settings.exact_hit,
             "intrinsics_from": start.intrinsics_from,
             "lens_held_out_px": start.lens_held_out_px,
-            LOOKS: [asdict(look) for look in looks],
+            REDETECTION: [redetection.record() for redetection in redetections],
             VIEW_NOISE: worse,
             KEY: provenance(session),
         }
@@ -153,15 +157,17 @@ def fit(
         | ({PRIOR: prior} if expectation else {})
         | (joint.record() if joint else {}),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
-        stated=Declared(believed.declared.intrinsics, believed.declared.cover, believed.doubted),
+        stated=Declared(resolved.declared.intrinsics, resolved.declared.cover, resolved.doubted),
     )
 
 
 def _without_outliers(
-    views: Sequence[View], observations: Observations, missed: Residuals
+    views: Sequence[View], observations: Observations, residual: Residuals
 ) -> tuple[tuple[View, ...], tuple[RejectedPicture, ...]]:
-    squared = (missed.image**2).sum(-1)
-    errors = np.array([float(own.nanmean().sqrt()) for own in observations.per_view(squared)])
+    squared = (residual.image**2).sum(-1)
+    errors = np.array(
+        [float(view_squares.nanmean().sqrt()) for view_squares in observations.per_view(squared)]
+    )
     bad = outlier_mask(errors)
     reasons = (
         (
@@ -183,20 +189,22 @@ def _check_enough(
     views: Sequence[View], rejected: Sequence[RejectedPicture], for_folds: int = 0
 ) -> None:
     if len(views) < MIN_FIT_VIEWS:
-        why = (
+        reason = (
             f" (the first that was dropped, {rejected[0].name}: {rejected[0].reason})"
             if rejected
             else ""
         )
         raise NotEnoughDataError(
             f"A fit needs {MIN_FIT_VIEWS} usable views and there are {len(views)}: take more"
-            f" pictures of the board{why}."
+            f" pictures of the board{reason}."
         )
     if not for_folds:
         return
     poses = pose_labels(views)
-    outside = min(int(np.count_nonzero(poses % for_folds != fold)) for fold in range(for_folds))
-    if outside < MIN_FIT_VIEWS or poses.max() + 1 < for_folds:
+    fitted_count = min(
+        int(np.count_nonzero(poses % for_folds != fold)) for fold in range(for_folds)
+    )
+    if fitted_count < MIN_FIT_VIEWS or poses.max() + 1 < for_folds:
         raise NotEnoughDataError(
             f"{for_folds} folds need as many poses of the board, and {MIN_FIT_VIEWS} usable views"
             f" outside each fold; there are {len(views)} views of {poses.max() + 1} poses in all:"

@@ -24,11 +24,11 @@ def with_fit(
         AddedEffect(
             effect,
             {
-                unknown.param.name: (
-                    joint.values[unknown.param.name].numpy(),
-                    joint.sigma_of(unknown.param.name).numpy(),
+                parameter.param.name: (
+                    joint.values[parameter.param.name].numpy(),
+                    joint.sigma_of(parameter.param.name).numpy(),
                 )
-                for unknown in effect.effect_parameters
+                for parameter in effect.effect_parameters
             },
         )
         for effect in model.effects

@@ -1,6 +1,4 @@
-"""A fit that begins with what a fleet expects of its camera, and what its views then say of
-that.
-"""
+"""A fit that starts from a fleet's prior of its camera, and the test of that prior by the views."""
 
 from __future__ import annotations
 
@@ -15,8 +13,13 @@ from calib.estimation.likelihood_information import (
     prior_conflict,
 )
 from calib.estimation.observations import Observations
-from calib.fitting.believing import Believed, at_noise, believing, log_evidence
-from calib.fitting.inputs import Gathered
+from calib.fitting.inputs import FitInputs
+from calib.fitting.resolve_prior_conflict import (
+    ResolvedFit,
+    at_noise,
+    log_evidence,
+    resolve_prior_conflict,
+)
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
 from calib.progress import Progress
 from calib.session.fleet_prior import FleetPrior, combine_with_prior
@@ -24,69 +27,73 @@ from calib.session.numbers import covariance_of
 from calib.session.session import Session
 
 KEY = "fleet_prior"
-"""Of a calibration's settings: the prior that its session names, and what became of it."""
-REFUSED = 0.01
-"""Chance that a camera as the fleet expects it is taken for another: then it only loses what the
-prior would have given.
+"""Key of a calibration's settings: the prior that its session names, and whether it was used."""
+FALSE_ALARM = 0.01
+"""Probability that a camera of the fleet is taken for one that contradicts the prior. Such a camera
+only loses what the prior would have given.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """A session's setup with its fleet's prior, and without."""
+    """A session's setup with its fleet's prior and without it."""
 
     prior: FleetPrior
-    told: Setup
-    """With it."""
-    alone: Setup
-    """As the session describes it."""
+    nominal: Setup
+    """The setup with the fleet's prior."""
+    without_prior: Setup
+    """The setup as the session describes it."""
 
     @staticmethod
-    def of(session: Session, start: Gathered) -> Expectation | None:
-        """None where the session names no prior.
+    def of(session: Session, start: FitInputs) -> Expectation | None:
+        """Return the expectation, or None if the session names no prior.
 
         Raises:
             InputError: the prior is of another make.
         """
         if not (prior := session.prior):
             return None
-        alone = Setup(session.board, session.camera, start.intrinsics, session.cover)
-        own = prior.intrinsics if start.intrinsics_from == "prior" else start.intrinsics
+        without_prior = Setup(session.board, session.camera, start.intrinsics, session.cover)
+        camera_intrinsics = (
+            prior.intrinsics if start.intrinsics_from == "prior" else start.intrinsics
+        )
         intrinsics, cover = combine_with_prior(
-            prior, own, session.cover, str(session.path / "session.yaml")
+            prior, camera_intrinsics, session.cover, str(session.path / "session.yaml")
         )
-        return Expectation(prior, replace(alone, intrinsics=intrinsics, cover=cover), alone)
+        nominal = replace(without_prior, intrinsics=intrinsics, cover=cover)
+        return Expectation(prior, nominal, without_prior)
 
-    def believed(
+    def resolve(
         self, fitted: Fitted, views: tuple[View, ...], settings: Settings, progress: Progress
-    ) -> tuple[Believed, dict[str, object]]:
-        """A fit with the prior, or one without where the views contradict it; and what is said of
-        that in a calibration's settings.
+    ) -> tuple[ResolvedFit, dict[str, object]]:
+        """Return a fit with the prior, or without it where the views contradict it, and the record
+        of that decision for a calibration's settings.
 
-        They contradict it where they pull the camera's numbers farther than one of REFUSED of such
-        cameras would be, or leave more than the corners' noise, which a fit without it explains
-        better.
+        The views contradict the prior in two cases. They pull the camera's numbers farther than
+        only FALSE_ALARM of the fleet's cameras would be. Or the residual exceeds the corners' noise
+        and a fit without the prior is more probable.
         """
-        setup = self.told.freed(settings)
-        found, numbers = self._surprise(fitted)
-        as_told = Believed(fitted, setup, setup)
-        away = found.p_value < REFUSED
-        if away or not at_noise(as_told, views):
-            own = self.alone.freed(settings)
+        setup = self.nominal.with_tolerances(settings)
+        conflict, pulls = self._prior_conflict(fitted)
+        is_outlier = conflict.p_value < FALSE_ALARM
+        if is_outlier or not at_noise(ResolvedFit(fitted, setup, setup), views):
+            free_setup = self.without_prior.with_tolerances(settings)
             observations = Observations.of(views, setup.board)
-            without = fit_stages(
-                own, observations, settings, progress, purpose="without the fleet's prior"
+            refitted = fit_stages(
+                free_setup, observations, settings, progress, purpose="without the fleet's prior"
             )
-            if away or log_evidence(without) > log_evidence(fitted):
-                return believing(without, own, self.alone, views, settings, progress), self._said(
-                    found, numbers, used=False
+            if is_outlier or log_evidence(refitted) > log_evidence(fitted):
+                resolved = resolve_prior_conflict(
+                    refitted, free_setup, self.without_prior, views, settings, progress
                 )
-        return believing(fitted, setup, self.told, views, settings, progress), self._said(
-            found, numbers, used=True
-        )
+                return resolved, self._record(conflict, pulls, used=False)
+        resolved = resolve_prior_conflict(fitted, setup, self.nominal, views, settings, progress)
+        return resolved, self._record(conflict, pulls, used=True)
 
-    def _surprise(self, fitted: Fitted) -> tuple[PriorConflict, dict[str, float]]:
-        """Of the whole, and how far each number is pulled, in standard deviations."""
+    def _prior_conflict(self, fitted: Fitted) -> tuple[PriorConflict, dict[str, float]]:
+        """Return the conflict of all numbers together, and by name how far the views pull each
+        number, in standard deviations.
+        """
         joint = fitted.joint
         names = tuple(
             name for name in self.prior.names if joint and name in joint.parameters.priors.sigmas
@@ -99,17 +106,16 @@ class Expectation:
             [param.scale for name in names for param in parameters.free if param.name == name]
         )
         covariance = joint.covariance.numpy()[np.ix_(places, places)] * scales[:, None] * scales
-        mean, before = (
-            np.array([float(values[name]) for name in names])
-            for values in (joint.values, parameters.origin)
-        )
-        prior = covariance_of(self.told.intrinsics, self.told.cover, names)
-        told = LikelihoodInformation.between(mean, covariance, before, prior)
-        pulls = dict(zip(names, map(float, told.deviations(before, prior)), strict=True))
-        return prior_conflict(told, before, prior), pulls
+        mean = np.array([float(joint.values[name]) for name in names])
+        prior_mean = np.array([float(parameters.origin[name]) for name in names])
+        prior = covariance_of(self.nominal.intrinsics, self.nominal.cover, names)
+        likelihood = LikelihoodInformation.between(mean, covariance, prior_mean, prior)
+        deviations = likelihood.deviations(prior_mean, prior)
+        pulls = dict(zip(names, map(float, deviations), strict=True))
+        return prior_conflict(likelihood, prior_mean, prior), pulls
 
-    def _said(
-        self, found: PriorConflict, pulls: dict[str, float], *, used: bool
+    def _record(
+        self, conflict: PriorConflict, pulls: dict[str, float], *, used: bool
     ) -> dict[str, object]:
         farthest = max(pulls, key=lambda name: abs(pulls[name]), default="")
         return {
@@ -117,7 +123,7 @@ class Expectation:
             "sha256": self.prior.sha256,
             "cameras": self.prior.cameras,
             "used": used,
-            "p_value": found.p_value,
+            "p_value": conflict.p_value,
             "farthest": farthest,
             "farthest_sigmas": abs(pulls.get(farthest, 0.0)),
         }

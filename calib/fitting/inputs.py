@@ -1,4 +1,4 @@
-"""What a fit starts from: the corners of a session, and the intrinsics of its camera."""
+"""The inputs of a fit: the corners of a session and the intrinsics of its camera."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,25 +23,27 @@ from calib.session.session import Session
 
 
 @dataclass(frozen=True, slots=True)
-class Gathered:
-    """The start of a fit."""
+class FitInputs:
+    """The corners and intrinsics that a fit starts from."""
 
     views: tuple[View, ...]
-    """With corners enough for a pose."""
+    """Views with enough corners for a pose."""
     rejected: tuple[RejectedPicture, ...]
     intrinsics: Intrinsics
     intrinsics_from: Literal["session.yaml", "bare", "prior", "views"]
     lens_held_out_px: dict[str, float]
-    """By number of OpenCV's coefficients, or by the name of another lens model, the error on
-    held-out views, where it was chosen by it.
+    """Error on held-out views by the number of OpenCV's coefficients or the name of another lens
+    model; empty if the lens was not chosen by it.
     """
 
 
 def read_views(
-    session: Session, progress: Progress, *, fewest: int = MIN_VIEWS
+    session: Session, progress: Progress, *, min_views: int = MIN_VIEWS
 ) -> tuple[tuple[View, ...], tuple[RejectedPicture, ...]]:
-    """The session's corners: from its corners file, or detected in its pictures, of which `fewest`
-    must show the board; with what frames.csv says of each picture.
+    """Return the session's views and the rejected pictures.
+
+    Corners come from the corners file, or are detected in the pictures, at least `min_views` of
+    them showing the board. Times and pose ids come from frames.csv.
     """
     records = read_frame_records(session.path / FRAMES_TABLE)
     rejected: tuple[RejectedPicture, ...] = ()
@@ -51,66 +53,74 @@ def read_views(
     else:
         advance = progress.task(f"Corners in {session.path.resolve().name}", len(session.frames))
         size = session.camera.width, session.camera.height
-        found = detect(
+        detection = detect(
             session.frames,
             session.board,
             lambda done, hits: advance(done, f"{hits} boards found"),
             size=size,
-            min_views=fewest,
+            min_views=min_views,
         )
-        views, rejected = found.views, found.rejected
+        views, rejected = detection.views, detection.rejected
     return (
-        tuple(_recorded(view, records.get(Path(view.name).name, FrameRecord())) for view in views),
+        tuple(
+            _with_record(view, records.get(Path(view.name).name, FrameRecord())) for view in views
+        ),
         rejected,
     )
 
 
-def _recorded(view: View, record: FrameRecord) -> View:
+def _with_record(view: View, record: FrameRecord) -> View:
     return replace(view, time_s=record.time_s, pose_id=record.pose_id)
 
 
-def gather(session: Session, progress: Progress) -> Gathered:
-    """Read or detect the corners, and find the intrinsics.
+def gather_inputs(session: Session, progress: Progress) -> FitInputs:
+    """Read or detect the corners, and determine the intrinsics.
 
-    Intrinsics come from the session where it states them, else from bare/, else from a fleet's
-    prior, else, without a cover, from the views themselves.
+    Intrinsics come from the session if it states them, else from bare/, else from a fleet's prior,
+    else, without a cover, from the views themselves.
     """
     views, rejected = read_views(session, progress)
-    bare: tuple[RejectedPicture, ...] = ()
-    tried: dict[str, float] = {}
+    bare_rejected: tuple[RejectedPicture, ...] = ()
+    lens_errors: dict[str, float] = {}
     source: Literal["session.yaml", "bare", "prior", "views"]
     if session.camera.intrinsics:
         intrinsics = session.camera.intrinsics
         source = "session.yaml"
     elif session.bare:
-        shown, dropped = read_views(session.bare, progress)
-        fitted = calibrate_bare(shown, session.bare.board, session.camera, progress)
-        bare = tuple(
+        bare_views, dropped = read_views(session.bare, progress)
+        fitted = calibrate_bare(bare_views, session.bare.board, session.camera, progress)
+        bare_rejected = tuple(
             RejectedPicture(f"{session.bare.path.name}/{r.name}", r.reason)
             for r in (*dropped, *fitted.rejected)
         )
-        intrinsics, tried = fitted.intrinsics, fitted.held_out_px
+        intrinsics = fitted.intrinsics
+        lens_errors = fitted.held_out_px
         source = "bare"
     elif session.prior:
-        intrinsics, source = nominal_intrinsics(session.prior), "prior"
+        intrinsics = nominal_intrinsics(session.prior)
+        source = "prior"
     else:
         fitted = calibrate_bare(views, session.board, session.camera, progress)
-        views, bare, intrinsics, tried = (
-            fitted.views,
-            fitted.rejected,
-            fitted.intrinsics,
-            fitted.held_out_px,
-        )
+        views = fitted.views
+        bare_rejected = fitted.rejected
+        intrinsics = fitted.intrinsics
+        lens_errors = fitted.held_out_px
         source = "views"
-    kept, too_few = split_usable_views(views, session.board)
-    return Gathered(kept, (*rejected, *bare, *too_few), intrinsics, source, tried)
+    usable, unusable = split_usable_views(views, session.board)
+    return FitInputs(
+        views=usable,
+        rejected=(*rejected, *bare_rejected, *unusable),
+        intrinsics=intrinsics,
+        intrinsics_from=source,
+        lens_held_out_px=lens_errors,
+    )
 
 
-def recalibrated(
+def recalibrate_bare(
     views: Sequence[View], session: Session, intrinsics: Intrinsics, progress: Progress
 ) -> BareFit:
-    """Without a cover, from more corners of the same views: with the lens model and as many
-    coefficients as were chosen before.
+    """Calibrate a camera without a cover again, from more corners of the same views, with the lens
+    model and the number of coefficients of `intrinsics`.
     """
     count = len(intrinsics.distortion) if intrinsics.model == OPENCV else None
     camera = replace(session.camera, lens=intrinsics.model, lens_coefficients=count)
@@ -120,10 +130,10 @@ def recalibrated(
 def _check_inside(views: Sequence[View], session: Session) -> None:
     size = session.camera.width, session.camera.height
     for view in views:
-        seen = view.corners[view.seen]
-        outside = ((seen < -0.5) | (seen > np.array(size) - 0.5)).any(-1)
-        if outside.any():
-            x, y = seen[outside][0]
+        corners = view.corners[view.seen]
+        outlying = ((corners < -0.5) | (corners > np.array(size) - 0.5)).any(-1)
+        if outlying.any():
+            x, y = corners[outlying][0]
             raise InputError(
                 f"{session.corners}: {view.name} has a corner at ({x:g}, {y:g}), outside the"
                 f" camera's {size[0]}x{size[1]} px: correct camera.width and camera.height, or use"

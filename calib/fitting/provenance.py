@@ -1,4 +1,6 @@
-"""What a calibration was made from and with: kept in its settings, printed in its report."""
+"""The provenance of a calibration: its inputs and versions, kept in its settings and printed in its
+report.
+"""
 
 import platform
 from collections.abc import Sequence
@@ -15,14 +17,14 @@ from calib.session.session import Session
 
 KEY = "made_by"
 ASKED = "asked"
-"""Of a calibration's settings: what the command line asked for beyond the fit's own."""
+"""Key of a calibration's settings: the options of the command line that are not the fit's own."""
 DIAGNOSED = "diagnosed"
-"""Of a calibration's settings: what was diagnosed on the way to it, the first first."""
+"""Key of a calibration's settings: the calibrations whose diagnoses led to it, earliest first."""
 PACKAGES = ("numpy", "scipy", "torch", "opencv-python-headless")
 
 
 def provenance(session: Session) -> dict[str, str]:
-    """Which session a fit that ends now was made from, and with which versions."""
+    """Return the session of a fit that ends now, the time, and the versions that made it."""
     return {
         "session": str(session.path.resolve()),
         "session_sha256": session_hash(session),
@@ -33,9 +35,11 @@ def provenance(session: Session) -> dict[str, str]:
     }
 
 
-def asked(calibration: Calibration, effects: Sequence[str], depths: Sequence[float]) -> Calibration:
-    """The calibration that keeps what `calib fit` was asked to add to it, and which maps (m) to
-    write.
+def record_request(
+    calibration: Calibration, effects: Sequence[str], depths: Sequence[float]
+) -> Calibration:
+    """Return the calibration with a record of the effects that `calib fit` was asked to add, and of
+    the depths (m) whose maps it was asked to write.
     """
     return replace(
         calibration,
@@ -43,26 +47,26 @@ def asked(calibration: Calibration, effects: Sequence[str], depths: Sequence[flo
     )
 
 
-def diagnosed(calibration: Calibration, place: Path, holdout: Path | None) -> Calibration:
-    """The calibration that keeps the folder of the one that it was diagnosed from, and the session
-    that measured it.
+def record_diagnosis(calibration: Calibration, place: Path, holdout: Path | None) -> Calibration:
+    """Return the calibration with a record of its diagnosis: the folder of the diagnosed
+    calibration and the session of the held-out views.
     """
-    said = {
+    diagnosis = {
         "calibration": str(place.resolve()),
         "holdout": str(holdout.resolve()) if holdout else "",
     }
     return replace(
         calibration,
         settings=calibration.settings
-        | {DIAGNOSED: [*calibration.settings.get(DIAGNOSED, []), said]},
+        | {DIAGNOSED: [*calibration.settings.get(DIAGNOSED, []), diagnosis]},
     )
 
 
 def session_hash(session: Session) -> str:
-    """SHA-256 of what `sha256sum` prints, run inside the session, for the files that a fit reads,
-    sorted by their names.
+    """Return the SHA-256 of the text that `sha256sum` prints inside the session's folder for the
+    files that a fit reads, sorted by their names.
     """
-    files = sorted(_read(session), key=str)
+    files = sorted(_input_files(session), key=str)
     with reading(session.path), ThreadPoolExecutor() as pool:
         digests = pool.map(lambda path: sha256(read_file(path)).hexdigest(), files)
         lines = [
@@ -72,10 +76,10 @@ def session_hash(session: Session) -> str:
     return sha256("".join(lines).encode()).hexdigest()
 
 
-def _read(session: Session) -> list[Path]:
+def _input_files(session: Session) -> list[Path]:
     description = [path] if (path := session.path / "session.yaml").exists() else []
     pictures = [session.corners] if session.corners else session.frames
-    return [*description, *pictures, *(_read(session.bare) if session.bare else [])]
+    return [*description, *pictures, *(_input_files(session.bare) if session.bare else [])]
 
 
 def _version(name: str) -> str:

@@ -1,5 +1,5 @@
-"""The stages of a fit, each on top of the one before: the pinhole, its smooth cover, the cover's
-relief.
+"""The stages of a fit, each of which extends the previous one: the pinhole, the smooth cover, and
+the cover's relief.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
 from calib.session.freeing import AUTO, free_parameters
 
-MOST_LOST = 0.2
-"""Of the corners: more cannot be seen through the cover as it is described."""
+MAX_LOST_FRACTION = 0.2
+"""If the rays of a larger fraction of corners fail, the described cover cannot be right."""
 LINEARISATIONS = 12
-"""About as many as a joint fit takes; the bar's length."""
+"""Length of the progress bar: a joint fit takes about as many."""
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What a fit is asked to do."""
+    """The options of a fit."""
 
     method: Literal["joint", "paper"] = "joint"
     grid: tuple[int, int] | None = (12, 12)
@@ -56,24 +56,24 @@ class Settings:
     exact_hit: bool = True
     """False neglects that the relief moves the hit point, as the paper does."""
     free: tuple[str, ...] = (AUTO,)
-    """Of calib.session.freeing.NAMES: which declared numbers are estimated, by the joint method,
-    near what is declared.
+    """Names of calib.session.freeing.NAMES: the declared numbers that the joint method estimates,
+    near their declared values.
     """
     folds: int = 0
-    """Of the cross-validation; 0 for none."""
+    """Number of folds of the cross-validation; 0 for none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What is known before the fit."""
+    """The board, camera and cover as they are known before the fit."""
 
     board: Board
     camera: Camera
     intrinsics: Intrinsics
     cover: Cover
 
-    def freed(self, settings: Settings) -> Setup:
-        """With a tolerance for every declared number that these settings estimate.
+    def with_tolerances(self, settings: Settings) -> Setup:
+        """Return the setup with a tolerance for each declared number that the settings estimate.
 
         Raises:
             InputError: the cover has no number of such a name.
@@ -86,7 +86,7 @@ class Setup:
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """Where the last stage ended."""
+    """The model, poses and residuals after the last stage."""
 
     path: Path
     values: Values
@@ -106,13 +106,14 @@ def fit_stages(
     earlier: Fitted | None = None,
     purpose: str = "",
 ) -> Fitted:
-    """Fit the model to corners, stage by stage. Numbers that are described with a standard
-    deviation are estimated, by the joint method.
+    """Fit the model to corners, stage by stage. The joint method also estimates the numbers of the
+    setup that have a standard deviation.
 
     Args:
-        earlier: of the same setup and views, with other corners: where the last stage starts.
-        purpose: what tells this fit from another of the same session, in a few words for the person
-            who waits.
+        earlier: a fit of the same setup and views to other corners, from which the last stage
+            starts.
+        purpose: a few words for the progress bar that distinguish this fit from others of the
+            session.
 
     Raises:
         InputError: no ray of the camera leaves the cover.
@@ -120,31 +121,31 @@ def fit_stages(
     """
     path, values = pinhole_path(setup.intrinsics)
     poses = pinhole_poses(observations, values)
-    missed = residuals(path, values, observations, poses)
-    stages = [Stage("pinhole", missed.rms_px, missed.rmse_cm)]
+    residual = residuals(path, values, observations, poses)
+    stages = [Stage("pinhole", residual.rms_px, residual.rmse_cm)]
     if setup.cover.shape == "none" or not bool(
         torch.isfinite(poses).all()
     ):  # a view without a pose is rejected first
-        return Fitted(path, values, poses, tuple(stages), missed)
+        return Fitted(path, values, poses, tuple(stages), residual)
     path, values = covered_path(setup.intrinsics, setup.cover)
     poses = refine_poses(path, values, observations, poses).blocks
-    missed = residuals(path, values, observations, poses)
-    _check_cover(missed)
-    stages.append(Stage("cover", missed.rms_px, missed.rmse_cm))
+    residual = residuals(path, values, observations, poses)
+    _check_cover(residual)
+    stages.append(Stage("cover", residual.rms_px, residual.rmse_cm))
     priors = priors_of(setup.intrinsics, setup.cover, path)
     start = earlier.joint.start if earlier and earlier.joint else None
     if earlier and start:
         poses = earlier.poses
     elif priors.sigmas and settings.method == "joint" and not setup.cover.glass:
-        # What a wrong number explains is explained by it before there is a relief that could.
+        # A wrong number is corrected first, while there is no relief that could imitate it.
         rough = fit_joint(path, values, observations, poses, priors=priors, rounds=ROUGH_ROUNDS)
         start, poses = replace(rough.start, smoothness=GOOD_GLASS), rough.poses
     assert settings.grid, "to be chosen before"
-    around, along = settings.grid
+    around, axial = settings.grid
     relief = earlier.relief if earlier else None
     if not relief:
         low, high = patch(setup, path, start.values if start else values)
-        relief = Relief(low, high, (along, around))
+        relief = Relief(low, high, (axial, around))
     path = with_relief(path, relief, exact_hit=settings.exact_hit)
     flat = {AMPLITUDES: torch.from_numpy(expected_amplitudes(relief, setup.cover.glass))}
     values = {**values, **flat}
@@ -168,16 +169,16 @@ def fit_stages(
         )
         advance(LINEARISATIONS, "")
         values, poses = joint.values, joint.poses
-    missed = residuals(path, values, observations, poses)
-    stages.append(Stage("cover+rbf", missed.rms_px, missed.rmse_cm))
-    return Fitted(path, values, poses, tuple(stages), missed, relief, joint)
+    residual = residuals(path, values, observations, poses)
+    stages.append(Stage("cover+rbf", residual.rms_px, residual.rmse_cm))
+    return Fitted(path, values, poses, tuple(stages), residual, relief, joint)
 
 
 def patch(
     setup: Setup, path: Path, values: Values
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Low and high chart coordinates for the relief: of the glass that is known, or of what the
-    camera sees and some more.
+    """Return the low and high chart coordinates of the relief: those of a known glass, else of the
+    cover's area that the camera sees, with a margin.
     """
     glass = setup.cover.glass
     return (
@@ -207,10 +208,11 @@ def _descend(
     )
 
 
-def _check_cover(missed: Residuals) -> None:
-    lost = float((~torch.isfinite(missed.image + missed.board)).any(-1).double().mean())
-    if lost > MOST_LOST:
+def _check_cover(residual: Residuals) -> None:
+    failed = (~torch.isfinite(residual.image + residual.board)).any(-1)
+    fraction = float(failed.double().mean())
+    if fraction > MAX_LOST_FRACTION:
         raise NotEnoughDataError(
-            f"{100 * lost:.0f} % of the corners are seen where this cover lets no ray from the"
+            f"{100 * fraction:.0f} % of the corners are seen where this cover lets no ray from the"
             " camera to the board: check the cover's numbers and board.square_mm in session.yaml."
         )

@@ -1,11 +1,11 @@
-"""Views that are simply worse: their corners scatter more than those of the other views, so they
-weigh less.
+"""Weigh the noisy views less: those whose corners scatter more than the corners of other views.
 
-A board that moved while it was exposed, a picture out of focus, a reflection: what such a view says
-is true, only less exact. Corners that come from a file have no covariances, and where they have,
-these know a picture's noise alone. So the scatter is taken from what a fit leaves, at a scale that
-nothing smooth has (`calib.estimation.noise`): a view that is off as a whole, as of a board that
-bends otherwise, is not worse.
+If the board moved during the exposure, or the picture is out of focus or has a reflection, the
+corners of a view are unbiased but less exact. Corners from a file have no covariances, and the
+covariances of detected corners account for the picture's noise only. So the scatter is estimated
+from a fit's residuals, at a scale shorter than any smooth model error (`calib.estimation.noise`). A
+view whose residuals are large but smooth, for example because its board bends differently, is not
+noisy.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,52 +21,53 @@ from calib.estimation.residuals import Residuals
 from calib.session.board import Board
 
 VIEW_NOISE = "view_noise"
-"""Of a calibration's settings: how many times noisier than the median view each of the worse ones
-is, by its file.
+"""Key of a calibration's settings: by file, the noise of each noisy view over that of the median
+view.
 """
-WORSE = 1.5
-"""Times the median view's noise, from which a view weighs less: pictures of one session differ by
-less. On the four measured sets whose corners come with no covariances the held-out error of the
-other views falls by 0 to 0.5 %, and no further where every view has a weight by its own noise.
+NOISE_RATIO = 1.5
+"""Noise over that of the median view, from which a view weighs less: pictures of one session differ
+by less. On the four measured sets whose corners come without covariances, the held-out error of the
+other views falls by 0 to 0.5 %, and no further if each view is weighted by its own noise.
 """
-SURE = 5.0
-"""Standard deviations of a view's noise that this must be beyond the median's."""
-SHOWN = 3
-"""Of them, in a sentence."""
+MIN_SIGNIFICANCE = 5.0
+"""Standard deviations of a view's noise by which it must exceed the median."""
+MAX_LISTED = 3
+"""The most noisy views that a sentence names."""
 
 
-def with_own_noise(
-    views: Sequence[View], observations: Observations, missed: Residuals, board: Board
+def weigh_noisy_views(
+    views: Sequence[View], observations: Observations, residual: Residuals, board: Board
 ) -> tuple[tuple[View, ...], dict[str, float]]:
-    """The views, the corners of the worse ones weighing less, and how many times noisier these are,
-    the worst first.
+    """Return the views, with smaller weights for the noisy ones, and by file how many times the
+    median noise these have, the largest first.
     """
-    weighed = missed.image * observations.weight[:, None].to(missed.image)
-    noise, spread = noise_of_views(on_board_grid(torch.as_tensor(weighed), views), board)
-    known = np.isfinite(noise)
-    if not known.any() or not (median := float(np.median(noise[known]))) > 0:
+    weighted = residual.image * observations.weight[:, None].to(residual.image)
+    noise, spread = noise_of_views(on_board_grid(torch.as_tensor(weighted), views), board)
+    measured = np.isfinite(noise)
+    if not measured.any() or not (median := float(np.median(noise[measured]))) > 0:
         return tuple(views), {}
-    times = np.where(known, noise / median, 1.0)
-    worse = times > np.maximum(WORSE, 1 + SURE * spread)
-    lighter = (
-        replace(view, weight=view.weight / by) if out else view
-        for view, by, out in zip(views, times.tolist(), worse, strict=True)
+    ratios = np.where(measured, noise / median, 1.0)
+    noisy = ratios > np.maximum(NOISE_RATIO, 1 + MIN_SIGNIFICANCE * spread)
+    weighted_views = (
+        replace(view, weight=view.weight / ratio) if is_noisy else view
+        for view, ratio, is_noisy in zip(views, ratios.tolist(), noisy, strict=True)
     )
-    said = {
-        view.name: float(f"{by:.3g}")
-        for view, by, out in zip(views, times.tolist(), worse, strict=True)
-        if out
+    noise_ratios = {
+        view.name: float(f"{ratio:.3g}")
+        for view, ratio, is_noisy in zip(views, ratios.tolist(), noisy, strict=True)
+        if is_noisy
     }
-    return tuple(lighter), dict(sorted(said.items(), key=lambda item: -item[1]))
+    return tuple(weighted_views), dict(sorted(noise_ratios.items(), key=lambda item: -item[1]))
 
 
-def noisier(worse: Mapping[str, float]) -> str:
-    """One sentence of them; empty where there are none."""
-    if not worse:
+def describe_noisy_views(noise_ratios: Mapping[str, float]) -> str:
+    """Return one sentence about the noisy views; empty if there are none."""
+    if not noise_ratios:
         return ""
-    shown = ", ".join(f"{name} ({times:.1f} times)" for name, times in list(worse.items())[:SHOWN])
-    more = f" and {len(worse) - SHOWN} more" if len(worse) > SHOWN else ""
-    are, weigh = (
-        ("1 view is", "weighs") if len(worse) == 1 else (f"{len(worse)} views are", "weigh")
+    count = len(noise_ratios)
+    names = ", ".join(
+        f"{name} ({ratio:.1f} times)" for name, ratio in list(noise_ratios.items())[:MAX_LISTED]
     )
-    return f"{are} noisier than the others, and {weigh} less: {shown}{more}."
+    remainder = f" and {count - MAX_LISTED} more" if count > MAX_LISTED else ""
+    subject, verb = ("1 view is", "weighs") if count == 1 else (f"{count} views are", "weigh")
+    return f"{subject} noisier than the others, and {verb} less: {names}{remainder}."

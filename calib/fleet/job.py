@@ -22,7 +22,7 @@ from calib.export.export import ExportRequest, export
 from calib.export.formats import FORMATS
 from calib.export.npz import file_names, write_npz
 from calib.fitting.fit import fit
-from calib.fitting.provenance import KEY, asked, diagnosed
+from calib.fitting.provenance import KEY, record_diagnosis, record_request
 from calib.fleet.identity import FleetOptions, Identity
 from calib.fleet.manifest import Entry
 from calib.fleet.numbers import USUAL_DEPTH, camera_numbers, prior_shifts
@@ -150,7 +150,7 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
             except NotEnoughDataError as error:
                 remarks = (*remarks, f"It was not diagnosed: {error}")
             else:
-                last = diagnosed(last, folder, None)
+                last = record_diagnosis(last, folder, None)
                 place = check_no_link(folder / DIAGNOSED)
                 with FileSet(place, overwrite=job.overwrite) as diagnosis_files:
                     written += [
@@ -192,7 +192,7 @@ def _fit(
     written next to them.
     """
     wanted = job.options
-    first = asked(fit(session, wanted.settings), (), wanted.depths)
+    first = record_request(fit(session, wanted.settings), (), wanted.depths)
     if is_remote(job.entry.session):  # the copy will be gone
         first = replace(
             first,

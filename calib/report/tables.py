@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from calib.fitting.declared import DECLARED, Comparison, comparisons, own_parameters
+from calib.fitting.declared import DECLARED, Comparison, comparisons, effect_comparisons
 from calib.report.evidence import Evidence
 
 MEANING = {
@@ -62,7 +62,7 @@ def parameters_html(evidence: Evidence) -> str:
     """Return the table of every declared number and its estimate, with the increments of effects,
     and of the parameters that only effects have.
     """
-    effect_parameters = list(own_parameters(evidence.calibration))
+    effect_parameters = list(effect_comparisons(evidence.calibration))
     rows = [*map(_row, comparisons(evidence.calibration)), *map(_row, effect_parameters)]
     numbers = table(("quantity", "declared ± tolerance", "estimated ± sigma", "difference"), rows)
     if not effect_parameters:

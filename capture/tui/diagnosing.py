@@ -27,7 +27,7 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.effect_description import describe_estimates
     from calib.effects.description import describe_effect
-    from calib.fitting.provenance import diagnosed
+    from calib.fitting.provenance import record_diagnosis
     from calib.io.file_set import FileSet
     from calib.io.output_folder import check_no_link
 
@@ -35,7 +35,7 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     with FileSet(check_no_link(out), elsewhere=MOVE_IT, flag="") as files:
         files.reserve(FILES)
         diagnosed_calibration, finding = diagnose(calibration, progress)
-        diagnosed_calibration = diagnosed(
+        diagnosed_calibration = record_diagnosis(
             diagnosed_calibration, place if place.is_dir() else place.parent, None
         )
         saved = diagnosed_calibration.write(files)

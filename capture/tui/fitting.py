@@ -58,7 +58,7 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     from torch import from_numpy
 
     from calib.estimation.residuals import residuals
-    from calib.fitting.view_noise import VIEW_NOISE, noisier
+    from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views
     from calib.verdict.judge import judge
     from calib.verdict.uncertainty import map_sigmas
 
@@ -96,7 +96,7 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
         ],
         "noise_px": calibration.noise_px,
         "views": sorted(views, key=lambda view: -float(str(view["rms_px"]))),
-        "noisier": noisier(calibration.settings.get(VIEW_NOISE, {})),
+        "noisier": describe_noisy_views(calibration.settings.get(VIEW_NOISE, {})),
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "verdict": {"word": verdict.word.value, "sentences": verdict.sentences},
         "sigma_px": [

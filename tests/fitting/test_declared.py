@@ -18,7 +18,7 @@ from calib.effects.effect import Effect
 from calib.effects.focal import Focal
 from calib.effects.lens import Lens
 from calib.effects.thickness import Thickness
-from calib.fitting.declared import comparisons, own_parameters
+from calib.fitting.declared import comparisons, effect_comparisons
 from calib.fitting.rounding import with_sigma
 from calib.report.effects import effect_rows
 from fixtures.known import known
@@ -69,7 +69,7 @@ def test_an_increment_is_shown_as_the_value_that_it_makes(plain: Calibration) ->
     assert (one.tolerance, one.sigma) == pytest.approx((0.5, 0.056))
     assert one.normalised_deviation == pytest.approx(1.5 / math.sqrt(0.5**2 - 0.056**2))
     assert one.summed == "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
-    assert list(own_parameters(diagnosed)) == []
+    assert list(effect_comparisons(diagnosed)) == []
     assert [row for row in comparisons(diagnosed) if row.effect] == [one]
 
 
@@ -93,7 +93,7 @@ def test_what_no_session_declares_has_its_own_rows(plain: Calibration) -> None:
     bent = with_effect(
         plain, BoardShape(0.08, 0.08), xx=(1.0023e-3, 3.3e-6), xy=(2e-4, 3e-6), yy=(-0.6e-3, 3e-6)
     )
-    assert [(row.name, row.estimated) for row in own_parameters(bent)] == [
+    assert [(row.name, row.estimated) for row in effect_comparisons(bent)] == [
         ("board_shape.xx", "1.0023 ± 0.0033 mm"),
         ("board_shape.xy", "0.2000 ± 0.0030 mm"),
         ("board_shape.yy", "-0.6000 ± 0.0030 mm"),
@@ -102,7 +102,7 @@ def test_what_no_session_declares_has_its_own_rows(plain: Calibration) -> None:
     lens = with_effect(
         plain, Lens(), **dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), (0.01, 0.001))
     )
-    assert [row.name for row in own_parameters(lens)] == [
+    assert [row.name for row in effect_comparisons(lens)] == [
         "lens.k1",
         "lens.k2",
         "lens.k3",
@@ -121,7 +121,7 @@ def test_the_slope_of_a_cylinder_is_none_that_was_declared(plain: Calibration) -
     both = CoverRadius(("cover.inner_radius", "cover.radius_slope"))
     wider = with_effect(tube, both, inner_radius=(0.001, 0.0001), radius_slope=(0.02, 0.001))
     assert [row.name for row in comparisons(wider) if row.effect] == ["cover.inner_radius"]
-    assert [row.name for row in own_parameters(wider)] == ["cover_radius.radius_slope"]
+    assert [row.name for row in effect_comparisons(wider)] == ["cover_radius.radius_slope"]
 
 
 def test_console_report_and_diagnosis_say_the_same(

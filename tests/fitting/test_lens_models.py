@@ -259,7 +259,7 @@ def test_behind_a_dome_a_fisheye_is_estimated_with_the_cover() -> None:
         INTRINSICS, fx=Number(1.01 * INTRINSICS.fx.value), fy=Number(1.01 * INTRINSICS.fy.value)
     )
     off = Cover("dome", {**DOME, "centre.z": Number(DOME["centre.z"].value + 1e-3)})
-    told = Setup(BOARD, CAMERA, longer, off).freed(Settings())
+    told = Setup(BOARD, CAMERA, longer, off).with_tolerances(Settings())
     with single_thread():
         fitted = fit_stages(told, Observations.of(views, BOARD), Settings(grid=(3, 3)), Silent())
     assert fitted.joint

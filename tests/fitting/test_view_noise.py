@@ -17,7 +17,7 @@ from calib.corners.view import View
 from calib.estimation.noise import noise_of_views
 from calib.estimation.residuals import Residuals
 from calib.fitting.stages import Settings
-from calib.fitting.view_noise import VIEW_NOISE, noisier, with_own_noise
+from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views, weigh_noisy_views
 from calib.session.board import Board
 from fixtures.calibrated import GLASS, calibrate
 from fixtures.map_errors import errors
@@ -45,7 +45,7 @@ def worse(made: Scene, times: float, which: Sequence[int]) -> Scene:
 def left(made: Scene, errors: np.ndarray) -> tuple[tuple[View, ...], dict[str, float]]:
     """Of a fit that leaves these (V, corners, 2) px."""
     image = torch.from_numpy(errors.reshape(-1, 2))
-    return with_own_noise(made.views, made.observations, Residuals(image, image), made.board)
+    return weigh_noisy_views(made.views, made.observations, Residuals(image, image), made.board)
 
 
 @pytest.mark.parametrize("board", [Board(9, 9, 0.02), Board(7, 5, 0.02), Board(4, 3, 0.02)])
@@ -103,7 +103,7 @@ def test_maps_are_better_and_surer_where_worse_views_weigh_less(
 
     own = calibrate(made, Settings())
     assert set(own.settings[VIEW_NOISE]) == {f"{index:04}.png" for index in range(8)}
-    monkeypatch.setattr("fixtures.calibrated.with_own_noise", lambda views, *_: (views, {}))
+    monkeypatch.setattr("fixtures.calibrated.weigh_noisy_views", lambda views, *_: (views, {}))
     alike = calibrate(made, Settings())
     assert not alike.settings[VIEW_NOISE]
     (better, sure), (poor, unsure) = far_off(own), far_off(alike)
@@ -142,10 +142,11 @@ def test_the_papers_procedure_weighs_all_views_alike(
 
 
 def test_the_sentence() -> None:
-    assert not noisier({})
+    assert not describe_noisy_views({})
     assert (
-        noisier({"a": 2.04}) == "1 view is noisier than the others, and weighs less: a (2.0 times)."
+        describe_noisy_views({"a": 2.04})
+        == "1 view is noisier than the others, and weighs less: a (2.0 times)."
     )
-    assert noisier(dict.fromkeys("abcde", 2.0)).endswith(
+    assert describe_noisy_views(dict.fromkeys("abcde", 2.0)).endswith(
         " weigh less: a (2.0 times), b (2.0 times), c (2.0 times) and 2 more."
     )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from calib.estimation.prior_conflict import largest_prior_conflict
-from calib.fitting.believing import Believed, believing
+from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
 from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.progress import Silent
 from calib.session.cover import Cover
@@ -18,14 +18,14 @@ from fixtures.calibrated import CAMERA
 from fixtures.synthetic import INTRINSICS, Scene, scene
 
 
-def believed(made: Scene, cover: Cover, free: str = AUTO) -> tuple[Believed, Setup]:
+def believed(made: Scene, cover: Cover, free: str = AUTO) -> tuple[ResolvedFit, Setup]:
     """And what was told."""
     settings = Settings(grid=(8, 8), free=(free,))
     told = Setup(made.board, CAMERA, INTRINSICS, cover)
-    setup = told.freed(settings)
+    setup = told.with_tolerances(settings)
     with single_thread():
         first = fit_stages(setup, made.observations, settings, Silent())
-        return believing(first, setup, told, made.views, settings, Silent()), told
+        return resolve_prior_conflict(first, setup, told, made.views, settings, Silent()), told
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def good() -> Scene:
 
 def test_tolerances_that_the_estimates_keep_to_are_believed(good: Scene) -> None:
     found, told = believed(good, good.cover)
-    assert found.setup == found.declared == told.freed(Settings())
+    assert found.setup == found.declared == told.with_tolerances(Settings())
     assert found.doubted == ()
 
 
@@ -44,7 +44,7 @@ def test_a_wrong_number_is_estimated_though_it_is_contradicted(good: Scene) -> N
         good, replace(good.cover, parameters={**good.cover.parameters, "thickness": Number(0.006)})
     )
     assert found.doubted == ("cover.thickness",)
-    assert found.declared == told.freed(Settings())
+    assert found.declared == told.with_tolerances(Settings())
     assert (
         found.setup.cover.parameters["thickness"].sigma
         > found.declared.cover.parameters["thickness"].sigma

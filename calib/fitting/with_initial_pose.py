@@ -1,6 +1,4 @@
-"""The views of which there is a pose of the board to begin with: one that corners explain through
-the pinhole, if not well.
-"""
+"""Select the views whose board pose can be initialised from their corners through the pinhole."""
 
 from collections.abc import Sequence
 
@@ -14,17 +12,21 @@ from calib.optics.params import Values
 from calib.session.board import Board
 
 
-def posable(
+def with_initial_pose(
     views: Sequence[View], board: Board, values: Values
 ) -> tuple[tuple[View, ...], Tensor, tuple[RejectedPicture, ...]]:
-    """Those views, their (V, 6) poses through the pinhole of `values`, and the others with the
-    reason.
+    """Return the views with an initial pose, these (V, 6) poses through the pinhole of `values`,
+    and the rejected views with the reason.
     """
     poses = pinhole_poses(Observations.of(views, board), values)
-    found = torch.isfinite(poses).all(-1)
-    lost = tuple(
+    has_pose = torch.isfinite(poses).all(-1)
+    rejected = tuple(
         RejectedPicture(view.name, "no board pose explains its corners")
-        for view, ok in zip(views, found, strict=True)
+        for view, ok in zip(views, has_pose, strict=True)
         if not ok
     )
-    return tuple(view for view, ok in zip(views, found, strict=True) if ok), poses[found], lost
+    return (
+        tuple(view for view, ok in zip(views, has_pose, strict=True) if ok),
+        poses[has_pose],
+        rejected,
+    )

@@ -3,7 +3,6 @@ find, and moves nothing else.
 """
 
 import shutil
-from dataclasses import asdict
 from pathlib import Path
 
 import cv2
@@ -15,7 +14,7 @@ from calib.calibration import Calibration
 from calib.commands.console import print_fit
 from calib.commands.fit_command import summary
 from calib.fitting.fit import fit
-from calib.fitting.second_look import LOOKS, SecondLook, summed
+from calib.fitting.guided_redetection import REDETECTION, Redetection, describe_redetection
 from calib.fitting.stages import Settings
 from calib.io.images import read_grey
 from calib.progress import Silent
@@ -82,7 +81,7 @@ def whole(
 def test_hidden_boards_are_used_with_all_corners_that_can_be_seen(
     partly: Calibration, truth: dict[str, NDArray[np.float64]]
 ) -> None:
-    looks = {look["file"]: look for look in partly.settings[LOOKS]}
+    looks = {look["file"]: look for look in partly.settings[REDETECTION]}
     assert looks.keys() == HIDDEN.keys()
     assert (
         sum(look["found"] for look in looks.values()) >= 3
@@ -102,7 +101,7 @@ def test_hidden_boards_are_used_with_all_corners_that_can_be_seen(
 
 def test_views_that_lost_nothing_are_unchanged(partly: Calibration, whole: Calibration) -> None:
     before = {view.name: view for view in whole.views}
-    assert not whole.settings[LOOKS]
+    assert not whole.settings[REDETECTION]
     for view in partly.views:
         if view.name not in HIDDEN:
             np.testing.assert_array_equal(view.corners, before[view.name].corners)
@@ -131,7 +130,7 @@ def test_it_is_said(
     partly: Calibration, whole: Calibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = summary(partly, 1.0)
-    assert said[LOOKS] == partly.settings[LOOKS]
+    assert said[REDETECTION] == partly.settings[REDETECTION]
     print_fit(partly, 1.0)
     lines = [
         line
@@ -146,12 +145,12 @@ def test_it_is_said(
 
 
 def test_the_line_counts_views() -> None:
-    looks = [SecondLook("a", 3, 1, 0), SecondLook("b", 0, 2, 0), SecondLook("c", 4, 0, 1)]
+    looks = [Redetection("a", 3, 1, 0), Redetection("b", 0, 2, 0), Redetection("c", 4, 0, 1)]
     assert (
-        summed(looks)
+        describe_redetection(looks)
         == "Second look for corners: 7 in 2 views found where the model puts them; 3 in 2 views are"
         " covered, or do not look like corners where the model puts them; 1 in 1 view dropped,"
         " as they do not look like corners after all."
     )
-    assert summed([]) == ""
-    assert asdict(looks[0]) == {"file": "a", "found": 3, "refused": 1, "dropped": 0}
+    assert describe_redetection([]) == ""
+    assert looks[0].record() == {"file": "a", "found": 3, "refused": 1, "dropped": 0}

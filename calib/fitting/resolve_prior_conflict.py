@@ -1,0 +1,178 @@
+"""Decide how far a fit trusts the declared numbers: within their tolerances, exactly, or all but
+the contradicted ones.
+
+Tolerances are trusted while the estimates keep to them. If an estimate does not, its declared
+number may be wrong. Widening the prior of a wrong number makes the corners far more probable (the
+evidence of calib.estimation.joint_fit), and it makes the glass smoother, because the glass had to
+make up for the error. Otherwise the model lacks an effect and uses the declared numbers to imitate
+it: then they are held exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from calib.corners.view import View
+from calib.estimation.levenberg_marquardt import Outcome
+from calib.estimation.noise import on_board_grid, short_scale_noise
+from calib.estimation.observations import Observations
+from calib.estimation.prior_conflict import (
+    MAX_CONFLICTS,
+    PRIOR_INFLATION,
+    contradicts_prior,
+    largest_prior_conflict,
+)
+from calib.estimation.relief_heights import height_spread
+from calib.estimation.stated_priors import widen_prior
+from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
+from calib.progress import Progress
+from calib.session.freeing import AUTO
+
+MAX_HEIGHT_RATIO = 0.5
+"""A fit with a widened prior must leave less than this fraction of the unevenness of the fit with
+exact numbers: once a wrong number is corrected, the glass no longer has to make up for it. Four
+sessions with a wrong number kept 0.09 to 0.18 of it (benchmarks/declared). `bumps`, whose numbers
+are all true, would have had 1.4 with a radius of 89 mm for 42.
+"""
+MIN_LOG_EVIDENCE_GAIN = 10.0
+"""A fit whose numbers are contradicted is used only if its log evidence exceeds that of the fit
+with exact numbers by this much. A hundred to one is 4.6, and the approximation of the evidence has
+an error of its own. Sessions with a wrong number win by hundreds (benchmarks/declared).
+"""
+STRAIN_THRESHOLD = 2.5
+"""Standard deviations between estimate and declared value from which a number is strained. This is
+short of a contradiction, but from here on the fit with tolerances is used only if exact numbers
+make the corners less probable. An offset of `bumps`, whose numbers are all true, ends on either
+side of three by a ten-thousandth of a pixel.
+"""
+MAX_NOISE_RATIO = 1.3
+"""A fit whose residual exceeds the corners' noise by this factor lacks something else, which may be
+what pulls a number away from its declared value.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class ResolvedFit:
+    """A fit with the priors that it used."""
+
+    fitted: Fitted
+    setup: Setup
+    """The setup with the tolerances of the fit."""
+    declared: Setup
+    """The setup with the tolerances that were declared."""
+    doubted: tuple[str, ...] = ()
+    """The numbers whose tolerance was widened, by their names in the ray path."""
+
+
+def resolve_prior_conflict(
+    fitted: Fitted,
+    setup: Setup,
+    nominal: Setup,
+    views: Sequence[View],
+    settings: Settings,
+    progress: Progress,
+) -> ResolvedFit:
+    """Return the fit whose treatment of the declared numbers the views support.
+
+    - No number is contradicted or strained: the fit with tolerances as it is.
+    - A number is strained: the more probable of that fit and the one with `nominal`.
+    - A number is contradicted: a fit with wider priors, if that resolves all contradictions and is
+      clearly better than the fit with `nominal`; else the latter.
+
+    If the settings do not let the fit hold numbers, only priors are widened.
+
+    Args:
+        fitted: the fit with the tolerances of `setup`.
+        setup: the session with a tolerance for each free number.
+        nominal: the session in which a number without a declared tolerance is exact.
+    """
+    observations = Observations.of(views, setup.board)
+    resolved = ResolvedFit(fitted, setup, setup)
+    credible = _is_credible(fitted)
+    may_hold = AUTO in settings.free and setup != nominal
+    if credible and not (
+        may_hold
+        and fitted.joint
+        and largest_prior_conflict(fitted.joint, threshold=STRAIN_THRESHOLD)
+    ):
+        return resolved
+    if not may_hold:
+        return _widen_conflicting_priors(resolved, observations, views, settings, progress)
+    exact = fit_stages(nominal, observations, settings, progress, purpose="numbers as declared")
+    if credible:
+        if log_evidence(fitted) > log_evidence(exact):
+            return resolved
+        return ResolvedFit(exact, nominal, nominal)
+    if _is_clearly_better(fitted, exact):
+        resolved = _widen_conflicting_priors(resolved, observations, views, settings, progress)
+        widened = resolved.fitted
+        widened_height = height_spread(widened.path, widened.values, observations)
+        exact_height = height_spread(exact.path, exact.values, observations)
+        if (
+            _is_credible(widened)
+            and _is_clearly_better(widened, exact)
+            and widened_height < MAX_HEIGHT_RATIO * exact_height
+        ):
+            return resolved
+    return ResolvedFit(exact, nominal, nominal)
+
+
+def _widen_conflicting_priors(
+    resolved: ResolvedFit,
+    observations: Observations,
+    views: Sequence[View],
+    settings: Settings,
+    progress: Progress,
+) -> ResolvedFit:
+    """Widen the prior of one contradicted number after another by PRIOR_INFLATION and refit.
+
+    It stops when a refit no longer determines the number from the views, away from its declared
+    value.
+    """
+    while (
+        (joint := resolved.fitted.joint)
+        and len(resolved.doubted) < MAX_CONFLICTS
+        and at_noise(resolved, views)
+    ):
+        name = largest_prior_conflict(joint, resolved.doubted)
+        if not name:
+            break
+        intrinsics, cover = widen_prior(
+            resolved.setup.intrinsics, resolved.setup.cover, name, PRIOR_INFLATION
+        )
+        wider = replace(resolved.setup, intrinsics=intrinsics, cover=cover)
+        refitted = fit_stages(
+            wider, observations, settings, progress, purpose=f"{name.partition('.')[2]} doubted"
+        )
+        if not (
+            refitted.joint
+            and contradicts_prior(refitted.joint, name, float(joint.parameters.priors.sigmas[name]))
+        ):
+            break
+        resolved = ResolvedFit(refitted, wider, resolved.declared, (*resolved.doubted, name))
+    return resolved
+
+
+def _is_credible(fitted: Fitted) -> bool:
+    """True if the fit converged to numbers that keep to their tolerances."""
+    joint = fitted.joint
+    return not joint or (joint.outcome is Outcome.CONVERGED and not largest_prior_conflict(joint))
+
+
+def _is_clearly_better(fitted: Fitted, exact: Fitted) -> bool:
+    return log_evidence(fitted) > log_evidence(exact) + MIN_LOG_EVIDENCE_GAIN
+
+
+def log_evidence(fitted: Fitted) -> float:
+    """Return the log evidence up to a constant of the corners; -inf without a joint fit."""
+    return fitted.joint.log_evidence if fitted.joint else -math.inf
+
+
+def at_noise(resolved: ResolvedFit, views: Sequence[View]) -> bool:
+    """True if the residual is little more than the corners' noise."""
+    fitted = resolved.fitted
+    return fitted.stages[-1].rms_px <= MAX_NOISE_RATIO * short_scale_noise(
+        on_board_grid(fitted.residuals.image, views), resolved.setup.board
+    )
