@@ -80,8 +80,8 @@ class RayField:
     parallax: Array
     """(h, w, 2) px m, B: the shift of the undistorted pixel per 1/m of inverse depth."""
     valid: Mask
-    """(h, w), false where no ray leaves the cover, where it does not go forward, or where the lens or
-    cover bends so sharply that the splines are not accurate. A and B are extrapolated there.
+    """(h, w), false where no ray leaves the cover, where it does not go forward, or where the lens
+    or cover bends so sharply that the splines are not accurate. A and B are extrapolated there.
     Between four valid nodes, the splines are accurate.
     """
 
