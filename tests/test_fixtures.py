@@ -314,4 +314,4 @@ def test_what_a_motion_left_idle_is_no_finding(tmp_path: Path) -> None:
     with single_thread():
         finding = diagnose(result, Silent())[1]
     assert finding.accepted == ("rolling_shutter",)
-    assert finding.after.held_out_px < 0.118  # measured: 0.107
+    assert finding.final_quality.held_out_px < 0.118  # measured: 0.107

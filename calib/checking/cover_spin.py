@@ -25,6 +25,7 @@ class CoverSpin(Effect):
     axes: str
     """The axes: y for a cone or cylinder, z for a window, xyz for a dome."""
     name: ClassVar[str] = "cover_spin"
+    description: ClassVar[str] = "The cover is turned about its own axis."
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
     advice: ClassVar[str] = "hold the board where the cover is most uneven"

@@ -25,6 +25,7 @@ class PictureMode(Effect):
     width: int
     height: int
     name: ClassVar[str] = "picture_mode"
+    description: ClassVar[str] = "The pictures come from another mode of the camera."
     about: ClassVar[str] = "the camera's mode"
     advice: ClassVar[str] = "read the mode from the camera's driver"
 

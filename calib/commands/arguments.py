@@ -9,11 +9,11 @@ from calib.errors import brief
 from calib.io.numerals import whole_number
 
 FARTHEST = 1e9
-"""m: what is farther is at infinity, to the last digit of a map."""
+"""m: a map for a greater depth equals the map for infinity to its last digit."""
 
 
 def depth(text: str) -> float:
-    """A distance in metres; `inf` is one."""
+    """Return a distance in metres; `inf` is allowed."""
     try:
         metres = float(text)
     except ValueError:
@@ -27,36 +27,40 @@ def depth(text: str) -> float:
 
 
 def quoted(text: str) -> str:
-    """What was typed, as a message repeats it."""
+    """Return the text as a message quotes it: in quotation marks, and cut if it is long."""
     return repr(brief(text))
 
 
 def positive(text: str) -> float:
-    """A finite number above 0."""
+    """Return a finite number above 0."""
     try:
         number = float(text)
     except ValueError:
         number = math.nan
     if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{quoted(text)} will not do: write a number above 0")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a number above 0: write one, such as 0.5"
+        )
     return number
 
 
 def positive_or_zero(text: str) -> float:
-    """A finite number from 0."""
+    """Return a finite number of 0 or more."""
     try:
         number = float(text)
     except ValueError:
         number = math.nan
     if not 0 <= number < math.inf:
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} will not do: write 0, or a number above it"
+            f"{quoted(text)} is not a number of 0 or more: write one, such as 0 or 0.5"
         )
     return number
 
 
 def whole_size(text: str) -> tuple[int, int]:
-    """Of a board or a picture, such as 9x6."""
+    """Return the size of a board or a picture, such as 9x6: columns and rows, or width and
+    height.
+    """
     size = two_numbers(text)
     if size is None or min(size) < 3:
         raise argparse.ArgumentTypeError(
@@ -66,14 +70,15 @@ def whole_size(text: str) -> tuple[int, int]:
 
 
 def two_numbers(text: str) -> tuple[int, int] | None:
-    """Return the two whole numbers of a text such as 9x6; None where it is of another form."""
+    """Return the two whole numbers of a text such as 9x6; None if it has another form."""
     first, _, second = text.partition("x")
-    columns, rows = whole_number(first), whole_number(second)
+    columns = whole_number(first)
+    rows = whole_number(second)
     return None if columns is None or rows is None else (columns, rows)
 
 
 def millimetres(text: str) -> float:
-    """The side of a square."""
+    """Return the side of a square in mm."""
     try:
         side = float(text)
     except ValueError:
@@ -109,7 +114,7 @@ def add_calibration(parser: argparse.ArgumentParser) -> None:
 
 
 def folder_of(calibration: Path) -> Path:
-    """Where a calibration lies that is given as its file or as its folder."""
+    """Return the folder of a calibration that is given as its file or as its folder."""
     return calibration if calibration.is_dir() else calibration.parent
 
 
@@ -134,7 +139,7 @@ def calibration_files(calibration: Path) -> tuple[Path, Path]:
 
 
 def grid(text: str) -> tuple[int, int] | None:
-    """Centres of the relief, such as 12x12; None for `auto`."""
+    """Return the numbers of the relief's centres, such as 12x12; None for `auto`."""
     if text == "auto":
         return None
     centres = two_numbers(text)
@@ -156,24 +161,24 @@ def folds(text: str) -> int:
     return count
 
 
-def effects(written: str) -> tuple[str, ...]:
-    """none, auto, or names of effects, joined by commas."""
+def effects(text: str) -> tuple[str, ...]:
+    """Return the names of effects that commas join; none for `none`, and ("auto",) for `auto`."""
     from calib.diagnosis.requested_effects import NAMES
 
-    names = tuple(name for name in written.split(",") if name)
-    wrong = [name for name in names if name not in NAMES]
-    if written in ("none", "auto"):
-        return () if written == "none" else ("auto",)
-    if wrong or not names or len(set(names)) < len(names):
+    names = tuple(name for name in text.split(",") if name)
+    invalid = [name for name in names if name not in NAMES]
+    if text in ("none", "auto"):
+        return () if text == "none" else ("auto",)
+    if invalid or not names or len(set(names)) < len(names):
         raise argparse.ArgumentTypeError(
-            f"{quoted(written)} is not none, auto, or some of {', '.join(NAMES)}, each once, joined"
+            f"{quoted(text)} is not none, auto, or some of {', '.join(NAMES)}, each once, joined"
             " by commas"
         )
     return names
 
 
 def free(text: str) -> tuple[str, ...]:
-    """Names of calib.session.freeing, joined by commas."""
+    """Return the names of calib.session.freeing that commas join, each once."""
     from calib.session.freeing import NAMES
 
     for name in text.split(","):

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, "where the fleet's results go: a folder that every worker sees", required=True
     )
     add_overwrite(parser)
-    add_fit_options(parser, usual_folds=FOLDS)
+    add_fit_options(parser, default_folds=FOLDS)
     add_depths(parser, required=False)
     parser.add_argument(
         "--format",

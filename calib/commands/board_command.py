@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 SUMMARY = "Draw a board to print: board.pdf and board.svg at true scale, and a session.yaml."
 DESCRIPTION = """
 The board is a checkerboard, a ChArUco board or Kalibr's AprilGrid. With markers, a picture that
-shows only a part of the board is enough. The sheet has two rulers, and says what to measure after
-printing and where to enter it. Without --square-mm or --tag-mm, squares or tags get the largest
-whole number of millimetres that leaves a white margin as wide as one of them.
+shows only a part of the board is enough. The sheet has two rulers. It says what to measure after
+printing, and where to enter the result. Without --square-mm or --tag-mm, squares or tags get the
+largest whole number of millimetres that leaves a white margin as wide as one of them.
 """
 
 OPTIONS = ("square_mm", "tag_mm", "spacing", "marker", "dictionary", "legacy_pattern")
@@ -37,9 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--columns",
         type=_count,
         metavar="N",
-        help="inner corners along x, by default 9; an aprilgrid's tags, 6",
+        help="inner corners along x (default: 9); for an aprilgrid, tags along x (default: 6)",
     )
-    parser.add_argument("--rows", type=_count, metavar="N", help="the same along y, by default 6")
+    parser.add_argument(
+        "--rows", type=_count, metavar="N", help="inner corners or tags along y (default: 6)"
+    )
     parser.add_argument("--square-mm", type=millimetres, metavar="S", help="side of a square")
     parser.add_argument(
         "--tag-mm", type=millimetres, metavar="S", help="side of an aprilgrid's tag"
@@ -48,36 +50,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--spacing",
         type=_spacing,
         metavar="PART",
-        help="between an aprilgrid's tags, in sides of one, by default 0.3",
+        help="gap between an aprilgrid's tags, as a fraction of a tag's side (default: 0.3)",
     )
     parser.add_argument(
         "--marker",
-        type=_part,
+        type=_marker_fraction,
         metavar="PART",
-        help="side of a charuco's marker, in sides of a square, by default 0.75",
+        help="side of a charuco's marker, as a fraction of a square's side (default: 0.75)",
     )
     parser.add_argument(
         "--dictionary",
         choices=tuple(DICTIONARIES),
         metavar="NAME",
-        help="of a charuco's markers, by default DICT_4X4_250",
+        help="dictionary of a charuco's markers (default: DICT_4X4_250)",
     )
     legacy = (
-        "a charuco that begins with a white square where its rows of squares are even, as"
-        " calib.io's do, and OpenCV's before 4.6"
+        "a charuco board of calib.io, or of OpenCV before 4.6: if it has an even number of rows of"
+        " squares, it begins with a white square"
     )
     parser.add_argument("--legacy-pattern", action="store_true", default=None, help=legacy)
     parser.add_argument(
         "--paper",
-        type=_papers,
+        type=_parse_papers,
         default="A4",
         metavar="PAPER",
-        help="A4 (the default), A3, Letter, or width x height in mm, such as 600x400",
+        help="A4, A3, Letter, or width x height in mm, such as 600x400 (default: A4)",
     )
-    size = "of the camera's pictures, for session.yaml; by default 1640x1232, to be corrected there"
+    size = (
+        "size of the camera's pictures, for session.yaml; correct it there if it differs (default:"
+        " 1640x1232)"
+    )
     parser.add_argument("--size", type=whole_size, default=(1640, 1232), metavar="WxH", help=size)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    add_output(parser, "where the files go: the folder of a new session", required=True)
+    add_output(parser, "the folder of a new session, for the files", required=True)
     add_overwrite(parser)
 
 
@@ -125,12 +130,15 @@ def _pattern(args: argparse.Namespace) -> "Pattern":
     for option in OPTIONS:
         if getattr(args, option) is not None and option not in BY_TYPE[args.type]:
             raise InputError(
-                f"--{option.replace('_', '-')} says nothing of a board of --type {args.type}: leave"
-                " it out."
+                f"--{option.replace('_', '-')} does not apply to a board of --type {args.type}:"
+                " leave it out."
             )
-    shaped = set(BY_TYPE[args.type]) - {"square_mm", "tag_mm"}
-    shape = {option: given for option in shaped if (given := getattr(args, option)) is not None}
-    columns, rows = args.columns or (6 if args.type == "aprilgrid" else 9), args.rows or 6
+    shape_options = set(BY_TYPE[args.type]) - {"square_mm", "tag_mm"}
+    shape = {
+        option: value for option in shape_options if (value := getattr(args, option)) is not None
+    }
+    columns = args.columns or (6 if args.type == "aprilgrid" else 9)
+    rows = args.rows or 6
     if args.type == "aprilgrid":
         return AprilGrid(columns, rows, **shape)
     if min(columns, rows) < 3:
@@ -181,34 +189,34 @@ def _count(text: str) -> int:
     return count
 
 
-def _part(text: str) -> float:
-    return _between(text, 0.3, 0.9, "a marker's part of a square")
+def _marker_fraction(text: str) -> float:
+    return _number_between(text, 0.3, 0.9, "a marker's part of a square")
 
 
 def _spacing(text: str) -> float:
-    return _between(text, *SPACING_LIMITS, "a part of a tag")
+    return _number_between(text, *SPACING_LIMITS, "a part of a tag")
 
 
-def _between(text: str, low: float, high: float, kind: str) -> float:
+def _number_between(text: str, low: float, high: float, kind: str) -> float:
     try:
-        part = float(text)
+        fraction = float(text)
     except ValueError:
-        part = math.nan
-    if not low <= part <= high:
+        fraction = math.nan
+    if not low <= fraction <= high:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not {kind}: write a number from {low:g} to {high:g}"
         )
-    return part
+    return fraction
 
 
-def _papers(text: str) -> "tuple[Paper, ...]":
+def _parse_papers(text: str) -> "tuple[Paper, ...]":
     from calib.sheet.paper import MAX_PAPER_SIDE, MIN_PAPER_SIDE, PAPERS, parse_paper
 
-    found = parse_paper(text)
-    if found is None:
+    papers = parse_paper(text)
+    if papers is None:
         names = ", ".join(paper.name for paper in PAPERS)
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a paper: write {names}, or width x height from"
             f" {MIN_PAPER_SIDE:g} to {MAX_PAPER_SIDE:g} mm, such as 600x400"
         )
-    return found
+    return papers

@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from calib.session.board import Board
 
 OPTIONS = ("type", "square_mm", "marker_mm", "dictionary", "legacy_pattern", "tag_mm", "spacing")
-"""As session.yaml names them."""
+"""The names that session.yaml has for the options."""
 
 
 def add_coding(parser: argparse.ArgumentParser) -> None:
-    """What a board with markers needs besides --board and --square-mm."""
+    """Add the options that a board with markers needs besides --board and --square-mm."""
     parser.add_argument("--type", choices=TYPES, help="the kind of board (default: checkerboard)")
     parser.add_argument(
         "--marker-mm", type=millimetres, metavar="S", help="side of a charuco's marker"
@@ -24,7 +24,7 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         "--dictionary",
         choices=tuple(DICTIONARIES),
         metavar="NAME",
-        help="of a charuco's markers, such as DICT_4X4_250",
+        help="dictionary of a charuco's markers, such as DICT_4X4_250",
     )
     parser.add_argument(
         "--legacy-pattern",
@@ -42,22 +42,22 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         "--spacing",
         type=positive,
         metavar="PART",
-        help="between an aprilgrid's tags, in sides of one, such as 0.3",
+        help="gap between an aprilgrid's tags, as a fraction of a tag's side, such as 0.3",
     )
 
 
-def asked_board(args: argparse.Namespace) -> "Board | None":
-    """None: nothing is said of it."""
+def board_from_options(args: argparse.Namespace) -> "Board | None":
+    """Return the board that the options describe; None if no option describes it."""
     from calib.session.board_section import read_board
     from calib.session.schema import Section
 
-    given = {key: value for key in OPTIONS if (value := getattr(args, key, None)) is not None}
-    if args.board is None and not given:
+    options = {key: value for key in OPTIONS if (value := getattr(args, key, None)) is not None}
+    if args.board is None and not options:
         return None
-    if args.board is None or not given.keys() & {"square_mm", "tag_mm"}:
+    if args.board is None or not options.keys() & {"square_mm", "tag_mm"}:
         raise InputError(
             "--board and --square-mm belong together: give both, such as --board 9x6 --square-mm"
             " 25; an aprilgrid has --tag-mm instead."
         )
     columns, rows = args.board
-    return read_board(Section({"columns": columns, "rows": rows, **given}, "The command line"))
+    return read_board(Section({"columns": columns, "rows": rows, **options}, "The command line"))

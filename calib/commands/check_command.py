@@ -10,20 +10,20 @@ from calib.commands.arguments import (
     calibration_files,
     folder_of,
 )
-from calib.commands.loading import quickly
+from calib.commands.loading import fast_imports
 
 SUMMARY = "Check with a few pictures whether a calibration still holds, and find what changed."
 DESCRIPTION = """
 PICTURES are a session, a folder of pictures, or picture files. Three to five are enough: tilt the
-board, and show it near and far. Without a session.yaml of their own, the board is that of the
-calibration. Exit code 0: valid; 5: degraded or broken.
+board, and show it near and far. If they have no session.yaml, the board is the calibration's.
+Exit code 0: valid; 5: degraded or broken.
 
 With --update, OUT gets an updated calibration: the calibration is the prior, and the pictures
 refine it. Its history is kept.
 """
 
 NOT_VALID = 5
-"""The exit code."""
+"""The exit code of a calibration that is degraded or broken."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,17 +38,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--update",
         action="store_true",
-        help="write the calibration brought up to date by these pictures",
+        help="write a calibration that these pictures refine",
     )
     add_output(
-        parser, "where the updated calibration goes (default: updated/ beside it)", required=False
+        parser,
+        "folder for the updated calibration (default: updated/ beside CALIBRATION)",
+        required=False,
     )
     add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    with quickly():
+    with fast_imports():
         from calib.calibration import DERIVED, FILES, Calibration
         from calib.checking.check import Checker
         from calib.checking.pictures import read_pictures

@@ -11,7 +11,7 @@ from rich.console import Console
 from calib.checking.result import CheckResult, CheckStatistics, CheckStatus
 from calib.checking.significance import ALPHA
 from calib.checking.update import NumberUpdate
-from calib.commands.program import as_typed
+from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.fitting.rounding import with_sigma
 
@@ -33,7 +33,7 @@ def print_result(
         console.print(line)
     for path in written:
         console.print(harmless(f"Wrote {path}"))
-    console.print(harmless(f"Next: {as_typed(following)}"))
+    console.print(harmless(f"Next: {runnable_command(following)}"))
 
 
 def next_command(

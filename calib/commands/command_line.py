@@ -1,6 +1,6 @@
-"""A command of several commands: its arguments, and what every end of it says and exits with.
+"""A program with several commands: its arguments, its error messages and its exit codes.
 
-Nothing slow is imported here.
+This module imports nothing slow.
 """
 
 import argparse
@@ -24,34 +24,34 @@ def run_command(
     commands: Sequence[ModuleType],
     argv: Sequence[str] | None,
 ) -> int:
-    """Run the command that the arguments name; returns the exit code.
+    """Run the command that the arguments name, and return the exit code.
 
     Args:
         description: the text above the list of commands in the program's help.
         commands: modules with the texts SUMMARY (one line) and DESCRIPTION, and the functions
-            `add_arguments(parser)` and `run(args)`, which returns an exit code, or None for 0; in
-            the order of the help. A command has the name of its module, without `_command` and
-            with dashes.
-        argv: None for this process's own.
+            `add_arguments(parser)` and `run(args)`, which returns an exit code, or None for 0. The
+            help lists them in this order. A command has the name of its module, without
+            `_command` and with dashes.
+        argv: the arguments; None for those of this process.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     args = _parser(program, description, commands).parse_args(argv)
     try:
         code: int | None = args.run(args)
-        print(end="", flush=True)  # here a full disk is a sentence; at exit it would be a traceback
+        print(end="", flush=True)  # a full disk raises here; at exit it would be a traceback
     except RefracalError as error:
         print(f"{program}: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         print(f"{program}: interrupted.", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reader of a pipe has gone: its right
+    except BrokenPipeError:  # the reader of a pipe may stop early
         _drop_stdout()
         return 0
     except Exception as error:
         if (
             isinstance(error, OSError) and error.errno and error.filename is None
-        ):  # of no file by name, so of stdout
+        ):  # the error names no file, so it concerns stdout
             print(
                 f"{program}: the result cannot be printed ({error.strerror}): send stdout to"
                 " another place.",
@@ -71,34 +71,36 @@ def run_command(
 
 
 def _drop_stdout() -> None:
-    """What is still buffered goes nowhere, so that Python does not try again at exit."""
+    """Redirect stdout to nowhere, so that Python does not write its buffer again at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        """What was typed may have come from elsewhere, by a shell's * for one."""
+        """Make the message printable: an argument may hold any character, for example a file name
+        that a shell's * inserted.
+        """
         super().error(str(RefracalError(message)))
 
 
 class _Help(argparse.HelpFormatter):
-    """Paragraphs are as wide as the terminal. One with an indented line, such as a list, keeps its
-    lines: where one is too long, what stands in its last column goes on below itself.
+    """A formatter that fills paragraphs to the terminal's width. A paragraph with an indented line,
+    such as a list, keeps its lines; the last column of a line that is too long wraps within itself.
     """
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         paragraphs = text.strip().split("\n\n")
         return "\n\n".join(
             (
-                _listed(one, width)
-                if "\n " in one
-                else super(_Help, self)._fill_text(one, width, indent)
+                _wrap_list(paragraph, width)
+                if "\n " in paragraph
+                else super(_Help, self)._fill_text(paragraph, width, indent)
             )
-            for one in paragraphs
+            for paragraph in paragraphs
         )
 
 
-def _listed(lines: str, width: int) -> str:
+def _wrap_list(lines: str, width: int) -> str:
     columns = ((line, re.match(r" *\S.*?  +", line)) for line in lines.split("\n"))
     return "\n".join(
         textwrap.fill(line, width, subsequent_indent=" " * (first.end() if first else 0))

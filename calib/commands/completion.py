@@ -1,8 +1,7 @@
-"""What a shell completes on its own: a script of shtab, written once, so that a Tab starts no
-Python.
+"""The completion script for a shell. shtab writes it once, so that a Tab starts no Python.
 
-It knows commands, options, choices, files and folders, and names that commas join, such as those of
-effects.
+The script completes commands, options, choices, files, folders, and names that commas join, such as
+the effects' names.
 """
 
 import argparse
@@ -16,7 +15,7 @@ from calib.extras import how_to_install
 SHELLS = ("bash", "zsh")
 FOLDERS = ("DIR", "SESSION")
 FILES = ("MANIFEST",)
-"""What stands for a folder or a file in the help; all else that is a Path may be either."""
+"""The metavars of folders and of files. Any other argument of type Path may be either."""
 JOINED = """
 _refracal_{key}() {{
   local before=
@@ -25,13 +24,13 @@ _refracal_{key}() {{
 }}
 """
 FALLBACK = "\ncomplete -o bashdefault -o default -F _shtab_{program} {program}"
-"""Where nothing of ours fits, bash completes files: capture's SESSION may stand where its commands
-do.
+"""If no word of the script fits, bash completes files: SESSION may stand at the place of a command
+of capture.
 """
 
 
 class PrintCompletion(argparse.Action):
-    """`--print-completion SHELL`: prints the script and ends."""
+    """The action of `--print-completion SHELL`: it prints the script and exits."""
 
     def __call__(
         self,
@@ -48,21 +47,21 @@ class PrintCompletion(argparse.Action):
 
 
 def add_completion(parser: argparse.ArgumentParser) -> None:
-    said = (
-        "print what makes the shell complete commands, options, files and names, and end:"
-        " docs/install.md"
+    help_text = (
+        "print a script with which the shell completes commands, options, files and names, and"
+        " exit: docs/install.md"
     )
     parser.add_argument(
         "--print-completion",
         choices=SHELLS,
         action=PrintCompletion,
         default=argparse.SUPPRESS,
-        help=said,
+        help=help_text,
     )
 
 
 def script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """For the shell to read; InputError where shtab is not installed."""
+    """Return the script for the shell. Raise InputError if shtab is not installed."""
     try:
         import shtab
     except ImportError as error:
@@ -76,12 +75,12 @@ def script(parser: argparse.ArgumentParser, shell: str) -> str:
             action.complete = shtab.FILE  # type: ignore[attr-defined]
         elif action.type in NAMES:
             action.complete = _joined(*NAMES[action.type]())  # type: ignore[attr-defined]
-    written = str(shtab.complete(parser, shell))
-    return written + (FALLBACK.format(program=parser.prog) if shell == "bash" else "")
+    text = str(shtab.complete(parser, shell))
+    return text + (FALLBACK.format(program=parser.prog) if shell == "bash" else "")
 
 
 def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Of a parser and all its commands."""
+    """Yield the actions of a parser and of all its commands."""
     for action in parser._actions:
         yield action
         if isinstance(action, argparse._SubParsersAction):
@@ -90,12 +89,12 @@ def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 
 def _joined(key: str, names: Sequence[str]) -> dict[str, object]:
-    """Names of which several may be joined by commas, as shtab is told of them."""
-    listed = " ".join(names)
+    """Return shtab's description of names that commas may join."""
+    name_list = " ".join(names)
     return {
         "bash": f"_refracal_{key}",
-        "zsh": f" _values -s , {key} {listed}",
-        "preamble": {"bash": JOINED.format(key=key, names=listed)},
+        "zsh": f" _values -s , {key} {name_list}",
+        "preamble": {"bash": JOINED.format(key=key, names=name_list)},
     }
 
 
@@ -112,4 +111,4 @@ def _free() -> tuple[str, Sequence[str]]:
 
 
 NAMES = {effects: _effects, free: _free}
-"""By the function that reads an argument: what may be written there."""
+"""The functions that return the allowed names of an argument, by the type of the argument."""

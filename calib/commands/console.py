@@ -1,4 +1,4 @@
-"""What a person sees: progress bars on stderr, tables on stdout."""
+"""Progress bars on stderr, and tables on stdout."""
 
 from collections.abc import Iterator, Sequence
 from types import TracebackType
@@ -28,7 +28,7 @@ from calib.session.lens import NAMES
 
 
 class Bars:
-    """One bar for each task, on stderr."""
+    """Progress bars on stderr, one for each task."""
 
     def __init__(self) -> None:
         columns = (
@@ -58,7 +58,7 @@ class Bars:
 
 
 def print_fit(calibration: Calibration, seconds: float) -> None:
-    """The stage table, what was used and what was not."""
+    """Print the table of stages, the numbers of views and corners, and the rejected pictures."""
     console = Console()
     table = Table(
         "stage",
@@ -82,10 +82,10 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
     looks = describe_redetection(
         [Redetection.from_record(record) for record in calibration.settings.get(REDETECTION, [])]
     )
-    of_views = filter(None, (looks, describe_noisy_views(calibration.settings.get(VIEW_NOISE, {}))))
+    view_lines = filter(None, (looks, describe_noisy_views(calibration.settings.get(VIEW_NOISE, {}))))
     reach = filter(None, [undistortion_limit(calibration)])
     for line in (
-        *of_views,
+        *view_lines,
         *_lens(calibration),
         *_prior(calibration),
         *_estimates(calibration),
@@ -101,48 +101,47 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
 
 
 def _lens(calibration: Calibration) -> Iterator[str]:
-    """Which lens model held-out views chose, where there was a choice of models."""
-    intrinsics, tried = (
-        calibration.camera.intrinsics,
-        dict(calibration.settings.get("lens_held_out_px", {})),
-    )
-    others = {name: error for name, error in tried.items() if name.split()[0] in NAMES}
-    if not (intrinsics and others):
+    """Yield a line on the lens model that held-out views chose, if there was a choice of models."""
+    intrinsics = calibration.camera.intrinsics
+    held_out_px = dict(calibration.settings.get("lens_held_out_px", {}))
+    models = {name: error for name, error in held_out_px.items() if name.split()[0] in NAMES}
+    if not (intrinsics and models):
         return
-    counts = {name: error for name, error in tried.items() if name.isdigit()}
+    counts = {name: error for name, error in held_out_px.items() if name.isdigit()}
     best = min(counts, key=lambda name: counts[name], default="")
     errors = ([f"opencv {counts[best]:.3f} px with {best} coefficients"] if best else []) + [
-        f"{n} {e:.3f} px" for n, e in others.items()
+        f"{n} {e:.3f} px" for n, e in models.items()
     ]
     yield f"Lens: {intrinsics.model}, by the error on held-out views: {', '.join(errors)}."
 
 
 def _prior(calibration: Calibration) -> Iterator[str]:
-    """What became of a fleet's prior."""
+    """Yield a line that says whether the fit used a fleet's prior."""
     if prior := calibration.settings.get(PRIOR):
-        what = f"{prior['cameras']} cameras ({prior['file']})"
+        source = f"{prior['cameras']} cameras ({prior['file']})"
         if prior["used"]:
             yield (
-                f"Prior: the numbers and the glass of {what}, which stand below for what is"
+                f"Prior: the numbers and the glass of {source}, which stand below for what is"
                 " declared."
             )
         else:
-            yield f"Prior: that of {what} was left out, for the views contradict it."
+            yield f"Prior: that of {source} was left out, for the views contradict it."
 
 
 def _estimates(calibration: Calibration) -> Iterator[str]:
-    """What the fit made of the declared numbers that it estimated, and the parameters of its
+    """Yield a line for each declared number that the fit estimated, and for each parameter of its
     effects.
     """
     if not calibration.covariance.size:
         return
-    for one in comparisons(calibration):
-        if not one.held:
+    for comparison in comparisons(calibration):
+        if not comparison.held:
             yield (
-                f"{'Corrected' if one.corrected else 'Estimated'}:"
-                f" {one.summed if one.effect else one}"
+                f"{'Corrected' if comparison.corrected else 'Estimated'}:"
+                f" {comparison.summed if comparison.effect else comparison}"
             )
-    yield from (f"Estimated: {one.name} {one.estimated}" for one in effect_comparisons(calibration))
+    for parameter in effect_comparisons(calibration):
+        yield f"Estimated: {parameter.name} {parameter.estimated}"
 
 
 def print_evaluation(evaluation: Evaluation, *, wide: bool) -> None:
@@ -173,5 +172,5 @@ def print_evaluation(evaluation: Evaluation, *, wide: bool) -> None:
 
 
 def _list_rejected(console: Console, rejected: Sequence[RejectedPicture]) -> None:
-    for one in rejected:
-        console.print(harmless(f"Not used: {one.name}: {one.reason}."), markup=False)
+    for picture in rejected:
+        console.print(harmless(f"Not used: {picture.name}: {picture.reason}."), markup=False)

@@ -5,15 +5,15 @@ from pathlib import Path
 
 from calib.commands.arguments import add_output, add_overwrite, calibration_files, folder_of
 from calib.commands.effect_names import effects_help
-from calib.commands.loading import quickly
+from calib.commands.loading import fast_imports
 
 SUMMARY = (
     "Find effects that a calibration's model lacks, and add those that held-out views confirm."
 )
 DESCRIPTION = """
-OUT gets the calibration with the accepted effects, and its report.html with the error before and
-after on views that were not fitted. Without --holdout, the calibration's own views are held out in
-turn.
+OUT gets the calibration with the accepted effects, and its report.html. The report shows the error
+with and without the effects on views that were not fitted. Without --holdout, the calibration's own
+views are held out in turn.
 """
 
 
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_output(
         parser,
-        "where the diagnosed calibration goes (default: diagnosed/ beside it)",
+        "folder for the diagnosed calibration (default: diagnosed/ beside CALIBRATION)",
         required=False,
     )
     add_overwrite(parser)
@@ -38,11 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    with quickly():
+    with fast_imports():
         from calib.calibration import DERIVED, FILES, Calibration
         from calib.commands.console import Bars
         from calib.commands.diagnosis_table import print_diagnosis
-        from calib.commands.printing import print_json, told
+        from calib.commands.printing import print_json, verdict_mapping
         from calib.commands.verdict_lines import print_verdict
         from calib.diagnosis.diagnose import diagnose
         from calib.fitting.provenance import record_diagnosis
@@ -65,11 +65,11 @@ def run(args: argparse.Namespace) -> None:
         try:
             with Bars() as bars:
                 written.append(write_report(better, files, bars))
-        finally:  # whatever happens to the report, the finding is written and told of
+        finally:  # if the report fails, the finding is still written and printed
             files.commit(instead_of=DERIVED)
             verdict = judge(better, folder=output)
             if args.json:
-                print_json(finding.as_json() | told(verdict, written))
+                print_json(finding.as_json() | verdict_mapping(verdict, written))
             else:
                 print_diagnosis(finding, better)
                 print_verdict(verdict, written)

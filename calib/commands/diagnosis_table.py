@@ -1,4 +1,4 @@
-"""A diagnosis on the terminal."""
+"""The diagnosis as text and tables on the terminal."""
 
 from collections.abc import Iterator
 
@@ -13,8 +13,8 @@ from calib.errors import harmless
 
 
 def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
-    """What was found first and is in the better calibration, then all that was considered, then
-    what is left.
+    """Print the accepted effects of the better calibration, then the errors, all candidates, and
+    the remarks.
     """
     console = Console()
     if finding.accepted:
@@ -27,14 +27,16 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
     console.print(_errors(finding))
     for candidate in finding.candidates:
         if candidate.accepted:
-            said = "; ".join(describe_estimates(candidate.effect, better, candidate.parameters))
+            estimates = "; ".join(
+                describe_estimates(candidate.effect, better, candidate.parameters)
+            )
             console.print(
-                f"{candidate.title}: {describe_effect(candidate.effect)} {said}",
+                f"{candidate.title}: {describe_effect(candidate.effect)} {estimates}",
                 markup=False,
                 highlight=False,
                 soft_wrap=True,
             )
-    for line in _considered(finding):
+    for line in _candidate_lines(finding):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     for remark in finding.remarks:
         console.print(harmless(f"Note: {remark}"), markup=False, highlight=False, soft_wrap=True)
@@ -50,23 +52,26 @@ def _errors(finding: Diagnosis) -> Table:
     )
     for column in table.columns[1:]:
         column.justify = "right"
-    for name, one in (("before", finding.before), ("after", finding.after)):
+    for name, quality in (("before", finding.base_quality), ("after", finding.final_quality)):
         table.add_row(
-            name, f"{one.rms_px:.3f} px", f"{one.rmse_cm:.4f} cm", f"{one.held_out_px:.3f} px"
+            name,
+            f"{quality.rms_px:.3f} px",
+            f"{quality.rmse_cm:.4f} cm",
+            f"{quality.held_out_px:.3f} px",
         )
     table.add_row("noise", f"{finding.noise_px:.3f} px", "", "")
     return table
 
 
-def _considered(finding: Diagnosis) -> Iterator[str]:
-    """A heading for each thing that became of candidates, and below it those of which it did; no
-    line is longer than 80 characters.
+def _candidate_lines(finding: Diagnosis) -> Iterator[str]:
+    """Yield a heading for each outcome, and below it a line for each candidate with this outcome.
+    No line is longer than 80 characters.
     """
     groups: dict[str, list[Candidate]] = {}
-    for one in sorted(
+    for candidate in sorted(
         finding.candidates, key=lambda c: (not c.accepted, c.held_out_px_after is None, c.p_value)
     ):
-        groups.setdefault(one.outcome, []).append(one)
+        groups.setdefault(candidate.outcome, []).append(candidate)
     yield f"{'What was considered':<22}{'chi²':>11}{'p':>8}{'held out, px':>18}{'gain, 95 %':>18}"
     yield "─" * 77
     for outcome, group in groups.items():
@@ -74,17 +79,19 @@ def _considered(finding: Diagnosis) -> Iterator[str]:
         yield from map(_line, group)
 
 
-def _line(one: Candidate) -> str:
-    held = (
-        f"{one.held_out_px_before:.3f} → {one.held_out_px_after:.3f}"
-        if one.held_out_px_after is not None
+def _line(candidate: Candidate) -> str:
+    held_out = (
+        f"{candidate.held_out_px_before:.3f} → {candidate.held_out_px_after:.3f}"
+        if candidate.held_out_px_after is not None
         else ""
     )
-    gain = f"{one.gain_ci95[0]:.3f} to {one.gain_ci95[1]:.3f}" if one.gain_ci95 else ""
-    score = f"{one.chi2:.0f}/{one.dof}"
-    row = f"  {one.title:<20}{score:>11}{_small(one.p_value):>8}{held:>18}{gain:>18}"
+    gain = candidate.gain_ci95
+    interval = f"{gain[0]:.3f} to {gain[1]:.3f}" if gain else ""
+    score = f"{candidate.chi2:.0f}/{candidate.dof}"
+    p_value = _format_p_value(candidate.p_value)
+    row = f"  {candidate.title:<20}{score:>11}{p_value:>8}{held_out:>18}{interval:>18}"
     return row.rstrip()
 
 
-def _small(p_value: float) -> str:
+def _format_p_value(p_value: float) -> str:
     return "<1e-99" if p_value < 1e-99 else f"{p_value:.1g}"

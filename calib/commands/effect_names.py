@@ -1,5 +1,5 @@
-"""The effects' names for the help, read from their files: importing them loads torch, and help
-comes at once.
+"""The effects' names and descriptions for the help. They are read from the source files, because an
+import of the effects loads torch, and help must come at once.
 """
 
 import re
@@ -10,12 +10,12 @@ EFFECTS = Path(__file__).parents[1] / "effects"
 
 
 def effects_help() -> str:
-    """A line for each effect, in the registry's order: its name, and what it is."""
+    """Return a line for each effect, in the registry's order: its name and its description."""
     return "\n".join(["effects:", *(f"  {name:<18}{_summary(name)}" for name in effect_names())])
 
 
 def effect_names() -> Iterator[str]:
-    """In the registry's order."""
+    """Yield the names in the registry's order."""
     registry = (EFFECTS / "registry.py").read_text(encoding="utf-8")
     modules = {
         kind: name
@@ -30,6 +30,7 @@ def effect_names() -> Iterator[str]:
 
 
 def _summary(name: str) -> str:
-    """The first words of the module's docstring."""
-    first = (EFFECTS / f"{name}.py").read_text(encoding="utf-8").partition("\n")[0]
-    return re.split("[:.]", first.strip('"'))[0]
+    """Return the effect's description without its full stop."""
+    source = (EFFECTS / f"{name}.py").read_text(encoding="utf-8")
+    description = re.search(r'description: ClassVar\[str\] = \(?\s*"(.*)\."', source)
+    return description[1] if description else ""

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from calib.commands.arguments import add_calibration, folder_of
-from calib.commands.loading import quickly
+from calib.commands.loading import fast_imports
 
 SUMMARY = "Measure the error of a calibration on views that were not fitted."
 DESCRIPTION = """
@@ -24,10 +24,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     from dataclasses import asdict
 
-    with quickly():
+    with fast_imports():
         from calib.calibration import Calibration
         from calib.commands.console import Bars, print_evaluation
-        from calib.commands.printing import print_json, told
+        from calib.commands.printing import print_json, verdict_mapping
         from calib.commands.verdict_lines import print_verdict
         from calib.fitting.evaluate import evaluate
         from calib.session.session import read_session
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> None:
     if args.json:
         print_json(
             {key: value for key, value in asdict(evaluation).items() if key != "rejected"}
-            | told(verdict, [])
+            | verdict_mapping(verdict, [])
         )
     else:
         print_evaluation(evaluation, wide=calibration.model()[0].lens.wide)

@@ -12,7 +12,7 @@ from calib.commands.arguments import (
     add_overwrite,
     calibration_files,
 )
-from calib.commands.loading import quickly
+from calib.commands.loading import fast_imports
 from calib.errors import InputError, harmless
 from calib.export.formats import AXES, FORMATS, ExportLens, Format
 
@@ -26,7 +26,8 @@ fits it at each --depth, and states its misfit at that depth, at half of it and 
 both in the file and here.
 """
 
-NAMED = 3  # files of an earlier fit: more would not be read
+MAX_NAMES = 3
+"""The number of old files that a message names: people do not read a longer list."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--format",
         choices=[form.name for form in FORMATS],
         required=True,
-        help="the form, as listed below",
+        help="the file format, as listed below",
     )
     add_depths(parser, required=False)
     lenses = "; ".join(
@@ -46,20 +47,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lens",
         metavar="NAME",
-        help=f"distortion model of a central camera, by default the best; {lenses}",
+        help=f"distortion model of a central camera (default: the best one); {lenses}",
     )
     axes = (
-        "of a ray image: opencv (x right, y down, z forward) by default, or opengl (x right, y up,"
-        " z backward)"
+        "axes of a ray image: opencv (x right, y down, z forward) or opengl (x right, y up, z"
+        " backward) (default: opencv)"
     )
     parser.add_argument("--axes", choices=AXES, help=axes)
-    add_output(parser, "where the files go", required=True)
+    add_output(parser, "folder for the files", required=True)
     add_overwrite(parser)
     kinds = (("maps", lambda form: not form.lenses), ("central cameras", lambda form: form.lenses))
     parser.epilog = "\n".join(
         f"{title}:\n"
-        + "\n".join(f"  {form.name:<12}{form.summary}" for form in FORMATS if chosen(form))
-        for title, chosen in kinds
+        + "\n".join(f"  {form.name:<12}{form.summary}" for form in FORMATS if belongs(form))
+        for title, belongs in kinds
     )
 
 
@@ -74,13 +75,13 @@ def run(args: argparse.Namespace) -> None:
 
     if args.axes and form.name != "ray-image":
         raise InputError(
-            f"--axes is of a ray image, and --format {form.name} is none: drop --axes, or write"
-            " --format ray-image."
+            f"--axes holds for a ray image only, not for --format {form.name}: drop --axes, or"
+            " write --format ray-image."
         )
     if not form.writable:
         raise InputError(form.lacking)
 
-    with quickly():
+    with fast_imports():
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
@@ -99,7 +100,7 @@ def run(args: argparse.Namespace) -> None:
         exported = export(ExportRequest(calibration, form, lenses, depths, files, bars, axes))
         files.commit()
     print_paths(exported.paths)
-    _say(exported, find_outdated_files(exported.paths, inputs[0]))
+    _print_remarks(exported, find_outdated_files(exported.paths, inputs[0]))
 
 
 def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:
@@ -107,14 +108,14 @@ def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:
         return form.lenses
     chosen = tuple(lens for lens in form.lenses if lens.name == name)
     if not chosen:
-        known = ", ".join(lens.name for lens in form.lenses)
-        advice = f"write one of {known}" if known else "drop --lens, as this format holds maps"
-        raise InputError(f"--lens {name} is none of the format {form.name}: {advice}.")
+        names = ", ".join(lens.name for lens in form.lenses)
+        advice = f"write one of {names}" if names else "drop --lens, as this format holds maps"
+        raise InputError(f"the format {form.name} has no lens model {name}: {advice}.")
     return chosen
 
 
-def _say(exported: "ExportedFiles", old: Sequence[Path]) -> None:
-    """The misfit is a remark: stdout lists files."""
+def _print_remarks(exported: "ExportedFiles", old: Sequence[Path]) -> None:
+    """Print the misfits and remarks on stderr, because stdout lists the files."""
     from rich.console import Console
 
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
@@ -129,11 +130,10 @@ def _say(exported: "ExportedFiles", old: Sequence[Path]) -> None:
     for remark in exported.remarks:
         console.print(remark)
     if old:
-        names, are = (
-            harmless(" ".join(path.name for path in old[:NAMED])),
-            ("are" if old[1:] else "is"),
-        )
-        more = f" and {len(old) - NAMED} more" if len(old) > NAMED else ""
+        names = harmless(" ".join(path.name for path in old[:MAX_NAMES]))
+        surplus = f" and {len(old) - MAX_NAMES} more" if len(old) > MAX_NAMES else ""
+        verb = "come" if old[1:] else "comes"
         console.print(
-            f"{names}{more} beside {are} of an earlier fit: remove what you do not need any more."
+            f"{names}{surplus} in the same folder {verb} from an earlier fit: remove what you do"
+            " not need any more."
         )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from calib.commands.arguments import add_depths, add_output, add_overwrite, effects
 from calib.commands.effect_names import effects_help
 from calib.commands.fit_options import add_fit_options, settings_of
-from calib.commands.loading import quickly
+from calib.commands.loading import fast_imports
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -22,7 +22,7 @@ it.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder")
-    add_output(parser, "where the results go (default: SESSION/calibration)", required=False)
+    add_output(parser, "folder for the results (default: SESSION/calibration)", required=False)
     add_overwrite(parser)
     add_fit_options(parser)
     parser.add_argument(
@@ -31,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=(),
         metavar="none|auto|NAME,...",
         help=(
-            "auto: find what the model lacks and add what held-out views confirm; or add effects by"
-            " name, as listed below (default: none)"
+            "auto: find the effects that the model lacks, and add those that held-out views"
+            " confirm; or add effects by name, as listed below (default: none)"
         ),
     )
     add_depths(parser, required=False)
@@ -43,11 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     import time
 
-    with quickly():
+    with fast_imports():
         from calib.calibration import DERIVED, FILES
         from calib.commands.console import Bars, print_fit
         from calib.commands.diagnosis_table import print_diagnosis
-        from calib.commands.printing import print_json, told
+        from calib.commands.printing import print_json, verdict_mapping
         from calib.commands.verdict_lines import print_verdict
         from calib.diagnosis.diagnose import diagnose
         from calib.diagnosis.possible_effects import check_possible
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.session.session import read_session
         from calib.verdict.judge import judge
 
-    begun = time.monotonic()
+    start = time.monotonic()
     session = read_session(args.session)
     output = args.output or check_no_link(args.session / "calibration")
     settings = settings_of(args)
@@ -78,34 +78,31 @@ def run(args: argparse.Namespace) -> None:
                 calibration = with_requested(calibration, args.effects, bars)
             calibration = record_request(calibration, args.effects, args.depth)
             written = [calibration.write(files), *write_npz(calibration, args.depth, files, bars)]
-        seconds = time.monotonic() - begun
+        seconds = time.monotonic() - start
         try:
             with Bars() as bars:
                 written.append(write_report(calibration, files, bars, args.depth))
-        finally:  # whatever happens to the report, the calibration is written and told of
+        finally:  # if the report fails, the calibration is still written and printed
             files.commit(instead_of=DERIVED)
             verdict = judge(calibration, depths=args.depth, folder=output, session=args.session)
             if args.json:
-                print_json(summary(calibration, seconds) | told(verdict, written))
+                print_json(summary(calibration, seconds) | verdict_mapping(verdict, written))
             else:
                 print_fit(calibration, seconds)
                 if finding:
                     print_diagnosis(finding, calibration)
-                further = (
-                    verdict.further if session.frames else verdict.further[:-1]
-                )  # of corners, there is nothing to undistort
+                # a session of corners has no pictures to undistort
+                further = verdict.further if session.frames else verdict.further[:-1]
                 print_verdict(verdict, written, further)
 
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
-    """The contract's JSON object."""
+    """Return the JSON object of the command contract."""
     from calib.fitting.guided_redetection import REDETECTION
     from calib.fitting.view_noise import VIEW_NOISE
 
-    intrinsics, held_out = (
-        calibration.camera.intrinsics,
-        calibration.settings.get("lens_held_out_px", {}),
-    )
+    intrinsics = calibration.camera.intrinsics
+    held_out = calibration.settings.get("lens_held_out_px", {})
     assert intrinsics
     return {
         "frames_used": len(calibration.views),
@@ -118,7 +115,7 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         "stages": [
             {"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages
         ],
-        "effects": [found.effect.name for found in calibration.effects],
+        "effects": [estimate.effect.name for estimate in calibration.effects],
         "lens": {
             "model": intrinsics.model,
             "coefficients": len(intrinsics.distortion),

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from calib.fitting.stages import Settings
 
 
-def add_fit_options(parser: argparse.ArgumentParser, *, usual_folds: int = 0) -> None:
+def add_fit_options(parser: argparse.ArgumentParser, *, default_folds: int = 0) -> None:
     parser.add_argument(
         "--method",
         choices=["joint", "paper"],
@@ -22,8 +22,8 @@ def add_fit_options(parser: argparse.ArgumentParser, *, usual_folds: int = 0) ->
         default=(12, 12),
         metavar="AxB",
         help=(
-            "centres of the relief, around and along the cover (default: 12x12); auto chooses by"
-            " held-out error"
+            "numbers of the relief's centres around and along the cover (default: 12x12); auto"
+            " chooses them by the held-out error"
         ),
     )
     parser.add_argument(
@@ -32,14 +32,14 @@ def add_fit_options(parser: argparse.ArgumentParser, *, usual_folds: int = 0) ->
         default=("auto",),
         metavar="auto|all|none|NAME,...",
         help=(
-            "which declared numbers to estimate, near what the session says: all, none, or some of"
+            "which declared numbers to estimate, near their declared values: all, none, or some of"
             " radius, slope, offset, centre, distance, tilt, thickness, index, intrinsics (default:"
-            " all but those it calls exact, where the views ask for it)"
+            " those that the views call for, unless the session declares them exact)"
         ),
     )
-    said = f" (default: {usual_folds})" if usual_folds else ""
-    help_text = f"cross-validate over the views, and say if the fit overfits{said}"
-    parser.add_argument("--folds", type=folds, default=usual_folds, metavar="N", help=help_text)
+    default = f" (default: {default_folds})" if default_folds else ""
+    help_text = f"cross-validate over the views, and say if the fit overfits{default}"
+    parser.add_argument("--folds", type=folds, default=default_folds, metavar="N", help=help_text)
     parser.add_argument(
         "--steps",
         type=steps,

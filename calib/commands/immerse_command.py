@@ -14,7 +14,7 @@ from calib.commands.arguments import (
     folder_of,
     quoted,
 )
-from calib.commands.loading import quickly
+from calib.commands.loading import fast_imports
 from calib.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,47 +33,47 @@ so, and how well it must be measured. To convert back to air: --outside-index 1.
 """
 
 UNKNOWN_FACE = 0.05
-"""px: less is not worth a word."""
-TOLD = 3
-"""Depths of which a sentence tells."""
-AIRY = 1.01
-"""An index below it is a gas's, which is known to more digits than matter."""
+"""px: a smaller difference between the two faces needs no remark."""
+MAX_LISTED = 3
+"""The number of depths that a sentence lists."""
+MAX_GAS_INDEX = 1.01
+"""A lower index is that of a gas, whose uncertainty is negligible."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
     parser.add_argument(
         "--outside-index",
-        type=_between(1, 2),
+        type=_parser_between(1, 2),
         metavar="N",
-        help="of what is outside: 1.34, say; 1 of air",
+        help="refractive index of the medium outside, such as 1.34 for sea water, or 1 for air",
     )
     parser.add_argument(
         "--salinity",
-        type=_between(*SALINITY),
+        type=_parser_between(*SALINITY),
         metavar="S",
-        help="of the water, per mille; 35 of oceans, by default 0",
+        help="salinity of the water, per mille, such as 35 for an ocean (default: 0)",
     )
     parser.add_argument(
         "--temperature",
-        type=_between(*TEMPERATURE),
+        type=_parser_between(*TEMPERATURE),
         metavar="T",
-        help="of the water, degrees C, by default 15",
+        help="temperature of the water, degrees C (default: 15)",
     )
     parser.add_argument(
         "--wavelength",
-        type=_between(*WAVELENGTH),
+        type=_parser_between(*WAVELENGTH),
         metavar="L",
-        help="of the light, nm, by default 550",
+        help="wavelength of the light, nm (default: 550)",
     )
     sigma = (
-        "standard deviation of the index; by default 0.001 of water, for its temperature and the"
-        " camera's colours, and 0 of air"
+        "standard deviation of the index (default: 0.001 for water, because its temperature and the"
+        " camera's colours vary; 0 for air)"
     )
-    parser.add_argument("--index-sigma", type=_between(0, 0.1), metavar="N", help=sigma)
+    parser.add_argument("--index-sigma", type=_parser_between(0, 0.1), metavar="N", help=sigma)
     add_depths(parser, required=False)
     add_output(
-        parser, "where the calibration goes, by default immersed in its folder", required=False
+        parser, "folder for the calibration (default: immersed/ beside CALIBRATION)", required=False
     )
     add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -82,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     index = _index(args)
 
-    with quickly():
+    with fast_imports():
         from calib.apply.immerse import DEPTHS, immerse
         from calib.calibration import DERIVED, FILES, Calibration
         from calib.commands.console import Bars
@@ -94,7 +94,11 @@ def run(args: argparse.Namespace) -> None:
         from calib.session.schema import Number
         from calib.session.tolerances import WATER_INDEX
 
-    sigma = args.index_sigma if args.index_sigma is not None else WATER_INDEX.sigma * (index > AIRY)
+    sigma = (
+        args.index_sigma
+        if args.index_sigma is not None
+        else WATER_INDEX.sigma * (index > MAX_GAS_INDEX)
+    )
     calibration = Calibration.load(args.calibration)
     depths = tuple(dict.fromkeys(args.depth))
     output = args.output or check_no_link(folder_of(args.calibration) / "immersed")
@@ -114,107 +118,122 @@ def run(args: argparse.Namespace) -> None:
         _print(immersion, remarks, written)
 
 
-def _between(low: float, high: float) -> Callable[[str], float]:
-    """A parser of a number."""
+def _parser_between(low: float, high: float) -> Callable[[str], float]:
+    """Return a parser of a number in this range."""
 
-    def parsed(text: str) -> float:
+    def parse(text: str) -> float:
         try:
             number = float(text)
         except ValueError:
             number = float("nan")
         if not low <= number <= high:
             raise argparse.ArgumentTypeError(
-                f"{quoted(text)} will not do: write a number from {low:g} to {high:g}"
+                f"{quoted(text)} is out of range: write a number from {low:g} to {high:g}"
             )
         return number
 
-    return parsed
+    return parse
 
 
 def _index(args: argparse.Namespace) -> float:
-    """Of what is outside: as given, or of water as described."""
+    """Return the refractive index of the medium outside: the given one, or that of the described
+    water.
+    """
     water = (args.salinity, args.temperature, args.wavelength)
     if args.outside_index is not None:
         if any(number is not None for number in water):
             raise InputError(
-                "--outside-index says it all: drop it, or --salinity, --temperature and"
+                "--outside-index already fixes the index: drop it, or --salinity, --temperature and"
                 " --wavelength."
             )
         return float(args.outside_index)
     if all(number is None for number in water):
         raise InputError(
-            "what is outside is not said: write --outside-index 1.34, or --salinity 35"
+            "the medium outside is not stated: write --outside-index 1.34, or --salinity 35"
             " --temperature 15 for sea water."
         )
-    salinity, temperature, wavelength = (
-        default if number is None else number
-        for number, default in zip(water, (0.0, 15.0, GREEN), strict=True)
+    return index_of_water(
+        0.0 if args.salinity is None else args.salinity,
+        15.0 if args.temperature is None else args.temperature,
+        GREEN if args.wavelength is None else args.wavelength,
     )
-    return index_of_water(salinity, temperature, wavelength)
 
 
 def _remarks(immersion: "Immersion") -> Iterator[str]:
-    """What a person should know before relying on it, a sentence each."""
-    at = _listed(immersion.depths)
+    """Yield a sentence for each limit of the result that a person must know."""
+    depths = _listed(immersion.depths)
     if not immersion.after_px:
         yield (
-            "the fit estimated no covariance, so that it is not known how sure these maps are: fit"
-            " with --method joint."
+            "the fit estimated no covariance, so the uncertainty of these maps is unknown: fit with"
+            " --method joint."
         )
     if immersion.unknown:
-        before, sure = (_listed(sigmas) for sigmas in (immersion.before_px, immersion.after_px))
+        original_sigmas = _listed(immersion.before_px)
+        new_sigmas = _listed(immersion.after_px)
         yield (
-            f"the views do not tell all that matters there: at {at} m the maps are known to {sure}"
-            f" px, in their own medium to {before}. Take three pictures of the board there, which"
-            " say the rest (calib check IMMERSED PICTURES --update), or mend the following."
+            f"the views leave open a number that matters in the new medium: at {depths} m the maps"
+            f" are known to {new_sigmas} px, and in the medium of the calibration to"
+            f" {original_sigmas}. Take three pictures of the board in the new medium, which"
+            " determine it (calib check IMMERSED PICTURES --update), or improve the following."
         )
-        for one in immersion.loose[:2]:
-            yield f"they leave open {one.words}: {one.advice}."
+        for parameter in immersion.loose[:2]:
+            yield f"the views leave open {parameter.words}: {parameter.advice}."
     if immersion.other_face_px and max(immersion.other_face_px) > UNKNOWN_FACE:
         yield (
-            "which face of the glass is uneven no view in one medium tells; it is taken to be the"
-            " outer. Were it the inner one, the maps would be off by"
-            f" {_listed(immersion.other_face_px)} px at {at} m: calib check with a few pictures"
-            " taken there says."
+            "views in one medium do not show which face of the glass is uneven; calib assumes the"
+            " outer one. If it is the inner one, the maps are wrong by"
+            f" {_listed(immersion.other_face_px)} px at {depths} m: run calib check with a few"
+            " pictures that are taken in the new medium."
         )
     if immersion.unexplained:
         yield (
-            f"{', '.join(immersion.unexplained)} mends an error whose cause is not known, and it"
-            " may be another there."
+            f"{', '.join(immersion.unexplained)} corrects an error of unknown cause, which may be"
+            " different in the new medium."
         )
 
 
 def _listed(numbers: tuple[float, ...]) -> str:
-    """Of many the first, the middle and the last."""
-    some = (
-        numbers if len(numbers) <= TOLD else (numbers[0], numbers[len(numbers) // 2], numbers[-1])
+    """Return the numbers as text; of more than `MAX_LISTED`, the first, the middle and the last."""
+    listed = (
+        numbers
+        if len(numbers) <= MAX_LISTED
+        else (numbers[0], numbers[len(numbers) // 2], numbers[-1])
     )
-    return ", ".join(f"{one:.2g}" for one in some)
+    return ", ".join(f"{number:.2g}" for number in listed)
 
 
 def _as_mapping(
     immersion: "Immersion", remarks: list[str], written: list[str]
 ) -> dict[str, object]:
-    outside = immersion.calibration.cover.parameters["outside_index"]
-    before = immersion.before_px or (None,) * len(immersion.depths)
-    after = immersion.after_px or (None,) * len(immersion.depths)
-    face = immersion.other_face_px or (None,) * len(immersion.depths)
-    rows = zip(immersion.depths, before, after, face, strict=True)
+    index = immersion.calibration.cover.parameters["outside_index"]
+    unknown = (None,) * len(immersion.depths)
+    rows = zip(
+        immersion.depths,
+        immersion.before_px or unknown,
+        immersion.after_px or unknown,
+        immersion.other_face_px or unknown,
+        strict=True,
+    )
     return {
-        "outside_index": {"value": outside.value, "sigma": outside.sigma},
+        "outside_index": {"value": index.value, "sigma": index.sigma},
         "maps": [
-            {"depth_m": depth, "sigma_before_px": was, "sigma_px": now, "other_face_px": other}
-            for depth, was, now, other in rows
+            {
+                "depth_m": depth,
+                "sigma_before_px": original_sigma,
+                "sigma_px": new_sigma,
+                "other_face_px": face_error,
+            }
+            for depth, original_sigma, new_sigma, face_error in rows
         ],
         "known": not immersion.unknown,
         "loose": [
             {
-                "name": one.name,
-                "sigma_px_if_known": list(one.sigma_px),
-                "measured_to": one.measured_to,
-                "unit": one.unit,
+                "name": parameter.name,
+                "sigma_px_if_known": list(parameter.sigma_px),
+                "measured_to": parameter.measured_to,
+                "unit": parameter.unit,
             }
-            for one in immersion.loose
+            for parameter in immersion.loose
         ],
         "remarks": remarks,
         "written": written,
@@ -228,23 +247,23 @@ def _print(immersion: "Immersion", remarks: list[str], written: "list[Path]") ->
     from calib.commands.printing import print_paths
 
     console = Console()
-    outside = immersion.calibration.cover.parameters["outside_index"]
-    spread = f" ± {outside.sigma:.2g}" if outside.sigma else ""
+    index = immersion.calibration.cover.parameters["outside_index"]
+    spread = f" ± {index.sigma:.2g}" if index.sigma else ""
     if immersion.after_px:
         console.print(
-            f"How sure the maps are (one sigma), outside index {outside.value:.5g}{spread}:",
+            f"How sure the maps are (one sigma), outside index {index.value:.5g}{spread}:",
             highlight=False,
         )
         table = Table("depth", "before", "there")
-        for depth, was, now in zip(
+        for depth, original_sigma, new_sigma in zip(
             immersion.depths, immersion.before_px, immersion.after_px, strict=True
         ):
-            table.add_row(f"{depth:g} m", f"{was:.3f} px", f"{now:.3f} px")
+            table.add_row(f"{depth:g} m", f"{original_sigma:.3f} px", f"{new_sigma:.3f} px")
         console.print(table)
-    for one in immersion.loose:
-        left = ", ".join(f"{sigma:.3f}" for sigma in one.sigma_px)
+    for parameter in immersion.loose:
+        sigmas = ", ".join(f"{sigma:.3f}" for sigma in parameter.sigma_px)
         console.print(
-            f"If {one.words} were known exactly: {left} px.",
+            f"If {parameter.words} were known exactly: {sigmas} px.",
             soft_wrap=True,
             markup=False,
             highlight=False,

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_output, millimetres, whole_size
-from calib.commands.board_options import add_coding, asked_board
+from calib.commands.board_options import add_coding, board_from_options
 from calib.errors import harmless
 
 if TYPE_CHECKING:
@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 SUMMARY = "Make a session folder from the pictures or corners of another program."
 DESCRIPTION = """
-A folder that exists already is never changed. The new session has no cover: describe yours in its
-session.yaml.
+The command never changes a folder that exists already. The new session has no cover: describe
+yours in its session.yaml.
 """
 
 
@@ -34,20 +34,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ),
         ("images", "FOLDER", "pictures of a board"),
     ):
-        own = sources.add_parser(name, help=words, description=words[0].upper() + words[1:] + ".")
-        own.add_argument("path", type=Path, metavar=metavar)
+        source = sources.add_parser(
+            name, help=words, description=words[0].upper() + words[1:] + "."
+        )
+        source.add_argument("path", type=Path, metavar=metavar)
         if name != "mrcal":
             required = name != "kalibr"
             pictured = name in ("ros", "images")
             tags = ", or an aprilgrid's tags" if pictured else ""
-            own.add_argument(
+            source.add_argument(
                 "--board",
                 type=whole_size,
                 required=required,
                 metavar="AxB",
                 help=f"inner corners, columns x rows{tags}",
             )
-            own.add_argument(
+            source.add_argument(
                 "--square-mm",
                 type=millimetres,
                 required=required and not pictured,
@@ -55,24 +57,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 help="side of a square",
             )
             if pictured:
-                add_coding(own)
+                add_coding(source)
         if name == "ros":
-            own.add_argument(
-                "--camera", choices=("left", "right"), help="which one of a stereo pair"
+            source.add_argument(
+                "--camera", choices=("left", "right"), help="the camera of a stereo pair"
             )
         if name == "kalibr":
-            own.add_argument(
-                "--camera", metavar="camN", help="which one, where camchain.yaml describes several"
+            source.add_argument(
+                "--camera", metavar="camN", help="the camera, if camchain.yaml describes several"
             )
         if name == "mrcal-corners":
-            own.add_argument(
+            source.add_argument(
                 "--size",
                 type=whole_size,
                 required=True,
                 metavar="WxH",
-                help="of the pictures, in px",
+                help="size of the pictures, in px",
             )
-        add_output(own, "the new session folder", required=True)
+        add_output(source, "the new session folder", required=True)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -92,7 +94,7 @@ def _draft(args: argparse.Namespace) -> "Draft":
 
     if args.source == "mrcal":
         return from_cameramodel(args.path)
-    board = asked_board(args)
+    board = board_from_options(args)
     if args.source == "kalibr":
         return from_kalibr(args.path, board, args.camera)
     assert board

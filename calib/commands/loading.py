@@ -1,5 +1,5 @@
-"""Slow libraries are loaded in the least time: what no command uses of them is left until it is
-asked for, and nothing is collected.
+"""A context that imports slow libraries faster: it defers modules that no command uses until
+something reads their attributes, and it stops the garbage collector.
 """
 
 import gc
@@ -11,9 +11,9 @@ from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import PackageNotFoundError, version
 from types import ModuleType
 
-TRIED = ("2.13.",)
-"""Versions of torch that were seen to work so: any other is loaded as it comes."""
-LATER = frozenset(
+TESTED_VERSIONS = ("2.13.",)
+"""The versions of torch that are tested with deferred modules. Any other is imported as usual."""
+DEFERRED = frozenset(
     {
         "numpy.f2py",
         "numpy.testing",
@@ -38,63 +38,64 @@ LATER = frozenset(
         "torch.utils.data",
     }
 )
-"""Of torch, what its import ends with and none of which is needed to compute with tensors: tracing
-and compiling, tensors without data, quantised networks, distributions, what helps to train
-networks, docstrings. Of numpy, what scipy takes, without using it, when it takes all.
+"""The modules whose import is deferred. Those of torch are not needed to compute with tensors: they
+trace and compile, hold tensors without data, quantise and train networks, sample distributions, or
+add docstrings. scipy imports those of numpy and does not use them.
 """
 
 
 @contextmanager
-def quickly() -> Iterator[None]:
-    """For a command's imports.
+def fast_imports() -> Iterator[None]:
+    """Import the modules of a command in this context.
 
-    What they load stays until the process ends, so that no later collection goes through it.
+    Their objects live until the process ends, so they are excluded from all further collections.
     """
-    if "torch" in sys.modules or not _is_tried():
+    if "torch" in sys.modules or not _is_tested():
         yield
         return
     collects = gc.isenabled()
     gc.disable()
-    later = _Later()
-    sys.meta_path.insert(0, later)
+    finder = _DeferringFinder()
+    sys.meta_path.insert(0, finder)
     try:
         yield
     finally:
-        sys.meta_path.remove(later)
+        sys.meta_path.remove(finder)
         if collects:
             gc.freeze()
             gc.enable()
 
 
-def _is_tried() -> bool:
+def _is_tested() -> bool:
     try:
-        return version("torch").startswith(TRIED)
+        return version("torch").startswith(TESTED_VERSIONS)
     except PackageNotFoundError:
         return False
 
 
-class _Later(MetaPathFinder, Loader):
+class _DeferringFinder(MetaPathFinder, Loader):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        spec = PathFinder.find_spec(fullname, path, target) if fullname in LATER else None
+        spec = PathFinder.find_spec(fullname, path, target) if fullname in DEFERRED else None
         if spec:
-            spec.loader_state, spec.loader = spec.loader, self
+            spec.loader_state = spec.loader
+            spec.loader = self
         return spec
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
-        return _Unread(spec.name)
+        return _DeferredModule(spec.name)
 
     def exec_module(self, module: ModuleType) -> None:
-        """Nothing yet."""
+        """Do nothing: `_DeferredModule` runs the file when something reads an attribute."""
 
 
-class _Unread(ModuleType):
-    """A module whose file is read as soon as something is asked of it."""
+class _DeferredModule(ModuleType):
+    """A module whose file runs when something first reads one of its attributes."""
 
     def __getattr__(self, name: str) -> object:
         spec = self.__spec__
-        if name.startswith("__") or spec is None:  # what is asked of every module there is
+        if name.startswith("__") or spec is None:  # Python reads these of every module
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
         object.__setattr__(self, "__class__", ModuleType)
         spec.loader = self.__loader__ = spec.loader_state

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_calibration, depth, positive
-from calib.commands.loading import quickly
+from calib.commands.loading import fast_imports
 from calib.errors import brief, harmless
 
 if TYPE_CHECKING:
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 SUMMARY = "Measure in metres: points on a plane, or points that several pictures show, and lengths."
 DESCRIPTION = """
-POINTS is a CSV file with the columns x,y (px in the pictures as taken), and optionally name and
+POINTS is a CSV file with the columns x,y (px in the original pictures), and optionally name and
 image. Points lie on a plane at right angles to the optical axis (--depth), on the board that their
 picture shows (--on-boards), or where the rays of the same name from two or more pictures of one
-still board meet (--triangulate). Pictures are searched for beside POINTS. A point outside its
+still board meet (--triangulate). The pictures lie in the folder of POINTS. A point outside its
 picture, or without a ray, is not measured; the table and the JSON say why.
 
 Sigma includes the noise of the pixels, the uncertainty of the calibrated rays, the corner noise of
@@ -41,23 +41,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument(
         "--triangulate",
         action="store_true",
-        help="points of the same name are one; in the board's frame",
+        help="points of the same name are one point; in the board's frame",
     )
     poses = (
         "a CSV file of T_camera_board for each picture, image,rx,ry,rz,tx,ty,tz in rad and m,"
-        " instead of looking for boards"
+        " instead of the detection of boards"
     )
     parser.add_argument("--poses", type=Path, metavar="FILE", help=poses)
     noise = (
-        "noise of the given pixels, per axis; by default that of the calibration's corners, which a"
-        " click seldom reaches"
+        "noise of the given pixels, per axis (default: that of the calibration's corners, which a"
+        " click seldom reaches)"
     )
     parser.add_argument("--noise", type=positive, metavar="PX", help=noise)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> None:
-    with quickly():
+    with fast_imports():
         from calib.apply.measure import Measurer
         from calib.apply.measure_files import (
             measure_at_depth,
@@ -72,16 +72,17 @@ def run(args: argparse.Namespace) -> None:
 
     calibration = Calibration.load(args.calibration)
     points = read_points(args.points)
-    given = read_poses(args.poses) if args.poses else {}
+    poses = read_poses(args.poses) if args.poses else {}
     measurer = Measurer(calibration, args.noise)
-    names, folder = [point.name for point in points], args.points.parent
+    names = [point.name for point in points]
+    folder = args.points.parent
     with Bars() as bars:
         if args.depth is not None:
             measured = measure_at_depth(measurer, points, args.depth)
         elif args.on_boards:
-            measured = measure_on_boards(measurer, points, folder, given, bars)
+            measured = measure_on_boards(measurer, points, folder, poses, bars)
         else:
-            names, measured = measure_by_rays(measurer, points, folder, given, bars)
+            names, measured = measure_by_rays(measurer, points, folder, poses, bars)
     frame = "board" if args.triangulate else "camera"
     if args.json:
         print_json(_as_mapping(names, measured, frame, measurer.noise_px))
@@ -163,8 +164,8 @@ def _print(names: list[str], measured: "MeasuredPoints", frame: str, noise_px: f
 
 
 def _cell(metres: float, sigma: float) -> str:
-    """With as many digits as sigma says something about: one of its own, two where it begins with a
-    1. What is given has no sigma.
+    """Return the number ± sigma, rounded so that sigma has one digit, or two digits if the first is
+    a 1. A given coordinate has no sigma.
     """
     if not (math.isfinite(metres) and math.isfinite(sigma)):
         return "-"

@@ -14,7 +14,7 @@ from calib.commands.arguments import (
     millimetres,
     positive_or_zero,
 )
-from calib.commands.loading import quickly
+from calib.commands.loading import fast_imports
 from calib.errors import brief, harmless
 
 if TYPE_CHECKING:
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 
 SUMMARY = "Locate AprilTags and ArUco markers in pictures: poses in metres, with sigma."
 DESCRIPTION = """
-PICTURES are as the camera took them, through its cover. The pose of a tag is solved on the
-calibrated rays, which do not meet in one point. It is given in the camera frame (x right, y down,
-z forward): the middle of the tag, and the rotation vector of the tag's frame, whose x points to the
-right of the upright tag, y down, and z away from the viewer. AprilTags are upright as their makers
-print them. A small tag that is seen from the front may fit two poses: both are given, with their
-probabilities.
+PICTURES are the original pictures of the camera, through its cover. The pose of a tag is solved on
+the calibrated rays, which do not meet in one point. It is given in the camera frame (x right, y
+down, z forward): the middle of the tag, and the rotation vector of the tag's frame, whose x
+points to the right of the upright tag, y down, and z away from the viewer. AprilTags are upright as
+their makers print them. A small tag in front view may fit two poses: the command gives both, with
+their probabilities.
 
 Sigma includes the noise of the corners, the uncertainty of the calibrated rays, and the uncertainty
 of the tags' side. It does not include a tag that is not flat.
@@ -45,18 +45,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "pictures", type=Path, nargs="+", metavar="PICTURES", help="pictures, or folders of them"
     )
-    named = "the tags' dictionary, as OpenCV calls it: DICT_APRILTAG_36h11, DICT_4X4_50 ..."
-    parser.add_argument("--tags", required=True, metavar="DICTIONARY", help=named)
+    dictionary = "the tags' dictionary, as OpenCV calls it: DICT_APRILTAG_36h11, DICT_4X4_50 ..."
+    parser.add_argument("--tags", required=True, metavar="DICTIONARY", help=dictionary)
     parser.add_argument(
         "--size-mm",
         type=millimetres,
         required=True,
         metavar="S",
-        help="side of the tags' black square",
+        help="side of the tags' black square, in mm",
     )
-    sigma = "how well that is known, one standard deviation; by default 0.2 %% of it, 0: exactly"
+    sigma = "standard deviation of the side, in mm; 0 if it is exact (default: 0.2 %% of the side)"
     parser.add_argument("--size-sigma-mm", type=positive_or_zero, metavar="S", help=sigma)
-    border = "cells of black around a tag's bits, by default 1; Kalibr's have 2"
+    border = "black cells around a tag's bits; Kalibr's tags have 2 (default: 1)"
     parser.add_argument("--border", type=int, choices=BORDERS, default=1, metavar="N", help=border)
     parser.add_argument(
         "-o",
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    with quickly():
+    with fast_imports():
         from calib.apply.tag_files import as_table, locate_in_files, pictures_of
         from calib.apply.tags import TagLocator
         from calib.calibration import Calibration
@@ -95,8 +95,8 @@ def run(args: argparse.Namespace) -> None:
         output.check([args.output.name])
     with Bars() as bars:
         pictures, refused = locate_in_files(locator, paths, bars)
-    for one in refused:
-        print(f"calib: left out: {one.sentence}", file=sys.stderr)
+    for picture in refused:
+        print(f"calib: left out: {picture.sentence}", file=sys.stderr)
     written = [args.output] if args.output else []
     if args.output:
         output.write(args.output.name, as_table(pictures))
@@ -134,13 +134,13 @@ def _as_mapping(
                     "sigma": picture.located.growth.sigma,
                 },
                 "not_placed": [
-                    {"id": one.number, "reason": str(one.reason)}
-                    for one in picture.located.unplaced
+                    {"id": tag.number, "reason": str(tag.reason)}
+                    for tag in picture.located.unplaced
                 ],
             }
             for picture in pictures
         ],
-        "left_out": [{"picture": str(one.path), "reason": one.sentence} for one in refused],
+        "left_out": [{"picture": str(file.path), "reason": file.sentence} for file in refused],
         "written": [str(path) for path in written],
     }
 
@@ -184,38 +184,48 @@ def _print(pictures: "Sequence[Picture]") -> None:
                         if tag.ambiguous
                         else str(tag.number)
                     )
-                    at, near = _rounded(
-                        (1000 * pose.position).tolist(), 1000 * float(pose.sigma[3:].max()), most=3
+                    position, position_sigma = _rounded(
+                        (1000 * pose.position).tolist(),
+                        1000 * float(pose.sigma[3:].max()),
+                        max_digits=3,
                     )
-                    turn, wide = _rounded(
+                    rotation, rotation_sigma = _rounded(
                         np.degrees(pose.rotation).tolist(),
                         math.degrees(pose.sigma[:3].max()),
-                        most=2,
+                        max_digits=2,
                     )
-                    table.add_row(name, *at, near, " ".join(turn), wide, f"{pose.off_px:.3f}")
+                    table.add_row(
+                        name,
+                        *position,
+                        position_sigma,
+                        " ".join(rotation),
+                        rotation_sigma,
+                        f"{pose.off_px:.3f}",
+                    )
             console.print(table)
-        _remark(console, picture)
+        _print_remarks(console, picture)
 
 
-def _rounded(numbers: list[float], sigma: float, most: int) -> tuple[list[str], str]:
-    """Each with as many digits as the largest sigma says something about, `most` at most; and that
-    sigma.
+def _rounded(numbers: list[float], sigma: float, max_digits: int) -> tuple[list[str], str]:
+    """Return the numbers, rounded to the first digit of their largest sigma and to at most
+    `max_digits` decimals, and this sigma.
     """
-    digits = max(0, min(most, -math.floor(math.log10(sigma / 2))))
+    digits = max(0, min(max_digits, -math.floor(math.log10(sigma / 2))))
     return [f"{number:.{digits}f}" for number in numbers], (
         f"{sigma:.1g}" if sigma < 1 else f"{sigma:.0f}"
     )
 
 
-def _remark(console: "Console", picture: "Picture") -> None:
-    """A sentence for each tag that is not placed, or has two poses."""
-    growth, lines = picture.located.growth, []
+def _print_remarks(console: "Console", picture: "Picture") -> None:
+    """Print a sentence for each tag without a pose, or with two poses."""
+    growth = picture.located.growth
+    lines = []
     if growth.px:
         lines = [
             f"Black looks {2 * abs(growth.px):.2f} px {'wider' if growth.px > 0 else 'narrower'}"
             " than it is; that is taken off."
         ]
-    lines += [f"Not placed: tag {one.number}, {one.reason}." for one in picture.located.unplaced]
+    lines += [f"Not placed: tag {tag.number}, {tag.reason}." for tag in picture.located.unplaced]
     lines += [
         f"Ambiguous: tag {tag.number} may have either of two poses: show it larger, or less from"
         " the front."

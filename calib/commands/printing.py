@@ -1,4 +1,4 @@
-"""What goes to stdout: JSON, and names of files."""
+"""Functions that print JSON and the names of files on stdout."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
 
 
 def print_json(mapping: Mapping[str, object]) -> None:
-    """One object, on one line."""
+    """Print one JSON object on one line."""
     print(json_text(mapping))
 
 
 def print_paths(paths: Iterable[Path]) -> None:
-    """One on each line, whatever its name has."""
+    """Print one path on each line, with control characters made harmless."""
     for path in paths:
         print(harmless(str(path)))
 
 
-def told(verdict: Verdict, written: Sequence[Path]) -> dict[str, object]:
-    """What every result ends with: what is to be thought of it, and where it is."""
+def verdict_mapping(verdict: Verdict, written: Sequence[Path]) -> dict[str, object]:
+    """Return the last keys of a result's JSON object: its verdict and the paths of its files."""
     return {"verdict": verdict.as_json(), "written": [str(path) for path in written]}

@@ -1,5 +1,5 @@
-"""How a person who started this program can start its commands: by their names where the shell
-finds them, else by their places.
+"""Command lines that a person can type: a program stands there by its name if the shell finds it,
+else by its path.
 """
 
 import shlex
@@ -10,22 +10,25 @@ from shutil import which
 PROGRAMS = ("calib", "capture")
 
 
-def as_typed(command: str) -> str:
-    """A command line that begins with the name of a program, as the shell runs that program of this
-    very installation.
+def runnable_command(command: str) -> str:
+    """Return a command line, changed so that the shell runs the program of this installation.
 
-    Where a virtual environment is not activated, its programs are not found by their names, or
-    others are.
+    Without an active virtual environment, the shell does not find its programs by their names, or
+    finds those of another installation.
+
+    Args:
+        command: a command line that begins with the name of a program.
     """
     program, blank, arguments = command.partition(" ")
-    return f"{shlex.quote(_found(program))}{blank}{arguments}"
+    return f"{shlex.quote(_locate_program(program))}{blank}{arguments}"
 
 
-def _found(program: str) -> str:
+def _locate_program(program: str) -> str:
+    """Return the program's name if the shell finds the one of this installation, else its path."""
     started = Path(sys.argv[0])
-    beside = started if started.name in PROGRAMS else Path(sys.executable)
-    own = beside.with_name(program)
-    if not own.is_file():  # not installed as a program: nothing better is known
+    neighbour = started if started.name in PROGRAMS else Path(sys.executable)
+    installed = neighbour.with_name(program)
+    if not installed.is_file():  # it runs as a module, so the name is the best guess
         return program
-    named = which(program)
-    return program if named and Path(named).samefile(own) else str(own)
+    path = which(program)
+    return program if path and Path(path).samefile(installed) else str(installed)

@@ -10,11 +10,11 @@ from calib.commands.arguments import (
     calibration_files,
     folder_of,
 )
-from calib.commands.loading import quickly
+from calib.commands.loading import fast_imports
 
 SUMMARY = "Write report.html for a calibration and open it in a browser."
 DESCRIPTION = """
-The report is one file that needs no network. Over SSH, and without a screen, the command prints its
+The report is one file that needs no network. Over SSH, or without a screen, the command prints its
 path and opens nothing.
 """
 
@@ -23,7 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
     add_depths(parser, required=False)
     add_overwrite(parser)
-    parser.add_argument("--no-open", action="store_true", help="only write it, and print its path")
+    parser.add_argument(
+        "--no-open", action="store_true", help="write the report and print its path only"
+    )
 
 
 def run(args: argparse.Namespace) -> None:
@@ -31,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
     import sys
     import webbrowser
 
-    with quickly():
+    with fast_imports():
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
@@ -55,7 +57,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def has_screen(environment: Mapping[str, str], platform: str) -> bool:
-    """Whether a browser would open where the person is."""
+    """True if a browser would open on the screen of the person."""
     if "SSH_CONNECTION" in environment or "SSH_TTY" in environment:
         return False
     return (

@@ -13,13 +13,13 @@ from calib.commands.arguments import (
     quoted,
     two_numbers,
 )
-from calib.commands.loading import quickly
+from calib.commands.loading import fast_imports
 
 SUMMARY = "Undistort pictures and videos: remove the distortion of cover and lens."
 DESCRIPTION = """
 Pictures may be colour or grey, 8 or 16 bit. Pixels that the camera does not see through its cover
-become 0. Videos lose their sound. If a video is cut off, the frames that it has are undistorted,
-and the exit code is 3.
+become 0. Videos lose their sound. If a video is cut off, the command undistorts the frames that it
+has, and the exit code is 3.
 """
 
 
@@ -47,29 +47,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=depth,
         default=0.1,
         metavar="M",
-        help="the nearest that depth images reach, by default 0.1 m",
+        help="the smallest depth in depth images (default: 0.1 m)",
     )
     parser.add_argument(
         "--crop",
         type=_alpha,
         metavar="ALPHA",
         help=(
-            "0: only valid pixels; 1: everything that the camera sees; by default, its own focal"
-            " length"
+            "0: only valid pixels; 1: everything that the camera sees (default: the camera's focal"
+            " length)"
         ),
     )
     parser.add_argument(
         "--size",
         type=_size,
         metavar="WxH",
-        help="of the straightened pictures, in px; by default the camera's",
+        help="size of the straightened pictures, in px (default: the camera's)",
     )
-    add_output(parser, "where the straightened files go, under their own names", required=True)
+    add_output(parser, "folder for the straightened files, which keep their names", required=True)
     add_overwrite(parser)
 
 
 def run(args: argparse.Namespace) -> None:
-    with quickly():
+    with fast_imports():
         from calib.apply.angular_reach import undistortion_limit
         from calib.apply.undistort_files import UndistortOptions, undistort_files
         from calib.calibration import Calibration
@@ -91,9 +91,9 @@ def run(args: argparse.Namespace) -> None:
     if limit := undistortion_limit(calibration):
         print(limit, file=sys.stderr)
     if done.cut_off:
-        more = len(done.cut_off) - 1
-        others = f" {more} more video{'s' * (more > 1)} of these break off." if more else ""
-        raise NotEnoughDataError(done.cut_off[0] + others)
+        count = len(done.cut_off) - 1
+        addition = f" {count} more video{'s' * (count > 1)} of these break off." if count else ""
+        raise NotEnoughDataError(done.cut_off[0] + addition)
 
 
 def _alpha(text: str) -> float:

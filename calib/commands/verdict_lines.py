@@ -1,20 +1,20 @@
-"""A verdict on the terminal: the last lines of stdout."""
+"""The last lines on stdout, with the verdict."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 
-from calib.commands.program import as_typed
+from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.verdict.verdict import Trust, Verdict
 
 
 def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[str] = ()) -> None:
-    """Where the results are, then whether to trust them, why not, and what to type next.
+    """Print the paths of the results, whether to trust them, why not, and the next command.
 
     Args:
-        further: commands that go on from a calibration that may be used.
+        further: commands that use a calibration which the verdict allows.
     """
     console = Console(markup=False, highlight=False, soft_wrap=True)
     for path in written:
@@ -22,8 +22,7 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     console.print(verdict.word.sentence, style="bold")
     for reason in verdict.reasons:
         console.print(harmless(f"- {reason.sentence}"))
-    console.print(harmless(f"Next: {as_typed(verdict.next)}"))
+    console.print(harmless(f"Next: {runnable_command(verdict.next)}"))
     if further and verdict.word is not Trust.DO_NOT_USE:
-        console.print(
-            harmless(f"Then: {'; '.join(as_typed(one) for one in further if one != verdict.next)}")
-        )
+        commands = [runnable_command(command) for command in further if command != verdict.next]
+        console.print(harmless(f"Then: {'; '.join(commands)}"))

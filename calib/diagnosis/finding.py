@@ -114,8 +114,8 @@ class Diagnosis:
     candidates: tuple[Candidate, ...]
     accepted: tuple[str, ...]
     """The accepted effects; of a family, the most probable member."""
-    before: Quality
-    after: Quality
+    base_quality: Quality
+    final_quality: Quality
     unexplained: float
     """The fraction of the final residual's variance that is not noise."""
     organised_by: str
@@ -129,10 +129,10 @@ class Diagnosis:
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON object of the command contract."""
-        base_quality, final_quality = asdict(self.before), asdict(self.after)
+        base_quality, final_quality = asdict(self.base_quality), asdict(self.final_quality)
         return {
             "residual": {
-                "rms_px": self.before.rms_px,
+                "rms_px": self.base_quality.rms_px,
                 "noise_px": self.noise_px,
                 "noise_from": self.noise_from,
                 "organised_by": [asdict(share) for share in self.residual],

@@ -24,6 +24,7 @@ class BoardFlex(Effect):
     size: float = BLOCK_SCALES[-1]
     """The prior standard deviation of each parameter, over its largest plausible size."""
     name: ClassVar[str] = "board_flex"
+    description: ClassVar[str] = "The board bends differently in every view."
     about: ClassVar[str] = "each single view"
     advice: ClassVar[str] = (
         "glue the board to something stiff, or support it in the same way in every view"

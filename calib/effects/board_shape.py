@@ -44,6 +44,7 @@ class BoardShape(Effect):
     half_y: float
     degree: int = DEGREES[0]
     name: ClassVar[str] = "board_shape"
+    description: ClassVar[str] = "The board is not flat: it deviates smoothly from a plane."
     about: ClassVar[str] = "the board"
     advice: ClassVar[str] = (
         "tilt the board by 40 degrees and more, in both directions, so that its middle and its"

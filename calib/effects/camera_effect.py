@@ -20,6 +20,7 @@ class CameraEffect(Effect):
     """An effect that is itself an adjustment of the path."""
 
     name: ClassVar[str]
+    description: ClassVar[str]
     about: ClassVar[str]
     camera_parameters: ClassVar[tuple[EffectParameter, ...]]
 

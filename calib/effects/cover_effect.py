@@ -20,6 +20,7 @@ class CoverEffect(Effect):
     parameters: tuple[str, ...]
     """The candidates that this cover has."""
     name: ClassVar[str]
+    description: ClassVar[str]
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
     candidates: ClassVar[dict[str, Tolerance]]

@@ -8,6 +8,9 @@ from calib.session.tolerances import RADIUS, RADIUS_SLOPE, Tolerance
 
 class CoverRadius(CoverEffect):
     name: ClassVar[str] = "cover_radius"
+    description: ClassVar[str] = (
+        "The cover is wider or narrower than stated, or its taper is different."
+    )
     advice: ClassVar[str] = "hold the board as near as it fits into the picture"
     candidates: ClassVar[dict[str, Tolerance]] = {
         "cover.inner_radius": RADIUS,

@@ -24,6 +24,7 @@ class CoverTilt(Effect):
     A rotated dome is the same dome.
     """
     name: ClassVar[str] = "cover_tilt"
+    description: ClassVar[str] = "The cover is turned against the camera."
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
     advice: ClassVar[str] = "hold the board as near as it fits into the picture"

@@ -24,6 +24,9 @@ class DetectorBias(CameraEffect):
     """
 
     name: ClassVar[str] = "detector_bias"
+    description: ClassVar[str] = (
+        "The detector moves corners towards the middle of a pixel, or away from it."
+    )
     about: ClassVar[str] = "the corners' detector"
     advice: ClassVar[str] = "take sharper pictures, at a higher resolution"
     camera_parameters: ClassVar[tuple[EffectParameter, ...]] = UNKNOWNS

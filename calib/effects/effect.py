@@ -87,6 +87,8 @@ class Effect(Protocol):
     """A physical cause of error, as a change of the ray path."""
 
     name: ClassVar[str]
+    description: ClassVar[str]
+    """One plain sentence for people who do not know the effect by its name."""
     about: ClassVar[str]
     """The component that it belongs to: the end of "something about ..."."""
     advice: ClassVar[str]

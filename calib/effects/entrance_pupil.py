@@ -28,6 +28,9 @@ class EntrancePupil(Effect):
 
     decentred: bool = False
     name: ClassVar[str] = "entrance_pupil"
+    description: ClassVar[str] = (
+        "The entrance pupil moves along the optical axis with the angle of incidence."
+    )
     about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = (
         "hold the board as near as the lens is sharp and far away, in the picture's corners too"

@@ -24,6 +24,9 @@ class FineSurface(Effect):
     low: tuple[float, float]
     high: tuple[float, float]
     name: ClassVar[str] = "fine_surface"
+    description: ClassVar[str] = (
+        "The outer surface is uneven on a finer scale than the relief's centres can follow."
+    )
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
     needs_place: ClassVar[bool] = True

@@ -38,6 +38,7 @@ class FlatPort(Effect):
     behind: str
     """The medium behind the window: air or water."""
     name: ClassVar[str] = "flat_port"
+    description: ClassVar[str] = "There is a window in front of the camera that nobody declared."
     about: ClassVar[str] = "the space in front of the lens"
     advice: ClassVar[str] = (
         "hold the board near and far: what a window does depends on depth, what a lens does not"

@@ -19,6 +19,7 @@ class Focal(CameraEffect):
     """An increase of fx and fy by the same fraction."""
 
     name: ClassVar[str] = "focal"
+    description: ClassVar[str] = "The focal length is not as stated."
     about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = "tilt the board, and hold it near and far"
     camera_parameters: ClassVar[tuple[EffectParameter, ...]] = (CHANGE,)

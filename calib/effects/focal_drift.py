@@ -20,6 +20,7 @@ class FocalDrift(CameraEffect):
     """
 
     name: ClassVar[str] = "focal_drift"
+    description: ClassVar[str] = "The focal length changes over the session."
     about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = "take the same board pose at the beginning and at the end"
     camera_parameters: ClassVar[tuple[EffectParameter, ...]] = (DRIFT,)

@@ -19,6 +19,9 @@ class FreeField(CosineField):
     """A displacement of the printed corners from their grid."""
 
     name: ClassVar[str] = "free_field"
+    description: ClassVar[str] = (
+        "An error without a named cause displaces the corners smoothly over the board."
+    )
     about: ClassVar[str] = "the board"
     has_cause: ClassVar[bool] = False
     advice: ClassVar[str] = (

@@ -20,6 +20,7 @@ class InnerSurface(Effect):
     low: tuple[float, float]
     high: tuple[float, float]
     name: ClassVar[str] = "inner_surface"
+    description: ClassVar[str] = "The glass's inner surface is uneven as well."
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
     advice: ClassVar[str] = (

@@ -27,6 +27,7 @@ class Lens(CameraEffect):
     """A shift of the pixels in front of the stated lens."""
 
     name: ClassVar[str] = "lens"
+    description: ClassVar[str] = "The lens's distortion differs from the stated one."
     about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = (
         "take pictures without the cover (bare/), and boards at very different depths"

@@ -22,6 +22,7 @@ class LensField(CosineField):
     """A displacement of the pixels in front of the stated lens."""
 
     name: ClassVar[str] = "lens_field"
+    description: ClassVar[str] = "The lens's distortion differs from any polynomial."
     about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = (
         "move the board over the whole picture, near and far, and turn it by 90 degrees in some"

@@ -22,6 +22,7 @@ class PrincipalPoint(CameraEffect):
     """A shift of the principal point to the right and down, px."""
 
     name: ClassVar[str] = "principal_point"
+    description: ClassVar[str] = "The principal point is not as stated."
     about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = "turn the camera, or the board, by 90 degrees in some views"
     camera_parameters: ClassVar[tuple[EffectParameter, ...]] = UNKNOWNS

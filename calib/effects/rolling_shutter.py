@@ -21,6 +21,7 @@ class RollingShutter(Effect):
     size: float = BLOCK_SCALES[-1]
     """The prior standard deviation of each parameter, over its largest plausible size."""
     name: ClassVar[str] = "rolling_shutter"
+    description: ClassVar[str] = "The board moves while the picture is read out, line after line."
     about: ClassVar[str] = "each single view"
     advice: ClassVar[str] = "hold the board still, or on a tripod, for some views"
     per_view: ClassVar[str] = MOTION

@@ -17,6 +17,7 @@ class Wedge(Effect):
 
     axes: str
     name: ClassVar[str] = "wedge"
+    description: ClassVar[str] = "The outer surface is turned against the inner one."
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
     advice: ClassVar[str] = (

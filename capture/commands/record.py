@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from calib.commands.arguments import positive, quoted, two_numbers
-from calib.commands.board_options import add_coding, asked_board
+from calib.commands.board_options import add_coding, board_from_options
 from calib.io.numerals import whole_number
 
 SUMMARY = "Record a session without a screen: keep sharp frames that show the board in a new pose."
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> None:
             "--burst and --every choose among good views: leave them out, or leave --all out."
         )
     like = read_setup(args.cover_from) if args.cover_from else None
-    board = board_of(args.session, asked_board(args), like)
+    board = board_of(args.session, board_from_options(args), like)
     views = args.views or (None if args.all else 30)
     if args.bare:
         check_source_folder(args.source, covered=False)

@@ -69,7 +69,7 @@ def as_text(
         numbers: the lines for each accepted effect: its description and its parameters.
         words: the description of an effect, by its name.
     """
-    without, with_effects = finding.before, finding.after
+    without, with_effects = finding.base_quality, finding.final_quality
     accepted = (
         ", ".join(finding.accepted)
         or "nothing: no effect that is known here improves held-out views beyond chance"

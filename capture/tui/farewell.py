@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from calib.commands.program import as_typed
+from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.io.images import list_images
 
@@ -131,7 +131,7 @@ def _next_command(session: Path, folder: Path, maps: Sequence[Path], depth: floa
 
 
 def _command(*words: str | Path) -> str:
-    return harmless(as_typed(shlex.join(map(str, words))))
+    return harmless(runnable_command(shlex.join(map(str, words))))
 
 
 def _printable(path: Path) -> str:

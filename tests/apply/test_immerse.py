@@ -438,8 +438,8 @@ def test_the_command_tells_people(
     out, err = capsys.readouterr()
     assert "outside index 1.34 ± 0.02" in " ".join(out.split())
     assert (
-        "the views do not tell all that matters there: at 0.3, 0.5, 1 m the maps are known to"
-        in err
+        "the views leave open a number that matters in the new medium: at 0.3, 0.5, 1 m the maps"
+        " are known to" in err
     )
     assert "measure its salinity and temperature, and write --index-sigma" in err
     assert (
@@ -456,8 +456,11 @@ def test_the_command_tells_people(
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ([], "what is outside is not said: write --outside-index 1.34, or --salinity 35"),
-        (["--outside-index", "1.34", "--temperature", "10"], "--outside-index says it all"),
+        ([], "the medium outside is not stated: write --outside-index 1.34, or --salinity 35"),
+        (
+            ["--outside-index", "1.34", "--temperature", "10"],
+            "--outside-index already fixes the index",
+        ),
         (["--outside-index", "0.9"], "write a number from 1 to 2"),
         (["--salinity", "nan"], "write a number from 0 to 35"),
         (["--temperature", "40"], "write a number from 0 to 30"),

@@ -366,7 +366,7 @@ def test_a_bad_picture_does_not_cost_the_others(
         (
             "PICTURE --tags DICT_4X4_50 --size-mm 50 --size-sigma-mm nan",
             2,
-            "'nan' will not do: write 0, or a number above it",
+            "'nan' is not a number of 0 or more: write one",
         ),
         (
             "PICTURE --tags DICT_4X4_50 --size-mm 50 --size-sigma-mm 60",

@@ -8,16 +8,16 @@ from importlib.metadata import version
 
 import pytest
 
-from calib.commands.loading import TRIED
+from calib.commands.loading import TESTED_VERSIONS
 
 pytestmark = pytest.mark.skipif(
-    not version("torch").startswith(TRIED), reason="this torch is loaded as it comes"
+    not version("torch").startswith(TESTED_VERSIONS), reason="this torch is loaded as it comes"
 )
 
 BEGIN = """
 import gc, sys
-from calib.commands.loading import LATER, quickly
-with quickly():
+from calib.commands.loading import LATER, fast_imports
+with fast_imports():
     import torch
 assert gc.isenabled() and gc.get_freeze_count() > 100_000
 """

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.commands.program import as_typed
+from calib.commands.program import runnable_command
 from calib.commands.verdict_lines import print_verdict
 from calib.verdict.verdict import Reason, Verdict
 
@@ -26,21 +26,21 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_program_that_the_shell_does_not_find_is_named_by_its_place(installed: Path) -> None:
-    assert as_typed("calib fit 'my s'") == f"'{installed}/calib' fit 'my s'"
-    assert as_typed("capture s") == f"'{installed}/capture' s"
+    assert runnable_command("calib fit 'my s'") == f"'{installed}/calib' fit 'my s'"
+    assert runnable_command("capture s") == f"'{installed}/capture' s"
 
 
 def test_the_place_is_as_it_was_typed(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(installed.parent)
     monkeypatch.setattr(sys, "argv", ["bin/calib"])
-    assert as_typed("calib fit s") == "bin/calib fit s"
+    assert runnable_command("calib fit s") == "bin/calib fit s"
 
 
 def test_one_that_it_finds_goes_by_its_name(
     installed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(installed))
-    assert as_typed("calib fit s") == "calib fit s"
+    assert runnable_command("calib fit s") == "calib fit s"
 
 
 def test_another_one_that_it_finds_is_not_meant(
@@ -51,7 +51,7 @@ def test_another_one_that_it_finds_is_not_meant(
     other.write_text("#!/bin/sh\n")
     other.chmod(0o755)
     monkeypatch.setenv("PATH", str(other.parent))
-    assert as_typed("calib fit s") == f"'{installed}/calib' fit s"
+    assert runnable_command("calib fit s") == f"'{installed}/calib' fit s"
 
 
 def test_by_python_m_the_program_is_the_interpreters(
@@ -59,9 +59,9 @@ def test_by_python_m_the_program_is_the_interpreters(
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["/somewhere/calib/__main__.py"])
     monkeypatch.setattr(sys, "executable", str(installed / "python"))
-    assert as_typed("calib fit s") == f"'{installed}/calib' fit s"
+    assert runnable_command("calib fit s") == f"'{installed}/calib' fit s"
     (installed / "calib").unlink()
-    assert as_typed("calib fit s") == "calib fit s", "nothing better is known"
+    assert runnable_command("calib fit s") == "calib fit s", "nothing better is known"
 
 
 def test_every_command_after_a_verdict_is(

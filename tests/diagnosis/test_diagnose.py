@@ -58,7 +58,7 @@ def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Di
     assert (
         own.depth_bands_px[1] < 0.5 * own.depth_bands_px[0]
     )  # it helps near with what is learnt far away, and the other way round
-    assert finding.after.held_out_px < 0.2 < finding.before.held_out_px
+    assert finding.final_quality.held_out_px < 0.2 < finding.base_quality.held_out_px
     assert finding.residual[0].fraction > 2 * finding.residual[0].chance
     assert finding.unexplained < 0.2
 
@@ -117,7 +117,7 @@ def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(
     assert np.array_equal(again.rays(pixels)[1], better.rays(pixels)[1])
     _, second = diagnose(again, Silent())
     assert second.accepted == ("board_shape",)  # it is in the model already, and nothing is added
-    assert second.after.rms_px == pytest.approx(finding.after.rms_px, rel=0.01)
+    assert second.final_quality.rms_px == pytest.approx(finding.final_quality.rms_px, rel=0.01)
 
 
 @pytest.mark.parametrize("spoiled", [0, 2])
@@ -125,7 +125,7 @@ def test_nothing_is_found_where_nothing_is(spoiled: int) -> None:
     """With two of fifteen views four times as noisy, too."""
     _, finding = diagnose(fitted(hidden(None, {}, seed=7, spoiled=spoiled)), Silent())
     assert finding.accepted == ()
-    assert finding.after == finding.before
+    assert finding.final_quality == finding.base_quality
 
 
 def test_an_effect_can_be_asked_for_by_name(bowed: Calibration) -> None:

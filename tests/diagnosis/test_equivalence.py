@@ -45,7 +45,7 @@ def test_a_twisted_board_is_not_a_moving_one() -> None:
     (shape,) = (one for one in finding.candidates if one.accepted)
     twist = shape.parameters["board_shape.xy"]
     assert abs(twist.value - 7e-4) < 3 * twist.sigma < 1e-4
-    assert finding.after.held_out_px < 0.2 < finding.before.held_out_px
+    assert finding.final_quality.held_out_px < 0.2 < finding.base_quality.held_out_px
 
 
 def test_a_window_and_a_moving_pupil_are_a_family(window: Diagnosis) -> None:

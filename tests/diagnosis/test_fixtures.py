@@ -61,7 +61,7 @@ def test_what_is_hidden_is_found(
     allowed.
     """
     name, better, said = finding
-    print(name, said.accepted, said.before.held_out_px, said.after.held_out_px)
+    print(name, said.accepted, said.base_quality.held_out_px, said.final_quality.held_out_px)
     assert said.accepted == HIDDEN[name]
     with np.load(FIXTURES / name / "truth.npz") as truth:
         truth_of = dict(truth)
@@ -75,7 +75,7 @@ def test_what_is_hidden_is_found(
         assert (
             abs(float(value) - truth_of["print_stretch"]) < 3 * float(sigma) + 2e-5
         )  # its square: that is a ratio, ours a difference
-    assert said.after.held_out_px < (1.12 if name == "shutter" else 1.05) * detector_error(
+    assert said.final_quality.held_out_px < (1.12 if name == "shutter" else 1.05) * detector_error(
         name, tmp_path
     )
     if name == "tilted":  # absorbed by the relief: nothing to find, and the maps are right
@@ -88,4 +88,4 @@ def test_what_is_hidden_is_found(
         )
         assert said.formulas[0].explains > 0.95
     if HIDDEN[name]:
-        assert said.after.held_out_px < 0.6 * said.before.held_out_px
+        assert said.final_quality.held_out_px < 0.6 * said.base_quality.held_out_px

@@ -3,6 +3,7 @@
 Being in the registry is what gets an effect tested here.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ import yaml
 from torch import Tensor
 
 from calib.calibration import AddedEffect, Calibration
+from calib.commands.effect_names import effects_help
 from calib.effects.cover_offset import CoverOffset
 from calib.effects.cover_tilt import CoverTilt
+from calib.effects.description import describe_effect
 from calib.effects.effect import Effect
 from calib.effects.fine_surface import FineSurface
 from calib.effects.focal import Focal
@@ -56,6 +59,14 @@ def land_without(there: Situation) -> Tensor:
 @each_kind
 def test_every_effect_is_possible_somewhere(kind: type[Effect]) -> None:
     assert any(isinstance(form.effect, kind) for form in FORMS)
+
+
+@each_kind
+def test_every_effect_has_a_plain_description(kind: type[Effect]) -> None:
+    """The description is one sentence, which the diagnosis and the help of the commands print."""
+    assert re.fullmatch(r"[A-Z][^.]{15,}\.", describe_effect(kind.name))
+    assert f"{kind.name} " in effects_help()
+    assert kind.description.removesuffix(".") in effects_help()
 
 
 @each_form

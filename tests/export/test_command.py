@@ -116,7 +116,7 @@ def test_what_lies_beside_from_an_earlier_fit_is_named(
         (out / name).write_bytes(b"")
         os.utime(out / name, (made - age_s, made - age_s))
     assert main(["export", str(saved), "--format", "npz", "--depth", "0.5", "-o", str(out)]) == 0
-    assert "map_0.3m.npz beside is of an earlier fit" in capsys.readouterr().err
+    assert "map_0.3m.npz in the same folder comes from an earlier fit" in capsys.readouterr().err
     assert (out / "map_0.5m.npz").stat().st_size
 
 

@@ -329,9 +329,9 @@ def test_the_session_s_board_is_found_where_the_sheet_says(
         ),
         (
             ["--type", "aprilgrid", "--square-mm", "20"],
-            "--square-mm says nothing of a board of --type aprilgrid: leave it out",
+            "--square-mm does not apply to a board of --type aprilgrid: leave it out",
         ),
-        (["--tag-mm", "20"], "--tag-mm says nothing of a board of --type checkerboard"),
+        (["--tag-mm", "20"], "--tag-mm does not apply to a board of --type checkerboard"),
         (
             ["--type", "charuco", "--columns", "12", "--rows", "12", "--dictionary", "DICT_4X4_50"],
             "needs 84 markers where DICT_4X4_50 has 50",
