@@ -82,7 +82,9 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
     looks = describe_redetection(
         [Redetection.from_record(record) for record in calibration.settings.get(REDETECTION, [])]
     )
-    view_lines = filter(None, (looks, describe_noisy_views(calibration.settings.get(VIEW_NOISE, {}))))
+    view_lines = filter(
+        None, (looks, describe_noisy_views(calibration.settings.get(VIEW_NOISE, {})))
+    )
     reach = filter(None, [undistortion_limit(calibration)])
     for line in (
         *view_lines,
