@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(
 
 BEGIN = """
 import gc, sys
-from calib.commands.loading import LATER, fast_imports
+from calib.commands.loading import DEFERRED, fast_imports
 with fast_imports():
     import torch
 assert gc.isenabled() and gc.get_freeze_count() > 100_000
@@ -34,7 +34,7 @@ def test_what_is_left_is_not_read_by_computing_and_differentiating() -> None:
 x = torch.arange(6.0).reshape(2, 3).requires_grad_()
 (x @ x.T).logdet().backward()
 torch.linalg.solve_ex(torch.eye(2), torch.ones(2, 1))
-read = {name for name in LATER if type(sys.modules.get(name)).__name__ == "module"}
+read = {name for name in DEFERRED if type(sys.modules.get(name)).__name__ == "module"}
 print(*sorted(read))
 """
     assert set(said(code).split()) <= {"torch.hub"}  # of which another part takes a name

@@ -157,7 +157,7 @@ def test_a_central_camera_is_not_warned_about(
         (["--format", "stmap"], "such as --depth 1.0"),
         (
             ["--format", "kalibr", "--lens", "plumb_bob", "--depth", "1"],
-            "none of the format kalibr: write one of radtan, equidistant.",
+            "the format kalibr has no lens model plumb_bob: write one of radtan, equidistant.",
         ),
         (["--format", "npz", "--lens", "equidistant"], "drop --lens"),
         (["--format", "npz", "--axes", "opengl"], "drop --axes, or write --format ray-image."),
