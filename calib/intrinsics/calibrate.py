@@ -56,8 +56,8 @@ def calibrate_bare(
     advance = progress.task("Intrinsics", 1)
     while True:
         solved = fit_choice(choice, inliers, board, size)
-        bad = outlier_mask(solved.per_view)
-        if not bad.any():
+        outlying = outlier_mask(solved.per_view)
+        if not outlying.any():
             break
         rejected += [
             RejectedPicture(
@@ -69,10 +69,10 @@ def calibrate_bare(
                     else "the lens that the other views show does not see its corners"
                 ),
             )
-            for view, error, out in zip(inliers, solved.per_view, bad, strict=True)
-            if out
+            for view, error, is_outlier in zip(inliers, solved.per_view, outlying, strict=True)
+            if is_outlier
         ]
-        inliers = [view for view, out in zip(inliers, bad, strict=True) if not out]
+        inliers = [view for view, out in zip(inliers, outlying, strict=True) if not out]
         _check_enough(inliers)
     spread = spread_deg(solved.poses)
     if spread < MIN_SPREAD_DEG:

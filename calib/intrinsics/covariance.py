@@ -47,10 +47,10 @@ def intrinsics_covariance(
             points[view.seen], pose[:3], pose[3:], matrix, coefficients
         )
         squares += float(((pixels.reshape(-1, 2) - view.corners[view.seen]) ** 2).sum())
-        by_all = np.asarray(derivatives, np.float64)
-        by_pose, _ = np.linalg.qr(by_all[:, :6])
-        shared = by_all[:, 6 : 6 + count]
-        jacobian.append(shared - by_pose @ (by_pose.T @ shared))
+        full_jacobian = np.asarray(derivatives, np.float64)
+        pose_basis, _ = np.linalg.qr(full_jacobian[:, :6])
+        shared = full_jacobian[:, 6 : 6 + count]
+        jacobian.append(shared - pose_basis @ (pose_basis.T @ shared))
     rows = np.concatenate(jacobian)  # (2M, 4 + n)
     lengths = np.linalg.norm(rows, axis=0)
     degrees = freedom(views, poses, len(coefficients))

@@ -33,7 +33,7 @@ class LensChoice:
     """The lens model to fit."""
 
     count: int | None = None
-    """Number of OpenCV's coefficients; None for another lens."""
+    """Number of OpenCV's coefficients; None if OpenCV's lens was not considered."""
     ray_lens: RayLens | None = None
     """A lens that is not OpenCV's; None for OpenCV's."""
     held_out: dict[str, float] = field(default_factory=dict)
@@ -58,7 +58,7 @@ def choose_lens(
     held_out: dict[str, float] = {}
     if count is None:
         count, by_count = _choose_count(views, board, size, progress)
-        held_out = {str(tried): error for tried, error in by_count.items()}
+        held_out = {str(number): error for number, error in by_count.items()}
     if model == OPENCV:
         return LensChoice(count, None, held_out)
     if str(count) not in held_out:
