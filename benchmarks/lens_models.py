@@ -22,7 +22,7 @@ from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.fitting.inputs import read_views
-from calib.intrinsics.held_out_views import Fitted, held_out_errors, summed
+from calib.intrinsics.held_out_views import LensModelFit, clipped_mean, held_out_errors
 from calib.intrinsics.opencv_lens import fit_opencv
 from calib.intrinsics.ray_lens import PLAIN, SPLINES, RayLens
 from calib.intrinsics.ray_lens_fit import LensFit, fit_lens
@@ -69,7 +69,12 @@ def _rows(views: Sequence[View], board: Board, size: Size) -> list[tuple[str, fl
             errors = np.full(len(views), np.nan)
         name = str(lens) if isinstance(lens, RayLens) else f"opencv {lens}"
         rows.append(
-            (name, summed(errors), float(np.sqrt(np.mean(errors**2))), time.process_time() - begun)
+            (
+                name,
+                clipped_mean(errors),
+                float(np.sqrt(np.mean(errors**2))),
+                time.process_time() - begun,
+            )
         )
     return rows
 
@@ -81,7 +86,7 @@ def _fit(
     size: Size,
     views: Sequence[View],
     fold: int,
-) -> Fitted:
+) -> LensModelFit:
     if isinstance(lens, int):
         return fit_opencv(views, board, size, lens)
     if fold not in plain:

@@ -23,7 +23,7 @@ from calib.threads import single_thread
 from fixtures.known import known
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, scene
 
-MANY, FEW = 1_000_000, room.MANY - 1
+MANY, FEW = 1_000_000, room.MIN_FIELD_POINTS - 1
 BARS = {"rays": 3.0, "project": 1.0}
 """Million a second."""
 LENS = np.array([-0.1, 0.02, 1e-4, 1e-4, 0.0])

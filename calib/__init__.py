@@ -1,7 +1,7 @@
-"""Calibrates a camera that looks through a refractive cover: the whole interface of the library,
-which docs/library.md shows at work.
+"""Calibrate a camera that looks through a refractive cover: the public interface of the library.
+docs/library.md shows examples.
 
-A name is imported when it is first asked for, so that reading a session does not wait for torch.
+A name is imported when it is first used, so that reading a session does not wait for torch.
 """
 
 from typing import TYPE_CHECKING
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from calib.fitting.stages import Settings
     from calib.progress import Progress, Silent
     from calib.session.session import read_session
-else:  # out of the type checker's sight, so that it still refuses a name that is misspelt
-    _HOMES = {
+else:  # hidden from the type checker, so that it still refuses a misspelt name
+    _MODULES = {
         "Calibration": "calib.calibration",
         "InputError": "calib.errors",
         "Measurer": "calib.apply.measure",
@@ -54,12 +54,12 @@ else:  # out of the type checker's sight, so that it still refuses a name that i
     }
 
     def __getattr__(name: str) -> object:
-        if name not in _HOMES:
+        if name not in _MODULES:
             raise AttributeError(f"module 'calib' has no attribute {name!r}")
         from importlib import import_module
 
-        found = globals()[name] = getattr(import_module(_HOMES[name]), name)
-        return found
+        value = globals()[name] = getattr(import_module(_MODULES[name]), name)
+        return value
 
     def __dir__() -> list[str]:
         return sorted({*globals(), *__all__})

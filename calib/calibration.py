@@ -1,8 +1,7 @@
-"""The result: what rays a camera behind a cover sees along, with everything that it was fitted
-from.
+"""The result of a fit: the rays of a camera behind a cover, and all inputs of the fit.
 
-calibration.yaml is for people, calibration.npz beside it holds the arrays. Together they are enough
-to fit again.
+calibration.yaml is for people, and calibration.npz in the same folder holds the arrays. Together
+they are enough to fit again.
 """
 
 import math
@@ -58,33 +57,33 @@ from calib.version import VERSION
 FORMAT = 2
 FILES = ("calibration.yaml", "calibration.npz")
 DERIVED = ("rays.npz", "map_*m.npz", "report.html")
-"""What lies beside a calibration and is made from it."""
-LOOKS = 2
-"""At the two files: another writer may put a set in force between them."""
+"""Files in a calibration's folder that are made from it."""
+MAX_READS = 2
+"""Times that the two files are read: another writer may replace them between the two."""
 
 
-MANY = 20_000
-"""Rays or points for which it pays to trace a field first."""
+MIN_FIELD_POINTS = 20_000
+"""Number of rays or points from which a field of rays is faster than tracing each."""
 TITLES = {
     "pinhole": "camera alone",
     "cover": "smooth cover",
     "cover+rbf": "uneven cover",
     "cover+rbf+effects": "effects found",
 }
-"""The stages of a fit as people are told them."""
+"""The titles of a fit's stages in reports."""
 SAMPLED_CORNERS = 12
 """Corners of each view whose rays are traced when a file is read; all corners of a thousand views
 would take a second.
 """
-FEWEST_LANDED = 0.5
-"""Of these, the part that must land on the view's board. A fitted view's corners all do, but for
-outliers.
+MIN_LANDED_FRACTION = 0.5
+"""Fraction of the sampled corners whose rays must reach the view's board. All corners of a fitted
+view do, except outliers.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """How well the model did after one stage of the fit."""
+    """The error of the model after one stage of the fit."""
 
     name: str
     """pinhole, cover, cover+rbf"""
@@ -100,25 +99,27 @@ class Stage:
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """What the session says of the camera and its cover, each number with its tolerance: its
-    prior's standard deviation; 0 where held.
+    """The camera and cover as the session declares them. Each number has its tolerance, the
+    standard deviation of its prior; 0 if the fit held it.
     """
 
     intrinsics: Intrinsics
     cover: Cover
     doubted: tuple[str, ...] = ()
-    """Numbers that the views contradict, as the ray path calls them: the fit widened their prior by
-    calib.estimation.prior_conflict.PRIOR_INFLATION.
+    """Numbers that the views contradict, by their names in the ray path. The fit widened their
+    priors by calib.estimation.prior_conflict.PRIOR_INFLATION.
     """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AddedEffect:
-    """An effect that was added, with its parameters."""
+    """An effect that the diagnosis or the user added, with its estimated parameters."""
 
     effect: Effect
     parameters: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
-    """By name: the value and its standard deviation, shaped alike, in the number's own unit."""
+    """Value and standard deviation by parameter name: arrays of the same shape, in the parameter's
+    unit.
+    """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,167 +128,172 @@ class Calibration:
 
     board: Board
     camera: Camera
-    """With its intrinsics."""
+    """The camera; its intrinsics are never None."""
     cover: Cover
     relief: Relief | None
     amplitudes: NDArray[np.float64]
     """(rows, columns) m, of the relief; (0, 0) without one."""
     exact_hit: bool
-    """Whether the relief moves the hit point, or only bends the normal as in the paper."""
+    """True if the relief moves the hit point; false if it only bends the normal (the paper)."""
     views: tuple[View, ...]
-    """The views that it was fitted to."""
+    """The fitted views."""
     poses: NDArray[np.float64]
-    """(V, 6) T_camera_board of each view: rotation vector (rad) and translation (m); (V, 12) where
+    """(V, 6) T_camera_board of each view: rotation vector (rad) and translation (m); (V, 12) if
     boards move during the readout.
     """
     covariance: NDArray[np.float64]
-    """(S, S) of `camera_model().parameters`, poses marginalised. (0, 0): not estimated."""
+    """(S, S) covariance of `camera_model().parameters`, poses marginalised; (0, 0) if it was not
+    estimated.
+    """
     rejected: tuple[RejectedPicture, ...]
     stages: tuple[Stage, ...]
     noise_px: float
-    """The corners' noise, root mean square of the two-dimensional error, from the residual's
-    short-scale part.
+    """Noise of the corners: root mean square of the two-dimensional error, from the short-scale
+    residual.
     """
     settings: dict[str, Any]
-    """What the fit was asked to do."""
+    """The options and the record of the fit; `calib.calibration_file.SETTINGS` lists them."""
     gauge: str
-    """What fixes the rigid motion that board views leave open."""
+    """The convention that fixes the rigid motion which board views do not determine."""
     effects: tuple[AddedEffect, ...] = ()
-    """What the diagnosis added to the model."""
+    """The effects of the model."""
     stated: Declared | None = None
-    """None: as `camera` and `cover` are, all held."""
+    """The declared numbers; None if they are those of `camera` and `cover`, all held."""
     refracal: str = VERSION
-    """The version that made it."""
+    """The version of Refracal that made the calibration."""
     corners_at: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
-    """(N, 3) px and m, of a calibration that was put into another medium and has no views: where
-    training corners were, and their depth.
+    """(N, 3) pixel (px) and depth (m) of the training corners, for a calibration that was converted
+    to another medium and has no views.
     """
 
     @property
     def observations(self) -> Observations:
-        """The seen corners of its views, with when each was seen."""
+        """Return the detected corners of the views, with their capture times."""
         return Observations.of(self.views, self.board).add_times(
             capture_times(self.views), self.camera.height
         )
 
     @property
     def declared(self) -> Declared:
-        """The means and standard deviations of the priors that camera and cover were fitted
-        with.
+        """Return the means and standard deviations of the priors with which camera and cover were
+        fitted.
         """
         assert self.camera.intrinsics
         return self.stated or Declared(self.camera.intrinsics, self.cover)
 
     def model(self) -> tuple[Path, dict[str, Tensor]]:
-        """The ray path and its parameters, in torch."""
+        """Return the ray path and its parameter values, in torch."""
         assert self.camera.intrinsics
         path, values = covered_path(self.camera.intrinsics, self.cover)
         if self.relief:
             path = with_relief(path, self.relief, exact_hit=self.exact_hit)
             values["relief.amplitudes"] = torch.from_numpy(self.amplitudes)
-        for found in self.effects:
-            path = found.effect.apply(path)
+        for added in self.effects:
+            path = added.effect.apply(path)
             values |= {
-                name: torch.from_numpy(value) for name, (value, _) in found.parameters.items()
+                name: torch.from_numpy(value) for name, (value, _) in added.parameters.items()
             }
         return path, values
 
     def camera_model(self) -> CameraModel:
-        """The ray path at the calibration's values, with the priors of what its fit estimated, the
-        effects' parameters among them.
+        """Return the ray path at the calibration's values, with the priors of all parameters that
+        its fit estimated, including those of effects.
         """
         assert self.camera.intrinsics
         path, values = self.model()
         priors = priors_of(self.camera.intrinsics, self.cover, path)
         priors = priors.with_sigmas(
             {
-                unknown.param.name: unknown.sigma
-                for found in self.effects
-                for unknown in found.effect.effect_parameters
+                parameter.param.name: parameter.sigma
+                for added in self.effects
+                for parameter in added.effect.effect_parameters
             }
         )
-        return CameraModel(path, values, priors, tuple(found.effect for found in self.effects))
+        return CameraModel(path, values, priors, tuple(added.effect for added in self.effects))
 
     def rays(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The rays along which pixels see; of MANY and more, through the field of rays, to 0.001
-        px.
+        """Return the rays of pixels. From MIN_FIELD_POINTS on, they come from the field of rays,
+        which is accurate to 0.001 px.
 
         Args:
             pixels: (N, 2) px; (0, 0) is the centre of the top-left pixel.
 
         Returns:
-            (N, 3) m where each ray leaves the cover and (N, 3) unit where it goes, in the camera
-            frame; NaN where none leaves it.
+            (N, 3) m origins, where the rays leave the cover, and (N, 3) unit directions, both in
+            the camera frame; NaN for a pixel whose ray does not leave the cover.
         """
         origins, directions = on_finite_rows(self._rays, pixel_rows(pixels), 3, 3)
         return origins, directions
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, 3) m in the camera frame to the (N, 2) px that see them; NaN for a point that none
-        sees. Of MANY and more, those on the picture and next to it go through the field of rays, to
-        0.001 px.
+        """Return the (N, 2) px that see (N, 3) m points in the camera frame; NaN for a point that
+        no pixel sees.
+
+        From MIN_FIELD_POINTS on, points in the picture and next to it are projected through the
+        field of rays, which is accurate to 0.001 px.
         """
         (pixels,) = on_finite_rows(self._pixels, point_rows(points), 2)
         return pixels
 
     def _rays(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        field = _point_field(self) if len(pixels) >= MANY else None
+        field = _point_field(self) if len(pixels) >= MIN_FIELD_POINTS else None
         if not field:
-            return self._traced(pixels)
-        origins, directions, held = field.rays(pixels)
-        if not held.all():
-            origins[~held], directions[~held] = self._traced(pixels[~held])
+            return self._trace(pixels)
+        origins, directions, covered = field.rays(pixels)
+        if not covered.all():
+            origins[~covered], directions[~covered] = self._trace(pixels[~covered])
         return origins, directions
 
     def _pixels(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64]]:
         path, values = self.model()
-        field = None if path.directly_projects or len(points) < MANY else _point_field(self)
+        field = (
+            None if path.directly_projects or len(points) < MIN_FIELD_POINTS else _point_field(self)
+        )
         if not field:
             return (project(path, values, torch.from_numpy(points)).numpy(),)
-        pixels, held = field.pixels(points)
-        if not held.all():
-            pixels[~held] = project(path, values, torch.from_numpy(points[~held])).numpy()
+        pixels, covered = field.pixels(points)
+        if not covered.all():
+            pixels[~covered] = project(path, values, torch.from_numpy(points[~covered])).numpy()
         return (pixels,)
 
-    def _traced(
+    def _trace(
         self, pixels: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         path, values = self.model()
         rays = path.trace(torch.from_numpy(pixels), values)
-        lost = (rays.failure != 0).unsqueeze(-1)
-        origins, directions = (
-            torch.where(lost, torch.nan, v.stacked()).numpy() for v in (rays.origin, rays.direction)
-        )
+        failed = (rays.failure != 0).unsqueeze(-1)
+        origins = torch.where(failed, torch.nan, rays.origin.stacked()).numpy()
+        directions = torch.where(failed, torch.nan, rays.direction.stacked()).numpy()
         return origins, directions
 
     def ray_field(self) -> RayField:
-        """The rays of the whole image on a coarse grid: the undistortion of every depth."""
+        """Return the rays of the picture on a coarse grid, which give the maps of every depth."""
         return _field_of(self)
 
     def undistort_maps(self, depth: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Maps for cv2.remap that show the scene at `depth` m as the bare pinhole camera would:
-        (height, width) each.
+        """Return the (height, width) maps for cv2.remap that show the scene at `depth` m as the
+        bare pinhole camera would.
 
-        A pixel that the camera does not see through the cover has -1, outside the picture, so
-        cv2.remap's constant border fills it.
+        A pixel that the camera does not see through the cover is -1, which is outside the picture,
+        so cv2.remap's constant border fills it.
         """
-        made = self.ray_field().map_at(number(depth, "depth"))
-        return made.x, made.y
+        maps = self.ray_field().map_at(number(depth, "depth"))
+        return maps.x, maps.y
 
     def save(self, folder: str | FilePath, *, overwrite: bool = False) -> FilePath:
-        """Write calibration.yaml and calibration.npz into a folder, and return the first's path.
+        """Write calibration.yaml and calibration.npz into a folder, and return the former's path.
 
-        They change together; what the folder has of an earlier calibration, its rays, maps and
-        report, goes with that.
+        Both files change together. The rays, maps and report of an earlier calibration in the
+        folder are removed.
 
         Args:
-            folder: is made where it does not exist.
+            folder: the folder, which is created if it does not exist.
             overwrite: replace files of these names that Refracal did not write, or that were
                 changed since.
 
         Raises:
-            InputError: such a file is there, and `overwrite` is false; nothing is written then.
-            NotEnoughDataError: it has numbers that could not be read back; nothing is written then.
+            InputError: such a file exists and `overwrite` is false; nothing is written.
+            NotEnoughDataError: a number could not be read back; nothing is written.
         """
         output = FileSet(
             FilePath(folder),
@@ -301,22 +307,24 @@ class Calibration:
         return path
 
     def write(self, files: FileSet) -> FilePath:
-        """Add calibration.yaml and calibration.npz to the files of a folder, and return the first's
-        path.
+        """Add calibration.yaml and calibration.npz to the files of a folder, and return the
+        former's path.
 
         Raises:
-            NotEnoughDataError: as `save`.
+            NotEnoughDataError: a number could not be read back; nothing is written.
         """
-        said, arrays = self._as_mapping(self.digest), self._arrays()
-        _check_readable(said, arrays)
+        document = self._as_mapping(self.digest)
+        arrays = self._arrays()
+        _check_readable(document, arrays)
         files.write("calibration.npz", arrays)
         return files.write(
-            "calibration.yaml", yaml.safe_dump(said, sort_keys=False, allow_unicode=True, width=120)
+            "calibration.yaml",
+            yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120),
         )
 
     @property
     def digest(self) -> str:
-        """SHA-256 of its calibration.npz, which what is made from it carries."""
+        """Return the SHA-256 of calibration.npz, which files that are made from it carry."""
         return sha256(self._arrays()).hexdigest()
 
     def _arrays(self) -> memoryview:
@@ -337,9 +345,7 @@ class Calibration:
         }
         if self.corners_at.size:
             arrays["corners_at"] = self.corners_at
-        return npz(
-            arrays, compressed=False
-        )  # the same bytes wherever it is saved, whatever compresses there
+        return npz(arrays, compressed=False)  # not compressed: the same bytes on every machine
 
     def _as_mapping(self, digest: str) -> dict[str, object]:
         relief = self.relief and {
@@ -360,7 +366,7 @@ class Calibration:
                 "doubted": list(self.declared.doubted),
             },
             "relief": relief,
-            "effects": [effect_to_yaml(found.effect, found.parameters) for found in self.effects],
+            "effects": [effect_to_yaml(added.effect, added.parameters) for added in self.effects],
             "gauge": self.gauge,
             "settings": self.settings,
             "noise_px": self.noise_px,
@@ -372,23 +378,23 @@ class Calibration:
 
     @staticmethod
     def load(path: str | FilePath) -> "Calibration":
-        """Read a calibration.yaml, or the folder that holds one, with the .npz beside it."""
+        """Read a calibration.yaml, or the one in a folder, with its calibration.npz."""
         path = FilePath(path)
         with reading(path):
             path = path / "calibration.yaml" if path.is_dir() else path
-            said, arrays = _read_pair(path)
+            document, arrays = _read_pair(path)
         try:
-            return _from_mapping(said, arrays, path)
+            return _from_mapping(document, arrays, path)
         except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(
                 f"{path} is not a whole calibration ({brief(error)}): fit the session again."
             ) from error
 
 
-def _check_readable(said: dict[str, Any], arrays: memoryview) -> None:
-    """As whoever reads them would."""
+def _check_readable(document: dict[str, Any], arrays: memoryview) -> None:
+    """Raise NotEnoughDataError if `load` would refuse the two files."""
     try:
-        _from_mapping(said, decode_npz(bytes(arrays)), FilePath("calibration.yaml"))
+        _from_mapping(document, decode_npz(bytes(arrays)), FilePath("calibration.yaml"))
     except (InputError, ValueError) as error:
         raise NotEnoughDataError(
             "The views leave a number of the camera or cover open, so that no calibration is"
@@ -398,60 +404,60 @@ def _check_readable(said: dict[str, Any], arrays: memoryview) -> None:
 
 
 def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """What calibration.yaml says, and the arrays of the .npz that was written with it."""
-    for _ in range(LOOKS):
+    """Return the content of calibration.yaml, and the arrays of the .npz written with it."""
+    for _ in range(MAX_READS):
         place = in_force(path)
         if not place.is_file():
-            within = path.parent / "calibration"
-            there = (
-                f"the session's is {within}"
-                if (within / path.name).is_file()
+            session_folder = path.parent / "calibration"
+            advice = (
+                f"the session's is {session_folder}"
+                if (session_folder / path.name).is_file()
                 else "give the calibration.yaml that calib fit wrote"
             )
-            raise InputError(f"{path} does not exist: {there}.")
-        said = read_yaml(place)
-        if said.get("format") != FORMAT:
-            shown = brief(repr(said.get("format")))
+            raise InputError(f"{path} does not exist: {advice}.")
+        document = read_yaml(place)
+        if document.get("format") != FORMAT:
+            version = brief(repr(document.get("format")))
             raise InputError(
-                f"{path}: format is {shown} where this version of calib reads {FORMAT}: fit the"
+                f"{path}: format is {version} where this version of calib reads {FORMAT}: fit the"
                 " session again."
             )
         arrays, digest = read_arrays(in_force(path.with_suffix(".npz")))
-        if said.get("arrays_sha256", digest) == digest:
-            return said, arrays
+        if document.get("arrays_sha256", digest) == digest:
+            return document, arrays
     raise InputError(
         f"{path} and {path.with_suffix('.npz').name} do not belong together: fit the session again."
     )
 
 
 def _from_mapping(
-    said: dict[str, Any], arrays: dict[str, NDArray[Any]], path: FilePath
+    document: dict[str, Any], arrays: dict[str, NDArray[Any]], path: FilePath
 ) -> Calibration:
-    CALIBRATION(said, "")
+    CALIBRATION(document, "")
     board, camera, cover = session_from_mapping(
-        {key: said[key] for key in ("board", "camera", "cover")}, str(path)
+        {key: document[key] for key in ("board", "camera", "cover")}, str(path)
     )
     _, declared, declared_cover = session_from_mapping(
         {
-            "board": said["board"],
-            "camera": said["declared"]["camera"],
-            "cover": said["declared"]["cover"],
+            "board": document["board"],
+            "camera": document["declared"]["camera"],
+            "cover": document["declared"]["cover"],
         },
         f"{path}: declared",
     )
     if not (camera.intrinsics and declared.intrinsics):
         raise ValueError("camera.intrinsics is missing")
-    relief = None if said["relief"] is None else relief_from_yaml(said["relief"])
+    relief = None if document["relief"] is None else relief_from_yaml(document["relief"])
     if relief and cover.shape == "none":
         raise ValueError("there is a relief and no cover")
-    effects = tuple(AddedEffect(*effect_from_yaml(one)) for one in said["effects"])
+    effects = tuple(AddedEffect(*effect_from_yaml(mapping)) for mapping in document["effects"])
     check_stages(
-        [stage["name"] for stage in said["stages"]],
+        [stage["name"] for stage in document["stages"]],
         has_cover=cover.shape != "none",
         has_views=len(arrays["names"]) > 0,
     )
     check_settings(
-        said["settings"],
+        document["settings"],
         has_covariance=arrays["covariance"].size > 0,
         has_relief=relief is not None,
     )
@@ -460,18 +466,18 @@ def _from_mapping(
         relief,
         board,
         sum(
-            VIEW_BLOCKS[part]
-            for part in (POSE, *(added.effect.per_view for added in effects))
-            if part
+            VIEW_BLOCKS[block]
+            for block in (POSE, *(added.effect.per_view for added in effects))
+            if block
         ),
     )
-    read = Calibration(
+    calibration = Calibration(
         board=board,
         camera=camera,
         cover=cover,
         relief=relief,
         amplitudes=arrays["amplitudes"],
-        exact_hit=bool(said["relief"]["exact_hit"]) if relief else True,
+        exact_hit=bool(document["relief"]["exact_hit"]) if relief else True,
         views=tuple(
             View(
                 str(name),
@@ -487,35 +493,38 @@ def _from_mapping(
         ),
         poses=arrays["poses"],
         covariance=arrays["covariance"],
-        rejected=tuple(RejectedPicture(r["file"], r["reason"]) for r in said["frames_rejected"]),
-        stages=tuple(
-            Stage(s["name"], float(s["rms_px"]), float(s["rmse_cm"])) for s in said["stages"]
+        rejected=tuple(
+            RejectedPicture(r["file"], r["reason"]) for r in document["frames_rejected"]
         ),
-        noise_px=float(said["noise_px"]),
-        settings=dict(said["settings"]),
-        gauge=said["gauge"],
+        stages=tuple(
+            Stage(s["name"], float(s["rms_px"]), float(s["rmse_cm"])) for s in document["stages"]
+        ),
+        noise_px=float(document["noise_px"]),
+        settings=dict(document["settings"]),
+        gauge=document["gauge"],
         effects=effects,
         stated=Declared(
             declared.intrinsics,
             declared_cover,
-            tuple(map(str, said["declared"].get("doubted", ()))),
+            tuple(map(str, document["declared"].get("doubted", ()))),
         ),
-        refracal=said["refracal"],
+        refracal=document["refracal"],
         corners_at=arrays.get("corners_at", np.zeros((0, 3))),
     )
-    if read.covariance.size and len(read.covariance) != (
-        count := read.camera_model().parameters.count
+    if calibration.covariance.size and len(calibration.covariance) != (
+        count := calibration.camera_model().parameters.count
     ):
         raise ValueError(
-            f"covariance is of {len(read.covariance)} parameters where {count} were estimated"
+            f"covariance is of {len(calibration.covariance)} parameters where {count} were"
+            " estimated"
         )
-    _check_views(read)
-    return read
+    _check_views(calibration)
+    return calibration
 
 
 def _check_views(calibration: Calibration) -> None:
-    """Raise ValueError where a view has corners or a pose that no fit could have: too few corners
-    for a pose, corners outside the picture, or rays that do not reach the board.
+    """Raise ValueError if a view has corners or a pose that no fit could have: too few corners for
+    a pose, corners outside the picture, or rays that do not reach the board.
     """
     camera, views = calibration.camera, calibration.views
     _, unusable = split_usable_views(views, calibration.board)
@@ -523,24 +532,26 @@ def _check_views(calibration: Calibration) -> None:
         raise ValueError(f"{unusable[0].name}: {unusable[0].reason}")
     last = np.array([camera.width, camera.height]) - 0.5
     for view in views:
-        seen = view.corners[view.seen]
-        if ((seen < -0.5) | (seen > last)).any():
+        corners = view.corners[view.seen]
+        if ((corners < -0.5) | (corners > last)).any():
             raise ValueError(f"{view.name} has a corner outside the picture")
     if not views:
         return
     observations = calibration.observations
     row = torch.arange(len(observations.view)) - observations.starts[observations.view]
     spacing = (observations.starts.diff()[observations.view] // SAMPLED_CORNERS).clamp(min=1)
-    some = observations.select_rows(row % spacing == 0)
+    sample = observations.select_rows(row % spacing == 0)
     path, values = calibration.model()
     with single_thread():
         _, failure = path.land(
-            some.pixels, some.with_times(values), torch.from_numpy(calibration.poses)[some.view]
+            sample.pixels,
+            sample.with_times(values),
+            torch.from_numpy(calibration.poses)[sample.view],
         )
-    landed = torch.bincount(some.view[failure == 0], minlength=len(views))
-    lost = landed < FEWEST_LANDED * some.starts.diff()
-    if lost.any():
-        name = views[int(lost.int().argmax())].name
+    landed = torch.bincount(sample.view[failure == 0], minlength=len(views))
+    implausible = landed < MIN_LANDED_FRACTION * sample.starts.diff()
+    if implausible.any():
+        name = views[int(implausible.int().argmax())].name
         raise ValueError(f"the corners of {name} do not lie on a board at its pose")
 
 
@@ -553,7 +564,7 @@ def _field_of(calibration: Calibration) -> RayField:
 
 @lru_cache(maxsize=2)
 def _point_field(calibration: Calibration) -> PointField | None:
-    """None where no ray leaves the cover."""
+    """Return the field, or None if no ray leaves the cover."""
     try:
         return PointField.of(
             *calibration.model(), calibration.camera.width, calibration.camera.height

@@ -1,8 +1,8 @@
-"""The two files of a calibration, checked once, as they are read: what calibration.yaml says, and
-the arrays of calibration.npz.
+"""Check the two files of a calibration as they are read: the keys of calibration.yaml, and the
+arrays of calibration.npz.
 
-CALIBRATION says what each key must be. Board, camera and cover are read by the rules of
-session.yaml, and have no shape here.
+CALIBRATION describes the value of each key. Board, camera and cover follow the rules of
+session.yaml, so they have no shape here.
 """
 
 import math
@@ -37,16 +37,15 @@ from calib.optics.relief import Relief
 from calib.session.board import Board
 from calib.session.freeing import NAMES
 
-HIGHEST = 0.1
-"""m, of an amplitude: a thousand times what any glass has."""
-LARGEST = 1e12
-"""Of any number in an array, in SI units or px. A covariance holds the squares of such numbers:
-coefficients of a rational lens that cancel each other have standard deviations of 1e7 of their
-scale.
+MAX_AMPLITUDE = 0.1
+"""m, of the relief: a thousand times that of any glass."""
+MAX_NUMBER = 1e12
+"""Largest number in an array, in SI units or px; its square limits a covariance. Coefficients of a
+rational lens that cancel each other have standard deviations of 1e7 of their scale.
 """
 STAGES = ("pinhole", "cover", "cover+rbf", "cover+rbf+effects")
 """The stages of a fit, in their order; a fit may lack any but the first."""
-OF_COVERS = STAGES[1:3]
+COVER_STAGES = STAGES[1:3]
 _QUALITY = record({"rms_px": number, "rmse_cm": number, "held_out_px": number})
 _CANDIDATE = record(
     {
@@ -98,7 +97,9 @@ SETTINGS: Mapping[str, Shape] = {
         {"before": _QUALITY, "after": _QUALITY, "remarks": many(text)},
     ),
 }
-"""Each may be missing. A key of `Calibration.settings` that is read anywhere has its line here."""
+"""The keys of `Calibration.settings`, each optional. Every key that is read anywhere has its line
+here.
+"""
 CALIBRATION = record(
     {
         "refracal": text,
@@ -138,11 +139,16 @@ CALIBRATION = record(
 )
 
 
-def relief_from_yaml(said: Mapping[str, Any]) -> Relief:
-    """LookupError, TypeError or ValueError where the mapping is of none."""
-    low, high = _pair(said["low"], "low"), _pair(said["high"], "high")
-    first, second = grid = _pair(said["grid"], "grid")
-    relief = Relief(low, high, (int(first), int(second)), float(said["beta"]))
+def relief_from_yaml(mapping: Mapping[str, Any]) -> Relief:
+    """Return the relief that a mapping describes.
+
+    Raises:
+        LookupError, TypeError, ValueError: the mapping describes no relief.
+    """
+    low = _pair(mapping["low"], "low")
+    high = _pair(mapping["high"], "high")
+    grid = _pair(mapping["grid"], "grid")
+    relief = Relief(low, high, (int(grid[0]), int(grid[1])), float(mapping["beta"]))
     if relief.grid != grid or min(relief.grid) < 2:
         raise ValueError("relief.grid is not two whole numbers of 2 or more")
     if not (low[0] < high[0] and low[1] < high[1] and 0 < relief.beta < math.inf):
@@ -160,18 +166,18 @@ def _pair(written: object, key: str) -> tuple[float, float]:
 
 
 def check_stages(names: Sequence[str], *, has_cover: bool, has_views: bool) -> None:
-    """Raise ValueError where no fit has these stages in this order."""
+    """Raise ValueError if no fit has these stages in this order."""
     places = [STAGES.index(name) for name in names]
     if places != sorted(set(places)) or (places and places[0] != 0):
         raise ValueError(f"stages are not some of {', '.join(STAGES)} in this order")
     if has_views and not names:
         raise ValueError("stages are missing")
-    if not has_cover and set(names) & set(OF_COVERS):
+    if not has_cover and set(names) & set(COVER_STAGES):
         raise ValueError("there is a stage of the cover and no cover")
 
 
 def check_settings(settings: Mapping[str, Any], *, has_covariance: bool, has_relief: bool) -> None:
-    """Raise ValueError where the settings lack what the covariance was computed with."""
+    """Raise ValueError if the settings lack an input of the covariance."""
     if has_covariance and "sigma_px" not in settings:
         raise ValueError("settings.sigma_px is missing")
     if has_covariance and has_relief and not settings.get("relief_prior"):
@@ -181,8 +187,10 @@ def check_settings(settings: Mapping[str, Any], *, has_covariance: bool, has_rel
 def check_arrays(
     arrays: Mapping[str, NDArray[Any]], relief: Relief | None, board: Board, per_view: int
 ) -> None:
-    """ValueError where an array has not the shape that the others ask for; `per_view` parameters of
-    each view.
+    """Raise ValueError if the arrays have inconsistent shapes or implausible values.
+
+    Args:
+        per_view: number of parameters of each view.
     """
     views, parameters = len(arrays["names"]), len(arrays["covariance"])
     shapes = {
@@ -193,8 +201,8 @@ def check_arrays(
         "weights": (views, board.count),
         "times_s": (views,),
     }
-    if (places := arrays.get("corners_at")) is not None:
-        shapes["corners_at"] = (len(places), 3)
+    if (corners_at := arrays.get("corners_at")) is not None:
+        shapes["corners_at"] = (len(corners_at), 3)
     for name, shape in shapes.items():
         array = arrays[name]
         if array.shape != shape or array.dtype != np.float64:
@@ -202,34 +210,33 @@ def check_arrays(
                 f"{name} are {array.dtype} of shape {array.shape} where float64 of shape {shape} is"
                 " expected"
             )
-        largest = LARGEST**2 if name == "covariance" else LARGEST
-        if name not in ("corners", "times_s") and not (np.abs(array) < largest).all():
+        limit = MAX_NUMBER**2 if name == "covariance" else MAX_NUMBER
+        if name not in ("corners", "times_s") and not (np.abs(array) < limit).all():
             raise ValueError(f"{name} are not all numbers that a fit would leave")
-    if not (np.abs(arrays["amplitudes"]) < HIGHEST).all():
+    if not (np.abs(arrays["amplitudes"]) < MAX_AMPLITUDE).all():
         raise ValueError("amplitudes are not those of a glass")
     for name in ("names", "pose_ids"):
         if arrays[name].shape != (views,) or (views and arrays[name].dtype.kind != "U"):
             raise ValueError(f"{name} are not a text for each view")
-    seen = arrays["weights"] > 0
+    visible = arrays["weights"] > 0
     if (
         (arrays["weights"] < 0).any()
-        or not seen.any(axis=1).all()
-        or not (np.abs(arrays["corners"][seen]) < LARGEST).all()
+        or not visible.any(axis=1).all()
+        or not (np.abs(arrays["corners"][visible]) < MAX_NUMBER).all()
     ):
         raise ValueError("corners that were seen are not all somewhere, or a view has none")
     if (np.abs(arrays["times_s"]) >= LATEST_S).any():
         raise ValueError("times_s are not all times in s")
     covariance = arrays["covariance"]
     sigmas = np.sqrt(np.abs(covariance.diagonal()))
-    rounded = 1e-6 * np.outer(
-        sigmas, sigmas
-    )  # an entry near zero is rounded as its sigmas are, not as itself
-    if (np.abs(covariance - covariance.T) > rounded).any() or (covariance.diagonal() < 0).any():
+    # the rounding error of an entry near zero is relative to its sigmas, not to itself
+    tolerance = 1e-6 * np.outer(sigmas, sigmas)
+    if (np.abs(covariance - covariance.T) > tolerance).any() or (covariance.diagonal() < 0).any():
         raise ValueError("covariance is not symmetric with variances of 0 or more")
 
 
 def read_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], str]:
-    """The arrays, and the SHA-256 of their file."""
+    """Return the arrays and the SHA-256 of their file."""
     with reading(path):
         if not path.exists():
             raise InputError(

@@ -1,6 +1,6 @@
-"""What the optional parts need, and the command that installs it for this very Python.
+"""The packages of the optional features, and the command that installs them for the running Python.
 
-It names the packages themselves, so it is true of a checkout, of a wheel from anywhere, and of a
+The command names the packages themselves, so it also works for a checkout, for a wheel, and for a
 copy that was never installed.
 """
 
@@ -14,11 +14,11 @@ EXTRAS = {
     "render": ("mitsuba>=3.6,<4",),
     "serve": ("segno>=1.6,<2", "textual-serve>=1.1,<2"),
 }
-"""As pyproject.toml has them, but for those who work on this."""
+"""The extras of pyproject.toml, except those for developers."""
 
 
 def how_to_install(extra: str) -> str:
-    """A command line for the shell, such as /home/pi/refracal/.venv/bin/python -m pip install
-    'textual-serve>=1.1,<2'.
+    """Return a command line for the shell, such as /home/pi/refracal/.venv/bin/python -m pip
+    install 'textual-serve>=1.1,<2'.
     """
     return shlex.join([sys.executable or "python3", "-m", "pip", "install", *EXTRAS[extra]])

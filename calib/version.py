@@ -1,5 +1,5 @@
-"""The version of both packages: what `--version` prints, calibrations keep, and pyproject.toml
-builds.
+"""The version of both packages, which `--version` prints, calibrations record, and pyproject.toml
+reads.
 """
 
 VERSION = "0.1.0"

@@ -15,7 +15,7 @@ import pytest
 from calib import InputError, Measurer, RefracalError, TagLocator, Undistorter
 from calib.apply.measure import BoardPose
 from calib.apply.water import index_of_water
-from calib.calibration import MANY, Calibration
+from calib.calibration import MIN_FIELD_POINTS, Calibration
 from calib.corners.view import View
 from fixtures.known import known
 from fixtures.synthetic import scene
@@ -74,11 +74,15 @@ def grey(dtype: type = np.uint8) -> np.ndarray:
 CALLS: Mapping[str, Call] = {
     "Calibration.rays": Call(lambda at, a: at.calibration.rays(a), PIXELS, by_row=True),
     "Calibration.rays of many": Call(
-        lambda at, a: at.calibration.rays(a), np.tile(PIXELS, (MANY // 4, 1)), by_row=True
+        lambda at, a: at.calibration.rays(a),
+        np.tile(PIXELS, (MIN_FIELD_POINTS // 4, 1)),
+        by_row=True,
     ),
     "Calibration.project": Call(lambda at, a: at.calibration.project(a), POINTS, by_row=True),
     "Calibration.project of many": Call(
-        lambda at, a: at.calibration.project(a), np.tile(POINTS, (MANY // 4, 1)), by_row=True
+        lambda at, a: at.calibration.project(a),
+        np.tile(POINTS, (MIN_FIELD_POINTS // 4, 1)),
+        by_row=True,
     ),
     "Calibration.undistort_maps": Call(lambda at, a: at.calibration.undistort_maps(a), 0.5),
     "Undistorter(depth)": Call(lambda at, a: Undistorter(at.calibration, a), 0.5),

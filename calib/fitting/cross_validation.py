@@ -90,9 +90,8 @@ def cross_validate(
             np.square(squares - error**2 * counts).sum() * len(counts) / max(1, len(counts) - 1)
         )
     )
-    sigma = (
-        spread / counts.sum() / (2 * error) if error else 0.0
-    )  # of the mean square, and of its root to first order
+    # the standard deviation of the mean square, carried over to its root to first order
+    sigma = spread / counts.sum() / (2 * error) if error else 0.0
     return CrossValidation(folds, error, (fitted_squares / corners) ** 0.5, float(sigma))
 
 

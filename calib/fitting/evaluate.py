@@ -75,11 +75,13 @@ def evaluate(
         InputError: the session is of another camera mode.
         NotEnoughDataError: no view can be used.
     """
-    ours, theirs = calibration.camera, session.camera
-    if (ours.width, ours.height) != (theirs.width, theirs.height):
+    camera = calibration.camera
+    session_camera = session.camera
+    if (camera.width, camera.height) != (session_camera.width, session_camera.height):
         raise InputError(
-            f"{session.path} is of {theirs.width}x{theirs.height} px and the calibration for"
-            f" {ours.width}x{ours.height}: evaluate with a session of the calibrated camera mode."
+            f"{session.path} is of {session_camera.width}x{session_camera.height} px and the"
+            f" calibration for {camera.width}x{camera.height}: evaluate with a session of the"
+            " calibrated camera mode."
         )
     views, rejected = read_views(session, progress)
     views, unusable = split_usable_views(views, session.board)
@@ -89,12 +91,13 @@ def evaluate(
         raise NotEnoughDataError(
             f"{session.path} has no view to evaluate with: take pictures that show the whole board."
         )
-    observations = Observations.of(views, session.board).add_times(None, ours.height)
+    observations = Observations.of(views, session.board).add_times(None, camera.height)
     with single_thread():
         if halves or path.has_private_blocks:
+            # sigma only weighs the prior of private blocks
             noise = (
                 float(calibration.settings.get("sigma_px", 1.0)) if path.has_private_blocks else 1.0
-            )  # else there is no prior to weigh
+            )
             poses, residual = _cross_halves(path, values, observations, poses, noise)
         else:
             poses, residual = refit_poses(path, values, observations, poses)

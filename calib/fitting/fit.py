@@ -76,9 +76,9 @@ def fit(
                 setup, observations, settings, progress, earlier=earlier, purpose=purpose
             )
         earlier = None
-        views, bad = _without_outliers(views, observations, fitted.residuals)
-        rejected = (*rejected, *bad)
-        if bad:
+        views, outliers = _without_outliers(views, observations, fitted.residuals)
+        rejected = (*rejected, *outliers)
+        if outliers:
             purpose = f"without {len(rejected)} view{'s' * (len(rejected) > 1)}"
             continue
         if redetections is not None:
@@ -100,10 +100,12 @@ def fit(
         else:
             earlier = fitted
     with single_thread():
-        worse: dict[str, float] = {}
-        if settings.method == "joint":  # the paper's weighs all views alike
-            views, worse = weigh_noisy_views(views, observations, fitted.residuals, session.board)
-        if worse:
+        noise_ratios: dict[str, float] = {}
+        if settings.method == "joint":  # the paper's method weights all views equally
+            views, noise_ratios = weigh_noisy_views(
+                views, observations, fitted.residuals, session.board
+            )
+        if noise_ratios:
             observations = Observations.of(views, session.board)
             fitted = fit_stages(
                 setup,
@@ -150,7 +152,7 @@ def fit(
             "intrinsics_from": start.intrinsics_from,
             "lens_held_out_px": start.lens_held_out_px,
             REDETECTION: [redetection.record() for redetection in redetections],
-            VIEW_NOISE: worse,
+            VIEW_NOISE: noise_ratios,
             KEY: provenance(session),
         }
         | ({"cross_validation": asdict(validation)} if validation else {})
@@ -168,7 +170,7 @@ def _without_outliers(
     errors = np.array(
         [float(view_squares.nanmean().sqrt()) for view_squares in observations.per_view(squared)]
     )
-    bad = outlier_mask(errors)
+    outlying = outlier_mask(errors)
     reasons = (
         (
             f"its {error:.2f} px do not fit the {np.nanmedian(errors):.2f} px of the other views"
@@ -179,10 +181,13 @@ def _without_outliers(
     )
     rejected = tuple(
         RejectedPicture(view.name, reason)
-        for view, reason, out in zip(views, reasons, bad, strict=True)
-        if out
+        for view, reason, is_outlier in zip(views, reasons, outlying, strict=True)
+        if is_outlier
     )
-    return tuple(view for view, out in zip(views, bad, strict=True) if not out), rejected
+    inliers = tuple(
+        view for view, is_outlier in zip(views, outlying, strict=True) if not is_outlier
+    )
+    return inliers, rejected
 
 
 def _check_enough(

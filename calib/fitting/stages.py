@@ -123,9 +123,8 @@ def fit_stages(
     poses = pinhole_poses(observations, values)
     residual = residuals(path, values, observations, poses)
     stages = [Stage("pinhole", residual.rms_px, residual.rmse_cm)]
-    if setup.cover.shape == "none" or not bool(
-        torch.isfinite(poses).all()
-    ):  # a view without a pose is rejected first
+    has_poses = bool(torch.isfinite(poses).all())  # the caller rejects views without a pose first
+    if setup.cover.shape == "none" or not has_poses:
         return Fitted(path, values, poses, tuple(stages), residual)
     path, values = covered_path(setup.intrinsics, setup.cover)
     poses = refine_poses(path, values, observations, poses).blocks
@@ -140,7 +139,7 @@ def fit_stages(
         # A wrong number is corrected first, while there is no relief that could imitate it.
         rough = fit_joint(path, values, observations, poses, priors=priors, rounds=ROUGH_ROUNDS)
         start, poses = replace(rough.start, smoothness=GOOD_GLASS), rough.poses
-    assert settings.grid, "to be chosen before"
+    assert settings.grid, "the caller chooses the grid"
     around, axial = settings.grid
     relief = earlier.relief if earlier else None
     if not relief:
@@ -165,7 +164,7 @@ def fit_stages(
             poses,
             priors=priors,
             start=start,
-            progress=lambda spent, rms: advance(min(spent, LINEARISATIONS), f"{rms:.3f} px"),
+            progress=lambda count, rms: advance(min(count, LINEARISATIONS), f"{rms:.3f} px"),
         )
         advance(LINEARISATIONS, "")
         values, poses = joint.values, joint.poses

@@ -22,11 +22,11 @@ def with_initial_pose(
     has_pose = torch.isfinite(poses).all(-1)
     rejected = tuple(
         RejectedPicture(view.name, "no board pose explains its corners")
-        for view, ok in zip(views, has_pose, strict=True)
-        if not ok
+        for view, usable in zip(views, has_pose, strict=True)
+        if not usable
     )
     return (
-        tuple(view for view, ok in zip(views, has_pose, strict=True) if ok),
+        tuple(view for view, usable in zip(views, has_pose, strict=True) if usable),
         poses[has_pose],
         rejected,
     )

@@ -1,4 +1,4 @@
-"""The camera without its cover: its intrinsics and its lens, from views of a board."""
+"""Calibrate the camera without its cover: its intrinsics and its lens, from views of a board."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,52 +10,54 @@ from calib.corners.view import RejectedPicture, View, pose_labels
 from calib.errors import NotEnoughDataError
 from calib.estimation.robust import outlier_mask
 from calib.intrinsics.advice import TILT
-from calib.intrinsics.flat_views import spread_deg, with_profile
+from calib.intrinsics.flat_views import refine_with_profile, spread_deg
 from calib.intrinsics.lens_choice import choose_lens, fit_choice
 from calib.intrinsics.opencv_lens import OpenCVFit
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 
-FEWEST_VIEWS = 4
-LEAST_SPREAD_DEG = 5.0
-"""Between the most different normals of the board."""
+MIN_BARE_POSES = 4
+"""Poses of the board that intrinsics need."""
+MIN_SPREAD_DEG = 5.0
+"""Least angle between the two most different normals of the board."""
 
 
 @dataclass(frozen=True, slots=True)
 class BareFit:
-    """A plain camera calibration."""
+    """A calibration of the camera without a cover."""
 
     intrinsics: Intrinsics
-    """Each number with its standard deviation, and how they are correlated."""
+    """The intrinsics with standard deviations and correlations."""
     rms_px: float
     views: tuple[View, ...]
     rejected: tuple[RejectedPicture, ...]
     held_out_px: dict[str, float]
-    """By number of OpenCV's coefficients, or by the name of another lens model: the error on
-    held-out views, where it was asked.
+    """Error on held-out views by the number of OpenCV's coefficients or the name of another lens
+    model; empty if the lens was not chosen by it.
     """
 
 
 def calibrate_bare(
     views: Sequence[View], board: Board, camera: Camera, progress: Progress
 ) -> BareFit:
-    """Intrinsics from views of a board, with the lens model and number of coefficients that
-    `camera` asks for or that held-out views do.
+    """Return the intrinsics that fit views of a board, with the lens model and the number of
+    coefficients that `camera` states, or that held-out views choose.
 
     Raises:
-        NotEnoughDataError: too few views are left.
+        NotEnoughDataError: too few views are usable, or they do not determine the focal length.
     """
     usable, poseless = split_usable_views(views, board)
-    kept, rejected = list(usable), list(poseless)
-    _check_enough(kept)
+    inliers = list(usable)
+    rejected = list(poseless)
+    _check_enough(inliers)
     size = camera.width, camera.height
-    choice = choose_lens(kept, board, camera, progress)
+    choice = choose_lens(inliers, board, camera, progress)
     advance = progress.task("Intrinsics", 1)
     while True:
-        solved = fit_choice(choice, kept, board, size)
-        bad = outlier_mask(solved.per_view)
-        if not bad.any():
+        solved = fit_choice(choice, inliers, board, size)
+        outlying = outlier_mask(solved.per_view)
+        if not outlying.any():
             break
         rejected += [
             RejectedPicture(
@@ -67,32 +69,32 @@ def calibrate_bare(
                     else "the lens that the other views show does not see its corners"
                 ),
             )
-            for view, error, out in zip(kept, solved.per_view, bad, strict=True)
-            if out
+            for view, error, is_outlier in zip(inliers, solved.per_view, outlying, strict=True)
+            if is_outlier
         ]
-        kept = [view for view, out in zip(kept, bad, strict=True) if not out]
-        _check_enough(kept)
+        inliers = [view for view, out in zip(inliers, outlying, strict=True) if not out]
+        _check_enough(inliers)
     spread = spread_deg(solved.poses)
-    if spread < LEAST_SPREAD_DEG:
+    if spread < MIN_SPREAD_DEG:
         raise NotEnoughDataError(
             f"All views without the cover show the board at the same angle, within {spread:.1f}"
             f" degrees, and no focal length follows: {TILT}."
         )
     if isinstance(solved, OpenCVFit):
-        solved, covariance = with_profile(kept, board, size, solved)
+        solved, covariance = refine_with_profile(inliers, board, size, solved)
         intrinsics = solved.intrinsics(covariance)
     else:
         intrinsics = solved.intrinsics
     advance(1, f"{solved.rms:.3f} px")
-    return BareFit(intrinsics, solved.rms, tuple(kept), tuple(rejected), choice.held_out)
+    return BareFit(intrinsics, solved.rms, tuple(inliers), tuple(rejected), choice.held_out)
 
 
 def _check_enough(views: Sequence[View]) -> None:
     poses = len(set(pose_labels(views).tolist()))
-    if poses < FEWEST_VIEWS:
-        of = f" of {poses} poses of the board" if poses < len(views) else ""
+    if poses < MIN_BARE_POSES:
+        pose_count = f" of {poses} poses of the board" if poses < len(views) else ""
         raise NotEnoughDataError(
-            f"Intrinsics need {FEWEST_VIEWS} usable views without the cover, each of a pose of its"
-            f" own, and there are {len(views)}{of}: take more pictures of the board, tilted in"
-            " different directions."
+            f"Intrinsics need {MIN_BARE_POSES} usable views without the cover, each of a pose of"
+            f" its own, and there are {len(views)}{pose_count}: take more pictures of the board,"
+            " tilted in different directions."
         )

@@ -1,5 +1,5 @@
-"""The focal length that views of hardly tilted boards tell: the best of several starts, and as sure
-as the profile of the error over it.
+"""The focal length from views of hardly tilted boards: the best of several starts, with the
+uncertainty of its profile likelihood.
 """
 
 from collections.abc import Sequence
@@ -13,29 +13,29 @@ from numpy.typing import NDArray
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.intrinsics.advice import TILT
-from calib.intrinsics.covariance import freedom, intrinsics_covariance, widened_along
-from calib.intrinsics.focal_profile import FARTHEST, profiled
-from calib.intrinsics.opencv_lens import OpenCVFit, fit_opencv, step
+from calib.intrinsics.covariance import freedom, intrinsics_covariance, widen_along
+from calib.intrinsics.focal_profile import MAX_RATIO, profile_focal_length
+from calib.intrinsics.opencv_lens import OpenCVFit, fit_opencv, refine_opencv
 from calib.session.board import Board
 
 FLAT_DEG = 40.0
-"""Between the most different normals of the board: below, the error over the focal length may have
-several minima, and several starts are tried.
+"""Angle between the two most different normals of the board. Below it, the error over the focal
+length may have several minima, and several starts are tried.
 """
 STARTS = tuple(0.3 * 1.5**i for i in range(8))
 """Focal lengths over the picture's width, from a lens of 118 degrees to one of 10."""
-LENS_OF_STARTS = 5
+MAX_START_COEFFICIENTS = 5
 """Lens coefficients with which the starts are compared, at most."""
-REFITS = 5
-"""How often a profile that finds a better minimum is followed there."""
-WIDER = 1.1
-"""A profile's standard deviation over the linearised one, from where on it counts: below, the error
-is a parabola.
+MAX_REFITS = 5
+"""Times that the fit moves to a better minimum which the profile finds."""
+MIN_WIDENING = 1.1
+"""Ratio of the profile's standard deviation to the linearised one from which the profile is used:
+below it, the error is a parabola.
 """
 
 
 def spread_deg(poses: NDArray[np.float64]) -> float:
-    """Degrees between the two most different normals of boards at (V, 6) poses."""
+    """Return the degrees between the two most different normals of boards at (V, 6) poses."""
     normals = np.array([cv2.Rodrigues(pose[:3])[0][:, 2] for pose in poses])
     return float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1, 1))))
 
@@ -43,28 +43,28 @@ def spread_deg(poses: NDArray[np.float64]) -> float:
 def best_of_starts(
     views: Sequence[View], board: Board, size: tuple[int, int], count: int
 ) -> OpenCVFit:
-    """The fit of least error.
+    """Return the fit of least error.
 
-    Where the boards hardly tilt, or seem to, it is sought from several focal lengths.
+    If the fitted boards hardly tilt, the fit is repeated from several focal lengths.
     """
     solved = fit_opencv(views, board, size, count)
     if spread_deg(solved.poses) >= FLAT_DEG:
         return solved
-    started = []
-    for share in STARTS:
+    candidates = []
+    for ratio in STARTS:
         with suppress(NotEnoughDataError):
-            started.append(
-                fit_opencv(views, board, size, min(count, LENS_OF_STARTS), share * size[0])
+            candidates.append(
+                fit_opencv(views, board, size, min(count, MAX_START_COEFFICIENTS), ratio * size[0])
             )
-    best = min(started, key=lambda one: one.rms, default=solved)
-    return min(solved, step(views, board, size, count, best), key=lambda one: one.rms)
+    best = min(candidates, key=lambda fit: fit.rms, default=solved)
+    return min(solved, refine_opencv(views, board, size, count, best), key=lambda fit: fit.rms)
 
 
-def with_profile(
+def refine_with_profile(
     views: Sequence[View], board: Board, size: tuple[int, int], solved: OpenCVFit
 ) -> tuple[OpenCVFit, NDArray[np.float64]]:
-    """The fit, if need be at the better minimum that its profile over the focal length finds, and
-    its covariance: as wide as the profile.
+    """Return the fit, moved to a better minimum if its profile over the focal length finds one, and
+    its covariance, widened to the profile's interval.
 
     Raises:
         NotEnoughDataError: focal lengths that are far apart explain the views about as well.
@@ -73,35 +73,39 @@ def with_profile(
 
     def refit(times: float) -> OpenCVFit:
         try:
-            return step(views, board, size, count, solved, times * solved.focal)
+            return refine_opencv(views, board, size, count, solved, times * solved.focal)
         except NotEnoughDataError:  # nothing fits there
             return replace(solved, rms=np.inf)
 
-    for _ in range(REFITS):
+    for _ in range(MAX_REFITS):
         covariance = intrinsics_covariance(
             views, board, solved.camera, solved.coefficients, solved.poses
         )
         sigma = float(covariance[0, 0]) ** 0.5 / solved.focal
-        interval, better = profiled(solved, refit, freedom(views, solved.poses, count), sigma)
+        interval, better = profile_focal_length(
+            solved, refit, freedom(views, solved.poses, count), sigma
+        )
         if better is solved:
             break
-        solved = min(better, step(views, board, size, count, better), key=lambda one: one.rms)
+        refined = refine_opencv(views, board, size, count, better)
+        solved = min(better, refined, key=lambda fit: fit.rms)
     if not interval.closed:
-        other = (
-            f"{solved.focal / FARTHEST:.0f}"
+        focal = (
+            f"{solved.focal / MAX_RATIO:.0f}"
             if not interval.low
-            else f"{solved.focal * FARTHEST:.0f}"
+            else f"{solved.focal * MAX_RATIO:.0f}"
         )
         raise NotEnoughDataError(
-            f"The views without the cover are as well explained by a focal length of {other} px as"
+            f"The views without the cover are as well explained by a focal length of {focal} px as"
             f" by one of {solved.focal:.0f} px: {TILT}."
         )
-    if interval.sigma > WIDER * sigma:
-        low, high = (refit(times).parameters for times in (interval.low, interval.high))
-        along = (
+    if interval.sigma > MIN_WIDENING * sigma:
+        low = refit(interval.low).parameters
+        high = refit(interval.high).parameters
+        direction = (
             (high - low) / (high[0] - low[0])
             if high[0] > low[0]
             else covariance[0] / covariance[0, 0]
         )
-        covariance = widened_along(along, interval.sigma * solved.focal, covariance)
+        covariance = widen_along(direction, interval.sigma * solved.focal, covariance)
     return solved, covariance

@@ -1,9 +1,9 @@
-"""How sure a focal length is: the reprojection error over it, all else fitted anew for each (the
-profile likelihood).
+"""The profile likelihood of a focal length: the reprojection error over it, with all other
+parameters fitted anew at each value.
 
-Views of boards that hardly tilt tell a focal length by little, and the error over it is no
-parabola: the linearised standard deviation at its least then says nothing, and there may be several
-minima.
+Views of boards that hardly tilt determine a focal length poorly, and the error over it is no
+parabola. The linearised standard deviation at the minimum is then meaningless, and there may be
+several minima.
 
 Source: D. M. Bates, D. G. Watts, Nonlinear regression analysis and its applications (1988), section
     6.1.
@@ -16,25 +16,27 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 LEVEL = 3.0
-"""Standard deviations, at which the interval is sought: farther out, what is no parabola shows."""
-FARTHEST = 3.0
-"""Times as long or as short: an interval that is still open there is none."""
-SMALLEST_STEP = 1e-4
-"""Of the focal length. A linearised standard deviation of less is known to nobody."""
-BETTER = 1e-3
-"""Of the sum of squares, in its own standard deviations squared: what is lower by more is another
-minimum.
+"""Standard deviations at which the interval is sought: that far out, a deviation from a parabola
+shows.
 """
-LEAST_RMS = 1e-6
-"""px: what rounding leaves of corners that are exact."""
+MAX_RATIO = 3.0
+"""Largest ratio between a tried focal length and its estimate: a wider interval is open."""
+MIN_STEP = 1e-4
+"""Smallest relative standard deviation that the first step assumes: no focal length is known
+better.
+"""
+MIN_DECREASE = 1e-3
+"""Decrease of the sum of squares, over the noise variance, from which a fit is another minimum."""
+MIN_RMS = 1e-6
+"""px: the residual of exact corners, from rounding."""
 
 
 class Fit(Protocol):
-    """A camera that was fitted to views."""
+    """A camera that is fitted to views."""
 
     @property
     def rms(self) -> float:
-        """px"""
+        """Return the root mean square error, px."""
         ...
 
 
@@ -43,12 +45,12 @@ F = TypeVar("F", bound=Fit)
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """What a focal length may be, over its estimate, at LEVEL standard deviations."""
+    """The interval of a focal length at LEVEL standard deviations, relative to its estimate."""
 
     low: float
-    """Below 1; 0 where it is open."""
+    """Lower end, below 1; 0 if open."""
     high: float
-    """Above 1; infinite where it is open."""
+    """Upper end, above 1; infinite if open."""
 
     @property
     def closed(self) -> bool:
@@ -56,36 +58,41 @@ class Interval:
 
     @property
     def sigma(self) -> float:
-        """Of the focal length: the longer side over LEVEL."""
+        """Return the relative standard deviation: the longer side over LEVEL."""
         return max(self.high - 1, 1 - self.low) / LEVEL
 
 
-def profiled(fit: F, refit: Callable[[float], F], freedom: int, sigma: float) -> tuple[Interval, F]:
-    """The interval of a focal length, and the best fit that was found on the way: another than
-    `fit` where that was not the best.
+def profile_focal_length(
+    fit: F, refit: Callable[[float], F], freedom: int, sigma: float
+) -> tuple[Interval, F]:
+    """Return the interval of a focal length, and the best fit of the search: `fit`, unless another
+    has a lower error.
 
     Args:
-        fit: with its focal length free.
-        refit: the same at so many times its focal length.
+        fit: the fit with a free focal length.
+        refit: the fit with the focal length held at the given multiple of the estimate.
         freedom: residuals less parameters.
-        sigma: of the focal length, linearised.
+        sigma: linearised standard deviation of the focal length over its estimate.
     """
     best = fit
     ends = []
     for sign in (-1, 1):
-        away, reached, before = 0.0, 0.0, 0.0
-        step = LEVEL * min(max(sigma, SMALLEST_STEP), 0.1)
-        while away < np.log(FARTHEST) and reached < LEVEL:
-            away, before = min(max(2 * away, step), np.log(FARTHEST)), away
-            there = refit(float(np.exp(sign * away)))
-            excess = freedom * (there.rms**2 / max(fit.rms, LEAST_RMS) ** 2 - 1)
-            if excess < -BETTER and there.rms < best.rms:
-                best = there
+        distance, reached, previous_distance = 0.0, 0.0, 0.0
+        step = LEVEL * min(max(sigma, MIN_STEP), 0.1)
+        while distance < np.log(MAX_RATIO) and reached < LEVEL:
+            previous_distance = distance
+            distance = min(max(2 * distance, step), np.log(MAX_RATIO))
+            candidate = refit(float(np.exp(sign * distance)))
+            excess = freedom * (candidate.rms**2 / max(fit.rms, MIN_RMS) ** 2 - 1)
+            if excess < -MIN_DECREASE and candidate.rms < best.rms:
+                best = candidate
             previous, reached = reached, max(0.0, excess) ** 0.5
-        share = (LEVEL - previous) / (reached - previous) if LEVEL < reached < np.inf else 1.0
-        ends.append(
-            float(np.exp(sign * (before + share * (away - before))))
-            if reached >= LEVEL
-            else (0.0, np.inf)[sign > 0]
-        )
+        if reached >= LEVEL:
+            fraction = (
+                (LEVEL - previous) / (reached - previous) if LEVEL < reached < np.inf else 1.0
+            )
+            end = previous_distance + fraction * (distance - previous_distance)
+            ends.append(float(np.exp(sign * end)))
+        else:
+            ends.append((0.0, np.inf)[sign > 0])
     return Interval(*ends), best

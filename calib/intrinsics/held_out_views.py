@@ -1,4 +1,4 @@
-"""The error on views that a fit of the intrinsics has not seen: it compares lens models."""
+"""The error of a fit of the intrinsics on held-out views, by which lens models are compared."""
 
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -10,45 +10,44 @@ from calib.corners.view import View, pose_labels
 from calib.session.board import Board
 
 FOLDS = 4
-MOST = 4.0
-"""Times the median: no view counts for more, or a few bad ones would drown the rest."""
+MAX_MEDIANS = 4.0
+"""Limit of a view's error, in medians: otherwise a few bad views would dominate the mean."""
 
 Array = NDArray[np.float64]
 
 
-class Fitted(Protocol):
-    """A lens that was fitted to views."""
+class LensModelFit(Protocol):
+    """A lens that is fitted to views."""
 
     def errors(self, views: Sequence[View], board: Board) -> Array:
-        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN
-        for one that has none.
+        """Return the (V,) root mean square errors, px, of views that it was not fitted to, with
+        their poses refitted; NaN for a view without a pose.
         """
         ...
 
 
-def folds_of(views: Sequence[View]) -> int:
+def fold_count(views: Sequence[View]) -> int:
     return min(FOLDS, int(pose_labels(views).max() + 1) // 2)
 
 
 def held_out_errors(
-    views: Sequence[View], board: Board, fit: Callable[[Sequence[View], int], Fitted]
+    views: Sequence[View], board: Board, fit: Callable[[Sequence[View], int], LensModelFit]
 ) -> Array:
-    """(V,) px, each view's error by the fit to those outside its fold, whose number `fit` is told;
-    views of one pose stay together.
+    """Return the (V,) errors, px, of each view by the fit to the views outside its fold.
+
+    Views of one pose are in one fold. `fit` gets the fitted views and the number of the fold.
     """
-    poses, folds = pose_labels(views), folds_of(views)
+    poses, folds = pose_labels(views), fold_count(views)
     per_view = np.empty(len(views))
     for fold in range(folds):
-        out = poses % folds == fold
-        rest, unseen = (
-            [view for view, held in zip(views, out, strict=True) if held == which]
-            for which in (False, True)
-        )
-        per_view[out] = fit(rest, fold).errors(unseen, board)
+        held_out = poses % folds == fold
+        training_views = [view for view, out in zip(views, held_out, strict=True) if not out]
+        test_views = [view for view, out in zip(views, held_out, strict=True) if out]
+        per_view[held_out] = fit(training_views, fold).errors(test_views, board)
     return per_view
 
 
-def summed(per_view: Array) -> float:
-    """px, of all views together."""
+def clipped_mean(per_view: Array) -> float:
+    """Return the mean error of all views, px, each limited to MAX_MEDIANS medians."""
     per_view = np.nan_to_num(per_view, nan=np.inf)
-    return float(np.minimum(per_view, MOST * np.median(per_view)).mean())
+    return float(np.minimum(per_view, MAX_MEDIANS * np.median(per_view)).mean())

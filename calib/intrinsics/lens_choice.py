@@ -1,4 +1,4 @@
-"""Which lens a camera has: as it is stated, or as held-out views say."""
+"""Choose the lens model of a camera: the stated one, or the best on held-out views."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -13,8 +13,8 @@ from calib.errors import NotEnoughDataError
 from calib.estimation.model_choice import simplest_model
 from calib.intrinsics.advice import NO_FIT
 from calib.intrinsics.flat_views import FLAT_DEG, best_of_starts, spread_deg
-from calib.intrinsics.held_out_views import folds_of, held_out_errors, summed
-from calib.intrinsics.opencv_lens import OpenCVFit, fit_opencv, step
+from calib.intrinsics.held_out_views import clipped_mean, fold_count, held_out_errors
+from calib.intrinsics.opencv_lens import OpenCVFit, fit_opencv, refine_opencv
 from calib.intrinsics.ray_lens import PLAIN, SPLINES, RayLens
 from calib.progress import Progress
 from calib.session.board import Board
@@ -24,71 +24,82 @@ from calib.session.lens import COEFFICIENTS, FISHEYE, OPENCV, SPLINED
 if TYPE_CHECKING:
     from calib.intrinsics.ray_lens_fit import LensFit
 
-WORTH = 0.02
-"""Of the held-out error: more coefficients must leave less by more than this."""
+MIN_LENS_IMPROVEMENT = 0.02
+"""Fraction by which more coefficients must lower the held-out error."""
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
-    """What is to be fitted."""
+class LensChoice:
+    """The lens model to fit."""
 
     count: int | None = None
-    """Of OpenCV's coefficients."""
-    by_rays: RayLens | None = None
-    """Another lens than OpenCV's."""
+    """Number of OpenCV's coefficients; None if OpenCV's lens was not considered."""
+    ray_lens: RayLens | None = None
+    """A lens that is not OpenCV's; None for OpenCV's."""
     held_out: dict[str, float] = field(default_factory=dict)
-    """px, the errors that it was chosen by."""
+    """Errors on held-out views, px, that the choice compared."""
 
 
-def choose_lens(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> Choice:
-    """The lens model, OpenCV's number of coefficients or a spline's of columns: as stated or by
-    held-out views.
+def choose_lens(
+    views: Sequence[View], board: Board, camera: Camera, progress: Progress
+) -> LensChoice:
+    """Return the lens model with the number of OpenCV's coefficients or of a spline's columns: the
+    stated ones, or the best on held-out views.
     """
     model, count = camera.lens or OPENCV, camera.lens_coefficients
     if model == FISHEYE:
-        return Choice(by_rays=PLAIN)
+        return LensChoice(ray_lens=PLAIN)
     size = camera.width, camera.height
     if model == SPLINED:
-        scores = _by_rays(SPLINES, views, board, size, progress)
+        scores = _score_ray_lenses(SPLINES, views, board, size, progress)
         if not scores:
             raise NotEnoughDataError(NO_FIT)
-        return Choice(None, simplest_model(scores, WORTH), _named(scores))
+        return LensChoice(None, simplest_model(scores, MIN_LENS_IMPROVEMENT), _by_name(scores))
     held_out: dict[str, float] = {}
     if count is None:
         count, by_count = _choose_count(views, board, size, progress)
-        held_out = {str(tried): error for tried, error in by_count.items()}
+        held_out = {str(number): error for number, error in by_count.items()}
     if model == OPENCV:
-        return Choice(count, None, held_out)
+        return LensChoice(count, None, held_out)
     if str(count) not in held_out:
-        held_out[str(count)] = summed(
-            held_out_errors(views, board, lambda rest, _: fit_opencv(rest, board, size, count))
+        held_out[str(count)] = clipped_mean(
+            held_out_errors(
+                views, board, lambda training, _: fit_opencv(training, board, size, count)
+            )
         )
-    scores = _by_rays((PLAIN, *SPLINES), views, board, size, progress)
-    least = held_out[str(count)]
-    held_out |= _named(scores)
-    better = {lens: error for lens, error in scores.items() if error < (1 - WORTH) * least}
-    return Choice(count, simplest_model(better, WORTH) if better else None, held_out)
+    scores = _score_ray_lenses((PLAIN, *SPLINES), views, board, size, progress)
+    opencv_error = held_out[str(count)]
+    held_out |= _by_name(scores)
+    better = {
+        lens: error
+        for lens, error in scores.items()
+        if error < (1 - MIN_LENS_IMPROVEMENT) * opencv_error
+    }
+    return LensChoice(
+        count, simplest_model(better, MIN_LENS_IMPROVEMENT) if better else None, held_out
+    )
 
 
 def fit_choice(
-    choice: Choice, views: Sequence[View], board: Board, size: tuple[int, int]
+    choice: LensChoice, views: Sequence[View], board: Board, size: tuple[int, int]
 ) -> "OpenCVFit | LensFit":
-    if not choice.by_rays:
+    """Fit the chosen lens to views."""
+    if not choice.ray_lens:
         return best_of_starts(views, board, size, choice.count or 0)
     from calib.intrinsics.ray_lens_fit import fit_lens
 
-    return fit_lens(choice.by_rays, views, board, size)
+    return fit_lens(choice.ray_lens, views, board, size)
 
 
-def _by_rays(
+def _score_ray_lenses(
     lenses: Sequence[RayLens],
     views: Sequence[View],
     board: Board,
     size: tuple[int, int],
     progress: Progress,
 ) -> dict[RayLens, float]:
-    """The error on held-out views of each lens, from the simplest on, up to the first spline that
-    is worse than what is coarser; none of a lens that sees no such views.
+    """Return the error of each lens on held-out views, from the simplest lens to the first spline
+    that is worse than a simpler lens. A lens that cannot see such views has no score.
     """
     from calib.intrinsics.ray_lens_fit import fit_lens
 
@@ -96,49 +107,53 @@ def _by_rays(
     plain: dict[int, LensFit] = {}
     scores: dict[RayLens, float] = {}
 
-    def further(lens: RayLens, rest: Sequence[View], fold: int) -> "LensFit":
+    def fit_ray_lens(lens: RayLens, training: Sequence[View], fold: int) -> "LensFit":
         if fold not in plain:
-            plain[fold] = fit_lens(PLAIN, rest, board, size)
-        return plain[fold] if lens == PLAIN else fit_lens(lens, rest, board, size, plain[fold])
+            plain[fold] = fit_lens(PLAIN, training, board, size)
+        if lens == PLAIN:
+            return plain[fold]
+        return fit_lens(lens, training, board, size, plain[fold])
 
     for done, lens in enumerate(lenses, 1):
         with suppress(NotEnoughDataError):
-            scores[lens] = summed(held_out_errors(views, board, partial(further, lens)))
+            scores[lens] = clipped_mean(held_out_errors(views, board, partial(fit_ray_lens, lens)))
         advance(done, str(lens))
         if lens.columns and scores.get(lens, np.inf) > min(scores.values(), default=np.inf):
-            break  # finer still is worse still
+            break  # a finer spline is even worse
     return scores
 
 
-def _named(scores: dict[RayLens, float]) -> dict[str, float]:
+def _by_name(scores: dict[RayLens, float]) -> dict[str, float]:
     return {str(lens): error for lens, error in scores.items()}
 
 
 def _choose_count(
     views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress
 ) -> tuple[int, dict[int, float]]:
-    """The fewest coefficients within 2 % of the least error on views that the fit has not seen.
+    """Return the smallest number of coefficients whose error on held-out views is within
+    MIN_LENS_IMPROVEMENT of the least, and the error of each tried number.
 
-    The tilted sensor's fourteen take minutes, so they are tried only where the thin prism's twelve
-    were worth having, and where boards
-    tilt: a sensor's tilt is told from theirs by nothing else.
+    The tilted sensor's fourteen take minutes. They are tried only if the thin prism's twelve
+    improve the error, and if boards tilt: only then does a sensor's tilt differ from theirs.
     """
-    folds = folds_of(views)
+    folds = fold_count(views)
     advance = progress.task("Lens coefficients", folds * len(COEFFICIENTS))
     previous: list[OpenCVFit | None] = [None] * folds
     scores: dict[int, float] = {}
     for i, count in enumerate(COEFFICIENTS):
         if count == 14 and (
-            scores[12] > (1 - WORTH) * scores[8]
-            or any(one and spread_deg(one.poses) < FLAT_DEG for one in previous)
+            scores[12] > (1 - MIN_LENS_IMPROVEMENT) * scores[8]
+            or any(fit and spread_deg(fit.poses) < FLAT_DEG for fit in previous)
         ):
             break
 
-        def further(rest: Sequence[View], fold: int, i: int = i, count: int = count) -> OpenCVFit:
-            solved = previous[fold] = step(rest, board, size, count, previous[fold])
+        def fit_next(
+            training: Sequence[View], fold: int, i: int = i, count: int = count
+        ) -> OpenCVFit:
+            solved = previous[fold] = refine_opencv(training, board, size, count, previous[fold])
             advance(i * folds + fold + 1, f"{count} coefficients")
             return solved
 
-        scores[count] = summed(held_out_errors(views, board, further))
+        scores[count] = clipped_mean(held_out_errors(views, board, fit_next))
     advance(folds * len(COEFFICIENTS), "")
-    return simplest_model(scores, WORTH), scores
+    return simplest_model(scores, MIN_LENS_IMPROVEMENT), scores

@@ -34,50 +34,52 @@ FLAGS = {
 
 @dataclass(frozen=True, slots=True)
 class OpenCVFit:
-    """A lens that was fitted."""
+    """A camera with OpenCV's lens, fitted to views."""
 
     camera: NDArray[np.float64]
-    """(3, 3) px"""
+    """(3, 3) camera matrix, px."""
     coefficients: NDArray[np.float64]
-    """(count,)"""
+    """(count,) lens coefficients, in OpenCV's order."""
     per_view: NDArray[np.float64]
-    """(V,) px"""
+    """(V,) root mean square error of each view, px."""
     poses: NDArray[np.float64]
-    """(V, 6) rotation vector and translation of the board."""
+    """(V, 6) T_camera_board: rotation vector (rad) and translation (m)."""
     rms: float
-    """px"""
+    """Root mean square error, px."""
 
     @property
     def focal(self) -> float:
-        """px, along x."""
+        """Return the focal length along x, px."""
         return float(self.camera[0, 0])
 
     @property
     def parameters(self) -> NDArray[np.float64]:
-        """(4 + count,) fx, fy, cx, cy and the coefficients."""
+        """Return the (4 + count,) parameters: fx, fy, cx, cy and the coefficients."""
         return np.array([*self.camera[[0, 1, 0, 1], [0, 1, 2, 2]], *self.coefficients])
 
     def intrinsics(self, covariance: NDArray[np.float64]) -> Intrinsics:
-        """With each number's standard deviation, and how they are correlated, from the covariance
-        of `parameters`.
+        """Return the intrinsics with standard deviations and correlations from the covariance of
+        `parameters`.
         """
         sigmas = np.sqrt(covariance.diagonal())
         correlation = covariance / np.outer(sigmas, sigmas)
-        fx, fy, cx, cy, *lens = (
-            Number(float(v), float(s)) for v, s in zip(self.parameters, sigmas, strict=True)
-        )
+        numbers = [
+            Number(float(value), float(sigma))
+            for value, sigma in zip(self.parameters, sigmas, strict=True)
+        ]
+        fx, fy, cx, cy = numbers[:4]
         return Intrinsics(
             fx,
             fy,
             cx,
             cy,
-            tuple(lens),
+            tuple(numbers[4:]),
             tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i),
         )
 
     def errors(self, views: Sequence[View], board: Board) -> NDArray[np.float64]:
-        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN
-        for one that has none.
+        """Return the (V,) root mean square errors, px, of views that it was not fitted to, with
+        their poses refitted; NaN for a view without a pose.
         """
         return np.array([self._error(view, board) for view in views])
 
@@ -85,15 +87,17 @@ class OpenCVFit:
         points = np.column_stack([board.points(), np.zeros(board.count)])[view.seen]
         pixels = view.corners[view.seen]
         try:
-            found, rotvec, translation = cv2.solvePnP(
+            has_pose, rotvec, translation = cv2.solvePnP(
                 points, pixels, self.camera, self.coefficients
             )
-        except cv2.error:  # corners from which no pose follows
-            found = False
-        if not found:
+        except cv2.error:  # the corners determine no pose
+            has_pose = False
+        if not has_pose:
             return float("nan")
-        seen, _ = cv2.projectPoints(points, rotvec, translation, self.camera, self.coefficients)
-        return float(np.sqrt(((seen.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
+        projected, _ = cv2.projectPoints(
+            points, rotvec, translation, self.camera, self.coefficients
+        )
+        return float(np.sqrt(((projected.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
 
 
 def fit_opencv(
@@ -103,17 +107,17 @@ def fit_opencv(
     count: int,
     focal: float | None = None,
 ) -> OpenCVFit:
-    """Zhang's method, from few coefficients to many: started with many at once, it stops in poor
-    places.
+    """Fit by Zhang's method, from few coefficients to many: started with all at once, it ends in
+    poor local minima.
     """
     solved = None
-    for fewer in COEFFICIENTS:
-        if fewer < count:
-            solved = step(views, board, size, fewer, solved, focal)
-    return step(views, board, size, count, solved, focal)
+    for smaller_count in COEFFICIENTS:
+        if smaller_count < count:
+            solved = refine_opencv(views, board, size, smaller_count, solved, focal)
+    return refine_opencv(views, board, size, count, solved, focal)
 
 
-def step(
+def refine_opencv(
     views: Sequence[View],
     board: Board,
     size: tuple[int, int],
@@ -121,7 +125,7 @@ def step(
     start: OpenCVFit | None,
     focal: float | None = None,
 ) -> OpenCVFit:
-    """The fit from a start, its focal length held if one is given (px)."""
+    """Return the fit from a start, with the focal length (px) held if one is given."""
     points = np.column_stack([board.points(), np.zeros(board.count)]).astype(np.float32)
     objects = [points[view.seen] for view in views]
     pixels = [view.corners[view.seen].astype(np.float32) for view in views]
@@ -134,28 +138,29 @@ def step(
         if start
         else np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
     )
-    camera[:2, 2] = np.clip(camera[:2, 2], 1, np.array(size) - 2)  # OpenCV starts from nowhere else
+    camera[:2, 2] = np.clip(camera[:2, 2], 1, np.array(size) - 2)  # OpenCV refuses other starts
     guess = cv2.CALIB_USE_INTRINSIC_GUESS if start or focal else 0
     if focal:
         camera[:2, :2] *= focal / camera[0, 0]
         guess |= cv2.CALIB_FIX_FOCAL_LENGTH
     try:
         with _on_one_thread():
-            rms, found, bent, rotvecs, translations, _, _, per_view = cv2.calibrateCameraExtended(
-                objects,
-                pixels,
-                size,
-                camera,
-                coefficients,
-                flags=FLAGS[count] | guess,
-                criteria=CRITERIA,
+            rms, matrix, distortion, rotvecs, translations, _, _, per_view = (
+                cv2.calibrateCameraExtended(
+                    objects,
+                    pixels,
+                    size,
+                    camera,
+                    coefficients,
+                    flags=FLAGS[count] | guess,
+                    criteria=CRITERIA,
+                )
             )
     except cv2.error as error:
         raise NotEnoughDataError(NO_FIT) from error
-    lens = np.ravel(bent)[:count].astype(np.float64)
     return OpenCVFit(
-        found.astype(np.float64),
-        lens,
+        matrix.astype(np.float64),
+        np.ravel(distortion)[:count].astype(np.float64),
         np.ravel(per_view).astype(np.float64),
         np.concatenate([np.squeeze(rotvecs, -1), np.squeeze(translations, -1)], 1),
         float(rms),
@@ -164,12 +169,13 @@ def step(
 
 @contextmanager
 def _on_one_thread() -> Iterator[None]:
-    """Within, OpenCV adds up in one order: cv2.calibrateCamera's threads add up as they come, and
-    where views say little, its steps go elsewhere by what is rounded.
+    """Run OpenCV on one thread, so that it always adds up in the same order. The threads of
+    cv2.calibrateCamera add up in the order in which they finish, and if the views determine little,
+    the rounding changes its steps.
     """
-    before = cv2.getNumThreads()
+    previous = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
         yield
     finally:
-        cv2.setNumThreads(before)
+        cv2.setNumThreads(previous)

@@ -1,4 +1,4 @@
-"""The lenses other than OpenCV's that intrinsics may have. Nothing slow is imported here."""
+"""The lens models besides OpenCV's that intrinsics may have. Nothing slow is imported here."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,11 @@ from calib.session.lens import FISHEYE, SPLINED
 
 @dataclass(frozen=True, slots=True)
 class RayLens:
-    """A lens that is fitted by its rays."""
+    """A lens model that is fitted through its rays."""
 
     model: str
     columns: int = 0
-    """Of a spline's control points."""
+    """Columns of control points of a spline; 0 for no spline."""
 
     def __str__(self) -> str:
         return f"{self.model} {self.columns}" if self.columns else self.model
@@ -19,4 +19,4 @@ class RayLens:
 
 PLAIN = RayLens(FISHEYE)
 SPLINES = tuple(RayLens(SPLINED, columns) for columns in (6, 8, 11))
-"""Control points a third, a fifth and an eighth of the picture's width apart."""
+"""Splines whose control points are a third, a fifth and an eighth of the picture's width apart."""

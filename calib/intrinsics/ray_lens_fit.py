@@ -1,5 +1,5 @@
-"""The intrinsics of a lens that cv2.calibrateCamera does not know, by the joint fit of its rays to
-views of a board.
+"""Fit the intrinsics of a lens that cv2.calibrateCamera lacks, by a joint fit of its rays to views
+of a board.
 """
 
 from __future__ import annotations
@@ -33,16 +33,18 @@ from calib.session.schema import Number
 from calib.threads import single_thread
 
 FOCALS = tuple(2.0 ** (step / 2) for step in range(-5, 4))
-"""Of the picture's longer side: where the search begins, from 0.18 (a picture 320 degrees wide) to
-2.8 (20 degrees).
+"""Focal lengths over the picture's longer side from which the search starts, from 0.18 (a picture
+320 degrees wide) to 2.8 (20 degrees).
 """
-MOST_TRIED = 8
-"""Views that choose among them."""
+MAX_START_VIEWS = 8
+"""The most views that choose the start."""
 FACTORS = tuple(10.0 ** (step / 2) for step in range(-4, 3))
-"""Sizes of a spline that are tried, times `calib.optics.splined_fisheye.PRIOR_SCALE`."""
+"""Candidate sizes of a spline's prior, in multiples of
+`calib.optics.splined_fisheye.PRIOR_SCALE`.
+"""
 LOOSE_FOCAL, LOOSE_CENTRE, LOOSE_COEFFICIENT = 1.0, 0.5, 1.0
-"""Standard deviations of priors that hold nothing back: of the focal length, of the picture's
-longer side, and as they are.
+"""Standard deviations of priors that constrain nothing: of a focal length, relative to it; of the
+principal point, relative to the picture's longer side; of a coefficient.
 """
 
 Array = NDArray[np.float64]
@@ -50,54 +52,55 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class LensFit:
-    """A lens that was fitted."""
+    """A lens that is fitted to views through its rays."""
 
     path: Path
     values: Values
     joint: JointFit
     per_view: Array
-    """(V,) px, the root mean square of each view that it was fitted to, over the corners that it
-    sees.
-    """
+    """(V,) root mean square error of each fitted view, px, over the corners that the lens sees."""
     rms: float
-    """px, of them together."""
+    """Root mean square error of all fitted views, px."""
 
     @property
     def poses(self) -> Array:
-        """(V, 6)"""
+        """Return the (V, 6) T_camera_board: rotation vector (rad) and translation (m)."""
         return np.asarray(self.joint.poses.numpy(), np.float64)
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """With each number's standard deviation, and how they are correlated."""
-        found = self.joint.estimates()
-        fx, fy, cx, cy, *lens = found.values()
-        covariance = self.joint.covariance.numpy()[: len(found), : len(found)]
+        """Return the intrinsics with standard deviations and correlations."""
+        estimates = tuple(self.joint.estimates().values())
+        fx, fy, cx, cy = estimates[:4]
+        covariance = self.joint.covariance.numpy()[: len(estimates), : len(estimates)]
         sigmas = np.sqrt(covariance.diagonal())
         correlation = covariance / np.outer(sigmas, sigmas)
         rows = tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i)
         return Intrinsics(
-            fx, fy, cx, cy, tuple(lens), rows, SPLINED if self.spline else FISHEYE, self.spline
+            fx, fy, cx, cy, estimates[4:], rows, SPLINED if self.spline else FISHEYE, self.spline
         )
 
     @property
     def spline(self) -> Spline | None:
+        """Return the spline of the lens, or None for a plain fisheye."""
         if GRID not in self.values:
             return None
         grid = Grid.of(self.values)
-        x, y = (tuple(self.values[name].tolist()) for name in SHIFTS)
+        shift_x, shift_y = SHIFTS
+        x = tuple(self.values[shift_x].tolist())
+        y = tuple(self.values[shift_y].tolist())
         return Spline(grid.size, *grid.shape, x, y)
 
     def errors(self, views: Sequence[View], board: Board) -> Array:
-        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN
-        for one that it does not see.
+        """Return the (V,) root mean square errors, px, of views that it was not fitted to, with
+        their poses refitted; NaN for a view that the lens does not see.
         """
         observations = Observations.of(views, board)
         image = residuals(
             self.path, self.values, observations, pinhole_poses(observations, self.values)
         ).image
         return np.array(
-            [float((own**2).sum(-1).mean().sqrt()) for own in observations.per_view(image)]
+            [float((error**2).sum(-1).mean().sqrt()) for error in observations.per_view(image)]
         )
 
 
@@ -108,30 +111,30 @@ def fit_lens(
     size: tuple[int, int],
     start: LensFit | None = None,
 ) -> LensFit:
-    """Focal lengths, principal point and coefficients of a lens, and the control points of a
-    spline.
+    """Fit the focal lengths, principal point and coefficients of a lens, and the control points of
+    a spline.
 
     Args:
-        views: with corners enough for a pose.
-        size: px, of the picture.
-        start: of a simpler lens to the same views.
+        views: views with enough corners for a pose.
+        size: width and height of the picture, px.
+        start: the fit of a simpler lens to the same views.
 
     Raises:
         NotEnoughDataError: no such lens sees these views.
     """
     with single_thread():
         path, values = (
-            (Path(start.path.lens), start.values) if start else _begun(views, board, size)
+            (Path(start.path.lens), start.values) if start else _initial_lens(views, board, size)
         )
-        priors = _loose(values, size)
+        priors = _loose_priors(values, size)
         observations = Observations.of(views, board)
-        plain = start or _fitted(path, values, observations, priors)
+        plain = start or _fit(path, values, observations, priors)
         return (
             _with_spline(plain, lens.columns, size, observations, priors) if lens.columns else plain
         )
 
 
-def _fitted(
+def _fit(
     path: Path,
     values: Values,
     observations: Observations,
@@ -155,83 +158,85 @@ def _fitted(
         raise NotEnoughDataError(NO_FIT)
     image = residuals(path, joint.values, observations, joint.poses).image
     squared = (image**2).sum(-1)
-    per_view = np.array([float(own.nanmean().sqrt()) for own in observations.per_view(squared)])
+    per_view = np.array(
+        [float(view_squares.nanmean().sqrt()) for view_squares in observations.per_view(squared)]
+    )
     return LensFit(path, joint.values, joint, per_view, float(squared.nanmean().sqrt()))
 
 
 def _with_spline(
     plain: LensFit, columns: int, size: tuple[int, int], observations: Observations, priors: Priors
 ) -> LensFit:
-    """A fisheye's fit with a spline, whose cells are about square, and whose prior is of the size
-    with the largest evidence.
+    """Extend the fit of a fisheye with a spline. Its cells are about square, and the size of its
+    prior has the largest evidence.
     """
     rows = max(MIN_CONTROL_POINTS, round((columns - 3) * size[1] / size[0]) + 3)
     grid = Grid(size, (columns, rows))
     flat = torch.zeros(columns * rows, dtype=torch.float64)
-    path, values = (
-        Path(SplinedFisheye(grid)),
-        {
-            **plain.values,
-            **dict.fromkeys(SHIFTS, flat),
-            GRID: grid.encoded,
-        },
-    )
+    path = Path(SplinedFisheye(grid))
+    values = {**plain.values, **dict.fromkeys(SHIFTS, flat), GRID: grid.encoded}
 
-    def of_size(factor: float) -> Priors:
+    def priors_of_size(factor: float) -> Priors:
         roots = dict.fromkeys(SHIFTS, factor * grid.prior_root())
         return Priors({**priors.sigmas, **dict.fromkeys(SHIFTS, 1.0)}, roots=roots)
 
-    first = _fitted(path, values, observations, of_size(1.0), plain.joint).joint
-    return _fitted(path, values, observations, of_size(_most_probable(first)), first)
+    first = _fit(path, values, observations, priors_of_size(1.0), plain.joint).joint
+    return _fit(path, values, observations, priors_of_size(_most_probable_size(first)), first)
 
 
-def _most_probable(fit: JointFit) -> float:
-    """Times the size of a fit's prior of the control points: the size with the largest evidence, to
-    first order, all else being known as well as the fit's prior has it.
+def _most_probable_size(fit: JointFit) -> float:
+    """Return the factor on the size of a fit's prior of the control points with the largest
+    evidence, to first order, with the priors of all other parameters unchanged.
     """
-    precision, root = np.linalg.inv(fit.covariance.numpy()), fit.parameters.free_root()
+    precision = np.linalg.inv(fit.covariance.numpy())
+    root = fit.parameters.free_root()
     prior = np.linalg.inv(root @ root.T)
     score = precision @ fit.parameters.vector(fit.values).numpy()
-    own = fit.parameters.entries(SHIFTS)
+    control_points = fit.parameters.entries(SHIFTS)
 
     def evidence(factor: float) -> float:
         wider = root.copy()
-        wider[own] *= factor
-        weighed = np.eye(len(root)) + wider.T @ (precision - prior) @ wider
+        wider[control_points] *= factor
+        weighted = np.eye(len(root)) + wider.T @ (precision - prior) @ wider
         scaled = wider.T @ score
-        return float(scaled @ np.linalg.solve(weighed, scaled) - np.linalg.slogdet(weighed)[1]) / 2
+        return (
+            float(scaled @ np.linalg.solve(weighted, scaled) - np.linalg.slogdet(weighted)[1]) / 2
+        )
 
     return float(max(FACTORS, key=evidence))
 
 
-def _begun(views: Sequence[View], board: Board, size: tuple[int, int]) -> tuple[Path, Values]:
-    """The equidistant lens whose focal length suits some of the views best."""
-    some = views[:: -(-len(views) // MOST_TRIED)]
-    observations = Observations.of(some, board)
-    tried = []
+def _initial_lens(
+    views: Sequence[View], board: Board, size: tuple[int, int]
+) -> tuple[Path, Values]:
+    """Return the equidistant lens whose focal length fits a sample of the views best."""
+    sample = views[:: -(-len(views) // MAX_START_VIEWS)]
+    observations = Observations.of(sample, board)
+    candidates = []
     for factor in FOCALS:
         path, values = _equidistant(factor * max(size), size)
         poses = rough_poses(path, values, observations)
-        seen = torch.isfinite(poses).all(-1)
-        if not bool(seen.all()):
+        if not bool(torch.isfinite(poses).all()):
             continue
         image = residuals(path, values, observations, poses).image
         error = float((image**2).sum(-1).nanmedian())
-        tried.append((error, path, values))
-    if not tried:
+        candidates.append((error, path, values))
+    if not candidates:
         raise NotEnoughDataError(NO_FIT)
-    _, path, values = min(tried, key=lambda one: one[0])
+    _, path, values = min(candidates, key=lambda candidate: candidate[0])
     return path, values
 
 
 def _equidistant(focal: float, size: tuple[int, int]) -> tuple[Path, dict[str, Tensor]]:
-    cx, cy = (Number((length - 1) / 2) for length in size)
+    cx = Number((size[0] - 1) / 2)
+    cy = Number((size[1] - 1) / 2)
     return pinhole_path(
         Intrinsics(Number(focal), Number(focal), cx, cy, (Number(0.0),) * 4, model=FISHEYE)
     )
 
 
-def _loose(values: Values, size: tuple[int, int]) -> Priors:
-    focal, centre = LOOSE_FOCAL * float(values["camera.fx"]), LOOSE_CENTRE * max(size)
+def _loose_priors(values: Values, size: tuple[int, int]) -> Priors:
+    focal = LOOSE_FOCAL * float(values["camera.fx"])
+    centre = LOOSE_CENTRE * max(size)
     pinhole = {"camera.fx": focal, "camera.fy": focal, "camera.cx": centre, "camera.cy": centre}
     return Priors(pinhole | {f"camera.{name}": LOOSE_COEFFICIENT for name in NAMES[FISHEYE]})

@@ -1,5 +1,5 @@
-"""Pictures of which something is hidden: a second look, led by the model, finds what is left to
-find, and moves nothing else.
+"""Pictures with a partly hidden board: the redetection that the model guides finds the remaining
+corners and moves no others.
 """
 
 import shutil
@@ -33,8 +33,8 @@ def truth() -> dict[str, NDArray[np.float64]]:
 
 
 def session(folder: Path, truth: dict[str, NDArray[np.float64]], hidden: dict[str, str]) -> Path:
-    """Eight of the fixture's pictures, with a grey disc over one end of the board or its middle in
-    some.
+    """Write eight of the fixture's pictures, some with a grey disc over one end or the middle of
+    the board.
     """
     (folder / "frames").mkdir(parents=True)
     shutil.copy(FIXTURE / "session.yaml", folder)
@@ -65,12 +65,12 @@ def place(tmp_path_factory: pytest.TempPathFactory, truth: dict[str, NDArray[np.
 
 
 @pytest.fixture(scope="module")
-def partly(place: Path) -> Calibration:
+def hidden_fit(place: Path) -> Calibration:
     return fit(read_session(place), SETTINGS, Silent())
 
 
 @pytest.fixture(scope="module")
-def whole(
+def full_fit(
     tmp_path_factory: pytest.TempPathFactory, truth: dict[str, NDArray[np.float64]]
 ) -> Calibration:
     return fit(
@@ -79,14 +79,14 @@ def whole(
 
 
 def test_hidden_boards_are_used_with_all_corners_that_can_be_seen(
-    partly: Calibration, truth: dict[str, NDArray[np.float64]]
+    hidden_fit: Calibration, truth: dict[str, NDArray[np.float64]]
 ) -> None:
-    looks = {look["file"]: look for look in partly.settings[REDETECTION]}
+    looks = {look["file"]: look for look in hidden_fit.settings[REDETECTION]}
     assert looks.keys() == HIDDEN.keys()
     assert (
         sum(look["found"] for look in looks.values()) >= 3
     )  # 6: the others were found as the picture alone goes on
-    for view in partly.views:
+    for view in hidden_fit.views:
         off = (view.corners - truth[view.name[:4]])[view.seen]
         assert np.sqrt((off**2).sum(1).mean()) < 0.03, (
             view.name
@@ -99,39 +99,46 @@ def test_hidden_boards_are_used_with_all_corners_that_can_be_seen(
         assert np.isnan(np.asarray(view.covariance)[~view.seen]).all()
 
 
-def test_views_that_lost_nothing_are_unchanged(partly: Calibration, whole: Calibration) -> None:
-    before = {view.name: view for view in whole.views}
-    assert not whole.settings[REDETECTION]
-    for view in partly.views:
+def test_views_that_lost_nothing_are_unchanged(
+    hidden_fit: Calibration, full_fit: Calibration
+) -> None:
+    expected = {view.name: view for view in full_fit.views}
+    assert not full_fit.settings[REDETECTION]
+    for view in hidden_fit.views:
         if view.name not in HIDDEN:
-            np.testing.assert_array_equal(view.corners, before[view.name].corners)
+            np.testing.assert_array_equal(view.corners, expected[view.name].corners)
 
 
-def test_the_camera_is_as_if_nothing_were_hidden(partly: Calibration, whole: Calibration) -> None:
+def test_the_camera_agrees_with_the_fit_to_full_boards(
+    hidden_fit: Calibration, full_fit: Calibration
+) -> None:
     """Half the corners' own noise, 0.008 px per axis and 8 views, is left in a map."""
     pixels = np.stack(
         np.meshgrid(np.linspace(300, 1340, 9), np.linspace(250, 1000, 7)), -1
     ).reshape(-1, 2)
-    (ours, along), (theirs, straight) = partly.rays(pixels), whole.rays(pixels)
-    apart = np.linalg.norm((ours + 0.5 * along) - (theirs + 0.5 * straight), axis=1)
-    assert np.nanmedian(apart) < 1e-4  # m at 0.5 m: a quarter of a pixel
+    hidden_origins, hidden_directions = hidden_fit.rays(pixels)
+    origins, directions = full_fit.rays(pixels)
+    distance = np.linalg.norm(
+        (hidden_origins + 0.5 * hidden_directions) - (origins + 0.5 * directions), axis=1
+    )
+    assert np.nanmedian(distance) < 1e-4  # m at 0.5 m: a quarter of a pixel
 
 
-def test_the_same_pictures_give_the_same_corners(place: Path, partly: Calibration) -> None:
-    """Now from what is kept of the detection, where it was made anew before."""
-    again = fit(read_session(place), SETTINGS, Silent())
-    for one, other in zip(partly.views, again.views, strict=True):
-        np.testing.assert_array_equal(one.corners, other.corners)
-        np.testing.assert_array_equal(one.weight, other.weight)
-    np.testing.assert_array_equal(partly.amplitudes, again.amplitudes)
+def test_the_same_pictures_give_the_same_corners(place: Path, hidden_fit: Calibration) -> None:
+    """The second fit reads the cached detection; the first fit made it."""
+    second_fit = fit(read_session(place), SETTINGS, Silent())
+    for first, second in zip(hidden_fit.views, second_fit.views, strict=True):
+        np.testing.assert_array_equal(first.corners, second.corners)
+        np.testing.assert_array_equal(first.weight, second.weight)
+    np.testing.assert_array_equal(hidden_fit.amplitudes, second_fit.amplitudes)
 
 
-def test_it_is_said(
-    partly: Calibration, whole: Calibration, capsys: pytest.CaptureFixture[str]
+def test_the_redetection_is_reported(
+    hidden_fit: Calibration, full_fit: Calibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = summary(partly, 1.0)
-    assert said[REDETECTION] == partly.settings[REDETECTION]
-    print_fit(partly, 1.0)
+    document = summary(hidden_fit, 1.0)
+    assert document[REDETECTION] == hidden_fit.settings[REDETECTION]
+    print_fit(hidden_fit, 1.0)
     lines = [
         line
         for line in capsys.readouterr().out.splitlines()
@@ -140,17 +147,19 @@ def test_it_is_said(
     assert len(lines) == 1
     assert "found where the model puts them" in lines[0]
     assert "are covered, or do not look like corners" in lines[0]
-    print_fit(whole, 1.0)
+    print_fit(full_fit, 1.0)
     assert "Second look" not in capsys.readouterr().out
 
 
 def test_the_line_counts_views() -> None:
-    looks = [Redetection("a", 3, 1, 0), Redetection("b", 0, 2, 0), Redetection("c", 4, 0, 1)]
+    redetections = [Redetection("a", 3, 1, 0), Redetection("b", 0, 2, 0), Redetection("c", 4, 0, 1)]
     assert (
-        describe_redetection(looks)
+        describe_redetection(redetections)
         == "Second look for corners: 7 in 2 views found where the model puts them; 3 in 2 views are"
         " covered, or do not look like corners where the model puts them; 1 in 1 view dropped,"
         " as they do not look like corners after all."
     )
     assert describe_redetection([]) == ""
-    assert looks[0].record() == {"file": "a", "found": 3, "refused": 1, "dropped": 0}
+    record = redetections[0].record()
+    assert record == {"file": "a", "found": 3, "refused": 1, "dropped": 0}
+    assert Redetection.from_record(record) == redetections[0]

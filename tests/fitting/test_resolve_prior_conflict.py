@@ -1,5 +1,5 @@
-"""What a fit believes of what it is told: tolerances, exact numbers where the model lacks
-something, and neither of a wrong number.
+"""A fit trusts tolerances, holds numbers exactly where the model lacks an effect, and widens the
+prior of a wrong number.
 """
 
 from dataclasses import replace
@@ -18,14 +18,16 @@ from fixtures.calibrated import CAMERA
 from fixtures.synthetic import INTRINSICS, Scene, scene
 
 
-def believed(made: Scene, cover: Cover, free: str = AUTO) -> tuple[ResolvedFit, Setup]:
-    """And what was told."""
+def resolve(made: Scene, cover: Cover, free: str = AUTO) -> tuple[ResolvedFit, Setup]:
+    """Return the resolved fit and the nominal setup."""
     settings = Settings(grid=(8, 8), free=(free,))
-    told = Setup(made.board, CAMERA, INTRINSICS, cover)
-    setup = told.with_tolerances(settings)
+    nominal = Setup(made.board, CAMERA, INTRINSICS, cover)
+    setup = nominal.with_tolerances(settings)
     with single_thread():
         first = fit_stages(setup, made.observations, settings, Silent())
-        return resolve_prior_conflict(first, setup, told, made.views, settings, Silent()), told
+        return resolve_prior_conflict(
+            first, setup, nominal, made.views, settings, Silent()
+        ), nominal
 
 
 @pytest.fixture(scope="module")
@@ -33,21 +35,21 @@ def good() -> Scene:
     return scene(3, views=20, noise=0.02)
 
 
-def test_tolerances_that_the_estimates_keep_to_are_believed(good: Scene) -> None:
-    found, told = believed(good, good.cover)
-    assert found.setup == found.declared == told.with_tolerances(Settings())
-    assert found.doubted == ()
+def test_tolerances_that_the_estimates_keep_to_are_used(good: Scene) -> None:
+    resolved, nominal = resolve(good, good.cover)
+    assert resolved.setup == resolved.declared == nominal.with_tolerances(Settings())
+    assert resolved.doubted == ()
 
 
 def test_a_wrong_number_is_estimated_though_it_is_contradicted(good: Scene) -> None:
-    found, told = believed(
+    resolved, nominal = resolve(
         good, replace(good.cover, parameters={**good.cover.parameters, "thickness": Number(0.006)})
     )
-    assert found.doubted == ("cover.thickness",)
-    assert found.declared == told.with_tolerances(Settings())
+    assert resolved.doubted == ("cover.thickness",)
+    assert resolved.declared == nominal.with_tolerances(Settings())
     assert (
-        found.setup.cover.parameters["thickness"].sigma
-        > found.declared.cover.parameters["thickness"].sigma
+        resolved.setup.cover.parameters["thickness"].sigma
+        > resolved.declared.cover.parameters["thickness"].sigma
     )
 
 
@@ -57,8 +59,10 @@ def test_glass_that_the_prior_does_not_expect_leaves_numbers_as_they_are_declare
     relief's prior holds to be unlikely.
     """
     uneven = scene(1, views=16, grid=(10, 10), amplitude=1e-5, noise=0.1)
-    found, told = believed(uneven, uneven.cover)
-    assert found.setup == told
-    asked, _ = believed(uneven, uneven.cover, ALL)
-    assert asked.fitted.joint
-    assert largest_prior_conflict(asked.fitted.joint) or asked.doubted, "what exact numbers spare"
+    resolved, nominal = resolve(uneven, uneven.cover)
+    assert resolved.setup == nominal
+    tolerant, _ = resolve(uneven, uneven.cover, ALL)
+    assert tolerant.fitted.joint
+    assert largest_prior_conflict(tolerant.fitted.joint) or tolerant.doubted, (
+        "exact numbers avoid this conflict"
+    )

@@ -1,5 +1,5 @@
-"""Views whose corners scatter more than the others': told from those that are off as a whole, and
-given less weight.
+"""Views whose corners scatter more than those of other views weigh less; views with a large but
+smooth residual do not.
 """
 
 import json
@@ -27,14 +27,14 @@ from tests.test_calibration import write_session
 NOISE = 0.1  # px
 
 
-def worse(made: Scene, times: float, which: Sequence[int]) -> Scene:
-    """The same, some of its views with so many times the noise."""
+def with_noisier_views(made: Scene, times: float, numbers: Sequence[int]) -> Scene:
+    """Return the scene with `times` the noise in the views of these numbers."""
     rng = np.random.default_rng(4)
-    more = NOISE * np.sqrt(times**2 - 1)
+    extra = NOISE * np.sqrt(times**2 - 1)
     views = (
         (
-            replace(view, corners=view.corners + rng.normal(0, more, view.corners.shape))
-            if index in which
+            replace(view, corners=view.corners + rng.normal(0, extra, view.corners.shape))
+            if index in numbers
             else view
         )
         for index, view in enumerate(made.views)
@@ -42,8 +42,8 @@ def worse(made: Scene, times: float, which: Sequence[int]) -> Scene:
     return replace(made, views=tuple(views))
 
 
-def left(made: Scene, errors: np.ndarray) -> tuple[tuple[View, ...], dict[str, float]]:
-    """Of a fit that leaves these (V, corners, 2) px."""
+def weigh_residuals(made: Scene, errors: np.ndarray) -> tuple[tuple[View, ...], dict[str, float]]:
+    """Weigh the views by the (V, corners, 2) px residuals of a fit."""
     image = torch.from_numpy(errors.reshape(-1, 2))
     return weigh_noisy_views(made.views, made.observations, Residuals(image, image), made.board)
 
@@ -62,8 +62,8 @@ def test_among_views_alike_none_is_worse() -> None:
     made = scene(1, 20, noise=0.0)
     for seed in range(50):  # a thousand views
         drawn = np.random.default_rng(seed).normal(0, NOISE, (20, 81, 2))
-        views, said = left(made, drawn)
-        assert not said
+        views, noise_ratios = weigh_residuals(made, drawn)
+        assert not noise_ratios
         assert views == made.views
 
 
@@ -75,9 +75,9 @@ def test_a_view_that_is_off_as_a_whole_is_not_worse() -> None:
     drawn = np.random.default_rng(2).normal(0, NOISE, (20, 81, 2))
     x, y = made.board.points().T / 0.08
     drawn[3] += 100 * NOISE * np.column_stack([x**2 - y**2, x * y**2])
-    assert not left(made, drawn)[1]
+    assert not weigh_residuals(made, drawn)[1]
     drawn[5] *= 3
-    assert left(made, drawn)[1] == {"0005.png": pytest.approx(3, rel=0.2)}
+    assert weigh_residuals(made, drawn)[1] == {"0005.png": pytest.approx(3, rel=0.2)}
 
 
 def test_what_already_weighs_less_is_not_counted_twice() -> None:
@@ -88,14 +88,16 @@ def test_what_already_weighs_less_is_not_counted_twice() -> None:
     ]
     drawn = np.random.default_rng(2).normal(0, NOISE, (20, 81, 2))
     drawn[5] *= 3
-    assert not left(replace(made, views=tuple(views)), drawn)[1]
+    assert not weigh_residuals(replace(made, views=tuple(views)), drawn)[1]
 
 
 def test_maps_are_better_and_surer_where_worse_views_weigh_less(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Eight of twenty views are six times worse: with equal weights these decide."""
-    made = worse(scene(72_001, 20, amplitude=1e-5, noise=NOISE, cover=GLASS), 6, range(8))
+    made = with_noisier_views(
+        scene(72_001, 20, amplitude=1e-5, noise=NOISE, cover=GLASS), 6, range(8)
+    )
 
     def far_off(calibration: Calibration) -> tuple[float, float]:
         off, sigma = map(np.concatenate, zip(*errors(made, calibration), strict=True))
@@ -115,7 +117,7 @@ def test_maps_are_better_and_surer_where_worse_views_weigh_less(
 def test_a_fit_says_which_views_weigh_less_and_keeps_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    made = worse(scene(8, 12, noise=NOISE), 4, [2, 7])
+    made = with_noisier_views(scene(8, 12, noise=NOISE), 4, [2, 7])
     place = write_session(tmp_path / "s", made)
     assert main(["fit", str(place), "--free", "none", "--grid", "5x4", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)[VIEW_NOISE]
@@ -133,7 +135,7 @@ def test_a_fit_says_which_views_weigh_less_and_keeps_it(
 def test_the_papers_procedure_weighs_all_views_alike(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    place = write_session(tmp_path / "s", worse(scene(8, 12, noise=NOISE), 4, [2, 7]))
+    place = write_session(tmp_path / "s", with_noisier_views(scene(8, 12, noise=NOISE), 4, [2, 7]))
     assert (
         main(["fit", str(place), "--method", "paper", "--steps", "20", "--grid", "5x4", "--json"])
         == 0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from calib.intrinsics.focal_profile import FARTHEST, LEVEL, profiled
+from calib.intrinsics.focal_profile import LEVEL, MAX_RATIO, profile_focal_length
 
 FREEDOM = 500
 
@@ -29,7 +29,7 @@ def over(deviations: Callable[[float], float]) -> Callable[[float], Left]:
 @pytest.mark.parametrize("told", [0.3, 1.0, 1e-9])
 def test_a_parabola_gives_its_own_sigma(sigma: float, told: float) -> None:
     """Whatever the linearised sigma says: what is far from it is bracketed by doubling."""
-    interval, best = profiled(
+    interval, best = profile_focal_length(
         Left(0.1), over(lambda times: np.log(times) / sigma), FREEDOM, told * sigma
     )
     assert interval.closed
@@ -41,7 +41,7 @@ def test_a_parabola_gives_its_own_sigma(sigma: float, told: float) -> None:
 
 def test_a_side_that_never_rises_is_open() -> None:
     """Boards that do not tilt: any longer focal length will do."""
-    interval, _ = profiled(
+    interval, _ = profile_focal_length(
         Left(0.1), over(lambda times: 1.0 if times > 1 else np.log(times) / 0.01), FREEDOM, 0.01
     )
     assert interval.high == np.inf
@@ -50,7 +50,7 @@ def test_a_side_that_never_rises_is_open() -> None:
 
 
 def test_the_longer_side_counts() -> None:
-    interval, _ = profiled(
+    interval, _ = profile_focal_length(
         Left(0.1), over(lambda times: np.log(times) / (0.05 if times > 1 else 0.01)), FREEDOM, 0.01
     )
     assert interval.sigma == pytest.approx((np.exp(LEVEL * 0.05) - 1) / LEVEL, rel=1e-3)
@@ -58,7 +58,7 @@ def test_the_longer_side_counts() -> None:
 
 def test_a_better_minimum_is_found() -> None:
     """At twice the focal length, beyond a ridge that is no higher than two standard deviations."""
-    _, best = profiled(
+    _, best = profile_focal_length(
         Left(0.1),
         lambda times: Left(0.09 if times > 1.5 else 0.1 * (1 + 4 / FREEDOM) ** 0.5),
         FREEDOM,
@@ -68,6 +68,6 @@ def test_a_better_minimum_is_found() -> None:
 
 
 def test_it_ends_where_nothing_fits() -> None:
-    interval, _ = profiled(Left(0.1), lambda _: Left(np.inf), FREEDOM, 0.01)
+    interval, _ = profile_focal_length(Left(0.1), lambda _: Left(np.inf), FREEDOM, 0.01)
     assert interval.closed
-    assert 1 / FARTHEST < interval.low < 1 < interval.high < FARTHEST
+    assert 1 / MAX_RATIO < interval.low < 1 < interval.high < MAX_RATIO

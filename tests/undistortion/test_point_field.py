@@ -59,9 +59,9 @@ def both(
     monkeypatch: pytest.MonkeyPatch, found: Callable[[], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Through the field, and traced."""
-    monkeypatch.setattr(room, "MANY", 0)
+    monkeypatch.setattr(room, "MIN_FIELD_POINTS", 0)
     through = found()
-    monkeypatch.setattr(room, "MANY", 10**9)
+    monkeypatch.setattr(room, "MIN_FIELD_POINTS", 10**9)
     return through, found()
 
 
