@@ -19,7 +19,7 @@ from calib.corners.detection import NotFound
 from calib.corners.find import find_board
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError, brief
-from calib.io.files import MOST_TEXT, read_file
+from calib.io.files import MAX_TEXT_BYTES, read_file
 from calib.io.images import read_grey
 from calib.progress import Progress
 from calib.undistortion.grids import Array
@@ -223,7 +223,7 @@ def _read(
         InputError: the file is not such a table, or has no line.
     """
     try:
-        text = read_file(path, MOST_TEXT).decode("utf-8-sig")
+        text = read_file(path, MAX_TEXT_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not a text file: write CSV in UTF-8.") from error
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]

@@ -1,4 +1,4 @@
-"""JSON that every reader takes: a number that is not finite becomes null."""
+"""JSON that every reader accepts: numbers that are not finite become null."""
 
 import json
 import math
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 
 def json_text(mapping: Mapping[str, object]) -> str:
-    """One object, on one line."""
+    """Return a mapping as a JSON object on one line."""
     return json.dumps(_finite(mapping), allow_nan=False)
 
 

@@ -413,7 +413,7 @@ def test_the_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     )
     assert main(["report", "--no-open", str(folder)]) == 3
     said = capsys.readouterr().err
-    assert "the calibration keeps no views" in said
+    assert "the calibration has no views to report on" in said
     assert "calib check --update" in said
 
 
