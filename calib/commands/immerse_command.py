@@ -20,7 +20,7 @@ from calib.errors import InputError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from calib.apply.immerse import Immersion
+    from calib.apply.change_medium import Immersion
 
 SUMMARY = "Convert a calibration to another medium: made in air, used in water."
 DESCRIPTION = """
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> None:
     index = _index(args)
 
     with quickly():
-        from calib.apply.immerse import DEPTHS, immerse
+        from calib.apply.change_medium import DEPTHS, immerse
         from calib.calibration import DERIVED, FILES, Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_json
@@ -168,7 +168,7 @@ def _remarks(immersion: "Immersion") -> Iterator[str]:
             f" px, in their own medium to {before}. Take three pictures of the board there, which"
             " say the rest (calib check IMMERSED PICTURES --update), or mend the following."
         )
-        for one in immersion.loose[:2]:
+        for one in immersion.dominant[:2]:
             yield f"they leave open {one.words}: {one.advice}."
     if immersion.other_face_px and max(immersion.other_face_px) > UNKNOWN_FACE:
         yield (
@@ -214,7 +214,7 @@ def _as_mapping(
                 "measured_to": one.measured_to,
                 "unit": one.unit,
             }
-            for one in immersion.loose
+            for one in immersion.dominant
         ],
         "remarks": remarks,
         "written": written,
@@ -241,7 +241,7 @@ def _print(immersion: "Immersion", remarks: list[str], written: "list[Path]") ->
         ):
             table.add_row(f"{depth:g} m", f"{was:.3f} px", f"{now:.3f} px")
         console.print(table)
-    for one in immersion.loose:
+    for one in immersion.dominant:
         left = ", ".join(f"{sigma:.3f}" for sigma in one.sigma_px)
         console.print(
             f"If {one.words} were known exactly: {left} px.",

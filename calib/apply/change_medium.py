@@ -16,7 +16,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.apply.loose import OUTSIDE, UNKNOWN, Loose, loose_numbers, sigmas
+from calib.apply.dominant_uncertainty import (
+    MAX_SIGMA_PX,
+    OUTSIDE_INDEX,
+    DominantUncertainty,
+    find_dominant_uncertainties,
+    sigmas,
+)
 from calib.apply.map_uncertainty import UndistortedChange, corners_at, frames_along
 from calib.calibration import Calibration
 from calib.effects.flat_port import FlatPort
@@ -50,7 +56,7 @@ class Immersion:
     """Sigma in the original medium; empty if the fit estimated no covariance."""
     after_px: tuple[float, ...]
     """Sigma in the new medium; empty if the fit estimated no covariance."""
-    loose: tuple[Loose, ...]
+    dominant: tuple[DominantUncertainty, ...]
     """The groups of parameters that dominate sigma in the new medium, the largest first."""
     other_face_px: tuple[float, ...]
     """The error of the maps if all unevenness were on the glass's inner face; empty without a
@@ -61,8 +67,8 @@ class Immersion:
 
     @property
     def unknown(self) -> bool:
-        """True if sigma in the new medium exceeds UNKNOWN at one of the depths."""
-        return any(sigma > UNKNOWN for sigma in self.after_px)
+        """True if sigma in the new medium exceeds MAX_SIGMA_PX at one of the depths."""
+        return any(sigma > MAX_SIGMA_PX for sigma in self.after_px)
 
 
 def immerse(
@@ -74,7 +80,7 @@ def immerse(
         InputError: the calibration does not describe its window or dome, or no ray leaves the
             cover into that medium.
     """
-    wet = immersed(calibration, medium)
+    wet = replace_medium(calibration, medium)
     rows = corners_at(calibration)
     if not np.isfinite(wet.rays(rows[:, :2])[0]).any():
         raise InputError(
@@ -89,13 +95,13 @@ def immerse(
         depths=tuple(depths),
         before_px=sigmas(original, calibration.covariance, depths),
         after_px=sigmas(changed, wet.covariance, depths),
-        loose=tuple(loose_numbers(wet, changed, depths)),
+        dominant=tuple(find_dominant_uncertainties(wet, changed, depths)),
         other_face_px=tuple(_on_other_face(calibration, wet, rows, depths)),
         unexplained=tuple(added.effect.name for added in wet.effects if not added.effect.has_cause),
     )
 
 
-def immersed(calibration: Calibration, medium: Number) -> Calibration:
+def replace_medium(calibration: Calibration, medium: Number) -> Calibration:
     """Return the calibration with another index outside of its cover, without its views.
 
     Raises:
@@ -107,12 +113,12 @@ def immersed(calibration: Calibration, medium: Number) -> Calibration:
             " known in air: describe it under cover in session.yaml, with its distance_mm and"
             " thickness_mm, and fit the session again."
         )
-    if OUTSIDE not in calibration.cover.parameters:
+    if OUTSIDE_INDEX not in calibration.cover.parameters:
         raise InputError(
             "this calibration has no cover, and what water does is done at a window or dome:"
             " describe it under cover in session.yaml, and fit the session again."
         )
-    original = calibration.cover.parameters[OUTSIDE]
+    original = calibration.cover.parameters[OUTSIDE_INDEX]
     declared = calibration.declared
     wet = replace(
         calibration,
@@ -141,7 +147,7 @@ def immersed(calibration: Calibration, medium: Number) -> Calibration:
 
 
 def _within(cover: Cover, medium: Number) -> Cover:
-    return replace(cover, parameters={**cover.parameters, OUTSIDE: medium})
+    return replace(cover, parameters={**cover.parameters, OUTSIDE_INDEX: medium})
 
 
 def _carried(calibration: Calibration, wet: Calibration) -> Array:
@@ -153,15 +159,15 @@ def _carried(calibration: Calibration, wet: Calibration) -> Array:
     covariance = np.zeros((new.count, new.count))
     declared_covariance = _as_declared(calibration, old)
     common_names = [
-        name for name in new.slices() if name in old.slices() and name != f"cover.{OUTSIDE}"
+        name for name in new.slices() if name in old.slices() and name != f"cover.{OUTSIDE_INDEX}"
     ]
     covariance[np.ix_(new.entries(common_names), new.entries(common_names))] = declared_covariance[
         np.ix_(old.entries(common_names), old.entries(common_names))
     ]
     for param in new.free:
-        if param.name == f"cover.{OUTSIDE}":
+        if param.name == f"cover.{OUTSIDE_INDEX}":
             at = new.entries([param.name])
-            covariance[at, at] = (wet.cover.parameters[OUTSIDE].sigma / param.scale) ** 2
+            covariance[at, at] = (wet.cover.parameters[OUTSIDE_INDEX].sigma / param.scale) ** 2
     return covariance
 
 
