@@ -88,15 +88,15 @@ def immerse(
             " cover's numbers."
         )
     sampled_pixels = rows[:: max(1, len(rows) // SAMPLED), :2]
-    original = _errors(calibration, sampled_pixels)
-    changed = _errors(wet, sampled_pixels)
+    original = _map_jacobian(calibration, sampled_pixels)
+    changed = _map_jacobian(wet, sampled_pixels)
     return Immersion(
         calibration=wet,
         depths=tuple(depths),
         before_px=sigmas(original, calibration.covariance, depths),
         after_px=sigmas(changed, wet.covariance, depths),
         dominant=tuple(find_dominant_uncertainties(wet, changed, depths)),
-        other_face_px=tuple(_on_other_face(calibration, wet, rows, depths)),
+        other_face_px=tuple(_other_face_errors(calibration, wet, rows, depths)),
         unexplained=tuple(added.effect.name for added in wet.effects if not added.effect.has_cause),
     )
 
@@ -122,14 +122,14 @@ def replace_medium(calibration: Calibration, medium: Number) -> Calibration:
     declared = calibration.declared
     wet = replace(
         calibration,
-        cover=_within(calibration.cover, medium),
+        cover=_set_medium(calibration.cover, medium),
         views=(),
         poses=calibration.poses[:0],
         covariance=calibration.covariance[:0, :0],
         rejected=(),
         stages=(),
         corners_at=corners_at(calibration),
-        stated=replace(declared, cover=_within(declared.cover, medium)),
+        stated=replace(declared, cover=_set_medium(declared.cover, medium)),
         settings={
             **calibration.settings,
             "immersed": {
@@ -142,22 +142,22 @@ def replace_medium(calibration: Calibration, medium: Number) -> Calibration:
     )
     if not calibration.covariance.size:
         return wet
-    covariance = _carried(calibration, wet)
-    return replace(wet, covariance=covariance, cover=_with_sigmas(wet, covariance))
+    covariance = _carry_covariance(calibration, wet)
+    return replace(wet, covariance=covariance, cover=_set_sigmas(wet, covariance))
 
 
-def _within(cover: Cover, medium: Number) -> Cover:
+def _set_medium(cover: Cover, medium: Number) -> Cover:
     return replace(cover, parameters={**cover.parameters, OUTSIDE_INDEX: medium})
 
 
-def _carried(calibration: Calibration, wet: Calibration) -> Array:
+def _carry_covariance(calibration: Calibration, wet: Calibration) -> Array:
     """Return the (S, S) covariance of the wet calibration's parameters. It is the original's, and
     the index outside is independent of all other parameters.
     """
     old = calibration.camera_model().parameters
     new = wet.camera_model().parameters
     covariance = np.zeros((new.count, new.count))
-    declared_covariance = _as_declared(calibration, old)
+    declared_covariance = _widen_to_declared(calibration, old)
     common_names = [
         name for name in new.slices() if name in old.slices() and name != f"cover.{OUTSIDE_INDEX}"
     ]
@@ -171,7 +171,7 @@ def _carried(calibration: Calibration, wet: Calibration) -> Array:
     return covariance
 
 
-def _as_declared(calibration: Calibration, parameters: Parameters) -> Array:
+def _widen_to_declared(calibration: Calibration, parameters: Parameters) -> Array:
     """Return the (S, S) covariance in which no number of the cover has a smaller sigma than was
     declared. The parameters that correlate with such a number move with it.
 
@@ -197,7 +197,7 @@ def _as_declared(calibration: Calibration, parameters: Parameters) -> Array:
     return np.asarray(covariance + regression @ excess @ regression.T)
 
 
-def _with_sigmas(wet: Calibration, covariance: Array) -> Cover:
+def _set_sigmas(wet: Calibration, covariance: Array) -> Cover:
     """Return the cover with the sigma of each estimated number from the (S, S) covariance."""
     parameters = wet.camera_model().parameters
     numbers = dict(wet.cover.parameters)
@@ -210,7 +210,7 @@ def _with_sigmas(wet: Calibration, covariance: Array) -> Cover:
     return replace(wet.cover, parameters=numbers)
 
 
-def _errors(calibration: Calibration, pixels: Array) -> Array:
+def _map_jacobian(calibration: Calibration, pixels: Array) -> Array:
     """Return the (N, 4, S) Jacobian of A and B by the parameters; S is 0 without a covariance.
 
     A and B of a wide lens are taken in frames along the pixels' rays (`frames_along`), because an
@@ -224,7 +224,7 @@ def _errors(calibration: Calibration, pixels: Array) -> Array:
     return np.where(invalid[:, None, None], np.nan, jacobian)
 
 
-def _on_other_face(
+def _other_face_errors(
     calibration: Calibration, wet: Calibration, rows: Array, depths: Sequence[float]
 ) -> list[float]:
     """Return, for each depth, how much more it matters in the new medium than in the original one
@@ -246,12 +246,10 @@ def _on_other_face(
 
     def difference(metres: Array) -> Array:
         """Return (M, 2) px at (N,) m for the M valid pixels."""
-        wet_change = _undistorted(*wet_outer_face, pixels, metres) - _undistorted(
+        wet_change = _undistort(*wet_outer_face, pixels, metres) - _undistort(
             *wet_inner_face, pixels, metres
         )
-        change = _undistorted(*outer_face, pixels, metres) - _undistorted(
-            *inner_face, pixels, metres
-        )
+        change = _undistort(*outer_face, pixels, metres) - _undistort(*inner_face, pixels, metres)
         return np.asarray((wet_change - change)[valid])
 
     columns = (motions[:, 0] + motions[:, 1] / depth[:, None, None])[valid].reshape(-1, 6)
@@ -274,7 +272,7 @@ def _with_inner_relief(calibration: Calibration) -> tuple[Path, Values]:
     return replace(path, cover=cover), {**values, AMPLITUDES: -values[AMPLITUDES]}
 
 
-def _undistorted(path: Path, values: Values, pixels: Array, depth: Array) -> Array:
+def _undistort(path: Path, values: Values, pixels: Array, depth: Array) -> Array:
     """Return the (N, 2) px of the undistorted picture, less its principal point, of (N, 2) px of
     the camera at (N,) m.
     """

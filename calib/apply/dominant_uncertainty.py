@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.apply.map_uncertainty import root_of
+from calib.apply.map_uncertainty import covariance_root
 from calib.calibration import Calibration
 
 Array = NDArray[np.float64]
@@ -90,7 +90,9 @@ def find_dominant_uncertainties(
     if not wet.covariance.size:
         return []
     sigma = np.array(sigmas(errors, wet.covariance, depths))
-    groups = (_without(wet, group, names, errors, depths) for group, names in _groups(wet))
+    groups = (
+        _without_group(wet, group, names, errors, depths) for group, names in _parameter_groups(wet)
+    )
     return sorted(
         (
             group
@@ -105,17 +107,17 @@ def sigmas(errors: Array, covariance: Array, depths: Sequence[float]) -> tuple[f
     """Return the sigma of the maps for each depth: px, root mean square over the pixels; nothing
     without a covariance.
     """
-    return _spreads(errors, root_of(covariance), depths) if covariance.size else ()
+    return _map_sigmas(errors, covariance_root(covariance), depths) if covariance.size else ()
 
 
-def _spreads(errors: Array, root: Array, depths: Sequence[float]) -> tuple[float, ...]:
+def _map_sigmas(errors: Array, root: Array, depths: Sequence[float]) -> tuple[float, ...]:
     """Return the same for parameters whose covariance has the (S, K) root."""
     spread = errors @ root
     displacements = (spread[:, :2] + spread[:, 2:] / depth for depth in depths)
     return tuple(float(np.sqrt(np.nanmean((px**2).sum((1, 2))))) for px in displacements)
 
 
-def _groups(wet: Calibration) -> Iterator[tuple[str, list[str]]]:
+def _parameter_groups(wet: Calibration) -> Iterator[tuple[str, list[str]]]:
     """Yield each group's name and the names of its parameters."""
     groups: dict[str, list[str]] = {}
     for name in wet.camera_model().parameters.slices():
@@ -124,7 +126,7 @@ def _groups(wet: Calibration) -> Iterator[tuple[str, list[str]]]:
     yield from groups.items()
 
 
-def _without(
+def _without_group(
     wet: Calibration, group: str, names: Sequence[str], errors: Array, depths: Sequence[float]
 ) -> DominantUncertainty:
     """Return the sigma of the maps if the parameters of one group had no error."""
@@ -143,7 +145,7 @@ def _without(
         return DominantUncertainty(group, tuple(sigma))
     unit, per_si = DISPLAY_UNITS[params[0].unit]
     # px for each depth, if sigma of these parameters were one of their scale
-    unit_sigma = np.maximum(_spreads(errors, regression, depths), np.finfo(float).tiny)
+    unit_sigma = np.maximum(_map_sigmas(errors, regression, depths), np.finfo(float).tiny)
     return DominantUncertainty(
         group,
         tuple(sigma),

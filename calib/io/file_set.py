@@ -104,7 +104,7 @@ class FileSet:
             BusyError: another process writes to it.
         """
         make_folder(self.folder)
-        handle = _locked(self.folder)
+        handle = _lock(self.folder)
         if handle is not None:
             self._stack.callback(os.close, handle)
         try:
@@ -142,7 +142,7 @@ class FileSet:
         self._output().check([name])
         try:
             if len(self._unnamed) >= MAX_OPEN_FILES:
-                self._name()
+                self._name_files()
             written = UnnamedFile(self.folder, data)
         except OSError as error:
             raise unwritable(path, error) from error
@@ -171,7 +171,7 @@ class FileSet:
                 for path in self.folder.glob(pattern)
                 if path.name not in self._contents and output.owns(path.name)
             }
-            self._name()
+            self._name_files()
             output.add(self._contents)
             _switch(self.folder, {*self._contents, *removed})
             _finish_change(self.folder)
@@ -191,7 +191,7 @@ class FileSet:
             flag=self._flag,
         )
 
-    def _name(self) -> None:
+    def _name_files(self) -> None:
         """Give the written files their names in the hidden folder."""
         new = self.folder / HIDDEN / NEW
         new.mkdir(parents=True, exist_ok=True)
@@ -241,7 +241,7 @@ def finish_change(folder: Path) -> None:
     end = time.monotonic() + PATIENCE_S
     while _is_hidden_set(folder / HIDDEN):
         with suppress(OSError, InputError):
-            handle = _locked(folder)
+            handle = _lock(folder)
             try:
                 if handle is not None or _state(folder / HIDDEN) is State.MOVING:
                     _finish_change(folder)  # else a writer may be at work, unnoticed
@@ -267,7 +267,7 @@ def _switch(folder: Path, names: Iterable[str]) -> None:
     existing = [name for name in changed if os.path.lexists(folder / name)]
     _sync(hidden / NEW)
     try:
-        _point(hidden, OLD)
+        _point_current(hidden, OLD)
     except (OSError, NotImplementedError):  # FAT, some network disks, Windows
         _decide_to_move(folder, existing)
         return
@@ -279,7 +279,7 @@ def _switch(folder: Path, names: Iterable[str]) -> None:
         (hidden / NEXT).symlink_to(_target(name))
         (hidden / NEXT).replace(folder / name)
     _sync(folder)
-    _point(hidden, NEW)
+    _point_current(hidden, NEW)
     _sync(hidden)
 
 
@@ -299,7 +299,7 @@ def _decide_to_move(folder: Path, existing: Iterable[str]) -> None:
     _sync(hidden)
 
 
-def _point(hidden: Path, side: str) -> None:
+def _point_current(hidden: Path, side: str) -> None:
     """Make CURRENT point to OLD or to NEW."""
     (hidden / NEXT).symlink_to(side)
     (hidden / NEXT).replace(hidden / CURRENT)
@@ -343,7 +343,7 @@ def _finish_change(folder: Path) -> None:
 def _move(folder: Path) -> None:
     """Move the files of a set one by one. A file that somebody changed in the meantime stays."""
     hidden = folder / HIDDEN
-    replaced, removed = _decision(hidden / CURRENT)
+    replaced, removed = _read_decision(hidden / CURRENT)
     for path in sorted((hidden / NEW).iterdir()):
         place = folder / path.name
         if not os.path.lexists(place) or _has(place, replaced.get(path.name)):
@@ -358,7 +358,7 @@ def _has(path: Path, content: Content | None) -> bool:
     return not path.is_symlink() and path.is_file() and Content.of_file(path) == content
 
 
-def _decision(path: Path) -> tuple[dict[str, Content], dict[str, Content]]:
+def _read_decision(path: Path) -> tuple[dict[str, Content], dict[str, Content]]:
     """Return, by name, the old contents that the new set replaces, and those that it removes; none
     if the file is not as `_decide_to_move` writes it.
     """
@@ -405,7 +405,7 @@ def _check_hidden(folder: Path) -> None:
         )
 
 
-def _locked(folder: Path) -> int | None:
+def _lock(folder: Path) -> int | None:
     """Return a handle that locks the folder until it is closed or this process ends; None if the
     disk has no locks.
     """

@@ -164,17 +164,18 @@ def read_file(path: Path, limit: int = MAX_FILE_BYTES) -> bytes:
         try:
             check_regular(path, os.fstat(handle).st_mode)
             with open(handle, "rb", closefd=False) as file:
-                data = _up_to(file, limit + 1)
+                data = _read_up_to(file, limit + 1)
         finally:
             os.close(handle)
     if len(data) > limit:
         raise InputError(
-            f"{path} is larger than the {_size(limit)} that such a file may have: give another."
+            f"{path} is larger than the {_size_text(limit)} that such a file may have: give"
+            " another."
         )
     return data
 
 
-def _up_to(file: BinaryIO, limit: int) -> bytes:
+def _read_up_to(file: BinaryIO, limit: int) -> bytes:
     """Return the bytes of a file up to a limit.
 
     Python's read(limit) allocates that much memory before it knows the file's length.
@@ -202,7 +203,7 @@ def check_regular(path: Path, mode: int | None = None) -> None:
         )
 
 
-def _size(count: int) -> str:
+def _size_text(count: int) -> str:
     return f"{count >> 30} GB" if count >= 1 << 30 else f"{count >> 20} MB"
 
 

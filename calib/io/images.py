@@ -48,7 +48,7 @@ def list_images(folder: Path) -> tuple[Path, ...]:
             f"{folder} cannot be listed ({error.strerror}): give a folder of pictures that may be"
             " read."
         ) from error
-    return tuple(sorted(paths, key=_natural))
+    return tuple(sorted(paths, key=_natural_key))
 
 
 def read_image(path: Path) -> Image:
@@ -62,12 +62,12 @@ def read_image(path: Path) -> Image:
     if not data:
         raise InputError(f"{path} is an empty file: copy it again, or remove it.")
     if path.suffix.lower() == ".npy":
-        return _checked(path, _decode_npy(path, data))
+        return _check_pixels(path, _decode_npy(path, data))
     for magic, is_complete in COMPLETENESS_CHECKS.items():
         if data.startswith(magic) and not is_complete(data):
             raise InputError(f"{path} is truncated or damaged: copy it again, or remove it.")
     try:
-        return _checked(path, decode_picture(data))
+        return _check_pixels(path, decode_picture(data))
     except TooLargeError as error:
         raise InputError(f"{path} is {error}: give a smaller picture, or remove it.") from error
     except ValueError as error:
@@ -80,7 +80,7 @@ def read_image(path: Path) -> Image:
 def read_grey(path: Path) -> Image:
     """Return (H, W) grey pixels, uint8 or uint16; InputError as in `read_image`."""
     pixels = read_image(path)
-    return pixels if pixels.ndim == 2 else _native(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
+    return pixels if pixels.ndim == 2 else _to_native(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -89,7 +89,7 @@ def image_size(path: Path) -> tuple[int, int]:
     return width, height
 
 
-def _natural(path: Path) -> tuple[list[str | int], str]:
+def _natural_key(path: Path) -> tuple[list[str | int], str]:
     pieces = re.split(r"([0-9]+)", path.name.lower())
     return [int(piece) if index % 2 else piece for index, piece in enumerate(pieces)], path.name
 
@@ -104,7 +104,7 @@ def _decode_npy(path: Path, data: bytes) -> NDArray:
         ) from error
 
 
-def _checked(path: Path, pixels: NDArray) -> Image:
+def _check_pixels(path: Path, pixels: NDArray) -> Image:
     if pixels.ndim == 3 and pixels.shape[2] == 1:
         pixels = pixels[..., 0]
     if pixels.ndim == 3 and pixels.shape[2] == 4:
@@ -118,10 +118,10 @@ def _checked(path: Path, pixels: NDArray) -> Image:
             f"{path} is an array of shape {pixels.shape}: write it as (height, width) or (height,"
             " width, 3)."
         )
-    return _native(pixels)
+    return _to_native(pixels)
 
 
-def _native(pixels: NDArray) -> Image:
+def _to_native(pixels: NDArray) -> Image:
     """Return the same values, contiguous and in this machine's byte order."""
     if pixels.dtype.itemsize == 1:
         return np.ascontiguousarray(pixels, np.uint8)

@@ -11,26 +11,26 @@ value has another shape.
 """
 
 
-def _wrong(where: str, expected: str) -> ValueError:
+def _shape_error(where: str, expected: str) -> ValueError:
     return ValueError(f"{where} is not {expected}")
 
 
 def text(value: object, where: str) -> None:
     """Check for a text."""
     if not isinstance(value, str):
-        raise _wrong(where, "a text")
+        raise _shape_error(where, "a text")
 
 
 def flag(value: object, where: str) -> None:
     """Check for true or false."""
     if not isinstance(value, bool):
-        raise _wrong(where, "true or false")
+        raise _shape_error(where, "true or false")
 
 
 def whole(value: object, where: str) -> None:
     """Check for a whole number."""
     if not isinstance(value, int) or isinstance(value, bool) or abs(value) > 10**15:
-        raise _wrong(where, "a whole number")
+        raise _shape_error(where, "a whole number")
 
 
 def number(value: object, where: str) -> None:
@@ -38,23 +38,23 @@ def number(value: object, where: str) -> None:
     estimate.
     """
     if not isinstance(value, int | float) or isinstance(value, bool):
-        raise _wrong(where, "a number")
+        raise _shape_error(where, "a number")
     if math.isfinite(value) and abs(value) > 1e100:
-        raise _wrong(where, "a number that a fit would leave")
+        raise _shape_error(where, "a number that a fit would leave")
 
 
 def positive(value: object, where: str) -> None:
     """Check for a finite number above 0."""
     number(value, where)
     if not (isinstance(value, int | float) and 1e-100 <= value < math.inf):
-        raise _wrong(where, "a number above 0")
+        raise _shape_error(where, "a number above 0")
 
 
 def count(value: object, where: str) -> None:
     """Check for a whole number of 0 or more."""
     whole(value, where)
     if isinstance(value, int) and value < 0:
-        raise _wrong(where, "a whole number of 0 or more")
+        raise _shape_error(where, "a whole number of 0 or more")
 
 
 def anything(_value: object, _where: str) -> None:
@@ -66,7 +66,7 @@ def choice(*allowed: str) -> Shape:
 
     def check(value: object, where: str) -> None:
         if value not in allowed:
-            raise _wrong(where, f"one of {', '.join(allowed)}")
+            raise _shape_error(where, f"one of {', '.join(allowed)}")
 
     return check
 
@@ -86,7 +86,7 @@ def many(shape: Shape, *, of: int | None = None) -> Shape:
 
     def check(value: object, where: str) -> None:
         if not isinstance(value, list | tuple) or of not in (None, len(value)):
-            raise _wrong(where, "a list" if of is None else f"a list of {of}")
+            raise _shape_error(where, "a list" if of is None else f"a list of {of}")
         for index, entry in enumerate(value):
             shape(entry, f"{where}[{index}]")
 
@@ -113,7 +113,7 @@ def table(shape: Shape) -> Shape:
 
     def check(value: object, where: str) -> None:
         if not isinstance(value, Mapping):
-            raise _wrong(where, "a mapping")
+            raise _shape_error(where, "a mapping")
         for key, entry in value.items():
             shape(entry, f"{where}.{str(key)[:40]}")
 
@@ -125,7 +125,7 @@ def record(required: Mapping[str, Shape], optional: Mapping[str, Shape] | None =
 
     def check(value: object, where: str) -> None:
         if not isinstance(value, Mapping):
-            raise _wrong(where, "a mapping")
+            raise _shape_error(where, "a mapping")
         prefix = f"{where}." if where else ""
         for key, shape in required.items():
             if key not in value:

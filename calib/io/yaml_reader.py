@@ -66,13 +66,13 @@ def _load(text: str) -> object:
         node = loader.get_single_node()
         if node is None:
             return None
-        _check(node, 1, {})
+        _count_nodes(node, 1, {})
         return loader.construct_document(node)
     finally:
         loader.dispose()
 
 
-def _check(node: yaml.Node, level: int, sizes: dict[int, tuple[int, int]]) -> tuple[int, int]:
+def _count_nodes(node: yaml.Node, level: int, sizes: dict[int, tuple[int, int]]) -> tuple[int, int]:
     """Return the number of nodes and of levels of a node with its contents; ValueError if one is
     too large.
 
@@ -91,7 +91,7 @@ def _check(node: yaml.Node, level: int, sizes: dict[int, tuple[int, int]]) -> tu
             for entry in node.value
             for inner_node in (entry if isinstance(entry, tuple) else (entry,))
         ]
-        inner_sizes = [_check(inner_node, level + 1, sizes) for inner_node in inner]
+        inner_sizes = [_count_nodes(inner_node, level + 1, sizes) for inner_node in inner]
         sizes[id(node)] = (
             1 + sum(count for count, _ in inner_sizes),
             1 + max((levels for _, levels in inner_sizes), default=0),

@@ -25,7 +25,7 @@ LOOKING = r"""
 import re, sys
 from pathlib import Path
 from calib.errors import RefracalError
-from calib.importing.from_ros import 
+from calib.importing.from_ros import from_ros_archive
 from calib.io.arrays import decode_npz
 from calib.io.depth_image import read_depth_image
 from calib.io.files import read_file
@@ -37,7 +37,7 @@ for path in map(Path, sys.argv[1:]):
             case ".npz":
                 decode_npz(read_file(path))
             case ".gz":
-                list((path, Board(6, 5, 0.02), None).frames)
+                list(from_ros_archive(path, Board(6, 5, 0.02), None).frames)
             case ".exr":
                 read_depth_image(path)
             case _:
