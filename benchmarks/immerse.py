@@ -12,7 +12,7 @@ which each of its components is off by just that. And with the first three pictu
 
 Then synthetic sessions in air of an uneven cone, every declared number drawn from the tolerance of
 its kind: how far off the maps are under water, over what is predicted, with the covariance as the
-fit has it and as `immersed` carries it.
+fit has it and as `replace_medium` carries it.
 """
 
 import argparse
@@ -25,8 +25,8 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from calib.apply.immerse import immerse, immersed
-from calib.apply.loose import SHOWN, Loose
+from calib.apply.change_medium import immerse, replace_medium
+from calib.apply.dominant_uncertainty import DISPLAY_UNITS, DominantUncertainty
 from calib.calibration import Calibration
 from calib.checking.check import Checker
 from calib.checking.pictures import read_pictures
@@ -47,7 +47,7 @@ from fixtures.wet import GLASS
 
 SHAPES = ("flat", "dome", "cone")
 WATER = 1.34
-SI = {unit: si for si, (unit, _) in SHOWN.items()}
+SI = {unit: si for si, (unit, _) in DISPLAY_UNITS.items()}
 SIGNS = ((1, 1, 1), (1, -1, 1), (-1, 1, -1), (-1, -1, -1))
 POOL = 3
 """Pictures in the water."""
@@ -62,13 +62,13 @@ def vague(session: Session) -> Session:
 
 
 def measured(
-    session: Session, loose: Loose, true: Mapping[str, float], signs: Sequence[int]
+    session: Session, loose: DominantUncertainty, true: Mapping[str, float], signs: Sequence[int]
 ) -> Session:
     """The same with the number that is asked for as sure as that, each component off by just so
     much.
     """
     assert loose.measured_to is not None
-    sigma = loose.measured_to / SHOWN[SI[loose.unit]][1]
+    sigma = loose.measured_to / DISPLAY_UNITS[SI[loose.unit]][1]
     numbers, sign = dict(session.cover.parameters), iter(signs)
     for name in (name for name in numbers if name.split(".")[0] == loose.name):
         numbers[name] = Number(true[name] + next(sign) * sigma, sigma)
@@ -92,7 +92,7 @@ def drawn(seed: int) -> tuple[float, float, float]:
     told = Setup(made.board, replace(CAMERA, intrinsics=intrinsics), intrinsics, said)
     dry = calibrated(made, told, Settings())
     dry = all_free(replace(dry, settings={**dry.settings, "free": list(Settings().free)}))
-    carried = immersed(dry, Number(WATER))
+    carried = replace_medium(dry, Number(WATER))
     values = {**made.values, "cover.outside_index": torch.tensor(WATER, dtype=torch.float64)}
     ratios = [
         _ratio(replace(made, values=values), one)
@@ -156,7 +156,7 @@ def main() -> None:
             error = map_error(put.calibration, folder / "water" / "truth.npz", NEAR)
             px, sigma = error.by_depth.values(), error.predicted.values()
             ratio = max(off / expected for off, expected in zip(px, sigma, strict=True))
-            most = ", ".join(loose.name for loose in put.loose[:2])
+            most = ", ".join(loose.name for loose in put.dominant[:2])
             maps.add_row(
                 shape, title, *(f"{value:.3f}" for value in (*px, *sigma)), f"{ratio:.2f}", most
             )
@@ -172,7 +172,7 @@ def main() -> None:
                 after = map_error(
                     updated(put.calibration, folder / "water"), folder / "water" / "truth.npz", NEAR
                 )
-                loose = next(each for each in put.loose if each.measured_to is not None)
+                loose = next(each for each in put.dominant if each.measured_to is not None)
                 rows = np.array(
                     [
                         list(_off(measured(session, loose, GLASS[shape], signs), folder))

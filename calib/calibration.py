@@ -36,7 +36,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
 from calib.io.array_arguments import on_finite_rows, pixel_rows, point_rows
 from calib.io.arrays import decode_npz
-from calib.io.file_set import FileSet, in_force
+from calib.io.file_set import FileSet, find_current
 from calib.io.files import npz, reading
 from calib.io.numerals import number
 from calib.io.yaml_reader import read_yaml
@@ -406,7 +406,7 @@ def _check_readable(document: dict[str, Any], arrays: memoryview) -> None:
 def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Return the content of calibration.yaml, and the arrays of the .npz written with it."""
     for _ in range(MAX_READS):
-        place = in_force(path)
+        place = find_current(path)
         if not place.is_file():
             session_folder = path.parent / "calibration"
             advice = (
@@ -422,7 +422,7 @@ def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
                 f"{path}: format is {version} where this version of calib reads {FORMAT}: fit the"
                 " session again."
             )
-        arrays, digest = read_arrays(in_force(path.with_suffix(".npz")))
+        arrays, digest = read_arrays(find_current(path.with_suffix(".npz")))
         if document.get("arrays_sha256", digest) == digest:
             return document, arrays
     raise InputError(

@@ -23,7 +23,7 @@ from calib.io.frames_table import (
     columns,
     is_by_hand,
     last_view,
-    mended,
+    match_pictures,
     read_table,
     to_csv,
 )
@@ -193,7 +193,7 @@ class Recorder:
             for row in read_table(table):
                 self._settings.find_changes(row)
         recorded = read_table(self._table)
-        self._rows = mended(recorded, pictures)
+        self._rows = match_pictures(recorded, pictures)
         if (
             recorded
             and pictures

@@ -74,8 +74,8 @@ class SigmaField:
         """Return the same standard deviation at distorted pixels, px, given as arrays of x and y of
         one shape. NaN outside the image, and next to pixels whose ray does not leave the cover.
         """
-        column, inside_x = _among(x, self.nodes_x)
-        row, inside_y = _among(y, self.nodes_y)
+        column, inside_x = _node_indices(x, self.nodes_x)
+        row, inside_y = _node_indices(y, self.nodes_y)
         sigma = self.at_nodes(depth).astype(np.float32)
         interpolated = remap(sigma, column, row, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE)
         return np.where(inside_x & inside_y, interpolated, np.float32(np.nan))
@@ -120,7 +120,7 @@ def ray_errors(calibration: Calibration) -> RayErrors:
     if not calibration.covariance.size:
         return _no_errors
     change = UndistortedChange.of(calibration)
-    root = root_of(calibration.covariance)
+    root = covariance_root(calibration.covariance)
 
     def errors(pixels: Array, frames: Array | None = None) -> Array:
         jacobian, invalid = change.jacobian(pixels, frames)
@@ -134,7 +134,7 @@ def _no_errors(pixels: Array, frames: Array | None = None) -> Array:  # noqa: AR
     return np.zeros((len(pixels), 4, 0))
 
 
-def root_of(covariance: Array) -> Array:
+def covariance_root(covariance: Array) -> Array:
     """Return the (n, n) root R of a covariance, R R^T. Eigenvalues that rounding makes negative
     count as zero.
 
@@ -232,7 +232,7 @@ class UndistortedChange:
         ), invalid
 
 
-def _among(
+def _node_indices(
     pixels: NDArray[np.floating], nodes: Array
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return coordinates in px as fractional indices of evenly spaced nodes, and a mask that is

@@ -70,7 +70,7 @@ class BoardPose:
     @staticmethod
     def exactly(pose: Array) -> BoardPose:
         """Return a (6,) pose without errors."""
-        return BoardPose(_pose(pose), np.zeros((6, 6)), np.zeros((6, 0)))
+        return BoardPose(_check_pose(pose), np.zeros((6, 6)), np.zeros((6, 0)))
 
     @staticmethod
     def facing(depth: float) -> BoardPose:
@@ -157,7 +157,7 @@ class Measurer:
         Raises:
             NotEnoughDataError: the visible corners do not determine a pose.
         """
-        view = self._checked(view)
+        view = self._check_view(view)
         usable, unusable = split_usable_views((view,), self.calibration.board)
         path, values = self.calibration.model()
         observations = Observations.of(usable, self.calibration.board)
@@ -184,10 +184,10 @@ class Measurer:
             ) from None
         pose, pixels = poses[0].numpy(), visible.pixels.numpy()
         repeated_pose = np.broadcast_to(pose, (len(pixels), 6))
-        frames = self._frames(pixels)
+        frames = self._ray_frames(pixels)
         by_line = central_differences(
-            lambda lines: intersect(*self._rays(lines, frames), repeated_pose),
-            self._lines(pixels, frames),
+            lambda lines: intersect(*self._to_rays(lines, frames), repeated_pose),
+            self._to_lines(pixels, frames),
             LINE_STEPS,
         )  # (M, 3, 4)
         errors = self._errors(pixels, frames)
@@ -207,24 +207,24 @@ class Measurer:
             planes: V poses, whose x-y planes are used.
             plane: (N,) the index of each pixel's plane.
         """
-        pixels, excluded = self._within(pixel_rows(pixels))
+        pixels, excluded = self._clip_to_picture(pixel_rows(pixels))
         plane_indices = indices(plane, len(pixels), len(planes), "plane")
-        poses = _poses(planes)[plane_indices]
-        frames = self._frames(pixels)
-        lines = self._lines(pixels, frames)
-        points = intersect(*self._rays(lines, frames), poses)
+        poses = _stack_poses(planes)[plane_indices]
+        frames = self._ray_frames(pixels)
+        lines = self._to_lines(pixels, frames)
+        points = intersect(*self._to_rays(lines, frames), poses)
         by_line = central_differences(
-            lambda varied: intersect(*self._rays(varied, frames), poses), lines, LINE_STEPS
+            lambda varied: intersect(*self._to_rays(varied, frames), poses), lines, LINE_STEPS
         )
         by_pose = central_differences(
-            lambda varied: intersect(*self._rays(lines, frames), varied), poses, POSE_STEPS
+            lambda varied: intersect(*self._to_rays(lines, frames), varied), poses, POSE_STEPS
         )
-        shared = self._shared(
+        shared = self._shared_errors(
             planes, plane_indices, by_pose, by_line @ self._errors(pixels, frames)
         )
         return _measured_points(
             points,
-            noise=self._noise(by_line, pixels, frames),
+            noise=self._noise_covariance(by_line, pixels, frames),
             shared=shared,
             gap_px=np.zeros(len(points)),
             excluded=excluded,
@@ -244,15 +244,15 @@ class Measurer:
             board: (M,) the index of each pixel's view.
             point: (M,) the index of the point that each pixel shows, from 0 to N - 1.
         """
-        pixels, excluded = self._within(pixel_rows(pixels))
+        pixels, excluded = self._clip_to_picture(pixel_rows(pixels))
         board_indices = indices(board, len(pixels), len(boards), "board")
         point_indices = indices(point, len(pixels), len(pixels), "point")
-        groups = _groups(point_indices)
+        groups = _rows_by_point(point_indices)
         if not all(len(rows) for rows in groups):
             raise InputError("point leaves out a number: count the points from 0 on.")
-        poses = _poses(boards)[board_indices]
-        frames = self._frames(pixels)
-        lines = self._lines(pixels, frames)
+        poses = _stack_poses(boards)[board_indices]
+        frames = self._ray_frames(pixels)
+        lines = self._to_lines(pixels, frames)
         errors = self._errors(pixels, frames)
         if not groups:
             return self.on_planes(pixels, boards, board_indices.tolist())
@@ -288,14 +288,14 @@ class Measurer:
         point_lines = lines[rows]
         point_poses = poses[rows]
         ray_frames = frames[rows]
-        point, angles = triangulate(*self._rays(point_lines, ray_frames), point_poses)
+        point, angles = triangulate(*self._to_rays(point_lines, ray_frames), point_poses)
 
         def by_line_of(row: int) -> Array:
             """Return the (1, 3, 4) derivatives of the point by the line of a row."""
 
             def move_line(line: Array) -> Array:
                 varied = np.vstack([point_lines[:row], line, point_lines[row + 1 :]])
-                return triangulate(*self._rays(varied, ray_frames), point_poses)[0][None]
+                return triangulate(*self._to_rays(varied, ray_frames), point_poses)[0][None]
 
             return central_differences(move_line, point_lines[row : row + 1], LINE_STEPS)
 
@@ -304,25 +304,25 @@ class Measurer:
 
             def move_pose(pose: Array) -> Array:
                 varied = np.vstack([point_poses[:row], pose, point_poses[row + 1 :]])
-                return triangulate(*self._rays(point_lines, ray_frames), varied)[0][None]
+                return triangulate(*self._to_rays(point_lines, ray_frames), varied)[0][None]
 
             return central_differences(move_pose, point_poses[row : row + 1], POSE_STEPS)
 
         by_line = np.concatenate([by_line_of(row) for row in range(len(rows))])
         by_pose = np.concatenate([by_pose_of(row) for row in range(len(rows))])
-        shared = self._shared(boards, board_indices[rows], by_pose, by_line @ errors[rows])
+        shared = self._shared_errors(boards, board_indices[rows], by_pose, by_line @ errors[rows])
         return MeasuredPoints(
             points=point[None],
-            noise=self._noise(by_line, pixels[rows], ray_frames).sum(0, keepdims=True),
+            noise=self._noise_covariance(by_line, pixels[rows], ray_frames).sum(0, keepdims=True),
             shared=shared.sum(0, keepdims=True),
             gap_px=np.sqrt((angles**2).mean(keepdims=True)) * self._focal.mean(),
             reasons=(UnmeasuredReason.MEASURED,),
         )
 
-    def _checked(self, view: View) -> View:
+    def _check_view(self, view: View) -> View:
         """Return the view without the corners that are outside the picture or have no weight."""
         count = self.calibration.board.count
-        corners, excluded = self._within(pixel_rows(view.corners, "corners"))
+        corners, excluded = self._clip_to_picture(pixel_rows(view.corners, "corners"))
         weight = numbers(view.weight, (count,), "weight")
         if len(corners) != count:
             raise InputError(
@@ -336,7 +336,7 @@ class Measurer:
             weight=np.where(used, np.minimum(weight, 1.0), 0.0),
         )
 
-    def _within(self, pixels: Array) -> tuple[Array, Flags]:
+    def _clip_to_picture(self, pixels: Array) -> tuple[Array, Flags]:
         """Return (N, 2) px, in which pixels outside the picture are moved to its border, and an
         (N,) mask of these pixels. The picture ends half a pixel outside the centres of its border
         pixels. A pixel that is NaN counts as outside.
@@ -349,13 +349,13 @@ class Measurer:
             excluded,
         )
 
-    def _frames(self, pixels: Array) -> Array:
+    def _ray_frames(self, pixels: Array) -> Array:
         """Return (N, 3, 3) rotations from the camera frame to a frame along each pixel's ray. In
         that frame a ray has A and B at any angle from the camera's axis.
         """
         return frames_along(self.calibration.rays(pixels)[1])
 
-    def _lines(self, pixels: Array, frames: Array) -> Array:
+    def _to_lines(self, pixels: Array, frames: Array) -> Array:
         """Return (N, 4): A without the principal point (px) and B (px m) of each pixel's ray, in
         its frame.
         """
@@ -371,7 +371,7 @@ class Measurer:
             -1,
         )
 
-    def _rays(self, lines: Array, frames: Array) -> tuple[Array, Array]:
+    def _to_rays(self, lines: Array, frames: Array) -> tuple[Array, Array]:
         """Return, in the camera frame, the (N, 3) m points where lines given by A and B cross the
         plane z = 0 of their frames, and their (N, 3) directions.
         """
@@ -383,18 +383,18 @@ class Measurer:
             np.einsum("nij,nj->ni", to_camera, directions),
         )
 
-    def _noise(self, by_line: Array, pixels: Array, frames: Array) -> Array:
+    def _noise_covariance(self, by_line: Array, pixels: Array, frames: Array) -> Array:
         """Return the (N, 3, 3) m^2 covariance from the pixels' noise."""
         by_pixel = (
             self.noise_px
             * by_line
             @ central_differences(
-                lambda varied: self._lines(varied, frames), pixels, (PIXEL_STEP, PIXEL_STEP)
+                lambda varied: self._to_lines(varied, frames), pixels, (PIXEL_STEP, PIXEL_STEP)
             )
         )
         return np.asarray(by_pixel @ by_pixel.swapaxes(1, 2))
 
-    def _shared(
+    def _shared_errors(
         self, planes: Sequence[BoardPose], plane_indices: Indices, by_pose: Array, by_rays: Array
     ) -> Array:
         """Return the (N, 3, S + 1 + 6 V) errors that points share: from the rays, directly and
@@ -446,19 +446,19 @@ def _without_ray(lines: Array) -> Flags:
     return np.asarray(np.isnan(lines).any(-1))
 
 
-def _groups(point_indices: Indices) -> list[Indices]:
+def _rows_by_point(point_indices: Indices) -> list[Indices]:
     return [
         np.flatnonzero(point_indices == n) for n in range(int(point_indices.max(initial=-1)) + 1)
     ]
 
 
-def _pose(pose: Array) -> Array:
+def _check_pose(pose: Array) -> Array:
     checked = numbers(pose, (6,), "a pose")
     if not (np.abs(checked) < FARTHEST_M).all():
         raise InputError("a pose is not finite: give a rotation vector in rad and metres.")
     return checked
 
 
-def _poses(boards: Sequence[BoardPose]) -> Array:
+def _stack_poses(boards: Sequence[BoardPose]) -> Array:
     """Return the (V, 6) poses of boards; InputError if one is not finite."""
-    return np.array([_pose(board.pose) for board in boards]).reshape(-1, 6)
+    return np.array([_check_pose(board.pose) for board in boards]).reshape(-1, 6)

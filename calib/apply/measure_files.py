@@ -19,7 +19,7 @@ from calib.corners.detection import NotFound
 from calib.corners.find import find_board
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError, brief
-from calib.io.files import MOST_TEXT, read_file
+from calib.io.files import MAX_TEXT_BYTES, read_file
 from calib.io.images import read_grey
 from calib.progress import Progress
 from calib.undistortion.grids import Array
@@ -40,7 +40,7 @@ class Point:
 
 def read_points(path: Path) -> list[Point]:
     """Return the pixels of a file; InputError if it is not such a table."""
-    rows = _read(path, ("x", "y"), ("name", "image"))
+    rows = _read_table(path, ("x", "y"), ("name", "image"))
     return [
         Point(cells.get("name") or str(n), cells.get("image", ""), *numeric)
         for n, (cells, numeric) in enumerate(rows, start=1)
@@ -51,7 +51,7 @@ def read_poses(path: Path) -> dict[str, BoardPose]:
     """Return the board's pose for each picture; InputError if the file is not such a table."""
     return {
         cells["image"]: BoardPose.exactly(np.array(numeric))
-        for cells, numeric in _read(path, POSE, ("image",))
+        for cells, numeric in _read_table(path, POSE, ("image",))
     }
 
 
@@ -72,7 +72,7 @@ def measure_on_boards(
     """Return each point on the plane of the board in its picture, in the camera frame. The boards
     are detected in the pictures of the folder if no poses are given.
     """
-    boards = _boards(measurer, points, folder, poses, progress)
+    boards = _board_poses(measurer, points, folder, poses, progress)
     names = list(boards)
     return measurer.on_planes(
         _pixels(points), list(boards.values()), [names.index(point.image) for point in points]
@@ -99,7 +99,7 @@ def measure_by_rays(
                 f"{brief(name)} is in one picture only: give its pixel in another as well, or"
                 " measure on a plane."
             )
-    boards = _boards(measurer, points, folder, poses, progress)
+    boards = _board_poses(measurer, points, folder, poses, progress)
     images = list(boards)
     if not poses:
         boards = _in_one_frame(measurer, points, folder, boards)
@@ -131,7 +131,9 @@ def _in_one_frame(
         pair = [p for p in points if p.name in common and p.image in (first, image)]
         point_indices = [common.index(p.name) for p in pair]
         view_indices = [int(p.image == image) for p in pair]
-        views = turned_views(_view(measurer.calibration, folder / image), measurer.calibration)
+        views = views_in_each_order(
+            _detect_view(measurer.calibration, folder / image), measurer.calibration
+        )
         candidates = [measurer.board_pose(view) for view in views]
         if not pair:
             chosen[image] = boards[image]
@@ -148,7 +150,7 @@ def _in_one_frame(
     return chosen
 
 
-def turned_views(view: View, calibration: Calibration) -> list[View]:
+def views_in_each_order(view: View, calibration: Calibration) -> list[View]:
     """Return the view with its corners in each order that the board's pattern allows."""
     board = calibration.board
     if board.coding:
@@ -164,7 +166,7 @@ def turned_views(view: View, calibration: Calibration) -> list[View]:
     ]
 
 
-def _boards(
+def _board_poses(
     measurer: Measurer,
     points: Sequence[Point],
     folder: Path,
@@ -187,13 +189,13 @@ def _boards(
         boards[image] = (
             poses[image]
             if poses
-            else measurer.board_pose(_view(measurer.calibration, folder / image))
+            else measurer.board_pose(_detect_view(measurer.calibration, folder / image))
         )
     advance(len(images), "")
     return boards
 
 
-def _view(calibration: Calibration, path: Path) -> View:
+def _detect_view(calibration: Calibration, path: Path) -> View:
     grey, camera, board = read_grey(path), calibration.camera, calibration.board
     if grey.shape != (camera.height, camera.width):
         raise InputError(
@@ -214,7 +216,7 @@ def _pixels(points: Sequence[Point]) -> Array:
     return np.array([(point.x, point.y) for point in points])
 
 
-def _read(
+def _read_table(
     path: Path, number_columns: tuple[str, ...], text_columns: tuple[str, ...]
 ) -> list[tuple[dict[str, str], list[float]]]:
     """Return the cells of the text columns, and the values of the number columns, of each line.
@@ -223,7 +225,7 @@ def _read(
         InputError: the file is not such a table, or has no line.
     """
     try:
-        text = read_file(path, MOST_TEXT).decode("utf-8-sig")
+        text = read_file(path, MAX_TEXT_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not a text file: write CSV in UTF-8.") from error
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]

@@ -82,11 +82,11 @@ def locate_in_files(
     if not pictures:
         raise InputError(refused[0].sentence)
     if not any(picture.located.tags for picture in pictures):
-        raise NotEnoughDataError(_why(locator, pictures))
+        raise NotEnoughDataError(_explain_no_tag(locator, pictures))
     return pictures, refused
 
 
-def _why(locator: TagLocator, pictures: Sequence[Picture]) -> str:
+def _explain_no_tag(locator: TagLocator, pictures: Sequence[Picture]) -> str:
     """Return a sentence on why no tag of these pictures has a pose."""
     unplaced = [(picture, tag) for picture in pictures for tag in picture.located.unplaced]
     border = OTHER_BORDER.get(locator.border)
@@ -124,13 +124,13 @@ def as_table(pictures: Sequence[Picture]) -> str:
                     [
                         harmless(str(picture.path)),
                         tag.number,
-                        *(f"{number:.9g}" for number in _numbers(pose)),
+                        *(f"{number:.9g}" for number in _cells(pose)),
                     ]
                 )
     return text.getvalue()
 
 
-def _numbers(pose: TagPose) -> list[float]:
+def _cells(pose: TagPose) -> list[float]:
     covariance = pose.covariance
     upper = [float(covariance[row, column]) for row, column in UPPER]
     return [

@@ -141,7 +141,9 @@ def misfit(lines: Lines, side: float, turn: Array, shift: Array) -> Misfit:
         :, None
     ] ** 2  # the pixels' own scale
     by_point = to_pixels @ by_point
-    motion = np.concatenate([-_cross(arm), np.broadcast_to(np.eye(3), (4, 3, 3))], -1)  # (4, 3, 6)
+    motion = np.concatenate(
+        [-_cross_matrices(arm), np.broadcast_to(np.eye(3), (4, 3, 3))], -1
+    )  # (4, 3, 6)
     by_line = np.concatenate([to_pixels, to_pixels * inverse[:, None, None]], -1)
     return Misfit(
         px.ravel(), (by_point @ motion).reshape(8, 6), by_line, (by_point @ arm[..., None]).ravel()
@@ -157,7 +159,7 @@ def starts(lines: Lines, side: float) -> list[tuple[Array, Array]]:
         inverse, pose = np.zeros(4), None
         for _ in range(ROUNDS):
             slopes = lines.at_infinity + lines.parallax * inverse[:, None]
-            pose = _central(slopes, side, index)
+            pose = _central_pose(slopes, side, index)
             if pose is None:
                 break
             depth = (side * SQUARE @ pose[0].T + pose[1])[:, 2]
@@ -225,7 +227,7 @@ def _evaluate(
     return current, float(((whiten @ current.px) ** 2).sum()) if ahead else np.inf
 
 
-def _central(slopes: Array, side: float, index: int) -> tuple[Array, Array] | None:
+def _central_pose(slopes: Array, side: float, index: int) -> tuple[Array, Array] | None:
     """Return one of the two poses of a square whose corners have the slopes (4, 2) from a central
     camera; None if there is none.
     """
@@ -242,7 +244,7 @@ def _central(slopes: Array, side: float, index: int) -> tuple[Array, Array] | No
     return (turn, shift) if np.isfinite(turn).all() and np.isfinite(shift).all() else None
 
 
-def _cross(vectors: Array) -> Array:
+def _cross_matrices(vectors: Array) -> Array:
     """Return the (N, 3, 3) matrices of the cross products with (N, 3) vectors, v x."""
     x, y, z = vectors.T
     zero = np.zeros_like(x)

@@ -60,9 +60,9 @@ corner of the makers' (and Kalibr's) upright tag.
 BORDERS = (1, 2)
 """The widths of a tag's black border in cells. One is usual; Kalibr prints two."""
 MIN_SIDE = 5e-5
-"""m"""
+"""m: the smallest side of a tag's black square."""
 MAX_SIDE = 100.0
-"""m"""
+"""m: the largest side of a tag's black square."""
 
 
 class TagLocator:
@@ -175,7 +175,7 @@ class TagLocator:
         if not is_given.any():
             return results
         pixels = corners[is_given].reshape(-1, 2)
-        frames = self._frames(corners[is_given])
+        frames = self._tag_frames(corners[is_given])
         corner_frames = frames if frames is None else np.repeat(frames, 4, 0)
         lines = Lines.of(self.calibration, pixels, corner_frames)
         errors = self._errors(pixels, corner_frames).reshape(int(is_given.sum()), 4, 4, -1)
@@ -185,7 +185,7 @@ class TagLocator:
                 results[at] = UnplacedReason.NO_RAY
                 continue
             tag_poses = tuple(
-                self._poses(tag_lines, covariances[at] + MIN_NOISE**2 * np.eye(8), errors[row])
+                self._find_poses(tag_lines, covariances[at] + MIN_NOISE**2 * np.eye(8), errors[row])
             )
             limit = max(
                 MAX_MISFIT_PX,
@@ -201,7 +201,7 @@ class TagLocator:
             )
         return results
 
-    def _frames(self, corners: Array) -> Array | None:
+    def _tag_frames(self, corners: Array) -> Array | None:
         """Return (T, 3, 3) rotations from the camera frame to frames that look at the tags with
         (T, 4, 2) px corners. Return None unless the lens is wide: for other lenses, the camera
         frame serves for all tags.
@@ -230,7 +230,7 @@ class TagLocator:
         growth = measure_ink_spread(
             grey,
             outlines.corners[measured],
-            [self._black(number) for number in np.array(numbers)[measured].tolist()],
+            [self._black_cells(number) for number in np.array(numbers)[measured].tolist()],
         )
         if growth.is_significant:
             outlines = remove_ink_spread(growth, outlines)
@@ -248,7 +248,7 @@ class TagLocator:
         ]
         return tags, growth if growth.is_significant else NO_INK_SPREAD
 
-    def _black(self, number: int) -> NDArray[np.bool_]:
+    def _black_cells(self, number: int) -> NDArray[np.bool_]:
         """Return the (n, n) cells of the upright tag, true where black."""
         cells = black_cells(self.dictionary, number, self.border)
         return cells[::-1, ::-1] if self.dictionary.startswith(UPSIDE_DOWN) else cells
@@ -258,7 +258,7 @@ class TagLocator:
         straight line between its ends, from (T, 4, 2) px approximate corners; 0 if it cannot be
         computed.
         """
-        frames = self._frames(rough)
+        frames = self._tag_frames(rough)
         corner_frames = frames if frames is None else np.repeat(frames, 4, 0)
         lines = Lines.of(self.calibration, rough.reshape(-1, 2), corner_frames)
         bends = np.zeros(rough.shape[:2])
@@ -288,7 +288,7 @@ class TagLocator:
         )
         return bends
 
-    def _poses(self, lines: Lines, noise: Array, errors: Array) -> list[TagPose]:
+    def _find_poses(self, lines: Lines, noise: Array, errors: Array) -> list[TagPose]:
         """Return the poses that a tag's rays allow, the most probable first.
 
         Args:
@@ -299,14 +299,14 @@ class TagLocator:
         rough = poses(lines, self.side, np.linalg.inv(np.linalg.cholesky(noise)))
         if not rough:
             return []
-        by_rays = self._by_rays(lines, errors, *rough[0][:2])
+        by_rays = self._misfit_by_rays(lines, errors, *rough[0][:2])
         whiten = np.linalg.inv(np.linalg.cholesky(noise + by_rays @ by_rays.T))
         minima = poses(lines, self.side, whiten)
         if not minima:
             return []
         inflation = minima[0][2] / DEGREES_OF_FREEDOM if minima[0][2] > MAX_CHI2 else 1.0
         results = [
-            self._pose(lines, noise * inflation, errors, whiten, turn, shift)
+            self._make_pose(lines, noise * inflation, errors, whiten, turn, shift)
             for turn, shift, _ in minima
         ]
         spreads = [np.linalg.slogdet(pose.covariance)[1] / 2 for pose in results]
@@ -322,12 +322,12 @@ class TagLocator:
         ranked = sorted(zip(results, shares.tolist(), strict=True), key=lambda pair: -pair[1])
         return [replace(pose, probability=share) for pose, share in ranked if share]
 
-    def _by_rays(self, lines: Lines, errors: Array, turn: Array, shift: Array) -> Array:
+    def _misfit_by_rays(self, lines: Lines, errors: Array, turn: Array, shift: Array) -> Array:
         """Return the (8, S) px change of the misfit by each of the rays' errors."""
         by_line = misfit(lines, self.side, turn, shift).by_line / np.tile(self._focal, 2)
         return np.asarray((by_line @ errors).reshape(8, -1))
 
-    def _pose(
+    def _make_pose(
         self, lines: Lines, noise: Array, errors: Array, whiten: Array, turn: Array, shift: Array
     ) -> TagPose:
         """Return a pose with its errors. Its probability is not known yet, and is 1 here."""
@@ -335,7 +335,10 @@ class TagLocator:
         # (6, 8): the change of the pose by a misfit, with the opposite sign
         gain = np.linalg.pinv(whiten @ tag_misfit.by_pose) @ whiten
         by_all = np.column_stack(
-            [self._by_rays(lines, errors, turn, shift), tag_misfit.by_size * self._relative_sigma]
+            [
+                self._misfit_by_rays(lines, errors, turn, shift),
+                tag_misfit.by_size * self._relative_sigma,
+            ]
         )
         off_px = math.sqrt(float((tag_misfit.px**2).sum()) / 4)
         return TagPose(

@@ -88,13 +88,13 @@ def undistort_files(
             written.append(target)
             cut_off += filter(None, [sentence])
         else:
-            image = _encoded(_straightened(path, undistorter), path)
+            image = _encode(_undistort_picture(path, undistorter), path)
             written.append(output.write(path.name, image))
     advance(len(paths), "")
     return UndistortedFiles(tuple(written), tuple(cut_off))
 
 
-def _straightened(path: Path, undistorter: Undistorter) -> Image:
+def _undistort_picture(path: Path, undistorter: Undistorter) -> Image:
     image = read_image(path)
     try:
         return undistorter.undistort(image)
@@ -140,7 +140,7 @@ def _check_depth_images(paths: Sequence[Path], depth: Depth | Path, folder: Path
         )
 
 
-def _encoded(image: Image, path: Path) -> bytes:
+def _encode(image: Image, path: Path) -> bytes:
     """Return the bytes of a file with the image, of the type of the path's suffix."""
     suffix = path.suffix.lower()
     if image.dtype == np.uint16 and suffix not in SIXTEEN_BIT:

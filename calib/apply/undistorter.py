@@ -106,7 +106,7 @@ class Undistorter:
                 "near is not finite: write the nearest distance that depth images reach, such as"
                 " 0.1."
             )
-        size = (self.field.width, self.field.height) if size is None else _whole_size(size)
+        size = (self.field.width, self.field.height) if size is None else _check_size(size)
         if min(size) < 2:
             raise InputError(
                 f"a picture of {size[0]}x{size[1]} px shows nothing: write a width and height of 2"
@@ -116,10 +116,10 @@ class Undistorter:
             raise InputError(
                 "crop and camera_matrix both say what the picture shows: give one of them."
             )
-        self._depth = depth if _is_image(depth) else _metres(depth)
-        self.window = self._window(crop, camera_matrix, size)
+        self._depth = depth if _is_image(depth) else _check_metres(depth)
+        self.window = self._make_window(crop, camera_matrix, size)
         self._stack: DepthStack | None = None
-        self._show(depth)
+        self._set_depth(depth)
 
     @property
     def depth(self) -> Depth:
@@ -151,7 +151,7 @@ class Undistorter:
         """
         copy = object.__new__(Undistorter)
         copy.__dict__.update(self.__dict__)
-        copy._show(depth)
+        copy._set_depth(depth)
         self._stack = copy._stack
         return copy
 
@@ -190,7 +190,7 @@ class Undistorter:
             pixels: (N, 2)
             depth: m, one for all or (N,); by default that of the undistorter, if it is one for all.
         """
-        rows = self._rows(pixels, depth)
+        rows = self._pixels_with_inverse_depth(pixels, depth)
 
         def undistorted(rows: Array) -> tuple[Array]:
             at, metres = rows[:, :2], 1 / rows[:, 2]
@@ -206,7 +206,7 @@ class Undistorter:
         """Return the (N, 2) px of the camera that see (N, 2) px of the undistorted picture; NaN
         where no pixel does. The arguments are those of `undistort_points`.
         """
-        rows = self._rows(pixels, depth)
+        rows = self._pixels_with_inverse_depth(pixels, depth)
 
         def distorted(rows: Array) -> tuple[Array]:
             plane = rows[:, :2] * np.array(self.window.zoom) + self.window.corner
@@ -228,10 +228,10 @@ class Undistorter:
         """
         return self.calibration.rays(pixels)
 
-    def _show(self, depth: Depth) -> None:
+    def _set_depth(self, depth: Depth) -> None:
         """Set the maps, and the mask of valid pixels, for a depth."""
         if not _is_image(depth):
-            self._depth = metres = _metres(depth)
+            self._depth = metres = _check_metres(depth)
             depth_map = self.field.map_at(metres, self.window)
             x, y, self.valid = depth_map.x, depth_map.y, depth_map.valid
         else:
@@ -247,9 +247,9 @@ class Undistorter:
             with np.errstate(over="ignore"):  # of a depth that is as good as infinite
                 x, y, self.valid = self._stack.map_at(image.astype(np.float32, order="C"))
         self._holes = not self.valid.all()
-        self.maps = _fast(x, y, self.valid, self.field)
+        self.maps = _fast_maps(x, y, self.valid, self.field)
 
-    def _window(
+    def _make_window(
         self, crop: float | None, camera_matrix: Array | None, size: tuple[int, int]
     ) -> Window:
         if crop is not None:
@@ -291,7 +291,7 @@ class Undistorter:
             intrinsics.cy.value,
         )
 
-    def _rows(self, pixels: Array, depth: float | Array | None) -> Array:
+    def _pixels_with_inverse_depth(self, pixels: Array, depth: float | Array | None) -> Array:
         """Return (N, 3): px, px, and 1 / depth; NaN for a depth that is not in front of the
         camera.
         """
@@ -314,20 +314,20 @@ def _is_image(depth: Depth) -> bool:
         return True
 
 
-def _metres(depth: Depth) -> float:
+def _check_metres(depth: Depth) -> float:
     metres = number(depth, "depth")
     check_depth(metres)
     return metres
 
 
-def _whole_size(size: tuple[int, int]) -> tuple[int, int]:
+def _check_size(size: tuple[int, int]) -> tuple[int, int]:
     width, height = numbers(size, (2,), "size").tolist()
     if not (width % 1 == height % 1 == 0 and max(width, height) < FARTHEST_PX):
         raise InputError(f"size is {brief(repr(size))}: give width and height in whole px.")
     return int(width), int(height)
 
 
-def _fast(
+def _fast_maps(
     x: NDArray[np.float32], y: NDArray[np.float32], valid: Mask, field: RayField
 ) -> tuple[Any, Any]:
     """Return two maps for cv2.remap.

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.apply.map_uncertainty import root_of
+from calib.apply.map_uncertainty import covariance_root
 from calib.calibration import Calibration
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
@@ -45,7 +45,7 @@ class CalibrationPrior:
         model = calibration.camera_model()
         parameters = model.parameters
         if calibration.covariance.size:
-            root = root_of(calibration.covariance)
+            root = covariance_root(calibration.covariance)
         elif parameters.relief:
             parameters, root = Parameters.none(model.means), np.zeros((0, 0))
         else:  # without a cover, the intrinsics hold the covariance
@@ -64,7 +64,7 @@ class CalibrationPrior:
             self,
             model=replace(self.model, path=path),
             parameters=parameters,
-            root=root_of(covariance),
+            root=covariance_root(covariance),
         )
 
     def fit_poses(self, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:

@@ -20,7 +20,7 @@ from calib.errors import InputError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from calib.apply.immerse import Immersion
+    from calib.apply.change_medium import Immersion
 
 SUMMARY = "Convert a calibration to another medium: made in air, used in water."
 DESCRIPTION = """
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> None:
     index = _index(args)
 
     with fast_imports():
-        from calib.apply.immerse import DEPTHS, immerse
+        from calib.apply.change_medium import DEPTHS, immerse
         from calib.calibration import DERIVED, FILES, Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_json
@@ -176,7 +176,7 @@ def _remarks(immersion: "Immersion") -> Iterator[str]:
             f" {original_sigmas}. Take three pictures of the board in the new medium, which"
             " determine it (calib check IMMERSED PICTURES --update), or improve the following."
         )
-        for parameter in immersion.loose[:2]:
+        for parameter in immersion.dominant[:2]:
             yield f"the views leave open {parameter.words}: {parameter.advice}."
     if immersion.other_face_px and max(immersion.other_face_px) > UNKNOWN_FACE:
         yield (
@@ -233,7 +233,7 @@ def _as_mapping(
                 "measured_to": parameter.measured_to,
                 "unit": parameter.unit,
             }
-            for parameter in immersion.loose
+            for parameter in immersion.dominant
         ],
         "remarks": remarks,
         "written": written,
@@ -260,7 +260,7 @@ def _print(immersion: "Immersion", remarks: list[str], written: "list[Path]") ->
         ):
             table.add_row(f"{depth:g} m", f"{original_sigma:.3f} px", f"{new_sigma:.3f} px")
         console.print(table)
-    for parameter in immersion.loose:
+    for parameter in immersion.dominant:
         sigmas = ", ".join(f"{sigma:.3f}" for sigma in parameter.sigma_px)
         console.print(
             f"If {parameter.words} were known exactly: {sigmas} px.",

@@ -25,7 +25,7 @@ from calib.apply.map_uncertainty import SigmaField, predicted_sigma
 from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.export.export import ExportedFiles, ExportRequest, depth_text, limit_remarks
-from calib.io.file_set import FileSet, in_force
+from calib.io.file_set import FileSet, find_current
 from calib.io.files import npz
 from calib.progress import Progress
 from calib.undistortion.depth_map import DepthMap
@@ -65,8 +65,8 @@ def read_field(path: Path) -> RayField:
     """Return the field of a rays.npz; raise InputError if the calibration.npz beside it is another
     one.
     """
-    with np.load(in_force(path), allow_pickle=False) as file:
-        calibration_file = in_force(path.with_name("calibration.npz"))
+    with np.load(find_current(path), allow_pickle=False) as file:
+        calibration_file = find_current(path.with_name("calibration.npz"))
         if (
             calibration_file.exists()
             and sha256(calibration_file.read_bytes()).hexdigest() != file["calibration"]

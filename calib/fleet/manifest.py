@@ -18,7 +18,7 @@ from pathlib import Path
 from calib.errors import InputError, brief
 from calib.fleet.limits import ENDS, Limit, limit_of
 from calib.fleet.places import absolute, at_hand, faraway, is_remote
-from calib.io.files import MOST_TEXT, read_file, reading
+from calib.io.files import MAX_TEXT_BYTES, read_file, reading
 from calib.io.yaml_reader import read_yaml
 from calib.session.schema import Section
 
@@ -90,7 +90,7 @@ def _rows(table: str) -> Iterator[Entry]:
 
 def _of_csv(path: Path, table: str, base: str) -> Iterator[Entry]:
     try:
-        text = read_file(path, MOST_TEXT).decode("utf-8-sig")
+        text = read_file(path, MAX_TEXT_BYTES).decode("utf-8-sig")
         lines = csv.reader(io.StringIO(text, newline=""), strict=True)
         head = [cell.strip() for cell in next(lines, [])]
         rows = [(lines.line_num, row) for row in lines if any(cell.strip() for cell in row)]

@@ -1,4 +1,4 @@
-"""Depth images on disk, as RGB-D cameras and stereo programs write them."""
+"""Read depth images from disk, as RGB-D cameras and stereo programs write them."""
 
 from pathlib import Path
 
@@ -10,12 +10,12 @@ from calib.io.arrays import decode_npy
 from calib.io.encoded_picture import decode_picture
 from calib.io.files import read_file, reading
 
-KINDS = (".npy", ".png", ".tif", ".tiff", ".exr")
+SUFFIXES = (".npy", ".png", ".tif", ".tiff", ".exr")
 
 
 def read_depth_image(path: Path) -> NDArray[np.float32]:
-    """(height, width) m: floating-point files hold metres, 16-bit ones millimetres; 0 is
-    unknown.
+    """Return (height, width) m; 0 is unknown. Floating-point files hold metres, 16-bit files
+    millimetres.
     """
     data = read_file(path)
     try:
@@ -30,19 +30,19 @@ def read_depth_image(path: Path) -> NDArray[np.float32]:
     return np.asarray(pixels / 1000 if pixels.dtype == np.uint16 else pixels, dtype=np.float32)
 
 
-def depth_image_for(picture: Path, given: Path) -> NDArray[np.float32]:
-    """The depth image of a picture: the file itself, or of a folder the one with the picture's
-    name.
+def depth_image_for(picture: Path, path: Path) -> NDArray[np.float32]:
+    """Return the depth image of a picture in m. `path` is the depth image's file, or a folder with
+    a depth image under the picture's name.
     """
-    with reading(given):
-        folder = given.is_dir()
+    with reading(path):
+        folder = path.is_dir()
     if not folder:
-        return read_depth_image(given)
-    for kind in KINDS:
-        named = given / f"{picture.stem}{kind}"
-        if named.exists():
-            return read_depth_image(named)
+        return read_depth_image(path)
+    for suffix in SUFFIXES:
+        candidate = path / f"{picture.stem}{suffix}"
+        if candidate.exists():
+            return read_depth_image(candidate)
     raise InputError(
-        f"{given} holds no depth image for {picture.name}: add {picture.stem}.npy or"
+        f"{path} holds no depth image for {picture.name}: add {picture.stem}.npy or"
         f" {picture.stem}.png."
     )

@@ -1,5 +1,5 @@
-"""Pictures, decoded from their bytes. Their size is read from the header first: a file of 2 MB may
-hold a picture of 4 GB.
+"""Decode pictures from their bytes. The size is read from the header first, because a file of 2 MB
+may hold a picture of 4 GB.
 """
 
 import re
@@ -11,40 +11,40 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.io.arrays import MOST_DECODED
+from calib.io.arrays import MAX_DECODED_BYTES
 
-# What OpenCV would print is raised here, as a sentence. Its log moved between versions; 0 is silent
-# in all of them.
+# This module raises errors as sentences, so OpenCV's log is switched off. Its function moved
+# between versions; level 0 is silent in all of them.
 (cv2.utils.logging.setLogLevel if hasattr(cv2.utils, "logging") else cv2.setLogLevel)(0)  # type: ignore[attr-defined]
 
 JPEG = b"\xff\xd8\xff"
 PNG = b"\x89PNG\r\n\x1a\n"
 BMP = b"BM"
 EXR = b"v/1\x01"
-FRAMES = frozenset((*range(0xC0, 0xD0),)) - {0xC4, 0xC8, 0xCC}
-"""JPEG's markers of a frame's header, which has the picture's size."""
+FRAME_MARKERS = frozenset((*range(0xC0, 0xD0),)) - {0xC4, 0xC8, 0xCC}
+"""The JPEG markers of a frame header, which holds the picture's size."""
 _JPEG_MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
-"""Any but a stuffed 0xff and the restart markers, which stand inside the compressed data.
+"""Any marker except a stuffed 0xff and the restart markers, which are part of the compressed data.
 
-Of 0xff that are repeated, the last counts.
+If 0xff is repeated, the last one counts.
 """
 TIFF_TYPES = {1: "B", 3: "H", 4: "I", 16: "Q"}
-"""The types of whole numbers in a TIFF's directory."""
+"""The types of whole numbers in a TIFF's directory, and their codes for `struct`."""
 WIDTH, HEIGHT, BITS, SAMPLES = 256, 257, 258, 277
 TILE_WIDTH, TILE_HEIGHT = 322, 323
 """Tags of a TIFF's directory."""
 
 
 class TooLargeError(ValueError):
-    """A picture that takes more memory than MOST_DECODED."""
+    """The error of a picture that takes more than MAX_DECODED_BYTES."""
 
 
 def decode_picture(data: bytes, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
     """Return the pixels of a PNG, JPEG, BMP, TIFF or OpenEXR file, as OpenCV decodes them.
 
     Raises:
-        TooLargeError: they take more than MOST_DECODED bytes. No memory was taken for them.
-        ValueError: it is none of these, or a damaged one.
+        TooLargeError: the pixels take more than MAX_DECODED_BYTES. No memory was allocated for
+        them. ValueError: the file is of another type, or damaged.
     """
     kind = next((magic for magic in NEEDED_BYTES if data.startswith(magic)), None)
     if kind is None:
@@ -53,8 +53,8 @@ def decode_picture(data: bytes, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[An
         needed = NEEDED_BYTES[kind](data)
     except (struct.error, KeyError, IndexError, OverflowError) as error:
         raise ValueError("the header is damaged") from error
-    if needed > MOST_DECODED:
-        raise TooLargeError(f"more than {MOST_DECODED >> 30} GB when decoded")
+    if needed > MAX_DECODED_BYTES:
+        raise TooLargeError(f"more than {MAX_DECODED_BYTES >> 30} GB when decoded")
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
@@ -65,7 +65,9 @@ def decode_picture(data: bytes, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[An
 
 
 def jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
-    """Yield each segment's marker and where its content begins, a thumbnail's own left out."""
+    """Yield each segment's marker and the offset of its content. A thumbnail's segments are
+    skipped.
+    """
     at = 2
     while match := _JPEG_MARKER.search(data, at):
         yield match[1][0], match.end()
@@ -73,9 +75,9 @@ def jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
 
 
 def _jpeg_bytes(data: bytes) -> int:
-    for marker, begin in jpeg_segments(data):
-        if marker in FRAMES:
-            bits, height, width, channels = struct.unpack_from(">BHHB", data, begin + 2)
+    for marker, content_start in jpeg_segments(data):
+        if marker in FRAME_MARKERS:
+            bits, height, width, channels = struct.unpack_from(">BHHB", data, content_start + 2)
             return int(height * width * channels * _whole_bytes(bits))
     raise ValueError("a JPEG without a frame")
 
@@ -93,7 +95,9 @@ def _bmp_bytes(data: bytes) -> int:
 
 
 def _exr_bytes(data: bytes) -> int:
-    """The header is a list of attributes: name, type, length, content."""
+    """Return the bytes of the decoded picture. The header is a list of attributes: name, type,
+    length, content.
+    """
     at, channels, box = 8, 0, (0, 0, 0, 0)
     while data[at]:
         name, kind = data[at : at + 512].split(b"\0")[:2]
@@ -105,29 +109,31 @@ def _exr_bytes(data: bytes) -> int:
             channels = max(1, len(content) // 18)  # at least a name, two ends, and 16 bytes
         elif name == b"dataWindow":
             box = struct.unpack("<4i", content)
-    left, top, right, bottom = box
-    return (right - left + 1) * (bottom - top + 1) * max(channels, 4) * 4
+    x_min, y_min, x_max, y_max = box
+    return (x_max - x_min + 1) * (y_max - y_min + 1) * max(channels, 4) * 4
 
 
 def _tiff_bytes(data: bytes) -> int:
-    """Return the bytes of the file's first picture, or of one of its tiles where that is larger."""
+    """Return the bytes of the file's first picture, or of one tile of it if a tile is larger."""
     order = "<" if data.startswith(b"II") else ">"
     large = data[2:4] in (b"+\0", b"\0+")
     count_format, entry_format = ("Q", "HHQ8s") if large else ("H", "HHI4s")
-    (begin,) = struct.unpack_from(order + ("Q" if large else "I"), data, 8 if large else 4)
-    (count,) = struct.unpack_from(order + count_format, data, begin)
-    begin += struct.calcsize(order + count_format)
+    (offset,) = struct.unpack_from(order + ("Q" if large else "I"), data, 8 if large else 4)
+    (count,) = struct.unpack_from(order + count_format, data, offset)
+    offset += struct.calcsize(order + count_format)
     entry_size = struct.calcsize(order + entry_format)
     tags = {BITS: 1, SAMPLES: 1, TILE_WIDTH: 0, TILE_HEIGHT: 0}
     for index in range(min(count, 4096)):
         tag, kind, values, content = struct.unpack_from(
-            order + entry_format, data, begin + index * entry_size
+            order + entry_format, data, offset + index * entry_size
         )
         if kind in TIFF_TYPES:
             form = order + TIFF_TYPES[kind]
-            if values * struct.calcsize(form) > len(content):  # it is elsewhere in the file
-                (place,) = struct.unpack(order + ("Q" if large else "I"), content)
-                (tags[tag],) = struct.unpack_from(form, data, place)
+            if values * struct.calcsize(form) > len(
+                content
+            ):  # the content is the offset of the value
+                (value_offset,) = struct.unpack(order + ("Q" if large else "I"), content)
+                (tags[tag],) = struct.unpack_from(form, data, value_offset)
             else:
                 (tags[tag],) = struct.unpack_from(form, content)
     width, height = tags[WIDTH], tags[HEIGHT]
@@ -150,4 +156,6 @@ NEEDED_BYTES: Mapping[bytes, Callable[[bytes], int]] = {
     b"II+\0": _tiff_bytes,
     b"MM\0+": _tiff_bytes,
 }
-"""How many bytes a picture takes when decoded, by the bytes that its file begins with."""
+"""For the first bytes of each type of file, the function that returns the bytes of the decoded
+picture.
+"""

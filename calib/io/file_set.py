@@ -1,20 +1,20 @@
-"""The files of a folder that belong together change as one: whoever looks finds the old set or the
-new one, however the writer ended, and whatever program looks.
+"""Replace the files of a folder that belong together as one set: every reader and every program
+finds the old set or the new one, however the writer ended.
 
-What is written has no name until all of it is on the disk. Then it gets its names in the hidden
-folder HIDDEN, under NEW, and the files that it replaces get a second name there, under OLD. Each
-name of the set becomes a symbolic link by way of HIDDEN/CURRENT, which leads to OLD: nothing has
-changed for a reader. Renaming one link turns CURRENT to NEW, and with it every file at once. In the
-end plain files take the place of the links, one by one, with the same contents. Where a kill cut
-that short, the names still lead to one whole set, and the next who reads or writes by calib tidies
-up. A folder has one writer at a time.
+The new files have no names until all of them are on the disk. Then they get their names in the
+hidden folder HIDDEN, under NEW, and the files that they replace get a second name there, under OLD.
+Each name of the set becomes a symbolic link through HIDDEN/CURRENT, which points to OLD: nothing
+has changed for a reader. Renaming one link makes CURRENT point to NEW, and so changes every file at
+once. In the end, plain files with the same contents replace the links one by one. If a kill
+interrupts this, the names still lead to one complete set, and the next process of calib that reads
+or writes the folder finishes the change. A folder has one writer at a time.
 
-A disk without symbolic links gets its files one by one, after CURRENT, a plain file there, says
-that the new set holds. After a kill in between, a reader that is not calib sees old files beside
-new ones until calib has read or written there.
+On a disk without symbolic links, CURRENT is a plain file. It says that the new set is valid, and
+then the files are moved one by one. After a kill in between, a reader other than calib sees old
+files beside new ones until calib has read or written there.
 
-What may be replaced or removed is the rule of output_folder. docs/decisions/output-folders.md has
-the reasons.
+output_folder defines what may be replaced or removed. docs/decisions/output-folders.md has the
+reasons.
 """
 
 import errno
@@ -31,7 +31,7 @@ from types import TracebackType
 from typing import Self
 
 from calib.errors import InputError
-from calib.io.files import Written, check_writable, make_folder, read_file, unwritable
+from calib.io.files import UnnamedFile, check_writable, make_folder, read_file, unwritable
 from calib.io.output_folder import ANOTHER_FOLDER, LEDGER, Content, OutputFolder
 
 try:
@@ -44,17 +44,19 @@ OLD = "old"
 NEW = "new"
 CURRENT = "current"
 NEXT = "next"
-"""A link in HIDDEN that is about to get another name."""
-MOST_OPEN = 100
-"""Files without a name, each of which is an open one; systems allow from 256."""
+"""A link or file in HIDDEN that will be renamed to its final name."""
+MAX_OPEN_FILES = 100
+"""The largest number of files without a name. Each of them is open, and systems allow 256 or more.
+"""
 PATIENCE_S = 2.0
-"""How long a reader waits for a writer who is moving files; that takes milliseconds."""
-NOT_OF_FOLDERS = (errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.ENOSYS)
-"""What network disks and others say that cannot lock a folder, or wait for one."""
+"""The time in s for which a reader waits for a writer that moves files. Moving takes milliseconds.
+"""
+UNSUPPORTED_ERRORS = (errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.ENOSYS)
+"""The errors of disks, such as network disks, that cannot lock or sync a folder."""
 
 
 class BusyError(InputError):
-    """Another process writes to the folder."""
+    """The error of a folder to which another process writes."""
 
 
 class State(Enum):
@@ -71,8 +73,8 @@ class State(Enum):
 
 
 class FileSet:
-    """Files for one folder, which is held from the `with` on; `commit` puts them in force, and
-    without it nothing has changed.
+    """New files for one folder, which is locked inside of the `with` block. `commit` makes them the
+    current files. Without it, nothing changes.
     """
 
     def __init__(
@@ -90,22 +92,25 @@ class FileSet:
         self._inputs = tuple(inputs)
         self._elsewhere = elsewhere
         self._flag = flag
-        self._unnamed: dict[str, Written] = {}
+        self._unnamed: dict[str, UnnamedFile] = {}
         self._contents: dict[str, Content] = {}
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        """InputError where the folder cannot be made or written; BusyError where another process
-        writes to it.
+        """Lock the folder.
+
+        Raises:
+            InputError: the folder cannot be made or written.
+            BusyError: another process writes to it.
         """
         make_folder(self.folder)
-        handle = _locked(self.folder)
+        handle = _lock(self.folder)
         if handle is not None:
             self._stack.callback(os.close, handle)
         try:
             check_writable(self.folder)
             _check_hidden(self.folder)
-            _settle(self.folder)
+            _finish_change(self.folder)
             self._output()
         except BaseException as error:
             self._stack.close()
@@ -124,38 +129,38 @@ class FileSet:
         self._stack.close()
 
     def reserve(self, names: Iterable[str]) -> None:
-        """Refuse names that may not be written, before the work begins; InputError names what is in
-        the way.
+        """Check, before the work begins, that the names may be written. InputError names the file
+        that prevents it.
         """
         self._output().check(names)
 
     def write(self, name: str, data: bytes | memoryview | str) -> Path:
-        """Add a file, text as UTF-8, and return where it will be; InputError where it cannot be
-        written, or may not be.
+        """Add a file, text as UTF-8, and return its future path; InputError if it cannot or may not
+        be written.
         """
         path = self.folder / name
         self._output().check([name])
         try:
-            if len(self._unnamed) >= MOST_OPEN:
-                self._name()
-            written = Written(self.folder, data)
+            if len(self._unnamed) >= MAX_OPEN_FILES:
+                self._name_files()
+            written = UnnamedFile(self.folder, data)
         except OSError as error:
             raise unwritable(path, error) from error
-        if before := self._unnamed.pop(name, None):
-            before.close()
+        if previous := self._unnamed.pop(name, None):
+            previous.close()
         self._unnamed[name] = written
         self._contents[name] = Content.of(data)
         return path
 
     def commit(self, instead_of: Iterable[str] = ()) -> None:
-        """Put the files in force, and remove others of the folder that are ours.
+        """Make the new files the current ones, and remove older files of ours that they replace.
 
         Args:
-            instead_of: patterns of names, such as map_*m.npz. A file of ours with such a name stays
-                only if it was written; a foreign file stays.
+            instead_of: patterns of names, such as map_*m.npz. A file of ours with such a name is
+                removed unless it was written now. A foreign file stays.
 
         Raises:
-            InputError: it cannot be; the folder is as it was.
+            InputError: the files cannot be changed. The folder is unchanged.
         """
         output = self._output()
         output.check(self._contents)  # the work may have taken hours
@@ -166,18 +171,18 @@ class FileSet:
                 for path in self.folder.glob(pattern)
                 if path.name not in self._contents and output.owns(path.name)
             }
-            self._name()
+            self._name_files()
             output.add(self._contents)
             _switch(self.folder, {*self._contents, *removed})
-            _settle(self.folder)
+            _finish_change(self.folder)
         except OSError as error:
             with suppress(OSError):
-                _settle(self.folder)
+                _finish_change(self.folder)
             raise unwritable(self.folder, error) from error
         self._contents.clear()
 
     def _output(self) -> OutputFolder:
-        """Return the folder with its list of today: another command may write there too."""
+        """Return the folder with its list read anew: another command may write there, too."""
         return OutputFolder(
             self.folder,
             overwrite=self._overwrite,
@@ -186,8 +191,8 @@ class FileSet:
             flag=self._flag,
         )
 
-    def _name(self) -> None:
-        """Give what is written its names in the hidden folder."""
+    def _name_files(self) -> None:
+        """Give the written files their names in the hidden folder."""
         new = self.folder / HIDDEN / NEW
         new.mkdir(parents=True, exist_ok=True)
         for name in list(self._unnamed):
@@ -200,16 +205,16 @@ class FileSet:
         for written in self._unnamed.values():
             written.close()
         with suppress(OSError):
-            _settle(self.folder)
+            _finish_change(self.folder)
 
 
 def remove_set(folder: Path) -> None:
     """Remove the files of a folder that are ours, and the folder if nothing else is in it; OSError
-    where that cannot be.
+    if that fails.
     """
     if folder.is_symlink() or not folder.is_dir():
         return
-    settle(folder)
+    finish_change(folder)
     output = OutputFolder(folder)
     for name in output.owned():
         (folder / name).unlink()
@@ -218,30 +223,28 @@ def remove_set(folder: Path) -> None:
         folder.rmdir()
 
 
-def in_force(path: Path) -> Path:
-    """Return where a file of a set is to be read: at its place, or where a set that holds was not
-    moved from, and cannot be now.
+def find_current(path: Path) -> Path:
+    """Return the path from which a file of a set can be read: its own path, or its path in the
+    hidden folder if a valid set could not be moved from there.
     """
-    settle(path.parent)
+    finish_change(path.parent)
     hidden = path.parent / HIDDEN
     moved = hidden / NEW / path.name
     unmoved = _is_hidden_set(hidden) and _state(hidden) is State.MOVING and moved.is_file()
     return moved if unmoved else path
 
 
-def settle(folder: Path) -> None:
-    """Finish the change of a folder whose writer was killed: to the new set if that holds, else
-    back to the old one.
-
-    Nothing is said where this person may not do that.
+def finish_change(folder: Path) -> None:
+    """Finish the change of a folder whose writer was killed: to the new set if that is valid, else
+    back to the old one. Do nothing if this person has no permission for it.
     """
     end = time.monotonic() + PATIENCE_S
     while _is_hidden_set(folder / HIDDEN):
         with suppress(OSError, InputError):
-            handle = _locked(folder)
+            handle = _lock(folder)
             try:
                 if handle is not None or _state(folder / HIDDEN) is State.MOVING:
-                    _settle(folder)  # else a writer may be at work, unnoticed
+                    _finish_change(folder)  # else a writer may be at work, unnoticed
             finally:
                 if handle is not None:
                     os.close(handle)
@@ -256,48 +259,48 @@ def settle(folder: Path) -> None:
 
 
 def _switch(folder: Path, names: Iterable[str]) -> None:
-    """Make the new set hold, by a single renaming; `names` are those that change. OSError where
-    that cannot be.
+    """Make the new set the current one by a single renaming; OSError if that fails. `names` are the
+    names of the files that change.
     """
     hidden = folder / HIDDEN
     changed = sorted(names)
-    present = [name for name in changed if os.path.lexists(folder / name)]
+    existing = [name for name in changed if os.path.lexists(folder / name)]
     _sync(hidden / NEW)
     try:
-        _point(hidden, OLD)
+        _point_current(hidden, OLD)
     except (OSError, NotImplementedError):  # FAT, some network disks, Windows
-        _decide_to_move(folder, present)
+        _decide_to_move(folder, existing)
         return
     (hidden / OLD).mkdir()
-    for name in present:
+    for name in existing:
         _link_or_copy(folder / name, hidden / OLD / name)
     _sync(hidden / OLD)
     for name in changed:
         (hidden / NEXT).symlink_to(_target(name))
         (hidden / NEXT).replace(folder / name)
     _sync(folder)
-    _point(hidden, NEW)
+    _point_current(hidden, NEW)
     _sync(hidden)
 
 
-def _decide_to_move(folder: Path, present: Iterable[str]) -> None:
-    """Say that the new set holds, and which old contents it replaces or removes."""
+def _decide_to_move(folder: Path, existing: Iterable[str]) -> None:
+    """Record that the new set is valid, and the old contents that it replaces or removes."""
     hidden = folder / HIDDEN
     contents = {
         name: {
             **asdict(Content.of_file(folder / name)),
             "removed": not (hidden / NEW / name).exists(),
         }
-        for name in present
+        for name in existing
     }
-    with Written(hidden, json.dumps(contents)) as decision:
+    with UnnamedFile(hidden, json.dumps(contents)) as decision:
         decision.name(hidden / NEXT)
     (hidden / NEXT).replace(hidden / CURRENT)
     _sync(hidden)
 
 
-def _point(hidden: Path, side: str) -> None:
-    """Turn CURRENT to OLD or to NEW."""
+def _point_current(hidden: Path, side: str) -> None:
+    """Make CURRENT point to OLD or to NEW."""
     (hidden / NEXT).symlink_to(side)
     (hidden / NEXT).replace(hidden / CURRENT)
 
@@ -309,13 +312,13 @@ def _target(name: str) -> str:
 def _link_or_copy(path: Path, place: Path) -> None:
     try:
         os.link(path, place)
-    except OSError:  # no such links there, or not of another person's file
-        with Written(place.parent, path.read_bytes()) as copy:
+    except OSError:  # the disk has no hard links, or the file is another person's
+        with UnnamedFile(place.parent, path.read_bytes()) as copy:
             copy.name(place)
 
 
-def _settle(folder: Path) -> None:
-    """Finish or undo a change, by who holds the folder; OSError where that cannot be."""
+def _finish_change(folder: Path) -> None:
+    """Finish or undo a change; OSError if that fails. The caller has locked the folder."""
     hidden = folder / HIDDEN
     if not _is_hidden_set(hidden):
         return
@@ -338,9 +341,9 @@ def _settle(folder: Path) -> None:
 
 
 def _move(folder: Path) -> None:
-    """Move the files of a set one by one; a file that somebody changed meanwhile stays."""
+    """Move the files of a set one by one. A file that somebody changed in the meantime stays."""
     hidden = folder / HIDDEN
-    replaced, removed = _decision(hidden / CURRENT)
+    replaced, removed = _read_decision(hidden / CURRENT)
     for path in sorted((hidden / NEW).iterdir()):
         place = folder / path.name
         if not os.path.lexists(place) or _has(place, replaced.get(path.name)):
@@ -355,9 +358,9 @@ def _has(path: Path, content: Content | None) -> bool:
     return not path.is_symlink() and path.is_file() and Content.of_file(path) == content
 
 
-def _decision(path: Path) -> tuple[dict[str, Content], dict[str, Content]]:
-    """Return the old contents that the new set replaces, and those that it removes, by name; none
-    where the file is not as `_decide_to_move` writes it.
+def _read_decision(path: Path) -> tuple[dict[str, Content], dict[str, Content]]:
+    """Return, by name, the old contents that the new set replaces, and those that it removes; none
+    if the file is not as `_decide_to_move` writes it.
     """
     replaced: dict[str, Content] = {}
     removed: dict[str, Content] = {}
@@ -378,7 +381,7 @@ def _state(hidden: Path) -> State:
 
 
 def _is_hidden_set(hidden: Path) -> bool:
-    """True if the folder is as `FileSet` makes it, and not another person's."""
+    """True if the contents of the folder are as `FileSet` makes them."""
     try:
         return _is_folder(hidden) and all(
             _is_folder(path) and not any(map(_is_folder, path.iterdir()))
@@ -386,7 +389,7 @@ def _is_hidden_set(hidden: Path) -> bool:
             else (path.name in (CURRENT, NEXT) or path.suffix == ".tmp") and not _is_folder(path)
             for path in hidden.iterdir()
         )
-    except OSError:  # gone meanwhile, or not to be read
+    except OSError:  # it was removed in the meantime, or is not readable
         return False
 
 
@@ -402,9 +405,9 @@ def _check_hidden(folder: Path) -> None:
         )
 
 
-def _locked(folder: Path) -> int | None:
-    """The handle that holds the folder until it is closed, or this process ends; None where the
-    disk knows no locks.
+def _lock(folder: Path) -> int | None:
+    """Return a handle that locks the folder until it is closed or this process ends; None if the
+    disk has no locks.
     """
     if fcntl is None:
         return None
@@ -422,21 +425,21 @@ def _locked(folder: Path) -> int | None:
         ) from None
     except OSError as error:
         os.close(handle)
-        if error.errno in NOT_OF_FOLDERS:
+        if error.errno in UNSUPPORTED_ERRORS:
             return None
         raise unwritable(folder, error) from error
     return handle
 
 
 def _sync(folder: Path) -> None:
-    """Wait until the disk has the folder's names."""
+    """Wait until the folder's names are on the disk."""
     if fcntl is None:
         return
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(handle)
     except OSError as error:
-        if error.errno not in NOT_OF_FOLDERS:
+        if error.errno not in UNSUPPORTED_ERRORS:
             raise
     finally:
         os.close(handle)

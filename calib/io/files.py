@@ -1,5 +1,5 @@
-"""Files that a person named: what fails is a sentence, and a reader finds the old file or the new
-one, never half of it.
+"""Read and write files that a person named. Failures become sentences. A reader finds the old file
+or the new one, never half of it.
 """
 
 import errno
@@ -30,29 +30,31 @@ ADVICE = {
     errno.EISDIR: "choose a name that no folder has",
     errno.ENAMETOOLONG: "choose a shorter name",
 }
-"""What a person can do about a write that failed."""
-MOST_TEXT = 16 << 20
-"""Bytes of a table or a description: a larger one is something else."""
-MOST_BYTES = 2 << 30
-"""Bytes of a picture, or of arrays."""
-PIECE = 1 << 20
-"""Bytes that are read at a time."""
+"""The advice for each error of a write."""
+MAX_TEXT_BYTES = 16 << 20
+"""The largest size of a table or a description, bytes: a larger file is something else."""
+MAX_FILE_BYTES = 2 << 30
+"""The largest size of a file of a picture or of arrays, bytes."""
+READ_SIZE = 1 << 20
+"""The number of bytes that are read at a time."""
 BINARY = getattr(os, "O_BINARY", 0)
-"""Without it, Windows changes the ends of lines."""
+"""The flag without which Windows changes the ends of lines."""
 OPEN_FILES = Path("/proc/self/fd")
-"""Where Linux shows a process its open files; an unnamed one gets its name by way of it."""
+"""The folder in which Linux shows a process its open files. An unnamed file gets its name through
+it.
+"""
 
 
-class Written:
-    """Data on the disk of a folder, without a name there until it is given one: what ends before
-    that, even by a kill, leaves nothing.
+class UnnamedFile:
+    """A file with data on the disk of a folder that has no name until `name` gives it one. A
+    process that ends before that, even by a kill, leaves nothing.
 
-    A disk that has no files without a name gives it one that begins with a dot and ends with .tmp.
+    On a disk that cannot have unnamed files, its name begins with a dot and ends with .tmp.
     """
 
     def __init__(self, folder: Path, data: bytes | memoryview | str) -> None:
-        """Text as UTF-8, a byte of a file name that is none as its escape; OSError where it cannot
-        be written.
+        """Write the data, text as UTF-8; OSError if that fails. A text may hold a file name whose
+        bytes are not UTF-8: such a byte is written as its escape.
         """
         self._temporary: Path | None = None
         try:
@@ -86,16 +88,13 @@ class Written:
         self.close()
 
     def name(self, path: Path) -> None:
-        """Give it the name of a path of the same disk, where nothing is yet; OSError where that
-        cannot be.
-        """
+        """Give the file a path on the same disk that does not exist yet; OSError if that fails."""
         if self._temporary:
             self._temporary.rename(path)
             self._temporary = None
             return
-        folder = os.open(
-            path.parent, os.O_RDONLY | os.O_DIRECTORY
-        )  # with a folder's handle, Python's link follows what /proc shows
+        # with a folder's handle, Python's link follows the links in /proc
+        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
         try:
             os.link(
                 OPEN_FILES / str(self._handle),
@@ -108,7 +107,7 @@ class Written:
             os.close(folder)
 
     def close(self) -> None:
-        """Let go of it; without a name, it is gone."""
+        """Close the file. Without a name, it is removed."""
         os.close(self._handle)
         if self._temporary:
             with suppress(OSError):
@@ -118,12 +117,13 @@ class Written:
 def write_atomically(path: Path, data: bytes | memoryview | str) -> None:
     """Write a file, text as UTF-8.
 
-    When that fails, an InputError says what to do, and a file that was there is still whole.
+    Raises:
+        InputError: the file cannot be written. An existing file is unchanged.
     """
     temporary = path.with_name(f".refracal-{secrets.token_hex(8)}.tmp")
     try:
-        with Written(path.parent, data) as written:
-            written.name(temporary)
+        with UnnamedFile(path.parent, data) as unnamed:
+            unnamed.name(temporary)
         temporary.replace(path)
     except OSError as error:
         raise unwritable(path, error) from error
@@ -134,11 +134,11 @@ def write_atomically(path: Path, data: bytes | memoryview | str) -> None:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Around what only looks at a path: an OSError becomes the sentence of a path that cannot be
-    read.
+    """A context for code that only reads a path: an OSError becomes the InputError of a path that
+    cannot be read.
 
-    From Python 3.14 on, `Path.exists` and its like take what cannot be looked up for what is not
-    there, so it is looked up here as well.
+    From Python 3.14 on, `Path.exists` and its like return False for a path that cannot be looked
+    up, so this context looks it up, too.
     """
     try:
         with suppress(FileNotFoundError, NotADirectoryError):
@@ -151,44 +151,46 @@ def reading(path: Path) -> Iterator[None]:
         ) from error
 
 
-def read_file(path: Path, most: int = MOST_BYTES) -> bytes:
-    """The bytes of a regular file, of `most` at most.
+def read_file(path: Path, limit: int = MAX_FILE_BYTES) -> bytes:
+    """Return the bytes of a regular file.
 
     Raises:
-        InputError: it cannot be read, is too large, or is something else, such as a pipe that would
-            never end.
+        InputError: the file cannot be read, has more than `limit` bytes, or is something else, such
+            as a pipe that would never end.
     """
     with reading(path):
-        handle = os.open(
-            path, os.O_RDONLY | BINARY | getattr(os, "O_NONBLOCK", 0)
-        )  # a pipe without a writer is opened at once
+        # O_NONBLOCK: a pipe without a writer is opened at once
+        handle = os.open(path, os.O_RDONLY | BINARY | getattr(os, "O_NONBLOCK", 0))
         try:
             check_regular(path, os.fstat(handle).st_mode)
             with open(handle, "rb", closefd=False) as file:
-                data = _up_to(file, most + 1)
+                data = _read_up_to(file, limit + 1)
         finally:
             os.close(handle)
-    if len(data) > most:
+    if len(data) > limit:
         raise InputError(
-            f"{path} is larger than the {_size(most)} that such a file may have: give another."
+            f"{path} is larger than the {_size_text(limit)} that such a file may have: give"
+            " another."
         )
     return data
 
 
-def _up_to(file: BinaryIO, most: int) -> bytes:
-    """All that a file has, but so many bytes at most.
+def _read_up_to(file: BinaryIO, limit: int) -> bytes:
+    """Return the bytes of a file up to a limit.
 
-    Python's read(most) takes that much memory before it sees how much there is.
+    Python's read(limit) allocates that much memory before it knows the file's length.
     """
-    held = BytesIO()
-    while (left := most - held.tell()) and (piece := file.read(min(left, PIECE))):
-        held.write(piece)
-    return held.getvalue()
+    content = BytesIO()
+    while (remaining := limit - content.tell()) and (piece := file.read(min(remaining, READ_SIZE))):
+        content.write(piece)
+    return content.getvalue()
 
 
 def check_regular(path: Path, mode: int | None = None) -> None:
-    """InputError where a path is of something else than a file, or of nothing; `mode` is what the
-    system says of it, if that was asked.
+    """Raise InputError if a path does not exist, or is not a regular file.
+
+    Args:
+        mode: the mode of the path from `os.stat`, if it is available.
     """
     with reading(path):
         mode = path.stat().st_mode if mode is None else mode
@@ -201,12 +203,12 @@ def check_regular(path: Path, mode: int | None = None) -> None:
         )
 
 
-def _size(count: int) -> str:
+def _size_text(count: int) -> str:
     return f"{count >> 30} GB" if count >= 1 << 30 else f"{count >> 20} MB"
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder for results, and those above it; one that exists is fine."""
+    """Make a folder for results, and its parents, unless they exist; InputError if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -216,28 +218,30 @@ def make_folder(folder: Path) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Make a folder for results and write there for a trial, so that long work is not lost at its
-    end.
+    """Make a folder for results and write a file there as a trial, so that long work is not lost at
+    its end; InputError if that fails.
     """
     make_folder(folder)
     try:
-        Written(folder, b"trial").close()
+        UnnamedFile(folder, b"trial").close()
     except OSError as error:
         raise unwritable(folder, error) from error
 
 
 def npz(arrays: Mapping[str, NDArray], *, compressed: bool = True) -> memoryview:
-    """A file of named arrays, never pickled. Large maps are made much faster if not compressed."""
-    pickled = [name for name, array in arrays.items() if array.dtype.hasobject]
-    if pickled:
-        raise TypeError(f"arrays of Python objects cannot be saved: {', '.join(pickled)}")
+    """Return the bytes of a .npz file of named arrays, without pickles. Large maps are encoded much
+    faster without compression.
+    """
+    object_names = [name for name, array in arrays.items() if array.dtype.hasobject]
+    if object_names:
+        raise TypeError(f"arrays of Python objects cannot be saved: {', '.join(object_names)}")
     buffer = BytesIO()
     (np.savez_compressed if compressed else np.savez)(buffer, allow_pickle=False, **arrays)
     return buffer.getbuffer()
 
 
 def unwritable(path: Path, error: OSError) -> InputError:
-    """What to say where a path could not be written."""
+    """Return the error of a path that could not be written, with advice."""
     return InputError(
         f"{path} cannot be written ({error.strerror}):"
         f" {ADVICE.get(error.errno or 0, 'choose another place')}."

@@ -1,7 +1,7 @@
-"""frames.csv: one row for each picture, with the time and what the camera said.
+"""The table frames.csv: one row for each picture, with its time and the camera's metadata.
 
-A row is appended only after its picture is on the disk, so a recording that is cut short leaves at
-worst a row without its end, or a picture without a row. Both are mended when the recording is
+A row is appended only after its picture is on the disk. So a recording that is interrupted leaves
+at worst an incomplete row, or a picture without a row. Both are repaired when the recording is
 continued.
 """
 
@@ -12,25 +12,24 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import InputError, brief
-from calib.io.files import MOST_TEXT, read_file, reading
+from calib.io.files import MAX_TEXT_BYTES, read_file, reading
 from calib.io.numerals import whole_number
 
 NAME = "frames.csv"
 FIXED = ("file", "time_s", "sequence", "view")
 """The columns that every recording has: the picture's name, Unix time in s, the driver's counter,
-and the number of the board's pose, which the pictures of a burst share. What the camera said comes
+and the number of the board's pose, which the pictures of a burst share. The camera's metadata come
 after them.
 """
-
 LATEST_S = 1e10
-"""A time in s is less for centuries; a larger one was written in ms or ns."""
+"""Times in s will be less for centuries. A larger number was written in ms or ns."""
 
 Row = Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
 class FrameRecord:
-    """When a picture was taken, and of which pose of the board."""
+    """The time of a picture, and the pose of the board that it shows."""
 
     time_s: float | None = None
     pose_id: str | None = None
@@ -38,14 +37,17 @@ class FrameRecord:
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """The rows of a frames.csv, without one that a kill left without its end; none where there is
-    no such file.
+    """Return the rows of a frames.csv, without an incomplete last row; none if the file does not
+    exist.
+
+    Raises:
+        InputError: the file is not such a table.
     """
     with reading(path):
         if not path.exists():
             return []
-    data = read_file(path, MOST_TEXT)
-    if _is_recorded(data):  # tables by hand often lack the last line break
+    data = read_file(path, MAX_TEXT_BYTES)
+    if _is_recorded(data):  # handmade tables often lack the last line break
         data = data[: data.rfind(b"\n") + 1]
     try:
         text = data.decode("utf-8-sig")
@@ -63,9 +65,9 @@ def read_table(path: Path) -> list[dict[str, str]]:
 
 
 def is_by_hand(path: Path) -> bool:
-    """True if a table is there that no recorder began."""
+    """True if the table exists, and no recorder began it."""
     with reading(path):
-        return path.exists() and not _is_recorded(read_file(path, MOST_TEXT))
+        return path.exists() and not _is_recorded(read_file(path, MAX_TEXT_BYTES))
 
 
 def _is_recorded(data: bytes) -> bool:
@@ -73,11 +75,11 @@ def _is_recorded(data: bytes) -> bool:
 
 
 def read_frame_records(path: Path) -> dict[str, FrameRecord]:
-    """By picture, without its folder; pictures without a row are not in it, and an empty cell says
-    nothing.
+    """Return the records of a frames.csv by the picture's file name. Pictures without a row have no
+    record, and an empty cell gives None.
 
     Raises:
-        InputError: it is no table, or a time is not one.
+        InputError: the file is not such a table, or a time is not a number of seconds.
     """
     records = {}
     for row in read_table(path):
@@ -92,7 +94,7 @@ def read_frame_records(path: Path) -> dict[str, FrameRecord]:
 
 
 def recorded_time(row: Row) -> float | None:
-    """s; None where the row has no time, or one that no clock shows."""
+    """Return the time of a row in s; None if it has none, or one that cannot be in seconds."""
     try:
         time_s = float(row["time_s"])
     except (KeyError, ValueError):
@@ -100,25 +102,25 @@ def recorded_time(row: Row) -> float | None:
     return time_s if abs(time_s) < LATEST_S else None
 
 
-def mended(rows: Sequence[Row], pictures: Sequence[Path]) -> list[Row]:
-    """A row for each picture, in the rows' order and then the pictures': those without one get a
-    row that only names them.
+def match_pictures(rows: Sequence[Row], pictures: Sequence[Path]) -> list[Row]:
+    """Return a row for each picture: first the rows of these pictures in their order, then a row
+    with only the name for each picture that has none.
     """
     names = {picture.name for picture in pictures}
-    kept = [row for row in rows if row["file"] in names]
-    known = {row["file"] for row in kept}
-    return kept + [{"file": picture.name} for picture in pictures if picture.name not in known]
+    matched = [row for row in rows if row["file"] in names]
+    recorded = {row["file"] for row in matched}
+    return matched + [
+        {"file": picture.name} for picture in pictures if picture.name not in recorded
+    ]
 
 
-def columns(rows: Sequence[Row], more: Sequence[str] = ()) -> list[str]:
-    """Every column of the rows, and others, each once."""
-    return list(dict.fromkeys((*FIXED, *(key for row in rows for key in row), *more)))
+def columns(rows: Sequence[Row], additional: Sequence[str] = ()) -> list[str]:
+    """Return the fixed columns, those of the rows, and additional ones, each once."""
+    return list(dict.fromkeys((*FIXED, *(key for row in rows for key in row), *additional)))
 
 
 def to_csv(rows: Sequence[Row], keys: Sequence[str], *, header: bool = True) -> str:
-    """Lines of the table; a cell holds no line break, so that a line without its end is a row
-    without its end.
-    """
+    """Return lines of the table. Line breaks in cells become spaces, so every row is one line."""
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, keys, restval="", lineterminator="\n")
     if header:
@@ -128,7 +130,7 @@ def to_csv(rows: Sequence[Row], keys: Sequence[str], *, header: bool = True) -> 
 
 
 def last_view(rows: Sequence[Row]) -> int:
-    """The highest number of a view so far; -1 if there is none."""
+    """Return the highest number of a view; -1 if there is none."""
     return max(
         (number for row in rows if (number := whole_number(row.get("view", ""))) is not None),
         default=-1,

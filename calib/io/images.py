@@ -1,7 +1,7 @@
-"""Pictures on disk: which there are, and their pixels as stored.
+"""List and read pictures on disk, with their pixels as stored.
 
-Older OpenCV decodes half a picture without a word, so a truncated file is recognised before it is
-decoded.
+Older versions of OpenCV decode half a picture without an error, so a truncated file is recognised
+before it is decoded.
 """
 
 import re
@@ -27,18 +27,18 @@ from calib.io.files import read_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy")
 SIXTEEN_BIT = (".png", ".tif", ".tiff", ".npy")
-"""Those that can hold uint16."""
+"""The suffixes of files that can hold uint16."""
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def list_images(folder: Path) -> tuple[Path, ...]:
-    """The pictures of a folder, in the order a person counts: 2.png before 10.png.
+    """Return the pictures of a folder in the order of their numbers: 2.png before 10.png.
 
-    Hidden files are left out.
+    Hidden files are ignored.
     """
     try:
-        found = [
+        paths = [
             p
             for p in folder.iterdir()
             if p.suffix.lower() in SUFFIXES and not p.name.startswith(".") and not p.is_dir()
@@ -48,23 +48,26 @@ def list_images(folder: Path) -> tuple[Path, ...]:
             f"{folder} cannot be listed ({error.strerror}): give a folder of pictures that may be"
             " read."
         ) from error
-    return tuple(sorted(found, key=_natural))
+    return tuple(sorted(paths, key=_natural_key))
 
 
 def read_image(path: Path) -> Image:
-    """(H, W) grey or (H, W, 3) BGR pixels, uint8 or uint16, as stored: not turned by EXIF, without
-    an alpha channel.
+    """Return (H, W) grey or (H, W, 3) BGR pixels, uint8 or uint16, as stored: not rotated by EXIF,
+    and without an alpha channel.
+
+    Raises:
+        InputError: the file cannot be read, or is not a complete picture.
     """
     data = read_file(path)
     if not data:
         raise InputError(f"{path} is an empty file: copy it again, or remove it.")
     if path.suffix.lower() == ".npy":
-        return _checked(path, _decode_npy(path, data))
-    for magic, is_whole in WHOLE.items():
-        if data.startswith(magic) and not is_whole(data):
+        return _check_pixels(path, _decode_npy(path, data))
+    for magic, is_complete in COMPLETENESS_CHECKS.items():
+        if data.startswith(magic) and not is_complete(data):
             raise InputError(f"{path} is truncated or damaged: copy it again, or remove it.")
     try:
-        return _checked(path, decode_picture(data))
+        return _check_pixels(path, decode_picture(data))
     except TooLargeError as error:
         raise InputError(f"{path} is {error}: give a smaller picture, or remove it.") from error
     except ValueError as error:
@@ -75,20 +78,20 @@ def read_image(path: Path) -> Image:
 
 
 def read_grey(path: Path) -> Image:
-    """(H, W) pixels, uint8 or uint16."""
+    """Return (H, W) grey pixels, uint8 or uint16; InputError as in `read_image`."""
     pixels = read_image(path)
-    return pixels if pixels.ndim == 2 else _native(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
+    return pixels if pixels.ndim == 2 else _to_native(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """Width and height, px."""
+    """Return width and height, px; InputError as in `read_image`."""
     height, width = read_image(path).shape[:2]
     return width, height
 
 
-def _natural(path: Path) -> tuple[list[str | int], str]:
-    parts = re.split(r"([0-9]+)", path.name.lower())
-    return [int(part) if odd % 2 else part for odd, part in enumerate(parts)], path.name
+def _natural_key(path: Path) -> tuple[list[str | int], str]:
+    pieces = re.split(r"([0-9]+)", path.name.lower())
+    return [int(piece) if index % 2 else piece for index, piece in enumerate(pieces)], path.name
 
 
 def _decode_npy(path: Path, data: bytes) -> NDArray:
@@ -101,7 +104,7 @@ def _decode_npy(path: Path, data: bytes) -> NDArray:
         ) from error
 
 
-def _checked(path: Path, pixels: NDArray) -> Image:
+def _check_pixels(path: Path, pixels: NDArray) -> Image:
     if pixels.ndim == 3 and pixels.shape[2] == 1:
         pixels = pixels[..., 0]
     if pixels.ndim == 3 and pixels.shape[2] == 4:
@@ -115,23 +118,23 @@ def _checked(path: Path, pixels: NDArray) -> Image:
             f"{path} is an array of shape {pixels.shape}: write it as (height, width) or (height,"
             " width, 3)."
         )
-    return _native(pixels)
+    return _to_native(pixels)
 
 
-def _native(pixels: NDArray) -> Image:
-    """The same numbers, contiguous and in this machine's byte order."""
+def _to_native(pixels: NDArray) -> Image:
+    """Return the same values, contiguous and in this machine's byte order."""
     if pixels.dtype.itemsize == 1:
         return np.ascontiguousarray(pixels, np.uint8)
     return np.ascontiguousarray(pixels, np.uint16)
 
 
-def _jpeg_is_whole(data: bytes) -> bool:
-    """True if the end marker comes; bytes after it do no harm."""
+def _jpeg_is_complete(data: bytes) -> bool:
+    """True if the file has an end marker. Bytes after it do no harm."""
     return any(marker == 0xD9 for marker, _ in jpeg_segments(data))
 
 
-def _png_is_whole(data: bytes) -> bool:
-    """Whether every chunk up to IEND is there and agrees with its checksum."""
+def _png_is_complete(data: bytes) -> bool:
+    """True if every chunk up to IEND is present and agrees with its checksum."""
     at = 8
     while at + 12 <= len(data):
         end = at + 8 + int.from_bytes(data[at : at + 4], "big")
@@ -143,16 +146,16 @@ def _png_is_whole(data: bytes) -> bool:
     return False
 
 
-def _bmp_is_whole(data: bytes) -> bool:
+def _bmp_is_complete(data: bytes) -> bool:
     return len(data) >= int.from_bytes(data[2:6], "little")
 
 
-WHOLE: dict[bytes, Callable[[bytes], bool]] = {
-    JPEG: _jpeg_is_whole,
-    PNG: _png_is_whole,
-    BMP: _bmp_is_whole,
+COMPLETENESS_CHECKS: dict[bytes, Callable[[bytes], bool]] = {
+    JPEG: _jpeg_is_complete,
+    PNG: _png_is_complete,
+    BMP: _bmp_is_complete,
 }
-"""How to tell that a file is complete, by the bytes it starts with.
+"""For the first bytes of each type of file, the function that checks that a file is complete.
 
-OpenCV refuses half a TIFF by itself.
+OpenCV itself refuses half a TIFF.
 """

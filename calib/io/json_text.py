@@ -1,4 +1,4 @@
-"""JSON that every reader takes: a number that is not finite becomes null."""
+"""JSON that every reader accepts: numbers that are not finite become null."""
 
 import json
 import math
@@ -6,16 +6,16 @@ from collections.abc import Mapping
 
 
 def json_text(mapping: Mapping[str, object]) -> str:
-    """One object, on one line."""
-    return json.dumps(_finite(mapping), allow_nan=False)
+    """Return a mapping as a JSON object on one line."""
+    return json.dumps(_replace_non_finite(mapping), allow_nan=False)
 
 
-def _finite(value: object) -> object:
+def _replace_non_finite(value: object) -> object:
     match value:
         case float():
             return value if math.isfinite(value) else None
         case Mapping():
-            return {key: _finite(entry) for key, entry in value.items()}
+            return {key: _replace_non_finite(entry) for key, entry in value.items()}
         case list() | tuple():
-            return [_finite(entry) for entry in value]
+            return [_replace_non_finite(entry) for entry in value]
     return value

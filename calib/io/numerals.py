@@ -1,22 +1,22 @@
-"""Numbers from outside: somebody wrote them as text, or a program passed them."""
+"""Check numbers that a person wrote as text, or that a program passed."""
 
 from calib.errors import InputError, brief
 
-MOST_DIGITS = 15
+MAX_DIGITS = 15
 """Every count, size and frame number is shorter. Python's int() raises ValueError from 4301 digits
 on.
 """
 
 
 def whole_number(text: str) -> int | None:
-    """Return the whole number of 0 or more that a text holds; None where it holds something else,
-    or more than MOST_DIGITS digits.
+    """Return the whole number of 0 or more that a text holds; None if it holds something else, or
+    more than MAX_DIGITS digits.
     """
-    return int(text) if text.isdecimal() and len(text) <= MOST_DIGITS else None
+    return int(text) if text.isdecimal() and len(text) <= MAX_DIGITS else None
 
 
 def number(value: object, name: str) -> float:
-    """Return one real number; it may be infinite or NaN."""
+    """Return the value as a real number, which may be infinite or NaN; InputError if it is none."""
     try:
         if isinstance(value, str | bytes) or getattr(value, "ndim", None):
             raise TypeError

@@ -1,13 +1,13 @@
 """The one rule for files that a command writes: it may replace or remove only what Refracal wrote.
 
-Every output folder carries a list, LEDGER, with the name, size and SHA-256 of each content that was
+Every output folder has a list, LEDGER, with the name, size and SHA-256 of each content that was
 written there. A file whose content is on the list is ours. Every other file is foreign: somebody
-else made it, or changed it, and it is refused by name before the work begins. With `overwrite`, the
-foreign files that are named are replaced; nothing foreign is ever removed. An input of the same
-command, a symbolic link and a folder are refused always.
+else made or changed it. A command that would replace it is refused before its work begins, with the
+file's name. With `overwrite`, it is replaced. Nothing foreign is ever removed. An input of the same
+command, a symbolic link and a folder are always refused.
 
-A content is listed before its file gets its name, so that a kill leaves no file of ours that is not
-listed. Lines are only ever added: a line says what was written once, and stays true.
+A content is listed before its file gets its name, so a kill cannot leave a file of ours that is not
+listed. Lines are only added: a line records what was written once, so it stays true.
 """
 
 import json
@@ -25,14 +25,14 @@ LEDGER = ".refracal-files.jsonl"
 ANOTHER_FOLDER = "give another folder with -o"
 ANOTHER_FILE = "give another file with -o"
 BESIDE = "../"
-"""Begins the name of a file beside the folder that belongs to it."""
-NAMED = 4
-"""Foreign files that one sentence names."""
+"""The beginning of the name of a file that belongs to the folder but is beside it."""
+MAX_NAMES = 4
+"""The number of foreign files that one sentence names."""
 
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """The size and digest of a file's content: no two contents have the same."""
+    """The size and digest of a file's content. Different contents have different digests."""
 
     size: int
     sha256: str
@@ -40,8 +40,8 @@ class Content:
     @staticmethod
     def of(data: bytes | memoryview | str) -> "Content":
         """Return the content of a file with these bytes, or with this text as UTF-8."""
-        held = data.encode(errors="backslashreplace") if isinstance(data, str) else data
-        view = memoryview(held)
+        content = data.encode(errors="backslashreplace") if isinstance(data, str) else data
+        view = memoryview(content)
         return Content(view.nbytes, sha256(view).hexdigest())
 
     @staticmethod
@@ -68,8 +68,8 @@ class OutputFolder:
         Args:
             overwrite: foreign files may be replaced.
             inputs: files that the command reads, which are never replaced.
-            elsewhere: what a person can do who wants to keep a foreign file.
-            flag: how a person says that it may be replaced; empty where there is no such way.
+            elsewhere: the advice for a person who wants to keep a foreign file.
+            flag: the option that permits to replace it; empty if there is none.
 
         Raises:
             InputError: the list cannot be read, or is another program's file.
@@ -82,19 +82,19 @@ class OutputFolder:
         self._listed = _read_ledger(path / LEDGER)
 
     def place(self, name: str) -> Path:
-        """Return the path of a file of the folder, or with BESIDE before its name, of one beside
-        the folder, which need not exist.
+        """Return the path of a file, which need not exist: a file of the folder, or a file beside
+        it if its name begins with BESIDE.
         """
         if name.startswith(BESIDE):
             return self.path.parent / name.removeprefix(BESIDE)
         return self.path / name
 
     def check(self, names: Iterable[str], *, by_size: bool = False) -> None:
-        """Refuse the names that may not be written; InputError names what is in the way.
+        """Check that the names may be written. InputError names the files that prevent it.
 
         Args:
-            by_size: a file on the list that has the size of ours is taken for ours, unread: for
-                very many files, each of which is checked again before it is written.
+            by_size: a file counts as ours if it has the size of a listed content, and is not read.
+                This is for very many files, each of which is checked again before it is written.
         """
         foreign = []
         for name in dict.fromkeys(names):
@@ -138,7 +138,7 @@ class OutputFolder:
         return [name for name in self._listed if Path(name).name == name and self.owns(name)]
 
     def add(self, contents: Mapping[str, Content]) -> None:
-        """Put the contents on the list, before their files get their names; OSError where the list
+        """Put the contents on the list, before their files get their names; OSError if the list
         cannot be written.
         """
         new = {
@@ -152,8 +152,8 @@ class OutputFolder:
             self._listed.setdefault(name, set()).add(content)
 
     def write(self, name: str, data: bytes | memoryview | str) -> Path:
-        """Write one file, text as UTF-8, and return its path; InputError where it cannot be, or may
-        not be.
+        """Write one file, text as UTF-8, and return its path; InputError if it cannot or may not be
+        written.
         """
         place = self.place(name)
         self.check([name])
@@ -165,8 +165,8 @@ class OutputFolder:
         return place
 
     def take(self, made: Path, name: str) -> Path:
-        """Give a file of the folder its name, and return its path; OSError where that cannot be,
-        InputError where it may not be.
+        """Give a file of the folder its name, and return its path; OSError if that fails,
+        InputError if the name may not be written.
         """
         place = self.path / name
         self.check([name])
@@ -180,9 +180,9 @@ class OutputFolder:
         if len(foreign) == 1:
             reason = "has changed since calib wrote it" if is_changed else "is not calib's own"
             return f"{self.place(foreign[0])} {reason}: {advice}."
-        names = ", ".join(brief(name) for name in foreign[:NAMED])
-        if len(foreign) > NAMED:
-            names += f" and {len(foreign) - NAMED} more"
+        names = ", ".join(brief(name) for name in foreign[:MAX_NAMES])
+        if len(foreign) > MAX_NAMES:
+            names += f" and {len(foreign) - MAX_NAMES} more"
         reason = "have changed since calib wrote them" if is_changed else "are not calib's own"
         return f"{self.path} has {names}, which {reason}: {advice}."
 

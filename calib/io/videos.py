@@ -1,5 +1,5 @@
-"""Video files, opened by FFmpeg: it refuses frames of more than 268 million px before it makes room
-for them, where OpenCV's own readers do not.
+"""Open video files with FFmpeg, which refuses frames of more than 268 million px before it
+allocates memory for them. OpenCV's other readers do not.
 """
 
 from pathlib import Path
@@ -9,13 +9,12 @@ import cv2
 from calib.io.files import check_regular, reading
 
 ESTIMATE = 0.05
-"""The part of a video's frames by which its header may promise too many: some containers only
-estimate their number.
+"""The relative error of the number of frames in a video's header: some containers only estimate it.
 """
 
 
 def open_video(path: Path) -> cv2.VideoCapture:
-    """Return the video, its frames as stored; InputError where there is no such file."""
+    """Return the video, which gives its frames as stored; InputError if there is no such file."""
     check_regular(path)
     with reading(path):
         path.open("rb").close()
@@ -25,10 +24,10 @@ def open_video(path: Path) -> cv2.VideoCapture:
 
 
 def promised_frames(video: cv2.VideoCapture) -> int:
-    """Return how many frames the header promises; 0 where it does not say."""
+    """Return the number of frames that the header promises; 0 if it has none."""
     return max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT)))
 
 
 def breaks_off(frames: int, promised: int) -> bool:
-    """True if fewer frames could be read than were promised, by more than an estimate errs."""
+    """True if the frames are fewer than the header promises, beyond the error of an estimate."""
     return frames < (1 - ESTIMATE) * promised - 1

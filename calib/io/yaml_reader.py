@@ -1,5 +1,4 @@
-"""YAML as people expect it: 1e-3 is a number, no stays a word, and a key that comes twice is
-refused.
+"""Read YAML as people expect it: 1e-3 is a number, no is a word, and a repeated key is an error.
 
 PyYAML follows YAML 1.1, so the plain scalars of YAML 1.2's core schema are resolved here.
 """
@@ -12,16 +11,16 @@ import yaml
 from calib.errors import InputError, brief
 from calib.io.files import read_file
 
-LARGEST = 2 << 20
-"""bytes: the calibration of ten thousand views has one."""
-DEEPEST = 60
-"""Levels of mappings and lists within each other; ours have eight."""
-MOST_NODES = 1_000_000
-"""Keys and values, each counted as often as aliases repeat it."""
+MAX_BYTES = 2 << 20
+"""The largest size of a file, bytes: the calibration of ten thousand views has 1 MB."""
+MAX_LEVELS = 60
+"""The largest number of nested levels of mappings and lists; our files have eight."""
+MAX_NODES = 1_000_000
+"""The largest number of keys and values, each counted as often as aliases repeat it."""
 
 
 class _Loader(yaml.SafeLoader):
-    """Knows only what is added at the end of this file."""
+    """A loader with only the types that are added at the end of this file."""
 
 
 _Loader.yaml_implicit_resolvers = {}
@@ -29,9 +28,9 @@ _Loader.yaml_constructors = {}
 
 
 def read_yaml(path: Path) -> dict[str, object]:
-    """The mapping in a YAML file."""
+    """Return the mapping in a YAML file; InputError if it is none."""
     try:
-        text = read_file(path, LARGEST).decode("utf-8-sig")
+        text = read_file(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not UTF-8 text: save it again as UTF-8.") from error
     try:
@@ -44,8 +43,8 @@ def read_yaml(path: Path) -> dict[str, object]:
         ) from error
     except RecursionError as error:
         raise InputError(
-            f"{path} has more than {DEEPEST} levels within each other: write it as text, one key:"
-            " value on a line."
+            f"{path} has more than {MAX_LEVELS} levels within each other: write it as text, one"
+            " key: value on a line."
         ) from error
     except (yaml.YAMLError, ValueError) as error:
         raise InputError(
@@ -59,40 +58,49 @@ def read_yaml(path: Path) -> dict[str, object]:
 
 
 def _load(text: str) -> object:
-    """ValueError where it is nested too deeply, or its aliases repeat too much."""
+    """Return the content of a YAML text; ValueError if it is nested too deeply, or its aliases
+    repeat too much.
+    """
     loader = _Loader(text)
     try:
         node = loader.get_single_node()
         if node is None:
             return None
-        _check(node, 1, {})
+        _count_nodes(node, 1, {})
         return loader.construct_document(node)
     finally:
         loader.dispose()
 
 
-def _check(node: yaml.Node, level: int, known: dict[int, tuple[int, int]]) -> tuple[int, int]:
-    """How many nodes it has with all within it, and levels; `known` holds both by the identity of
-    nodes that were looked into.
+def _count_nodes(node: yaml.Node, level: int, sizes: dict[int, tuple[int, int]]) -> tuple[int, int]:
+    """Return the number of nodes and of levels of a node with its contents; ValueError if one is
+    too large.
+
+    Args:
+        node: the node.
+        level: the node's level in the file, from 1.
+        sizes: both numbers of the nodes that were counted before, by their identity.
     """
-    if level > DEEPEST:
-        raise ValueError(f"more than {DEEPEST} levels within each other")
+    if level > MAX_LEVELS:
+        raise ValueError(f"more than {MAX_LEVELS} levels within each other")
     if not isinstance(node, yaml.CollectionNode):
         return 1, 1
-    if id(node) not in known:
+    if id(node) not in sizes:
         inner = [
-            one for entry in node.value for one in (entry if isinstance(entry, tuple) else (entry,))
+            inner_node
+            for entry in node.value
+            for inner_node in (entry if isinstance(entry, tuple) else (entry,))
         ]
-        found = [_check(one, level + 1, known) for one in inner]
-        known[id(node)] = (
-            1 + sum(count for count, _ in found),
-            1 + max((levels for _, levels in found), default=0),
+        inner_sizes = [_count_nodes(inner_node, level + 1, sizes) for inner_node in inner]
+        sizes[id(node)] = (
+            1 + sum(count for count, _ in inner_sizes),
+            1 + max((levels for _, levels in inner_sizes), default=0),
         )
-    count, levels = known[id(node)]
-    if count > MOST_NODES or level + levels - 1 > DEEPEST:
+    count, levels = sizes[id(node)]
+    if count > MAX_NODES or level + levels - 1 > MAX_LEVELS:
         raise ValueError(
-            f"more than {DEEPEST} levels within each other"
-            if count <= MOST_NODES
+            f"more than {MAX_LEVELS} levels within each other"
+            if count <= MAX_NODES
             else "aliases that repeat it too often"
         )
     return count, levels

@@ -11,7 +11,7 @@ from matplotlib.patches import Polygon
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from calib.apply.map_uncertainty import root_of
+from calib.apply.map_uncertainty import covariance_root
 from calib.optics.relief import Relief
 from calib.report.chart import border, chart_axes, chart_scale, chart_to_panel, exit_points
 from calib.report.evidence import Array, Evidence
@@ -148,7 +148,7 @@ def _heights(evidence: Evidence, relief: Relief) -> Heights:
     sigma = None
     mean_sigma = 0.0
     if covariance.size:
-        root = 1e6 * root_of(covariance)
+        root = 1e6 * covariance_root(covariance)
         sigma = np.linalg.norm((basis - mean) @ root, axis=-1).reshape(shape)
         mean_sigma = float(np.linalg.norm(mean @ root))
     return Heights(

@@ -11,8 +11,8 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from calib.apply.immerse import DEPTHS, Immersion, immerse, immersed
-from calib.apply.loose import UNKNOWN
+from calib.apply.change_medium import DEPTHS, Immersion, immerse, replace_medium
+from calib.apply.dominant_uncertainty import MAX_SIGMA_PX
 from calib.apply.map_uncertainty import corners_at, predicted_sigma
 from calib.apply.water import index_of_water
 from calib.calibration import AddedEffect, Calibration
@@ -73,8 +73,8 @@ def true_calibration(shape: str) -> Calibration:
 def test_rays_are_those_of_light_that_mitsuba_traced(shape: str, folder: str) -> None:
     """Under water, from the numbers in air; and in air again, from the calibration for water."""
     dry = true_calibration(shape)
-    wet = immersed(dry, WATER)
-    asked = wet if folder else immersed(wet, Number(1.0))
+    wet = replace_medium(dry, WATER)
+    asked = wet if folder else replace_medium(wet, Number(1.0))
     with np.load(FIXTURES / f"wet-{shape}" / folder / "truth.npz") as truth:
         pixels, origins, directions = (truth[name] for name in ("pixels", "origins", "directions"))
     ours, towards = asked.rays(pixels)
@@ -98,7 +98,7 @@ def dry() -> Calibration:
 
 
 def test_what_is_not_outside_is_kept(dry: Calibration) -> None:
-    wet = immersed(dry, Number(1.34, 0.001))
+    wet = replace_medium(dry, Number(1.34, 0.001))
     assert wet.camera == dry.camera
     assert wet.cover.parameters["outside_index"] == Number(1.34, 0.001)
     others = {
@@ -124,7 +124,7 @@ def test_what_is_not_outside_is_kept(dry: Calibration) -> None:
 
 
 def test_the_covariance_goes_with_it_and_comes_back(dry: Calibration) -> None:
-    wet = immersed(dry, Number(1.34, 0.002))
+    wet = replace_medium(dry, Number(1.34, 0.002))
     parameters = wet.camera_model().parameters
     assert len(wet.covariance) == parameters.count == len(dry.covariance) + 1
     (at,) = parameters.entries(["cover.outside_index"])
@@ -135,7 +135,7 @@ def test_the_covariance_goes_with_it_and_comes_back(dry: Calibration) -> None:
     )
     assert np.isclose(wet.covariance[at, at], (0.002 / 0.01) ** 2)
     assert not wet.covariance[at, others].any()
-    again = immersed(wet, Number(1.0))
+    again = replace_medium(wet, Number(1.0))
     assert np.allclose(again.covariance, wet.covariance[np.ix_(others, others)], rtol=1e-9)
     pixels = np.random.default_rng(1).uniform(100, 2300, (50, 2))
     assert all(
@@ -148,7 +148,7 @@ def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Cali
     """By tracing: numbers are drawn as the covariance in air has them, put under water, and the
     best rigid motion is taken off.
     """
-    wet = immersed(dry, Number(1.34, 0.001))
+    wet = replace_medium(dry, Number(1.34, 0.001))
     model, field = wet.camera_model(), predicted_sigma(wet)
     assert field
     rng, corners = np.random.default_rng(2), wet.corners_at
@@ -216,18 +216,18 @@ def test_what_moves_no_ray_in_air_is_loose_under_water() -> None:
     wide = stated(0.002)
     assert max(wide.before_px) < 0.02
     assert wide.unknown
-    loose = wide.loose[0]
+    loose = wide.dominant[0]
     assert loose.name == "centre"
     assert max(loose.sigma_px) < 0.2 * min(wide.after_px)
     assert loose.measured_to is not None
     assert loose.unit == "mm"
     tight = stated(1e-3 * loose.measured_to)
-    assert max(tight.after_px) == pytest.approx(UNKNOWN, rel=0.1)
+    assert max(tight.after_px) == pytest.approx(MAX_SIGMA_PX, rel=0.1)
     assert min(wide.after_px) > 2 * max(tight.after_px)
 
 
 def test_no_number_of_an_uneven_cover_is_surer_than_it_was_declared(dry: Calibration) -> None:
-    wet = immersed(dry, WATER)
+    wet = replace_medium(dry, WATER)
     declared = {
         name: number.sigma for name, number in dry.declared.cover.parameters.items() if number.sigma
     }
@@ -238,7 +238,7 @@ def test_no_number_of_an_uneven_cover_is_surer_than_it_was_declared(dry: Calibra
     smooth = replace(dry, relief=None, amplitudes=np.zeros((0, 0)))
     count = smooth.camera_model().parameters.count
     alone = replace(smooth, covariance=dry.covariance[-count:, -count:])
-    assert np.array_equal(immersed(alone, WATER).covariance, alone.covariance)
+    assert np.array_equal(replace_medium(alone, WATER).covariance, alone.covariance)
 
 
 def test_a_number_that_the_fit_held_is_as_sure_as_its_kind() -> None:
@@ -300,7 +300,7 @@ def test_effects_that_were_accepted_go_with_it() -> None:
     }
     plain = replace(base, cover=Cover("flat", {key: Number(value) for key, value in moved.items()}))
     pixels = np.random.default_rng(1).uniform(0, 600, (50, 2))
-    found = immersed(replace(base, effects=effects), WATER).rays(pixels)
+    found = replace_medium(replace(base, effects=effects), WATER).rays(pixels)
     assert all(
         np.allclose(a, b, atol=1e-14) for a, b in zip(found, plain.rays(pixels), strict=True)
     )
@@ -318,7 +318,7 @@ def test_a_window_that_the_diagnosis_found_is_to_be_described() -> None:
     with pytest.raises(
         InputError, match=r"describe it under cover in session\.yaml, with its distance_mm"
     ):
-        immersed(replace(base, effects=(effect,)), WATER)
+        replace_medium(replace(base, effects=(effect,)), WATER)
 
 
 def test_without_a_cover_there_is_nothing_to_do() -> None:
@@ -326,7 +326,7 @@ def test_without_a_cover_there_is_nothing_to_do() -> None:
         InputError,
         match="this calibration has no cover, and what water does is done at a window or dome",
     ):
-        immersed(lens_alone(scene(1, views=1), 820, 616, 640.0, 640.0, 410.0, 308.0), WATER)
+        replace_medium(lens_alone(scene(1, views=1), 820, 616, 640.0, 640.0, 410.0, 308.0), WATER)
 
 
 def test_a_glass_that_lets_no_light_out_is_refused(dry: Calibration) -> None:
@@ -396,7 +396,7 @@ def test_the_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (row,) = said["maps"]
     assert row["depth_m"] == 0.5
     assert row["sigma_px"] > row["sigma_before_px"] > 0
-    assert said["known"] is (row["sigma_px"] <= UNKNOWN)
+    assert said["known"] is (row["sigma_px"] <= MAX_SIGMA_PX)
     assert [Path(path).name for path in said["written"]] == [
         "calibration.yaml",
         "rays.npz",

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from calib.apply.map_uncertainty import predicted_sigma, root_of
+from calib.apply.map_uncertainty import covariance_root, predicted_sigma
 from calib.calibration import Calibration
 from calib.export.npz import write_npz
 from calib.fitting.stages import Settings, Setup, fit_stages
@@ -193,8 +193,8 @@ def test_the_root_of_a_covariance_keeps_what_is_small() -> None:
     mixed = rng.normal(size=(30, 40))
     correlation = mixed @ mixed.T / 40
     covariance = spread[:, None] * correlation * spread
-    root = root_of(covariance)
+    root = covariance_root(covariance)
     off = (root @ root.T - covariance) / np.outer(spread, spread)
     assert np.abs(off).max() < 1e-13
-    held = root_of(np.diag([4.0, 0.0]))
+    held = covariance_root(np.diag([4.0, 0.0]))
     assert (held @ held.T == np.diag([4.0, 0.0])).all()

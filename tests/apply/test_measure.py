@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from calib.apply.measure import BoardPose, MeasuredPoints, Measurer, UnmeasuredReason
-from calib.apply.measure_files import read_points, read_poses, turned_views
+from calib.apply.measure_files import read_points, read_poses, views_in_each_order
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.corners.view import View
@@ -174,7 +174,7 @@ def test_a_view_that_is_turned_keeps_each_corner_s_weight(calibration: Calibrati
     view = view_of(calibration, POSES[0])
     corners, weight = view.corners.copy(), view.weight.copy()
     corners[3], weight[3] = np.nan, 0.0
-    for turned in turned_views(View("covered", corners, weight), calibration):
+    for turned in views_in_each_order(View("covered", corners, weight), calibration):
         assert np.array_equal(np.isnan(turned.corners[:, 0]), turned.weight == 0)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.apply.immerse import immerse
+from calib.apply.change_medium import immerse
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.diagnosis.all_free import all_free

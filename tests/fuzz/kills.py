@@ -33,7 +33,7 @@ import torch
 
 from calib.calibration import Calibration
 from calib.cli import main as calib_main
-from calib.io.file_set import HIDDEN, settle
+from calib.io.file_set import HIDDEN, finish_change
 from fixtures.synthetic import scene
 from tests.io.killed import kill_at, on_change
 from tests.test_calibration import write_session
@@ -203,7 +203,7 @@ def judged(out: Path, command: Command, whole: Whole) -> str:
 
 def judged_after(out: Path, command: Command, whole: Whole) -> str:
     """Return the judgement after calib has tidied up; it leaves nothing behind."""
-    settle(out)
+    finish_change(out)
     if (out / HIDDEN).exists() or any(path.is_symlink() for path in out.iterdir()):
         return "links are left"
     return judged(out, command, whole)

@@ -22,7 +22,7 @@ from calib.io.depth_image import read_depth_image
 from calib.io.files import npz, read_file
 from calib.io.frames_table import last_view, read_frame_records
 from calib.io.images import list_images, read_image
-from calib.io.yaml_reader import DEEPEST, read_yaml
+from calib.io.yaml_reader import MAX_LEVELS, read_yaml
 from calib.session.board import Board
 from calib.session.session import read_session
 from tests.fuzz.cases import tars
@@ -160,7 +160,7 @@ def test_a_zip_is_no_npy_and_a_bomb_no_npz(tmp_path: Path, monkeypatch: pytest.M
         with pytest.raises(InputError, match=r"not a (whole \.npy array|depth image)"):
             read(path)
     assert decode_npz(packed)["a"].shape == (100, 100)
-    monkeypatch.setattr("calib.io.arrays.MOST_DECODED", 80_000)
+    monkeypatch.setattr("calib.io.arrays.MAX_DECODED_BYTES", 80_000)
     with pytest.raises(ValueError, match="when unpacked"):
         decode_npz(packed)
 
@@ -189,10 +189,10 @@ def test_a_jpeg_that_ends_in_erased_flash_is_told_at_once(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("a: " + "[" * 20_000, f"more than {DEEPEST} levels"),
-        ("- " * 20_000, f"more than {DEEPEST} levels"),
-        ("a: " + "{b: " * 100 + "1" + "}" * 100, f"more than {DEEPEST} levels"),
-        ("a: &a [*a]", f"more than {DEEPEST} levels"),
+        ("a: " + "[" * 20_000, f"more than {MAX_LEVELS} levels"),
+        ("- " * 20_000, f"more than {MAX_LEVELS} levels"),
+        ("a: " + "{b: " * 100 + "1" + "}" * 100, f"more than {MAX_LEVELS} levels"),
+        ("a: &a [*a]", f"more than {MAX_LEVELS} levels"),
         (
             "a0: &a0 [x, x]\n"
             + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 25)),

@@ -13,7 +13,15 @@ from pathlib import Path
 import pytest
 
 from calib.errors import InputError
-from calib.io.file_set import CURRENT, HIDDEN, MOST_OPEN, NEW, FileSet, in_force, settle
+from calib.io.file_set import (
+    CURRENT,
+    HIDDEN,
+    MAX_OPEN_FILES,
+    NEW,
+    FileSet,
+    find_current,
+    finish_change,
+)
 from calib.io.output_folder import LEDGER, Content, OutputFolder
 
 OLD = {"a": "old a", "b": "old b", "gone_1": "old", "kept": "by hand"}
@@ -70,7 +78,7 @@ def test_a_writer_killed_at_any_change_leaves_the_old_set_or_the_new_one(
         seen = contents(folder)
         if disk == "links":
             assert seen in (OLD, NEW_SET), "any program sees one whole set, before calib tidies up"
-        assert in_force(folder / "a").read_text() in ("old a", "new a")
+        assert find_current(folder / "a").read_text() in ("old a", "new a")
         found.append(contents(folder))
         assert found[-1] in (OLD, NEW_SET), f"killed at change {change}"
         assert disk == "no links" or found[-1] == seen
@@ -91,14 +99,14 @@ def test_a_writer_killed_at_any_change_leaves_the_old_set_or_the_new_one(
 def test_what_is_not_put_in_force_changes_nothing(tmp_path: Path) -> None:
     folder = fill(tmp_path / "out")
     with FileSet(folder) as files:
-        for number in range(MOST_OPEN + 20):
+        for number in range(MAX_OPEN_FILES + 20):
             files.write(str(number), "")
         files.write("a", "new")
     assert contents(folder) == OLD
 
 
 def test_more_files_than_may_be_open(tmp_path: Path) -> None:
-    names = {str(number) for number in range(2 * MOST_OPEN + 1)}
+    names = {str(number) for number in range(2 * MAX_OPEN_FILES + 1)}
     with FileSet(tmp_path) as files:
         for name in names:
             files.write(name, "first")
@@ -180,16 +188,16 @@ def test_a_reader_who_may_not_write_reads_the_set_in_force(
         lambda _: (_ for _ in ()).throw(PermissionError(errno.EACCES, "no")),
     )
     monkeypatch.setattr("os.access", lambda *_: False)
-    assert in_force(folder / "a").read_text() == "new a"
-    assert in_force(folder / "b").read_text() == "old b"
+    assert find_current(folder / "a").read_text() == "new a"
+    assert find_current(folder / "b").read_text() == "old b"
 
 
 def test_a_strangers_hidden_folders_reach_nothing_outside(tmp_path: Path) -> None:
     """Not by a link, and not by a list of what to remove."""
     victim, folder = fill(tmp_path / "victim"), fill(tmp_path / "out")
     (folder / HIDDEN).symlink_to(victim)
-    settle(folder)
-    assert in_force(folder / "a").read_text() == "old a"
+    finish_change(folder)
+    assert find_current(folder / "a").read_text() == "old a"
     with pytest.raises(InputError, match="in the way, and calib did not make it"), FileSet(folder):
         pass
     (folder / HIDDEN).unlink()
@@ -197,8 +205,8 @@ def test_a_strangers_hidden_folders_reach_nothing_outside(tmp_path: Path) -> Non
     (folder / HIDDEN / NEW).symlink_to(victim)
     for current in (NEW, ".", "../victim", str(victim)):
         (folder / HIDDEN / CURRENT).symlink_to(current)
-        settle(folder)
-        assert in_force(folder / "a").read_text() == "old a"
+        finish_change(folder)
+        assert find_current(folder / "a").read_text() == "old a"
         (folder / HIDDEN / CURRENT).unlink()
     assert contents(victim) == contents(folder) == OLD
     (folder / HIDDEN / NEW).unlink()
@@ -208,7 +216,7 @@ def test_a_strangers_hidden_folders_reach_nothing_outside(tmp_path: Path) -> Non
     for decision in (dict.fromkeys(names, entry), ["a"], {"a": 1}, "a"):
         (folder / HIDDEN / NEW).mkdir(parents=True)
         (folder / HIDDEN / CURRENT).write_text(json.dumps(decision))
-        settle(folder)
+        finish_change(folder)
         assert contents(victim) == contents(folder) == OLD
         assert not (folder / HIDDEN).exists()
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from calib.io.files import PIECE, npz, read_file, write_atomically
+from calib.io.files import READ_SIZE, npz, read_file, write_atomically
 
 
 def test_text_and_bytes_are_written(tmp_path: Path) -> None:
@@ -79,17 +79,17 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
 def test_a_small_file_is_read_in_little_memory(tmp_path: Path) -> None:
     """Of a machine with 1 GB, 2 GB cannot be had, however little of it is used."""
     path = tmp_path / "small"
-    path.write_bytes(b"x" * 3 * PIECE)
+    path.write_bytes(b"x" * 3 * READ_SIZE)
     tracemalloc.start()
     try:
-        assert read_file(path) == b"x" * 3 * PIECE
+        assert read_file(path) == b"x" * 3 * READ_SIZE
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak < 8 * PIECE, "the bytes, a piece, and room to grow"
+    assert peak < 8 * READ_SIZE, "the bytes, a piece, and room to grow"
 
 
-@pytest.mark.parametrize("most", [0, 1, PIECE, PIECE + 1, 2 * PIECE])
+@pytest.mark.parametrize("most", [0, 1, READ_SIZE, READ_SIZE + 1, 2 * READ_SIZE])
 def test_a_file_may_be_as_large_as_was_said_and_no_larger(tmp_path: Path, most: int) -> None:
     path = tmp_path / "file"
     path.write_bytes(b"x" * most)

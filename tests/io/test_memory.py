@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.io.arrays import MOST_DECODED
+from calib.io.arrays import MAX_DECODED_BYTES
 
 MOST_TAKEN = 300 << 20
 """bytes that a process may take in all that refuses such a file; imports alone take 60 MB."""
@@ -25,7 +25,7 @@ LOOKING = r"""
 import re, sys
 from pathlib import Path
 from calib.errors import RefracalError
-from calib.importing.from_ros import from_tar
+from calib.importing.from_ros import from_ros_archive
 from calib.io.arrays import decode_npz
 from calib.io.depth_image import read_depth_image
 from calib.io.files import read_file
@@ -37,7 +37,7 @@ for path in map(Path, sys.argv[1:]):
             case ".npz":
                 decode_npz(read_file(path))
             case ".gz":
-                list(from_tar(path, Board(6, 5, 0.02), None).frames)
+                list(from_ros_archive(path, Board(6, 5, 0.02), None).frames)
             case ".exr":
                 read_depth_image(path)
             case _:
@@ -184,7 +184,7 @@ def test_what_would_fill_the_memory_is_refused_before_it_does(tmp_path: Path) ->
 @pytest.mark.slow
 def test_the_largest_that_is_taken_takes_no_more_than_itself(tmp_path: Path) -> None:
     """Half of the limit: what is read is not held twice."""
-    size = MOST_DECODED // 2
+    size = MAX_DECODED_BYTES // 2
     head = npy_header(size)
     path = tmp_path / "a.npz"
     path.write_bytes(zipped(head, size, len(head) + size))

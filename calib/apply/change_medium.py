@@ -16,7 +16,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.apply.loose import OUTSIDE, UNKNOWN, Loose, loose_numbers, sigmas
+from calib.apply.dominant_uncertainty import (
+    MAX_SIGMA_PX,
+    OUTSIDE_INDEX,
+    DominantUncertainty,
+    find_dominant_uncertainties,
+    sigmas,
+)
 from calib.apply.map_uncertainty import UndistortedChange, corners_at, frames_along
 from calib.calibration import Calibration
 from calib.effects.flat_port import FlatPort
@@ -50,7 +56,7 @@ class Immersion:
     """Sigma in the original medium; empty if the fit estimated no covariance."""
     after_px: tuple[float, ...]
     """Sigma in the new medium; empty if the fit estimated no covariance."""
-    loose: tuple[Loose, ...]
+    dominant: tuple[DominantUncertainty, ...]
     """The groups of parameters that dominate sigma in the new medium, the largest first."""
     other_face_px: tuple[float, ...]
     """The error of the maps if all unevenness were on the glass's inner face; empty without a
@@ -61,8 +67,8 @@ class Immersion:
 
     @property
     def unknown(self) -> bool:
-        """True if sigma in the new medium exceeds UNKNOWN at one of the depths."""
-        return any(sigma > UNKNOWN for sigma in self.after_px)
+        """True if sigma in the new medium exceeds MAX_SIGMA_PX at one of the depths."""
+        return any(sigma > MAX_SIGMA_PX for sigma in self.after_px)
 
 
 def immerse(
@@ -74,7 +80,7 @@ def immerse(
         InputError: the calibration does not describe its window or dome, or no ray leaves the
             cover into that medium.
     """
-    wet = immersed(calibration, medium)
+    wet = replace_medium(calibration, medium)
     rows = corners_at(calibration)
     if not np.isfinite(wet.rays(rows[:, :2])[0]).any():
         raise InputError(
@@ -82,20 +88,20 @@ def immerse(
             " cover's numbers."
         )
     sampled_pixels = rows[:: max(1, len(rows) // SAMPLED), :2]
-    original = _errors(calibration, sampled_pixels)
-    changed = _errors(wet, sampled_pixels)
+    original = _map_jacobian(calibration, sampled_pixels)
+    changed = _map_jacobian(wet, sampled_pixels)
     return Immersion(
         calibration=wet,
         depths=tuple(depths),
         before_px=sigmas(original, calibration.covariance, depths),
         after_px=sigmas(changed, wet.covariance, depths),
-        loose=tuple(loose_numbers(wet, changed, depths)),
-        other_face_px=tuple(_on_other_face(calibration, wet, rows, depths)),
+        dominant=tuple(find_dominant_uncertainties(wet, changed, depths)),
+        other_face_px=tuple(_other_face_errors(calibration, wet, rows, depths)),
         unexplained=tuple(added.effect.name for added in wet.effects if not added.effect.has_cause),
     )
 
 
-def immersed(calibration: Calibration, medium: Number) -> Calibration:
+def replace_medium(calibration: Calibration, medium: Number) -> Calibration:
     """Return the calibration with another index outside of its cover, without its views.
 
     Raises:
@@ -107,23 +113,23 @@ def immersed(calibration: Calibration, medium: Number) -> Calibration:
             " known in air: describe it under cover in session.yaml, with its distance_mm and"
             " thickness_mm, and fit the session again."
         )
-    if OUTSIDE not in calibration.cover.parameters:
+    if OUTSIDE_INDEX not in calibration.cover.parameters:
         raise InputError(
             "this calibration has no cover, and what water does is done at a window or dome:"
             " describe it under cover in session.yaml, and fit the session again."
         )
-    original = calibration.cover.parameters[OUTSIDE]
+    original = calibration.cover.parameters[OUTSIDE_INDEX]
     declared = calibration.declared
     wet = replace(
         calibration,
-        cover=_within(calibration.cover, medium),
+        cover=_set_medium(calibration.cover, medium),
         views=(),
         poses=calibration.poses[:0],
         covariance=calibration.covariance[:0, :0],
         rejected=(),
         stages=(),
         corners_at=corners_at(calibration),
-        stated=replace(declared, cover=_within(declared.cover, medium)),
+        stated=replace(declared, cover=_set_medium(declared.cover, medium)),
         settings={
             **calibration.settings,
             "immersed": {
@@ -136,36 +142,36 @@ def immersed(calibration: Calibration, medium: Number) -> Calibration:
     )
     if not calibration.covariance.size:
         return wet
-    covariance = _carried(calibration, wet)
-    return replace(wet, covariance=covariance, cover=_with_sigmas(wet, covariance))
+    covariance = _carry_covariance(calibration, wet)
+    return replace(wet, covariance=covariance, cover=_set_sigmas(wet, covariance))
 
 
-def _within(cover: Cover, medium: Number) -> Cover:
-    return replace(cover, parameters={**cover.parameters, OUTSIDE: medium})
+def _set_medium(cover: Cover, medium: Number) -> Cover:
+    return replace(cover, parameters={**cover.parameters, OUTSIDE_INDEX: medium})
 
 
-def _carried(calibration: Calibration, wet: Calibration) -> Array:
+def _carry_covariance(calibration: Calibration, wet: Calibration) -> Array:
     """Return the (S, S) covariance of the wet calibration's parameters. It is the original's, and
     the index outside is independent of all other parameters.
     """
     old = calibration.camera_model().parameters
     new = wet.camera_model().parameters
     covariance = np.zeros((new.count, new.count))
-    declared_covariance = _as_declared(calibration, old)
+    declared_covariance = _widen_to_declared(calibration, old)
     common_names = [
-        name for name in new.slices() if name in old.slices() and name != f"cover.{OUTSIDE}"
+        name for name in new.slices() if name in old.slices() and name != f"cover.{OUTSIDE_INDEX}"
     ]
     covariance[np.ix_(new.entries(common_names), new.entries(common_names))] = declared_covariance[
         np.ix_(old.entries(common_names), old.entries(common_names))
     ]
     for param in new.free:
-        if param.name == f"cover.{OUTSIDE}":
+        if param.name == f"cover.{OUTSIDE_INDEX}":
             at = new.entries([param.name])
-            covariance[at, at] = (wet.cover.parameters[OUTSIDE].sigma / param.scale) ** 2
+            covariance[at, at] = (wet.cover.parameters[OUTSIDE_INDEX].sigma / param.scale) ** 2
     return covariance
 
 
-def _as_declared(calibration: Calibration, parameters: Parameters) -> Array:
+def _widen_to_declared(calibration: Calibration, parameters: Parameters) -> Array:
     """Return the (S, S) covariance in which no number of the cover has a smaller sigma than was
     declared. The parameters that correlate with such a number move with it.
 
@@ -191,7 +197,7 @@ def _as_declared(calibration: Calibration, parameters: Parameters) -> Array:
     return np.asarray(covariance + regression @ excess @ regression.T)
 
 
-def _with_sigmas(wet: Calibration, covariance: Array) -> Cover:
+def _set_sigmas(wet: Calibration, covariance: Array) -> Cover:
     """Return the cover with the sigma of each estimated number from the (S, S) covariance."""
     parameters = wet.camera_model().parameters
     numbers = dict(wet.cover.parameters)
@@ -204,7 +210,7 @@ def _with_sigmas(wet: Calibration, covariance: Array) -> Cover:
     return replace(wet.cover, parameters=numbers)
 
 
-def _errors(calibration: Calibration, pixels: Array) -> Array:
+def _map_jacobian(calibration: Calibration, pixels: Array) -> Array:
     """Return the (N, 4, S) Jacobian of A and B by the parameters; S is 0 without a covariance.
 
     A and B of a wide lens are taken in frames along the pixels' rays (`frames_along`), because an
@@ -218,7 +224,7 @@ def _errors(calibration: Calibration, pixels: Array) -> Array:
     return np.where(invalid[:, None, None], np.nan, jacobian)
 
 
-def _on_other_face(
+def _other_face_errors(
     calibration: Calibration, wet: Calibration, rows: Array, depths: Sequence[float]
 ) -> list[float]:
     """Return, for each depth, how much more it matters in the new medium than in the original one
@@ -240,12 +246,10 @@ def _on_other_face(
 
     def difference(metres: Array) -> Array:
         """Return (M, 2) px at (N,) m for the M valid pixels."""
-        wet_change = _undistorted(*wet_outer_face, pixels, metres) - _undistorted(
+        wet_change = _undistort(*wet_outer_face, pixels, metres) - _undistort(
             *wet_inner_face, pixels, metres
         )
-        change = _undistorted(*outer_face, pixels, metres) - _undistorted(
-            *inner_face, pixels, metres
-        )
+        change = _undistort(*outer_face, pixels, metres) - _undistort(*inner_face, pixels, metres)
         return np.asarray((wet_change - change)[valid])
 
     columns = (motions[:, 0] + motions[:, 1] / depth[:, None, None])[valid].reshape(-1, 6)
@@ -268,7 +272,7 @@ def _with_inner_relief(calibration: Calibration) -> tuple[Path, Values]:
     return replace(path, cover=cover), {**values, AMPLITUDES: -values[AMPLITUDES]}
 
 
-def _undistorted(path: Path, values: Values, pixels: Array, depth: Array) -> Array:
+def _undistort(path: Path, values: Values, pixels: Array, depth: Array) -> Array:
     """Return the (N, 2) px of the undistorted picture, less its principal point, of (N, 2) px of
     the camera at (N,) m.
     """

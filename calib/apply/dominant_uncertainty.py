@@ -10,18 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.apply.map_uncertainty import root_of
+from calib.apply.map_uncertainty import covariance_root
 from calib.calibration import Calibration
 
 Array = NDArray[np.float64]
 
-OUTSIDE = "outside_index"
-UNKNOWN = 0.15
+OUTSIDE_INDEX = "outside_index"
+MAX_SIGMA_PX = 0.15
 """px: a predicted standard deviation of the maps above this gets a warning.
 
 Calibrations that are made in the medium itself reach a few hundredths.
 """
-WORTH_NAMING = 0.8
+DOMINANCE_FRACTION = 0.8
 """A group dominates if sigma without its errors is less than this fraction of the full sigma."""
 WORDS = {
     "relief": "the glass's unevenness",
@@ -34,19 +34,19 @@ WORDS = {
     "tilt": "the cover's tilt",
     "thickness": "the glass's thickness",
     "refractive_index": "the glass's refractive index",
-    OUTSIDE: "the index of what is outside",
+    OUTSIDE_INDEX: "the index of what is outside",
 }
 ADVICE = {
     "camera": "calibrate the camera without its cover, in bare/",
     "relief": "no view in one medium tells it well",
-    OUTSIDE: "measure its salinity and temperature, and write --index-sigma",
+    OUTSIDE_INDEX: "measure its salinity and temperature, and write --index-sigma",
 }
-SHOWN = {"m": ("mm", 1e3), "rad": ("degrees", 180 / np.pi), "": ("", 1.0)}
+DISPLAY_UNITS = {"m": ("mm", 1e3), "rad": ("degrees", 180 / np.pi), "": ("", 1.0)}
 """The unit in session.yaml for each SI unit, and the number of these in one SI unit."""
 
 
 @dataclass(frozen=True, slots=True)
-class Loose:
+class DominantUncertainty:
     """A group of parameters, and the sigma of the maps if these parameters had no error."""
 
     name: str
@@ -54,8 +54,8 @@ class Loose:
     sigma_px: tuple[float, ...]
     """The sigma of the maps without the errors of this group, for each depth."""
     measured_to: float | None = None
-    """The standard deviation, in `unit`, at which the sigma of no depth exceeds UNKNOWN. None if no
-    standard deviation suffices, or nobody can measure these parameters.
+    """The standard deviation, in `unit`, at which the sigma of no depth exceeds MAX_SIGMA_PX. None
+    if no standard deviation suffices, or nobody can measure these parameters.
     """
     unit: str = ""
 
@@ -77,7 +77,9 @@ class Loose:
         return f"measure it{to}, state it with its sigma in session.yaml, and fit again"
 
 
-def loose_numbers(wet: Calibration, errors: Array, depths: Sequence[float]) -> list[Loose]:
+def find_dominant_uncertainties(
+    wet: Calibration, errors: Array, depths: Sequence[float]
+) -> list[DominantUncertainty]:
     """Return the groups that dominate sigma, the one with the largest influence first.
 
     Args:
@@ -88,9 +90,15 @@ def loose_numbers(wet: Calibration, errors: Array, depths: Sequence[float]) -> l
     if not wet.covariance.size:
         return []
     sigma = np.array(sigmas(errors, wet.covariance, depths))
-    groups = (_loose(wet, group, names, errors, depths) for group, names in _groups(wet))
+    groups = (
+        _without_group(wet, group, names, errors, depths) for group, names in _parameter_groups(wet)
+    )
     return sorted(
-        (group for group in groups if (np.array(group.sigma_px) < WORTH_NAMING * sigma).any()),
+        (
+            group
+            for group in groups
+            if (np.array(group.sigma_px) < DOMINANCE_FRACTION * sigma).any()
+        ),
         key=lambda group: group.sigma_px,
     )
 
@@ -99,16 +107,17 @@ def sigmas(errors: Array, covariance: Array, depths: Sequence[float]) -> tuple[f
     """Return the sigma of the maps for each depth: px, root mean square over the pixels; nothing
     without a covariance.
     """
-    return _spreads(errors, root_of(covariance), depths) if covariance.size else ()
+    return _map_sigmas(errors, covariance_root(covariance), depths) if covariance.size else ()
 
 
-def _spreads(errors: Array, root: Array, depths: Sequence[float]) -> tuple[float, ...]:
+def _map_sigmas(errors: Array, root: Array, depths: Sequence[float]) -> tuple[float, ...]:
+    """Return the same for parameters whose covariance has the (S, K) root."""
     spread = errors @ root
     displacements = (spread[:, :2] + spread[:, 2:] / depth for depth in depths)
     return tuple(float(np.sqrt(np.nanmean((px**2).sum((1, 2))))) for px in displacements)
 
 
-def _groups(wet: Calibration) -> Iterator[tuple[str, list[str]]]:
+def _parameter_groups(wet: Calibration) -> Iterator[tuple[str, list[str]]]:
     """Yield each group's name and the names of its parameters."""
     groups: dict[str, list[str]] = {}
     for name in wet.camera_model().parameters.slices():
@@ -117,9 +126,10 @@ def _groups(wet: Calibration) -> Iterator[tuple[str, list[str]]]:
     yield from groups.items()
 
 
-def _loose(
+def _without_group(
     wet: Calibration, group: str, names: Sequence[str], errors: Array, depths: Sequence[float]
-) -> Loose:
+) -> DominantUncertainty:
+    """Return the sigma of the maps if the parameters of one group had no error."""
     parameters, covariance = wet.camera_model().parameters, wet.covariance
     at = parameters.entries(names)
     # (S, n): how all parameters move with these
@@ -130,15 +140,15 @@ def _loose(
         group in ADVICE
         or group not in WORDS
         or len({(param.unit, param.scale) for param in params}) != 1
-        or (sigma >= UNKNOWN).any()
+        or (sigma >= MAX_SIGMA_PX).any()
     ):
-        return Loose(group, tuple(sigma))
-    unit, per_si = SHOWN[params[0].unit]
+        return DominantUncertainty(group, tuple(sigma))
+    unit, per_si = DISPLAY_UNITS[params[0].unit]
     # px for each depth, if sigma of these parameters were one of their scale
-    unit_sigma = np.maximum(_spreads(errors, regression, depths), np.finfo(float).tiny)
-    return Loose(
+    unit_sigma = np.maximum(_map_sigmas(errors, regression, depths), np.finfo(float).tiny)
+    return DominantUncertainty(
         group,
         tuple(sigma),
-        float(np.min(np.sqrt(UNKNOWN**2 - sigma**2) / unit_sigma)) * params[0].scale * per_si,
+        float(np.min(np.sqrt(MAX_SIGMA_PX**2 - sigma**2) / unit_sigma)) * params[0].scale * per_si,
         unit,
     )
