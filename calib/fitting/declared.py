@@ -100,10 +100,11 @@ class Comparison:
     @property
     def summed(self) -> str:
         """Return the estimate as the sum of declared value and increment, as text."""
-        value = (
-            f"{to_digit_of(self.estimate, self.sigma) if self.sigma > 0 else f'{self.estimate:.5g}'}"  # noqa: E501
-            f" {self.unit}".rstrip()
-        )
+        if self.sigma > 0:
+            number = to_digit_of(self.estimate, self.sigma)
+        else:
+            number = f"{self.estimate:.5g}"
+        value = f"{number} {self.unit}".rstrip()
         increment = self.estimate - self.declared
         sign = "-" if increment < 0 else "+"
         return (

@@ -15,7 +15,8 @@ from calib.io.arrays import MAX_DECODED_BYTES
 
 # This module raises errors as sentences, so OpenCV's log is switched off. Its function moved
 # between versions; level 0 is silent in all of them.
-(cv2.utils.logging.setLogLevel if hasattr(cv2.utils, "logging") else cv2.setLogLevel)(0)  # type: ignore[attr-defined]
+_logging = cv2.utils.logging if hasattr(cv2.utils, "logging") else cv2
+_logging.setLogLevel(0)
 
 JPEG = b"\xff\xd8\xff"
 PNG = b"\x89PNG\r\n\x1a\n"
