@@ -395,12 +395,12 @@ def test_a_bad_picture_does_not_cost_the_others(
         ),
         ("nowhere.png --tags DICT_4X4_50 --size-mm 50", 2, "nowhere.png cannot be read"),
         ("FOLDER --tags DICT_4X4_50 --size-mm 50", 2, "holds no picture"),
-        ("PICTURE --tags DICT_4X4_50 --size-mm 50 -o FOLDER", 2, "cannot be written"),
+        ("PICTURE --tags DICT_4X4_50 --size-mm 50 -o FOLDER", 2, "is a folder, and a file"),
         (
-            "nowhere.png --tags DICT_4X4_50 --size-mm 50 -o INSIDE",
+            "PICTURE --tags DICT_4X4_50 --size-mm 50 -o INSIDE",
             2,
             "cannot be made",
-        ),  # told before pictures are looked at
+        ),
     ],
 )
 def test_bad_input_is_one_sentence(
