@@ -127,7 +127,9 @@ def test_a_fit_says_which_views_weigh_less_and_keeps_it(
     assert back.settings[VIEW_NOISE] == said
     weights = {view.name: float(view.weight.max()) for view in back.views}
     assert {name for name, weight in weights.items() if weight < 1} == said.keys()
-    assert "noisier by" in (place / "calibration" / "report.html").read_text()
+    assert (
+        "times as large, so it weighs less" in (place / "calibration" / "report.html").read_text()
+    )
     assert main(["fit", str(place), "--free", "none", "--grid", "5x4"]) == 0
     assert "2 views are noisier than the others, and weigh less: 000" in capsys.readouterr().out
 
