@@ -178,7 +178,7 @@ async def _refuse(session: Path) -> None:
         await pilot.press("shift+tab")
         await write(pilot, "~nobody-by-this-name/maps")
         await pilot.press("ctrl+s")
-        await see(pilot, "write the full path")
+        await see(pilot, "of an unknown user")
 
 
 def test_a_home_is_found_and_the_whole_folder_named(
