@@ -42,7 +42,7 @@ def test_every_name_is_there_for_type_checkers_and_at_run_time() -> None:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("calib.")
     ]
     seen = {alias.name: node.module for node in imports for alias in node.names}
-    assert seen == calib._HOMES  # type: ignore[attr-defined]  # hidden from type checkers
+    assert seen == calib._MODULES  # type: ignore[attr-defined]  # hidden from type checkers
     assert sorted(seen) == sorted(calib.__all__)
     assert set(calib.__all__) <= set(dir(calib))
     assert all(getattr(calib, name).__module__ == home for name, home in seen.items())

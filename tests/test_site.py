@@ -86,7 +86,7 @@ def test_the_reference_has_every_name_of_the_library() -> None:
     named = re.findall(
         r"^::: ([\w.]+)$", (DOCS / "reference.md").read_text(encoding="utf-8"), re.MULTILINE
     )
-    homes = calib._HOMES  # type: ignore[attr-defined]  # hidden from type checkers
+    homes = calib._MODULES  # type: ignore[attr-defined]  # hidden from type checkers
     assert sorted(named) == sorted(f"{home}.{name}" for name, home in homes.items())
 
 

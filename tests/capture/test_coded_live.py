@@ -277,7 +277,7 @@ def test_two_boards_and_a_marker_twice_are_told() -> None:
     pieces = np.hstack(
         [pair[:, :240], np.full((360, 100), 150, np.uint8), pair[:, 720:]]
     )  # of no marker two
-    assert "lie not as on one 9x6 ChArUco board" in sentence(pieces, CHARUCO.board)
+    assert "do not lie as on one 9x6 ChArUco board" in sentence(pieces, CHARUCO.board)
 
 
 def test_what_the_picture_shows_instead_is_said_until_it_shows_the_board(
