@@ -12,7 +12,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from calib.calibration import AddedEffect, Calibration
+from calib.calibration import AddedEffect, Calibration, Stage
 from calib.corners.view import View
 from calib.effects.effect import Effect, EffectContext
 from calib.effects.registry import KINDS
@@ -109,7 +109,7 @@ class Situation:
             poses=(self.poses if poses is None else poses).numpy(),
             covariance=NOTHING,
             rejected=(),
-            stages=(),
+            stages=(Stage("pinhole", 1.0, 0.1),),
             noise_px=0.1,
             settings={},
             gauge="",
