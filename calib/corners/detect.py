@@ -79,7 +79,7 @@ def find_corners(grey: NDArray, board: Board) -> Detection | None:
     for detector, search in SEARCHES:
         located = search(grey, board)
         # SB's corners may be pixels off: only refined ones are judged
-        if located and _is_inside(located.corners, grey.shape):
+        if located and is_inside(located.corners, grey.shape):
             corners = refine(grey, located.corners, board)
             if is_regular(corners, board, grey.shape):
                 measured = measure_corners(every_bit, canonical_order(grey, corners, board), board)
@@ -120,7 +120,7 @@ def has_grid(grey: NDArray, board: Board) -> bool:
     corners = _sector_corners(small, board, SECTOR_FLAGS)
     return (
         corners is not None
-        and _is_inside(corners, small.shape)
+        and is_inside(corners, small.shape)
         and is_regular(refine(small, corners, board), board, small.shape)
     )
 
@@ -162,7 +162,7 @@ def is_regular(corners: NDArray, board: Board, shape: tuple[int, ...]) -> bool:
     """True if (count, 2) px corners are a full grid inside a picture of this (H, W) shape: not
     folded, and bent smoothly if at all.
     """
-    return _is_inside(corners, shape) and is_smooth_grid(
+    return is_inside(corners, shape) and is_smooth_grid(
         corners.reshape(board.rows, board.columns, 2)
     )
 
@@ -177,7 +177,7 @@ def is_smooth_grid(grid: NDArray) -> bool:
     return all(_is_smooth(_bend(lines)) for lines in (grid, grid.swapaxes(0, 1)))
 
 
-def _is_inside(corners: NDArray, shape: tuple[int, ...]) -> bool:
+def is_inside(corners: NDArray, shape: tuple[int, ...]) -> bool:
     """True if all (..., 2) px corners lie in a picture of this (H, W) shape."""
     return bool(
         ((corners >= 0) & (corners <= (shape[1] - 1, shape[0] - 1))).all()

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.detect import Grid, eight_bits, is_smooth_grid, largest_grid, refine
+from calib.corners.detect import Grid, eight_bits, is_inside, is_smooth_grid, largest_grid, refine
 from calib.corners.detection import Detection, NotFound
 from calib.corners.grid_growth import fill_grid, grow_grid
 from calib.corners.measure import measure_corners
@@ -87,6 +87,8 @@ def _refine_single_squares(grey: NDArray[np.uint8], grid: Grid) -> Floats | None
     for double_rows, double_columns in product((False, True), repeat=2):
         finer = _double_rows(corners) if double_rows else corners
         finer = _double_rows(finer.swapaxes(0, 1)).swapaxes(0, 1) if double_columns else finer
+        if not is_inside(finer, grey.shape):
+            continue
         rows, columns = finer.shape[:2]
         refined = refine(grey, finer.reshape(-1, 2), Board(columns, rows, 1.0)).reshape(finer.shape)
         if _is_checkered(grey, refined):

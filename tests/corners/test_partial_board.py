@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from calib.corners import detect
 from calib.corners.detection import Detection, NotFound
 from calib.corners.find import find_board
+from calib.corners.partial_board import find_partial_board
 from calib.session.board import Board
+from calib.session.session import read_session
+from fixtures.rays import FIXTURES
 from tests.corners.test_detect import BOARD, Scene
 
 SQUARE = Board(9, 9, 0.02)
@@ -191,3 +194,10 @@ def test_whatever_is_covered_no_corner_is_taken_for_another() -> None:
                 f"trial {trial}"
             )
     assert parts >= 7
+
+
+def test_a_picture_that_ends_within_the_board_raises_no_error() -> None:
+    """Lines halfway between those of the detected grid may lie outside such a picture."""
+    picture = cv2.imread(str(FIXTURES / "bump" / "frames" / "0002.jpg"), cv2.IMREAD_GRAYSCALE)
+    cropped = np.asarray(picture[: len(picture) * 2 // 3], np.uint8)
+    assert find_partial_board(cropped, read_session(FIXTURES / "bump").board) is None
