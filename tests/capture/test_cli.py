@@ -415,9 +415,9 @@ def test_what_cannot_be_recorded_gets_one_sentence(
             ["record", "x", "--source", "y", "--board", "9"],
             "write its inner corners as two whole numbers from 3, such as 9x6",
         ),
-        (["record", "x", "--source", "y", "--square-mm", "0"], "is not a number above 0: write one"),
+        (["record", "x", "--source", "y", "--square-mm", "0"], "is not a number above 0"),
         (["record", "x", "--source", "y", "--views", "0"], "write a whole number above 0"),
-        (["record", "x", "--source", "y", "--every", "inf"], "is not a number above 0: write one"),
+        (["record", "x", "--source", "y", "--every", "inf"], "is not a number above 0"),
     ],
 )
 def test_wrong_usage_exits_with_2(

@@ -198,6 +198,8 @@ def test_whatever_is_covered_no_corner_is_taken_for_another() -> None:
 
 def test_a_picture_that_ends_within_the_board_raises_no_error() -> None:
     """Lines halfway between those of the detected grid may lie outside such a picture."""
-    picture = cv2.imread(str(FIXTURES / "bump" / "frames" / "0002.jpg"), cv2.IMREAD_GRAYSCALE)
-    cropped = np.asarray(picture[: len(picture) * 2 // 3], np.uint8)
+    picture = np.asarray(
+        cv2.imread(str(FIXTURES / "bump" / "frames" / "0002.jpg"), cv2.IMREAD_GRAYSCALE), np.uint8
+    )
+    cropped = picture[: len(picture) * 2 // 3]
     assert find_partial_board(cropped, read_session(FIXTURES / "bump").board) is None

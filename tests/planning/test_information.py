@@ -301,7 +301,7 @@ def test_the_process_starts_again_after_it_was_killed(guidance: Guidance) -> Non
 def test_a_later_question_ends_an_earlier_one(guidance: Guidance, made: Scene) -> None:
     views = [KeptView(view.corners) for view in made.views[:6]]
     earlier = guidance.guides(views)
-    assert "being computed" in next(earlier).progress(views).sentence
+    assert "still running" in next(earlier).progress(views).sentence
     (later,) = guidance.guides([])  # and not the earlier one's folds
     assert later.progress([]).sigma_px == pytest.approx(
         guidance_of(made, 0, 20.0)[0].progress([]).sigma_px
@@ -312,7 +312,7 @@ def test_a_later_question_ends_an_earlier_one(guidance: Guidance, made: Scene) -
 @pytest.mark.parametrize(
     ("target", "words"),
     [
-        (20.0, ["being computed", "agree"]),
+        (20.0, ["still running", "agree"]),
         pytest.param(0.01, ["would not reach"], marks=pytest.mark.slow),
     ],
 )
