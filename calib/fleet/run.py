@@ -44,14 +44,18 @@ def run_jobs(
 
     remaining = {job.entry.id: job for job in jobs}
     watch = _Watch(client, say, patience_s)
+    # Cameras of which workers died, perhaps because of one beside them: each is tried once alone.
+    suspects: set[str] = set()
     while remaining:
-        waiting = deque(remaining.values())
+        waiting = deque(sorted(remaining.values(), key=lambda job: job.entry.id in suspects))
         sent: dict[str, Job] = {}
         completed = as_completed(loop=client.loop)
         while (waiting or not completed.is_empty()) and client.status == "running":
             watch.check(remaining, len(jobs))
             # Dask blames a death on all cameras that the worker was given, so none waits there.
             while waiting and completed.count() < max(1, watch.threads):
+                if waiting[0].entry.id in suspects and completed.count():
+                    break
                 job = waiting.popleft()
                 key = f"{job.entry.id}-{time.time_ns()}"
                 sent[key] = job
@@ -61,6 +65,10 @@ def run_jobs(
                 break
             for future in batch:
                 job = sent[future.key]
+                if _is_killed(future) and job.entry.id not in suspects:
+                    suspects.add(job.entry.id)
+                    waiting.append(job)
+                    continue
                 result = _result(future, job)
                 if result:
                     watch.heartbeat.finish()
@@ -117,6 +125,13 @@ class _Watch:
 def _unfinished(remaining: Mapping[str, Job], total: int) -> str:
     """Return which cameras have no result, as a clause."""
     return f"{len(remaining)} of {total} cameras are not done ({listed(list(remaining))})"
+
+
+def _is_killed(future: Future) -> bool:
+    """Return True if Dask gave the camera up, because too many of its workers died."""
+    from distributed.scheduler import KilledWorker
+
+    return future.status == "error" and isinstance(future.exception(), KilledWorker)
 
 
 def _result(future: Future, job: Job) -> Result | None:
