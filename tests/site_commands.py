@@ -32,7 +32,7 @@ class Typed:
         """`run`; `parsed`: ours, but it needs a camera, a person, a fleet, or hours; `shell`: it
         changes this machine, so bash reads it alone.
         """
-        if self.line.startswith("calib fleet-prior"):
+        if self.line.startswith("calib fleet-prior") or "--scheduler" in self.line:
             return "parsed"
         if (
             self.program == "calib"
