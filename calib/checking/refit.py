@@ -42,8 +42,7 @@ class Refit:
     poses: Tensor
     covariance: Array
     """(S, S); NaN where the fit failed."""
-    cost: float
-    """The robust sum of squares of the corners over sigma^2, plus that of the priors."""
+    outcome: Outcome
     iterations: int
 
     @property
@@ -119,7 +118,7 @@ def refit(
         shared=solution.shared,
         poses=solution.blocks,
         covariance=covariance,
-        cost=solution.cost,
+        outcome=solution.outcome,
         iterations=solution.iterations,
     )
 

@@ -26,12 +26,11 @@ from calib.checking.result import CheckResult, CheckStatus
 from calib.corners.view import View
 from calib.effects.effect import Effect
 from calib.errors import InputError, NotEnoughDataError
-from calib.estimation.joint_fit import JointFit
-from calib.estimation.levenberg_marquardt import Outcome
+from calib.estimation.joint_fit import Estimate
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.declared import comparisons
-from calib.fitting.fit_result import with_fit
+from calib.fitting.fit_result import with_estimate
 from calib.optics.relief import AMPLITUDES
 from calib.threads import single_thread
 
@@ -169,33 +168,28 @@ def _apply_fit(
                 fit.path, fit.values, calibration.observations, initial, sigma=prior.sigma
             )
             poses = torch.cat([old_poses, poses])
-    joint = JointFit(
+    estimate = Estimate(
         values=fit.values,
         poses=poses,
         covariance=torch.from_numpy(fit.covariance),
-        cost=fit.cost,
         sigma=prior.sigma,
         smoothness=None,
         parameters=fit.parameters,
-        outcome=Outcome.CONVERGED,
-        iterations=fit.iterations,
-        log_evidence=float("nan"),
-        log_marginal=float("nan"),
     )
     base = replace(calibration, views=views)
-    updated = with_fit(base, model, joint, base.observations)
+    updated = with_estimate(base, model, estimate, base.observations)
     order = updated.camera_model().parameters  # the order of the parameters
     names = [*([AMPLITUDES] if order.relief else []), *(param.name for param in order.free)]
     places = fit.parameters.entries(names)
     updated = replace(updated, covariance=fit.covariance[np.ix_(places, places)])
     if not calibration.stages:  # its fit saw no view of this medium
         updated = replace(updated, stages=stages_of(updated))
-    settings = {
-        key: calibration.settings[key]
-        for key in ("relief_prior", "log_evidence")
-        if key in calibration.settings
+    about_fit = {
+        "outcome": fit.outcome.value,
+        "iterations": fit.iterations,
+        "sigma_px": prior.sigma,
     }
-    return replace(updated, settings=updated.settings | settings)
+    return replace(updated, settings=calibration.settings | about_fit)
 
 
 def _free_name(name: str, taken: set[str]) -> str:

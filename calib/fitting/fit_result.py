@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from calib.calibration import AddedEffect, Calibration, Stage
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import JointFit
+from calib.estimation.joint_fit import Estimate, JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.estimation.stated_priors import with_estimates
@@ -17,38 +17,47 @@ EFFECTS_STAGE = "cover+rbf+effects"
 def with_fit(
     calibration: Calibration, model: CameraModel, joint: JointFit, observations: Observations
 ) -> Calibration:
-    """Return the calibration with the parameters and effects of another fit."""
+    """Return the calibration with the parameters and effects of another joint fit, and its
+    settings' entries about that fit.
+    """
+    estimated = with_estimate(calibration, model, joint, observations)
+    return replace(estimated, settings=calibration.settings | joint.record())
+
+
+def with_estimate(
+    calibration: Calibration, model: CameraModel, estimate: Estimate, observations: Observations
+) -> Calibration:
+    """Return the calibration with the parameters and effects of another estimate."""
     assert calibration.camera.intrinsics
-    intrinsics, cover = with_estimates(calibration.camera.intrinsics, calibration.cover, joint)
+    intrinsics, cover = with_estimates(calibration.camera.intrinsics, calibration.cover, estimate)
     effects = tuple(
         AddedEffect(
             effect,
             {
                 parameter.param.name: (
-                    joint.values[parameter.param.name].numpy(),
-                    joint.sigma_of(parameter.param.name).numpy(),
+                    estimate.values[parameter.param.name].numpy(),
+                    estimate.sigma_of(parameter.param.name).numpy(),
                 )
                 for parameter in effect.effect_parameters
             },
         )
         for effect in model.effects
     )
-    residual = residuals(model.path, joint.values, observations, joint.poses)
+    residual = residuals(model.path, estimate.values, observations, estimate.poses)
     stages = tuple(stage for stage in calibration.stages if stage.name != EFFECTS_STAGE)
     return replace(
         calibration,
         camera=replace(calibration.camera, intrinsics=intrinsics),
         cover=cover,
         amplitudes=(
-            joint.values["relief.amplitudes"].numpy()
+            estimate.values["relief.amplitudes"].numpy()
             if calibration.relief
             else calibration.amplitudes
         ),
-        poses=joint.poses.numpy(),
-        covariance=joint.saved_covariance,
+        poses=estimate.poses.numpy(),
+        covariance=estimate.saved_covariance,
         effects=effects,
         stages=(*stages, Stage(EFFECTS_STAGE, residual.rms_px, residual.rmse_cm))
         if effects
         else stages,
-        settings=calibration.settings | joint.record(),
     )
