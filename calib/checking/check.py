@@ -132,7 +132,7 @@ class Checker:
             return self._check(Pictures(remaining, pictures.board, rejected), advance)
         noise = self._noise_px(noise_ratio * self.overdispersion.typical)
         added = rms_shift(best, checked)
-        if not added < GROSS * noise:  # too large for the first order, or without a size
+        if added is None or not added < GROSS * noise:  # no size, or too large for the first order
             expected = self._expected_error(equations, observations, noise_ratio)
             added = max(0.0, residual.rms_px**2 - expected**2) ** 0.5
         statistics = replace(statistics, added_px=added)

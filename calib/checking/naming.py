@@ -39,19 +39,14 @@ def name_changes(ranking: Sequence[Hypothesis], views: CheckedViews) -> tuple[Ch
     return tuple(_describe(hypothesis, chance, views) for hypothesis, chance in probable)
 
 
-def rms_shift(hypothesis: Hypothesis, views: CheckedViews) -> float:
+def rms_shift(hypothesis: Hypothesis, views: CheckedViews) -> float | None:
     """Return the root mean square shift of the checked corners in px that remains after their poses
-    adapt to a change; NaN for a hypothesis without a size.
+    adapt to a change; None for a hypothesis without a size.
     """
-    return (
-        max(
-            0.0,
-            float(hypothesis.vector @ _shift_metric(hypothesis.change, views) @ hypothesis.vector),
-        )
-        ** 0.5
-        if hypothesis.change
-        else float("nan")
-    )
+    if not hypothesis.change:
+        return None
+    metric = _shift_metric(hypothesis.change, views)
+    return math.sqrt(max(0.0, float(hypothesis.vector @ metric @ hypothesis.vector)))
 
 
 def _describe(hypothesis: Hypothesis, chance: float, views: CheckedViews) -> Change:
