@@ -183,6 +183,11 @@ def log_bayes_factor(
     return float(scaled @ np.linalg.solve(posterior, scaled) - np.linalg.slogdet(posterior)[1]) / 2
 
 
+def prior_spread(effect: Effect) -> NDArray[np.float64]:
+    """Return (k,) the prior's standard deviation of each scalar parameter, over its scale."""
+    return np.array([u.sigma / u.param.scale for u in effect.effect_parameters])
+
+
 E = TypeVar("E", bound=Effect)
 
 
@@ -195,9 +200,7 @@ def select_form(
     """
 
     def evidence(form: E) -> float:
-        spread = np.array(
-            [parameter.sigma / parameter.param.scale for parameter in form.effect_parameters]
-        )
+        spread = prior_spread(form)
         count = len(spread)
         return log_bayes_factor(information[:count, :count], score[:count], spread)
 

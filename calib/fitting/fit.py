@@ -14,12 +14,13 @@ from calib.estimation.residuals import Residuals
 from calib.estimation.robust import outlier_mask
 from calib.estimation.stated_priors import with_estimates
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
+from calib.fitting.fit_result import added_effects
 from calib.fitting.fleet_expectation import KEY as PRIOR
 from calib.fitting.fleet_expectation import Expectation
 from calib.fitting.guided_redetection import REDETECTION, Redetection, redetect_corners
-from calib.fitting.inputs import gather_inputs, recalibrate_bare
+from calib.fitting.inputs import FitInputs, gather_inputs, recalibrate_bare
 from calib.fitting.provenance import KEY, provenance
-from calib.fitting.resolve_prior_conflict import resolve_prior_conflict
+from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
 from calib.fitting.view_noise import VIEW_NOISE, weigh_noisy_views
 from calib.progress import Progress, Silent
@@ -52,11 +53,7 @@ def fit(
     start = gather_inputs(session, progress)
     views, rejected = start.views, start.rejected
     expectation = Expectation.of(session, start)
-    nominal = (
-        expectation.nominal
-        if expectation
-        else Setup(session.board, session.camera, start.intrinsics, session.cover)
-    )
+    nominal = expectation.nominal if expectation else _nominal_setup(session, start)
     setup = nominal.with_tolerances(settings)
     grids: dict[str, float] = {}
     if settings.folds:
@@ -95,10 +92,12 @@ def fit(
             bare = recalibrate_bare(views, session, start.intrinsics, progress)
             views = bare.views
             rejected = (*rejected, *bare.rejected)
-            nominal = replace(nominal, intrinsics=bare.intrinsics)
+            start = replace(start, intrinsics=bare.intrinsics, intrinsics_are_final=bare.final)
+            nominal = replace(nominal, intrinsics=start.prior_intrinsics)
             setup = nominal.with_tolerances(settings)
         else:
             earlier = fitted
+    prior: dict[str, object] = {}
     with single_thread():
         noise_ratios: dict[str, float] = {}
         if settings.method == "joint":  # the paper's method weights all views equally
@@ -115,10 +114,11 @@ def fit(
                 earlier=fitted,
                 purpose="with noisier views weighing less",
             )
-        if expectation:
+        if start.is_own:
+            resolved = ResolvedFit(fitted, setup, setup)
+        elif expectation:
             resolved, prior = expectation.resolve(fitted, views, settings, progress)
         else:
-            prior = {}
             resolved = resolve_prior_conflict(fitted, setup, nominal, views, settings, progress)
     fitted, setup = resolved.fitted, resolved.setup
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, fitted.joint)
@@ -159,7 +159,22 @@ def fit(
         | ({PRIOR: prior} if expectation else {})
         | (joint.record() if joint else {}),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
-        stated=Declared(resolved.declared.intrinsics, resolved.declared.cover, resolved.doubted),
+        effects=added_effects(fitted.effects, joint) if joint else (),
+        stated=Declared(
+            start.intrinsics if start.is_own else resolved.declared.intrinsics,
+            resolved.declared.cover,
+            resolved.doubted,
+        ),
+    )
+
+
+def _nominal_setup(session: Session, inputs: FitInputs) -> Setup:
+    return Setup(
+        session.board,
+        session.camera,
+        inputs.prior_intrinsics,
+        session.cover,
+        inputs.intrinsics_are_final,
     )
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from calib.calibration import AddedEffect, Calibration, Stage
+from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import Estimate, JointFit
 from calib.estimation.observations import Observations
@@ -30,19 +32,7 @@ def with_estimate(
     """Return the calibration with the parameters and effects of another estimate."""
     assert calibration.camera.intrinsics
     intrinsics, cover = with_estimates(calibration.camera.intrinsics, calibration.cover, estimate)
-    effects = tuple(
-        AddedEffect(
-            effect,
-            {
-                parameter.param.name: (
-                    estimate.values[parameter.param.name].numpy(),
-                    estimate.sigma_of(parameter.param.name).numpy(),
-                )
-                for parameter in effect.effect_parameters
-            },
-        )
-        for effect in model.effects
-    )
+    effects = added_effects(model.effects, estimate)
     residual = residuals(model.path, estimate.values, observations, estimate.poses)
     stages = tuple(stage for stage in calibration.stages if stage.name != EFFECTS_STAGE)
     return replace(
@@ -60,4 +50,21 @@ def with_estimate(
         stages=(*stages, Stage(EFFECTS_STAGE, residual.rms_px, residual.rmse_cm))
         if effects
         else stages,
+    )
+
+
+def added_effects(effects: Sequence[Effect], estimate: Estimate) -> tuple[AddedEffect, ...]:
+    """Return the effects of a model with their estimated parameters."""
+    return tuple(
+        AddedEffect(
+            effect,
+            {
+                parameter.param.name: (
+                    estimate.values[parameter.param.name].numpy(),
+                    estimate.sigma_of(parameter.param.name).numpy(),
+                )
+                for parameter in effect.effect_parameters
+            },
+        )
+        for effect in effects
     )

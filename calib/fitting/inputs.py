@@ -18,6 +18,7 @@ from calib.io.frames_table import FrameRecord, read_frame_records
 from calib.progress import Progress
 from calib.session.camera import Intrinsics
 from calib.session.fleet_prior import nominal_intrinsics
+from calib.session.freeing import free_own_intrinsics
 from calib.session.lens import OPENCV
 from calib.session.session import Session
 
@@ -35,6 +36,22 @@ class FitInputs:
     """Error on held-out views by the number of OpenCV's coefficients or the name of another lens
     model; empty if the lens was not chosen by it.
     """
+
+    intrinsics_are_final: bool = False
+    """True if the intrinsics come from the views of the fit and a joint fit must not estimate them
+    again (`BareFit.final`).
+    """
+
+    @property
+    def is_own(self) -> bool:
+        """True if the intrinsics come from the views that the fit uses."""
+        return self.intrinsics_from == "views"
+
+    @property
+    def prior_intrinsics(self) -> Intrinsics:
+        """The intrinsics as the prior of the fit."""
+        is_start = self.is_own and not self.intrinsics_are_final
+        return free_own_intrinsics(self.intrinsics) if is_start else self.intrinsics
 
 
 def read_views(
@@ -83,6 +100,7 @@ def gather_inputs(session: Session, progress: Progress) -> FitInputs:
     bare_rejected: tuple[RejectedPicture, ...] = ()
     lens_errors: dict[str, float] = {}
     source: Literal["session.yaml", "bare", "prior", "views"]
+    final = False
     if session.camera.intrinsics:
         intrinsics = session.camera.intrinsics
         source = "session.yaml"
@@ -106,6 +124,7 @@ def gather_inputs(session: Session, progress: Progress) -> FitInputs:
         intrinsics = fitted.intrinsics
         lens_errors = fitted.held_out_px
         source = "views"
+        final = fitted.final
     usable, unusable = split_usable_views(views, session.board)
     return FitInputs(
         views=usable,
@@ -113,6 +132,7 @@ def gather_inputs(session: Session, progress: Progress) -> FitInputs:
         intrinsics=intrinsics,
         intrinsics_from=source,
         lens_held_out_px=lens_errors,
+        intrinsics_are_final=final,
     )
 
 

@@ -11,7 +11,9 @@ import torch
 from torch import Tensor
 
 from calib.calibration import Stage
+from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
+from calib.estimation.camera_model import CameraModel
 from calib.estimation.gradient_fit import descend
 from calib.estimation.joint_fit import (
     FIRST_SIGMA,
@@ -26,6 +28,8 @@ from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import expected_amplitudes
+from calib.fitting.fit_result import EFFECTS_STAGE
+from calib.inference.board_bend import estimate_bend
 from calib.optics.build import covered_path, footprint, pinhole_path, with_relief
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -61,6 +65,13 @@ class Settings:
     """
     folds: int = 0
     """Number of folds of the cross-validation; 0 for none."""
+    flat_board: bool = False
+    """True to take the board as flat; False to estimate its bend where the views show one."""
+
+    @property
+    def estimates_bend(self) -> bool:
+        """True if the fit estimates the board's bend; the paper's method does not."""
+        return self.method == "joint" and not self.flat_board
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +82,9 @@ class Setup:
     camera: Camera
     intrinsics: Intrinsics
     cover: Cover
+    intrinsics_are_final: bool = False
+    """True if these intrinsics come from the same views and no joint fit must estimate them again.
+    """
 
     def with_tolerances(self, settings: Settings) -> Setup:
         """Return the setup with a tolerance for each declared number that the settings estimate.
@@ -95,6 +109,8 @@ class Fitted:
     residuals: Residuals
     relief: Relief | None = None
     joint: JointFit | None = None
+    effects: tuple[Effect, ...] = ()
+    """The effects of the path: the board's bend, or none."""
 
 
 def fit_stages(
@@ -124,8 +140,15 @@ def fit_stages(
     residual = residuals(path, values, observations, poses)
     stages = [Stage("pinhole", residual.rms_px, residual.rmse_cm)]
     has_poses = bool(torch.isfinite(poses).all())  # the caller rejects views without a pose first
-    if setup.cover.shape == "none" or not has_poses:
+    is_bare = setup.cover.shape == "none"
+    if not has_poses or (is_bare and (settings.method == "paper" or setup.intrinsics_are_final)):
         return Fitted(path, values, poses, tuple(stages), residual)
+    if is_bare:
+        priors = priors_of(setup.intrinsics, setup.cover, path)
+        start = earlier.joint.start if earlier and earlier.joint else None
+        model = CameraModel(path, values, priors)
+        joint = model.fit(observations, earlier.poses if earlier else poses, start)
+        return _with_bend(model, joint, setup, observations, settings, tuple(stages))
     path, values = covered_path(setup.intrinsics, setup.cover)
     poses = refine_poses(path, values, observations, poses).blocks
     residual = residuals(path, values, observations, poses)
@@ -148,29 +171,50 @@ def fit_stages(
     path = with_relief(path, relief, exact_hit=settings.exact_hit)
     flat = {AMPLITUDES: torch.from_numpy(expected_amplitudes(relief, setup.cover.glass))}
     values = {**values, **flat}
-    joint: JointFit | None = None
     if settings.method == "paper":
         values[AMPLITUDES] = _descend(path, values, observations, poses, settings.steps, progress)
-    else:
-        advance = progress.task(f"Joint fit, {purpose}" if purpose else "Joint fit", LINEARISATIONS)
-        if start:
-            start = replace(start, values={**flat, **start.values})
-        elif setup.cover.glass:
-            start = Start(values, FIRST_SIGMA, GOOD_GLASS)
-        joint = fit_joint(
-            path,
-            values,
-            observations,
-            poses,
-            priors=priors,
-            start=start,
-            progress=lambda count, rms: advance(min(count, LINEARISATIONS), f"{rms:.3f} px"),
-        )
-        advance(LINEARISATIONS, "")
-        values, poses = joint.values, joint.poses
-    residual = residuals(path, values, observations, poses)
+        residual = residuals(path, values, observations, poses)
+        stages.append(Stage("cover+rbf", residual.rms_px, residual.rmse_cm))
+        return Fitted(path, values, poses, tuple(stages), residual, relief)
+    advance = progress.task(f"Joint fit, {purpose}" if purpose else "Joint fit", LINEARISATIONS)
+    if start:
+        start = replace(start, values={**flat, **start.values})
+    elif setup.cover.glass:
+        start = Start(values, FIRST_SIGMA, GOOD_GLASS)
+    joint = fit_joint(
+        path,
+        values,
+        observations,
+        poses,
+        priors=priors,
+        start=start,
+        progress=lambda count, rms: advance(min(count, LINEARISATIONS), f"{rms:.3f} px"),
+    )
+    advance(LINEARISATIONS, "")
+    residual = residuals(path, joint.values, observations, joint.poses)
     stages.append(Stage("cover+rbf", residual.rms_px, residual.rmse_cm))
-    return Fitted(path, values, poses, tuple(stages), residual, relief, joint)
+    model = CameraModel(path, values, priors)
+    return _with_bend(model, joint, setup, observations, settings, tuple(stages), relief)
+
+
+def _with_bend(
+    model: CameraModel,
+    joint: JointFit,
+    setup: Setup,
+    observations: Observations,
+    settings: Settings,
+    stages: tuple[Stage, ...],
+    relief: Relief | None = None,
+) -> Fitted:
+    """Return the joint fit of a flat board, with the board's bend if the views show one."""
+    if settings.estimates_bend:
+        model, joint = estimate_bend(model, observations, joint, setup.board)
+    residual = residuals(model.path, joint.values, observations, joint.poses)
+    if model.effects:
+        stages = (*stages, Stage(EFFECTS_STAGE, residual.rms_px, residual.rmse_cm))
+    return Fitted(
+        model.path, joint.values, joint.poses, stages, residual, relief, joint, model.effects
+    )
 
 
 def patch(

@@ -7,11 +7,10 @@ import torch
 from calib.calibration import Calibration
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.prior_conflict import PRIOR_INFLATION
-from calib.estimation.priors import Priors
 from calib.estimation.stated_priors import priors_of, widen_prior
 from calib.estimation.surface_prior import expected_amplitudes
 from calib.optics.relief import AMPLITUDES
-from calib.session.tolerances import OWN_CENTRE, OWN_COEFFICIENT, OWN_FOCAL
+from calib.session.freeing import free_own_intrinsics
 
 
 def base_model(calibration: Calibration) -> CameraModel:
@@ -29,21 +28,9 @@ def base_model(calibration: Calibration) -> CameraModel:
     intrinsics, cover = declared.intrinsics, declared.cover
     for name in declared.doubted:
         intrinsics, cover = widen_prior(intrinsics, cover, name, PRIOR_INFLATION)
-    priors = priors_of(intrinsics, cover, path)
     if calibration.settings.get("intrinsics_from") == "views":
-        focal = OWN_FOCAL.sigma * float(values["camera.fx"])
-        sigmas = {
-            "camera.fx": focal,
-            "camera.fy": focal,
-            "camera.cx": OWN_CENTRE.sigma,
-            "camera.cy": OWN_CENTRE.sigma,
-        }
-        sigmas = {
-            param.name: sigmas.get(param.name, OWN_COEFFICIENT.sigma)
-            for param in path.lens.params
-            if not param.shape
-        }
-        priors = Priors({**priors.sigmas, **sigmas})
+        intrinsics = free_own_intrinsics(intrinsics)
+    priors = priors_of(intrinsics, cover, path)
     if calibration.relief:
         values[AMPLITUDES] = torch.from_numpy(
             expected_amplitudes(calibration.relief, declared.cover.glass)

@@ -36,6 +36,10 @@ class BareFit:
     """Error on held-out views by the number of OpenCV's coefficients or the name of another lens
     model; empty if the lens was not chosen by it.
     """
+    final: bool = False
+    """True if a joint fit must not estimate the intrinsics again: the views hardly determine the
+    focal length, or the lens has a spline, which a joint fit with a cover holds.
+    """
 
 
 def calibrate_bare(
@@ -80,13 +84,21 @@ def calibrate_bare(
             f"All views without the cover show the board at the same angle, within {spread:.1f}"
             f" degrees, and no focal length follows: {TILT}."
         )
+    skewed = False
     if isinstance(solved, OpenCVFit):
-        solved, covariance = refine_with_profile(inliers, board, size, solved)
+        solved, covariance, skewed = refine_with_profile(inliers, board, size, solved)
         intrinsics = solved.intrinsics(covariance)
     else:
         intrinsics = solved.intrinsics
+    final = skewed or intrinsics.spline is not None
+    if not final:
+        from calib.intrinsics.joint_intrinsics import fit_with_bend
+
+        intrinsics = fit_with_bend(intrinsics, inliers, board, solved.poses)
     advance(1, f"{solved.rms:.3f} px")
-    return BareFit(intrinsics, solved.rms, tuple(inliers), tuple(rejected), choice.held_out)
+    return BareFit(
+        intrinsics, solved.rms, tuple(inliers), tuple(rejected), choice.held_out, final=final
+    )
 
 
 def _check_enough(views: Sequence[View]) -> None:

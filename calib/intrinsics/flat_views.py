@@ -62,9 +62,9 @@ def best_of_starts(
 
 def refine_with_profile(
     views: Sequence[View], board: Board, size: tuple[int, int], solved: OpenCVFit
-) -> tuple[OpenCVFit, NDArray[np.float64]]:
-    """Return the fit, moved to a better minimum if its profile over the focal length finds one, and
-    its covariance, widened to the profile's interval.
+) -> tuple[OpenCVFit, NDArray[np.float64], bool]:
+    """Return the fit, moved to a better minimum if its profile over the focal length finds one; its
+    covariance, widened to the profile's interval; and True if it was widened.
 
     Raises:
         NotEnoughDataError: focal lengths that are far apart explain the views about as well.
@@ -99,7 +99,8 @@ def refine_with_profile(
             f"The views without the cover are as well explained by a focal length of {focal} px as"
             f" by one of {solved.focal:.0f} px: {TILT}."
         )
-    if interval.sigma > MIN_WIDENING * sigma:
+    widened = interval.sigma > MIN_WIDENING * sigma
+    if widened:
         low = refit(interval.low).parameters
         high = refit(interval.high).parameters
         direction = (
@@ -108,4 +109,4 @@ def refine_with_profile(
             else covariance[0] / covariance[0, 0]
         )
         covariance = widen_along(direction, interval.sigma * solved.focal, covariance)
-    return solved, covariance
+    return solved, covariance, widened

@@ -12,14 +12,14 @@ from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.estimation.model_choice import simplest_model
 from calib.intrinsics.advice import NO_FIT
-from calib.intrinsics.flat_views import FLAT_DEG, best_of_starts, spread_deg
-from calib.intrinsics.held_out_views import clipped_mean, fold_count, held_out_errors
-from calib.intrinsics.opencv_lens import OpenCVFit, fit_opencv, refine_opencv
+from calib.intrinsics.flat_views import best_of_starts
+from calib.intrinsics.held_out_views import clipped_mean, held_out_errors
+from calib.intrinsics.opencv_lens import OpenCVFit, fit_opencv
 from calib.intrinsics.ray_lens import PLAIN, SPLINES, RayLens
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Camera
-from calib.session.lens import COEFFICIENTS, FISHEYE, OPENCV, SPLINED
+from calib.session.lens import FISHEYE, OPENCV, SPLINED
 
 if TYPE_CHECKING:
     from calib.intrinsics.ray_lens_fit import LensFit
@@ -57,16 +57,19 @@ def choose_lens(
         return LensChoice(None, simplest_model(scores, MIN_LENS_IMPROVEMENT), _by_name(scores))
     held_out: dict[str, float] = {}
     if count is None:
-        count, by_count = _choose_count(views, board, size, progress)
+        from calib.intrinsics.lens_order import choose_order
+
+        count, by_count = choose_order(views, board, size, progress)
         held_out = {str(number): error for number, error in by_count.items()}
     if model == OPENCV:
         return LensChoice(count, None, held_out)
-    if str(count) not in held_out:
-        held_out[str(count)] = clipped_mean(
+    held_out = {
+        str(count): clipped_mean(
             held_out_errors(
                 views, board, lambda training, _: fit_opencv(training, board, size, count)
             )
         )
+    }
     scores = _score_ray_lenses((PLAIN, *SPLINES), views, board, size, progress)
     opencv_error = held_out[str(count)]
     held_out |= _by_name(scores)
@@ -125,35 +128,3 @@ def _score_ray_lenses(
 
 def _by_name(scores: dict[RayLens, float]) -> dict[str, float]:
     return {str(lens): error for lens, error in scores.items()}
-
-
-def _choose_count(
-    views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress
-) -> tuple[int, dict[int, float]]:
-    """Return the smallest number of coefficients whose error on held-out views is within
-    MIN_LENS_IMPROVEMENT of the least, and the error of each tried number.
-
-    The tilted sensor's fourteen take minutes. They are tried only if the thin prism's twelve
-    improve the error, and if boards tilt: only then does a sensor's tilt differ from theirs.
-    """
-    folds = fold_count(views)
-    advance = progress.task("Lens coefficients", folds * len(COEFFICIENTS))
-    previous: list[OpenCVFit | None] = [None] * folds
-    scores: dict[int, float] = {}
-    for i, count in enumerate(COEFFICIENTS):
-        if count == 14 and (
-            scores[12] > (1 - MIN_LENS_IMPROVEMENT) * scores[8]
-            or any(fit and spread_deg(fit.poses) < FLAT_DEG for fit in previous)
-        ):
-            break
-
-        def fit_next(
-            training: Sequence[View], fold: int, i: int = i, count: int = count
-        ) -> OpenCVFit:
-            solved = previous[fold] = refine_opencv(training, board, size, count, previous[fold])
-            advance(i * folds + fold + 1, f"{count} coefficients")
-            return solved
-
-        scores[count] = clipped_mean(held_out_errors(views, board, fit_next))
-    advance(folds * len(COEFFICIENTS), "")
-    return simplest_model(scores, MIN_LENS_IMPROVEMENT), scores

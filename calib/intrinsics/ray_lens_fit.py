@@ -20,6 +20,7 @@ from calib.estimation.poses import pinhole_poses, rough_poses
 from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
 from calib.intrinsics.advice import NO_FIT
+from calib.intrinsics.joint_intrinsics import estimated_intrinsics
 from calib.intrinsics.ray_lens import RayLens
 from calib.optics.build import pinhole_path
 from calib.optics.params import Values
@@ -70,15 +71,10 @@ class LensFit:
     @property
     def intrinsics(self) -> Intrinsics:
         """Return the intrinsics with standard deviations and correlations."""
-        estimates = tuple(self.joint.estimates().values())
-        fx, fy, cx, cy = estimates[:4]
-        covariance = self.joint.covariance.numpy()[: len(estimates), : len(estimates)]
-        sigmas = np.sqrt(covariance.diagonal())
-        correlation = covariance / np.outer(sigmas, sigmas)
-        rows = tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i)
-        return Intrinsics(
-            fx, fy, cx, cy, estimates[4:], rows, SPLINED if self.spline else FISHEYE, self.spline
-        )
+        zero = Number(0.0)
+        model = SPLINED if self.spline else FISHEYE
+        lens = Intrinsics(zero, zero, zero, zero, (zero,) * 4, model=model, spline=self.spline)
+        return estimated_intrinsics(self.joint, lens)
 
     @property
     def spline(self) -> Spline | None:

@@ -15,6 +15,9 @@ from calib.session.tolerances import (
     FOCAL,
     INDEX,
     OFFSET,
+    OWN_CENTRE,
+    OWN_COEFFICIENT,
+    OWN_FOCAL,
     PRINCIPAL_POINT,
     RADIAL,
     RADIUS,
@@ -87,6 +90,22 @@ def free_parameters(
     if INTRINSICS in names:
         intrinsics = _map_intrinsics(intrinsics, _free_number)
     return intrinsics, replace(cover, parameters=parameters)
+
+
+def free_own_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
+    """Return the intrinsics with hardly any prior: they come from the views of the fit, which count
+    once.
+    """
+    focal = OWN_FOCAL.sigma * intrinsics.fx.value
+    return replace(
+        intrinsics,
+        fx=Number(intrinsics.fx.value, focal),
+        fy=Number(intrinsics.fy.value, focal),
+        cx=Number(intrinsics.cx.value, OWN_CENTRE.sigma),
+        cy=Number(intrinsics.cy.value, OWN_CENTRE.sigma),
+        distortion=tuple(Number(n.value, OWN_COEFFICIENT.sigma) for n in intrinsics.distortion),
+        correlations=(),
+    )
 
 
 def _free_all(intrinsics: Intrinsics, cover: Cover) -> tuple[Intrinsics, Cover]:

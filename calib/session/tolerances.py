@@ -65,6 +65,8 @@ RADIAL = Tolerance(
     0.1, "", 1e-3, "lenses that are called free of distortion have coefficients up to here"
 )
 TANGENTIAL = Tolerance(0.01, "", 1e-3, "a lens tilted by half a degree")
+THIN_PRISM = Tolerance(3e-3, "", 1e-3, "lens elements that are wedges by some minutes of arc")
+SENSOR_TILT = Tolerance(0.02, "rad", 1e-3, "sensors are glued in to about a degree")
 
 ENTRANCE_PUPIL = Tolerance(
     5e-3,

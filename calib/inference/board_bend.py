@@ -1,0 +1,65 @@
+"""The bend of the board, estimated beside all other parameters wherever the views show it.
+
+A bent board that is taken as flat makes the lens and the cover wrong: on measured sets, sheets on a
+stiff back are bent by 0.3 to 2.5 mm. The bend is the board's shape of degree 2, three numbers with
+the prior `calib.session.tolerances.BOARD_SHAPE`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from calib.effects.board_shape import DEGREES, BoardShape
+from calib.effects.effect import log_bayes_factor, prior_spread
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.joint_fit import ROUNDS, JointFit
+from calib.estimation.levenberg_marquardt import Outcome
+from calib.estimation.observations import Observations
+from calib.inference.score_test import FittedModel
+from calib.session.board import Board
+
+MIN_LOG_ODDS = math.log(100)
+"""The least log Bayes factor against a flat board. A bend that is not there costs nearly nothing, a
+missing one moves the principal point by many standard deviations: a hundred to one is enough.
+"""
+MAX_P_VALUE = 0.05
+"""The largest p-value of the test that the views agree on a bend. The evidence alone counts corners
+as independent, which they are not where the model lacks something else.
+"""
+MAX_SIGMAS = 3.0
+"""Standard deviations of the prior beyond which a number of the bend is not one of a board: it
+imitates something else.
+"""
+
+
+def estimate_bend(
+    model: CameraModel, observations: Observations, joint: JointFit, board: Board
+) -> tuple[CameraModel, JointFit]:
+    """Return the model and its fit with the board's bend, or unchanged if the board is flat as far
+    as the views show.
+
+    Args:
+        model: a model without a bend.
+        observations: the views of its fit.
+        joint: its fit.
+        board: the board of the views.
+    """
+    if joint.outcome is not Outcome.CONVERGED:
+        return model, joint
+    (test,) = FittedModel(model, observations, joint).candidates(
+        [BoardShape(*board.half, DEGREES[-1])]
+    )
+    bend = test.effect
+    log_odds = log_bayes_factor(test.information, test.score, prior_spread(bend))
+    if log_odds < MIN_LOG_ODDS or test.p_value > MAX_P_VALUE:
+        return model, joint
+    bent = model.with_effect(bend)
+    fitted = bent.fit(observations, joint.poses, joint.start, ROUNDS)
+    is_possible = all(
+        abs(float(fitted.values[parameter.param.name])) < MAX_SIGMAS * parameter.sigma
+        for parameter in bend.effect_parameters
+    )
+    is_better = fitted.log_marginal > joint.log_marginal + MIN_LOG_ODDS
+    if fitted.outcome is Outcome.CONVERGED and is_possible and is_better:
+        return bent, fitted
+    return model, joint
