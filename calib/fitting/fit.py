@@ -112,6 +112,7 @@ def fit(
                 settings,
                 progress,
                 earlier=fitted,
+                labels=pose_labels(views),
                 purpose="with noisier views weighing less",
             )
         if start.is_own:

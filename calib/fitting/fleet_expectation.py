@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.corners.view import View
+from calib.corners.view import View, pose_labels
 from calib.estimation.likelihood_information import (
     LikelihoodInformation,
     PriorConflict,
@@ -80,7 +80,12 @@ class Expectation:
             free_setup = self.without_prior.with_tolerances(settings)
             observations = Observations.of(views, setup.board)
             refitted = fit_stages(
-                free_setup, observations, settings, progress, purpose="without the fleet's prior"
+                free_setup,
+                observations,
+                settings,
+                progress,
+                labels=pose_labels(views),
+                purpose="without the fleet's prior",
             )
             if is_outlier or log_evidence(refitted) > log_evidence(fitted):
                 resolved = resolve_prior_conflict(

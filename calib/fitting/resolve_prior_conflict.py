@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from calib.corners.view import View
+from calib.corners.view import View, pose_labels
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
@@ -100,7 +100,14 @@ def resolve_prior_conflict(
         return resolved
     if not may_hold:
         return _widen_conflicting_priors(resolved, observations, views, settings, progress)
-    exact = fit_stages(nominal, observations, settings, progress, purpose="numbers as declared")
+    exact = fit_stages(
+        nominal,
+        observations,
+        settings,
+        progress,
+        labels=pose_labels(views),
+        purpose="numbers as declared",
+    )
     if credible:
         if log_evidence(fitted) > log_evidence(exact):
             return resolved
@@ -144,7 +151,12 @@ def _widen_conflicting_priors(
         )
         wider = replace(resolved.setup, intrinsics=intrinsics, cover=cover)
         refitted = fit_stages(
-            wider, observations, settings, progress, purpose=f"{name.partition('.')[2]} doubted"
+            wider,
+            observations,
+            settings,
+            progress,
+            labels=pose_labels(views),
+            purpose=f"{name.partition('.')[2]} doubted",
         )
         if not (
             refitted.joint

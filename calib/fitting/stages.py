@@ -7,7 +7,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.calibration import Stage
@@ -120,6 +122,7 @@ def fit_stages(
     progress: Progress,
     *,
     earlier: Fitted | None = None,
+    labels: NDArray[np.int64] | None = None,
     purpose: str = "",
 ) -> Fitted:
     """Fit the model to corners, stage by stage. The joint method also estimates the numbers of the
@@ -128,6 +131,8 @@ def fit_stages(
     Args:
         earlier: a fit of the same setup and views to other corners, from which the last stage
             starts.
+        labels: (V,) labels of the board's poses, as `calib.corners.view.pose_labels` gives them;
+            None if each view has a pose of its own.
         purpose: a few words for the progress bar that distinguish this fit from others of the
             session.
 
@@ -148,7 +153,7 @@ def fit_stages(
         start = earlier.joint.start if earlier and earlier.joint else None
         model = CameraModel(path, values, priors)
         joint = model.fit(observations, earlier.poses if earlier else poses, start)
-        return _with_bend(model, joint, setup, observations, settings, tuple(stages))
+        return _with_bend(model, joint, setup, observations, settings, labels, tuple(stages))
     path, values = covered_path(setup.intrinsics, setup.cover)
     poses = refine_poses(path, values, observations, poses).blocks
     residual = residuals(path, values, observations, poses)
@@ -194,7 +199,7 @@ def fit_stages(
     residual = residuals(path, joint.values, observations, joint.poses)
     stages.append(Stage("cover+rbf", residual.rms_px, residual.rmse_cm))
     model = CameraModel(path, values, priors)
-    return _with_bend(model, joint, setup, observations, settings, tuple(stages), relief)
+    return _with_bend(model, joint, setup, observations, settings, labels, tuple(stages), relief)
 
 
 def _with_bend(
@@ -203,12 +208,13 @@ def _with_bend(
     setup: Setup,
     observations: Observations,
     settings: Settings,
+    labels: NDArray[np.int64] | None,
     stages: tuple[Stage, ...],
     relief: Relief | None = None,
 ) -> Fitted:
     """Return the joint fit of a flat board, with the board's bend if the views show one."""
     if settings.estimates_bend:
-        model, joint = estimate_bend(model, observations, joint, setup.board)
+        model, joint = estimate_bend(model, observations, joint, setup.board, labels)
     residual = residuals(model.path, joint.values, observations, joint.poses)
     if model.effects:
         stages = (*stages, Stage(EFFECTS_STAGE, residual.rms_px, residual.rmse_cm))

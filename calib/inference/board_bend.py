@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from calib.effects.board_shape import DEGREES, BoardShape
 from calib.effects.effect import log_bayes_factor, prior_spread
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
+from calib.inference.cross_validation import FOLDS, fold_split, held_out_gain, hold_out
 from calib.inference.score_test import FittedModel
 from calib.session.board import Board
 
@@ -23,9 +27,11 @@ MIN_LOG_ODDS = math.log(100)
 missing one moves the principal point by many standard deviations: a hundred to one is enough.
 """
 MAX_P_VALUE = 0.05
-"""The largest p-value of the test that the views agree on a bend. The evidence alone counts corners
-as independent, which they are not where the model lacks something else.
+"""The largest p-value of the gain on held-out views. The evidence alone counts corners as
+independent, which they are not where the model lacks something else.
 """
+MIN_GAIN = 0.01
+"""The least relative decrease of the error on held-out views."""
 MAX_SIGMAS = 3.0
 """Standard deviations of the prior beyond which a number of the bend is not one of a board: it
 imitates something else.
@@ -33,7 +39,11 @@ imitates something else.
 
 
 def estimate_bend(
-    model: CameraModel, observations: Observations, joint: JointFit, board: Board
+    model: CameraModel,
+    observations: Observations,
+    joint: JointFit,
+    board: Board,
+    labels: NDArray[np.int64] | None = None,
 ) -> tuple[CameraModel, JointFit]:
     """Return the model and its fit with the board's bend, or unchanged if the board is flat as far
     as the views show.
@@ -43,15 +53,19 @@ def estimate_bend(
         observations: the views of its fit.
         joint: its fit.
         board: the board of the views.
+        labels: (V,) labels of the board's poses, as `calib.corners.view.pose_labels` gives them;
+            None if each view has a pose of its own.
     """
-    if joint.outcome is not Outcome.CONVERGED:
+    if labels is None:
+        labels = np.arange(len(observations.names))
+    if joint.outcome is not Outcome.CONVERGED or len(np.unique(labels)) < FOLDS:
         return model, joint
     (test,) = FittedModel(model, observations, joint).candidates(
         [BoardShape(*board.half, DEGREES[-1])]
     )
     bend = test.effect
     log_odds = log_bayes_factor(test.information, test.score, prior_spread(bend))
-    if log_odds < MIN_LOG_ODDS or test.p_value > MAX_P_VALUE:
+    if log_odds < MIN_LOG_ODDS:
         return model, joint
     bent = model.with_effect(bend)
     fitted = bent.fit(observations, joint.poses, joint.start, ROUNDS)
@@ -59,7 +73,13 @@ def estimate_bend(
         abs(float(fitted.values[parameter.param.name])) < MAX_SIGMAS * parameter.sigma
         for parameter in bend.effect_parameters
     )
-    is_better = fitted.log_marginal > joint.log_marginal + MIN_LOG_ODDS
-    if fitted.outcome is Outcome.CONVERGED and is_possible and is_better:
-        return bent, fitted
-    return model, joint
+    is_more_probable = fitted.log_marginal > joint.log_marginal + MIN_LOG_ODDS
+    if not (fitted.outcome is Outcome.CONVERGED and is_possible and is_more_probable):
+        return model, joint
+    folds = fold_split(labels)
+    gain = held_out_gain(
+        hold_out(model, observations, joint, folds), hold_out(bent, observations, fitted, folds)
+    )
+    p_value = min(gain.p_value, gain.presence_p_value)
+    is_confirmed = gain.relative > MIN_GAIN and p_value < MAX_P_VALUE
+    return (bent, fitted) if is_confirmed else (model, joint)

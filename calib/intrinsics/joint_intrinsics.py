@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.corners.view import View
+from calib.corners.view import View, pose_labels
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
@@ -43,7 +43,7 @@ def fit_with_bend(
     observations = Observations.of(views, board)
     with single_thread():
         joint = model.fit(observations, torch.from_numpy(poses))
-        _, joint = estimate_bend(model, observations, joint, board)
+        _, joint = estimate_bend(model, observations, joint, board, pose_labels(views))
     return estimated_intrinsics(joint, intrinsics) if joint.finite else intrinsics
 
 
