@@ -7,6 +7,7 @@ import numpy as np
 
 from calib.calibration import Calibration, Declared
 from calib.corners.view import RejectedPicture, View, pose_labels
+from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
 from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
@@ -64,6 +65,7 @@ def fit(
         settings = replace(settings, grid=grid)
     redetections: tuple[Redetection, ...] | None = () if session.corners else None
     earlier: Fitted | None = None
+    bend: tuple[Effect, ...] | None = None
     purpose = ""
     while True:
         _check_enough(views, rejected)
@@ -73,9 +75,11 @@ def fit(
                 setup, observations, settings, progress, earlier=earlier, purpose=purpose
             )
         earlier = None
+        bend = fitted.effects
         views, outliers = _without_outliers(views, observations, fitted.residuals)
         rejected = (*rejected, *outliers)
         if outliers:
+            bend = None
             purpose = f"without {len(rejected)} view{'s' * (len(rejected) > 1)}"
             continue
         if redetections is not None:
@@ -112,7 +116,7 @@ def fit(
                 settings,
                 progress,
                 earlier=fitted,
-                labels=pose_labels(views),
+                bend=bend,
                 purpose="with noisier views weighing less",
             )
         if start.is_own:

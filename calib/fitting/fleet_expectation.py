@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.corners.view import View, pose_labels
+from calib.corners.view import View
 from calib.estimation.likelihood_information import (
     LikelihoodInformation,
     PriorConflict,
@@ -84,7 +84,7 @@ class Expectation:
                 observations,
                 settings,
                 progress,
-                labels=pose_labels(views),
+                bend=fitted.effects,
                 purpose="without the fleet's prior",
             )
             if is_outlier or log_evidence(refitted) > log_evidence(fitted):

@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from calib.corners.view import View, pose_labels
+from calib.corners.view import View
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
@@ -105,7 +105,7 @@ def resolve_prior_conflict(
         observations,
         settings,
         progress,
-        labels=pose_labels(views),
+        bend=resolved.fitted.effects,
         purpose="numbers as declared",
     )
     if credible:
@@ -155,7 +155,7 @@ def _widen_conflicting_priors(
             observations,
             settings,
             progress,
-            labels=pose_labels(views),
+            bend=resolved.fitted.effects,
             purpose=f"{name.partition('.')[2]} doubted",
         )
         if not (

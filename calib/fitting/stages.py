@@ -21,6 +21,7 @@ from calib.estimation.joint_fit import (
     FIRST_SIGMA,
     GOOD_GLASS,
     ROUGH_ROUNDS,
+    ROUNDS,
     JointFit,
     Start,
     fit_joint,
@@ -123,6 +124,7 @@ def fit_stages(
     *,
     earlier: Fitted | None = None,
     labels: NDArray[np.int64] | None = None,
+    bend: tuple[Effect, ...] | None = None,
     purpose: str = "",
 ) -> Fitted:
     """Fit the model to corners, stage by stage. The joint method also estimates the numbers of the
@@ -133,6 +135,8 @@ def fit_stages(
             starts.
         labels: (V,) labels of the board's poses, as `calib.corners.view.pose_labels` gives them;
             None if each view has a pose of its own.
+        bend: the effects of an earlier fit of these views, which decided on the board's bend; None
+            to decide.
         purpose: a few words for the progress bar that distinguish this fit from others of the
             session.
 
@@ -153,7 +157,7 @@ def fit_stages(
         start = earlier.joint.start if earlier and earlier.joint else None
         model = CameraModel(path, values, priors)
         joint = model.fit(observations, earlier.poses if earlier else poses, start)
-        return _with_bend(model, joint, setup, observations, settings, labels, tuple(stages))
+        return _with_bend(model, joint, setup, observations, settings, labels, bend, tuple(stages))
     path, values = covered_path(setup.intrinsics, setup.cover)
     poses = refine_poses(path, values, observations, poses).blocks
     residual = residuals(path, values, observations, poses)
@@ -199,7 +203,9 @@ def fit_stages(
     residual = residuals(path, joint.values, observations, joint.poses)
     stages.append(Stage("cover+rbf", residual.rms_px, residual.rmse_cm))
     model = CameraModel(path, values, priors)
-    return _with_bend(model, joint, setup, observations, settings, labels, tuple(stages), relief)
+    return _with_bend(
+        model, joint, setup, observations, settings, labels, bend, tuple(stages), relief
+    )
 
 
 def _with_bend(
@@ -209,11 +215,15 @@ def _with_bend(
     observations: Observations,
     settings: Settings,
     labels: NDArray[np.int64] | None,
+    bend: tuple[Effect, ...] | None,
     stages: tuple[Stage, ...],
     relief: Relief | None = None,
 ) -> Fitted:
     """Return the joint fit of a flat board, with the board's bend if the views show one."""
-    if settings.estimates_bend:
+    if bend:
+        model = model.with_effects(bend)
+        joint = model.fit(observations, joint.poses, joint.start, ROUNDS)
+    elif bend is None and settings.estimates_bend:
         model, joint = estimate_bend(model, observations, joint, setup.board, labels)
     residual = residuals(model.path, joint.values, observations, joint.poses)
     if model.effects:
