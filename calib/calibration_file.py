@@ -63,6 +63,7 @@ SETTINGS: Mapping[str, Shape] = {
     "free": many(choice(*NAMES)),
     "steps": count,
     "exact_hit": flag,
+    "flat_board": flag,
     "intrinsics_from": choice("session.yaml", "bare", "prior", "views"),
     "lens_held_out_px": table(number),
     "view_noise": table(positive),

@@ -20,6 +20,7 @@ from calib.corners.view import RejectedPicture
 from calib.errors import brief, harmless
 from calib.fitting.declared import comparisons, effect_comparisons
 from calib.fitting.evaluate import Evaluation
+from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.fitting.fleet_expectation import KEY as PRIOR
 from calib.fitting.guided_redetection import REDETECTION, Redetection, describe_redetection
 from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views
@@ -90,6 +91,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         *view_lines,
         *_lens(calibration),
         *_prior(calibration),
+        *_bend(calibration),
         *_estimates(calibration),
         *reach,
     ):
@@ -115,6 +117,23 @@ def _lens(calibration: Calibration) -> Iterator[str]:
         f"{n} {e:.3f} px" for n, e in models.items()
     ]
     yield f"Lens: {intrinsics.model}, by the error on held-out views: {', '.join(errors)}."
+
+
+def _bend(calibration: Calibration) -> Iterator[str]:
+    """Yield a line on the board's bend, if the fit found one."""
+    stages = calibration.stages
+    if without_own_bend(calibration) is calibration or stages[-1].name != EFFECTS_STAGE:
+        return
+    millimetres = {
+        name: 1e3 * float(value)
+        for effect in calibration.effects
+        for name, (value, _) in effect.parameters.items()
+    }
+    yield (
+        f"The board is bent by {millimetres['board_shape.xx']:.2f} mm along x and"
+        f" {millimetres['board_shape.yy']:.2f} mm along y: {stages[-2].rms_px:.3f} px with a flat"
+        f" board, {stages[-1].rms_px:.3f} px with this one."
+    )
 
 
 def _prior(calibration: Calibration) -> Iterator[str]:

@@ -28,11 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--effects",
         type=effects,
-        default=(),
         metavar="none|auto|NAME,...",
         help=(
             "auto: find the effects that the model lacks, and add those that held-out views"
-            " confirm; or add effects by name, as listed below (default: none)"
+            " confirm; or add effects by name, as listed below; none: take the board as flat"
+            " (default: the board's bend, if the views show one)"
         ),
     )
     add_depths(parser, required=False)
@@ -42,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     import time
+    from dataclasses import replace
 
     with fast_imports():
         from calib.calibration import DERIVED, FILES
@@ -52,6 +53,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.diagnosis.diagnose import diagnose
         from calib.diagnosis.possible_effects import check_possible
         from calib.diagnosis.requested_effects import with_requested
+        from calib.effects.board_shape import BoardShape
         from calib.export.npz import file_names, write_npz
         from calib.fitting.fit import fit
         from calib.fitting.provenance import record_request
@@ -64,19 +66,22 @@ def run(args: argparse.Namespace) -> None:
     start = time.monotonic()
     session = read_session(args.session)
     output = args.output or check_no_link(args.session / "calibration")
-    settings = settings_of(args)
-    if args.effects != ("auto",):
-        check_possible(session, settings, args.effects)
+    effects = args.effects or ()
+    # Effects that are asked for are added to a fit with the board's bend, unless they include it.
+    flat = args.effects == () or "auto" in effects or BoardShape.name in effects
+    settings = replace(settings_of(args), flat_board=flat)
+    if effects != ("auto",):
+        check_possible(session, settings, effects)
     with FileSet(output, overwrite=args.overwrite, inputs=session.files) as files:
         files.reserve([*FILES, *file_names(args.depth), NAME])
         with Bars() as bars:
             calibration = fit(session, settings, bars)
             finding = None
-            if args.effects == ("auto",):
+            if effects == ("auto",):
                 calibration, finding = diagnose(calibration, bars)
-            elif args.effects:
-                calibration = with_requested(calibration, args.effects, bars)
-            calibration = record_request(calibration, args.effects, args.depth)
+            elif effects:
+                calibration = with_requested(calibration, effects, bars)
+            calibration = record_request(calibration, effects, args.depth)
             written = [calibration.write(files), *write_npz(calibration, args.depth, files, bars)]
         seconds = time.monotonic() - start
         try:

@@ -27,7 +27,7 @@ from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit_result import with_fit
 from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views
-from calib.inference.calibration_model import base_model, full_model
+from calib.inference.calibration_model import base_model, full_model, without_own_bend
 from calib.inference.cross_validation import FOLDS, depth_split, fold_split
 from calib.inference.residual_structure import (
     VarianceShare,
@@ -70,7 +70,8 @@ def diagnose(
     observations = calibration.observations
     advance = progress.task("Diagnosis", STEPS)
     with single_thread():
-        model = full_model(calibration)
+        # Held-out views decide on every cause, also on the bend that the fit found.
+        model = full_model(without_own_bend(calibration))
         advance(1, "fit")
         base = ModelFit(model, model.fit(observations, torch.from_numpy(calibration.poses)))
         if not base.joint.finite:

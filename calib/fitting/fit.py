@@ -72,10 +72,17 @@ def fit(
         observations = Observations.of(views, session.board)
         with single_thread():
             fitted = fit_stages(
-                setup, observations, settings, progress, earlier=earlier, purpose=purpose
+                setup,
+                observations,
+                settings,
+                progress,
+                earlier=earlier,
+                labels=pose_labels(views),
+                bend=bend,
+                purpose=purpose,
             )
         earlier = None
-        bend = fitted.effects
+        bend = fitted.effects or None  # a flat board is questioned again with more corners
         views, outliers = _without_outliers(views, observations, fitted.residuals)
         rejected = (*rejected, *outliers)
         if outliers:
@@ -116,7 +123,7 @@ def fit(
                 settings,
                 progress,
                 earlier=fitted,
-                bend=bend,
+                bend=fitted.effects,
                 purpose="with noisier views weighing less",
             )
         if start.is_own:
@@ -154,6 +161,7 @@ def fit(
             "free": list(settings.free),
             "steps": settings.steps,
             "exact_hit": settings.exact_hit,
+            "flat_board": settings.flat_board,
             "intrinsics_from": start.intrinsics_from,
             "lens_held_out_px": start.lens_held_out_px,
             REDETECTION: [redetection.record() for redetection in redetections],

@@ -105,7 +105,7 @@ def resolve_prior_conflict(
         observations,
         settings,
         progress,
-        bend=resolved.fitted.effects,
+        bend=resolved.fitted.effects or None,
         purpose="numbers as declared",
     )
     if credible:
@@ -155,7 +155,7 @@ def _widen_conflicting_priors(
             observations,
             settings,
             progress,
-            bend=resolved.fitted.effects,
+            bend=resolved.fitted.effects or None,
             purpose=f"{name.partition('.')[2]} doubted",
         )
         if not (

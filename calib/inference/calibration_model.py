@@ -5,6 +5,7 @@ from dataclasses import replace
 import torch
 
 from calib.calibration import Calibration
+from calib.effects.board_shape import BoardShape
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.prior_conflict import PRIOR_INFLATION
 from calib.estimation.stated_priors import priors_of, widen_prior
@@ -41,3 +42,17 @@ def base_model(calibration: Calibration) -> CameraModel:
 def full_model(calibration: Calibration) -> CameraModel:
     """Return `base_model` with the calibration's effects."""
     return base_model(calibration).with_effects(added.effect for added in calibration.effects)
+
+
+def without_own_bend(calibration: Calibration) -> Calibration:
+    """Return the calibration without the board's bend that its fit found, or the same one without
+    such a bend. A bend that the user or an earlier diagnosis added stays.
+    """
+    settings = calibration.settings
+    asked = settings.get("asked", {}).get("effects", [])
+    is_own = settings.get("flat_board") is False and "diagnosis" not in settings
+    names = [added.effect.name for added in calibration.effects]
+    if not is_own or BoardShape.name in asked or BoardShape.name not in names:
+        return calibration
+    effects = tuple(e for e in calibration.effects if not isinstance(e.effect, BoardShape))
+    return replace(calibration, effects=effects)

@@ -98,6 +98,8 @@ def _options(settings: dict[str, Any]) -> list[str]:
     by_library = ["auto"] if "diagnosis" in settings and DIAGNOSED not in settings else []
     if effects := requested.get("effects") or by_library:
         words += ["--effects", ",".join(effects)]
+    elif settings.get("flat_board"):
+        words += ["--effects", "none"]
     if validation := settings.get("cross_validation"):
         words += ["--folds", str(validation["folds"])]
     if (steps := settings.get("steps", defaults.steps)) != defaults.steps:
