@@ -24,6 +24,7 @@ from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.fitting.fleet_expectation import KEY as PRIOR
 from calib.fitting.guided_redetection import REDETECTION, Redetection, describe_redetection
 from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views
+from calib.inference.calibration_model import without_own_bend
 from calib.progress import Advance
 from calib.session.lens import NAMES
 
