@@ -9,7 +9,7 @@ from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture, View, pose_labels
 from calib.errors import NotEnoughDataError
 from calib.estimation.robust import outlier_mask
-from calib.intrinsics.advice import TILT
+from calib.intrinsics.advice import NO_FIT, TILT
 from calib.intrinsics.flat_views import refine_with_profile, spread_deg
 from calib.intrinsics.lens_choice import choose_lens, fit_choice
 from calib.intrinsics.opencv_lens import OpenCVFit
@@ -19,6 +19,10 @@ from calib.session.camera import Camera, Intrinsics
 
 MIN_BARE_POSES = 4
 """Poses of the board that intrinsics need."""
+MAX_ERROR = 0.1
+"""The largest error of a fit, relative to the picture's longer side. Corners in random places leave
+more.
+"""
 MIN_SPREAD_DEG = 5.0
 """Least angle between the two most different normals of the board."""
 
@@ -78,6 +82,8 @@ def calibrate_bare(
         ]
         inliers = [view for view, out in zip(inliers, outlying, strict=True) if not out]
         _check_enough(inliers)
+    if solved.rms > MAX_ERROR * max(size):
+        raise NotEnoughDataError(NO_FIT)
     spread = spread_deg(solved.poses)
     if spread < MIN_SPREAD_DEG:
         raise NotEnoughDataError(
