@@ -24,7 +24,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.priors import Priors
 from calib.inference.cross_validation import Split, fold_split, hold_out
 from calib.intrinsics.flat_views import FLAT_DEG, spread_deg
-from calib.intrinsics.opencv_lens import OpenCVFit, refine_opencv
+from calib.intrinsics.opencv_lens import PRISM_COUNT, OpenCVFit, refine_opencv
 from calib.optics.build import pinhole_path
 from calib.progress import Progress
 from calib.session.board import Board
@@ -37,8 +37,6 @@ from calib.threads import single_thread
 RATIONAL_COUNT = 8
 """The most coefficients with which OpenCV's own fit gives the start: with more, it takes minutes.
 """
-PRISM_COUNT = 12
-"""The number of coefficients of a lens with a thin prism."""
 MIN_LENS_IMPROVEMENT = 0.02
 """Fraction by which more coefficients must lower the held-out error."""
 CLEAR_RATIO = 0.7

@@ -31,6 +31,9 @@ FLAGS = {
     14: cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL | cv2.CALIB_TILTED_MODEL,
 }
 
+PRISM_COUNT = 12
+"""The number of coefficients of a lens with a thin prism; two more tilt the sensor."""
+
 
 @dataclass(frozen=True, slots=True)
 class OpenCVFit:
@@ -125,7 +128,14 @@ def refine_opencv(
     start: OpenCVFit | None,
     focal: float | None = None,
 ) -> OpenCVFit:
-    """Return the fit from a start, with the focal length (px) held if one is given."""
+    """Return the fit from a start, with the focal length (px) held if one is given.
+
+    OpenCV takes minutes for the tilted sensor, so that a joint fit of the rays does it in seconds.
+    """
+    if count > PRISM_COUNT and start:
+        from calib.intrinsics.tilted_sensor import fit_tilted_sensor
+
+        return fit_tilted_sensor(views, board, start, focal)
     points = np.column_stack([board.points(), np.zeros(board.count)]).astype(np.float32)
     objects = [points[view.seen] for view in views]
     pixels = [view.corners[view.seen].astype(np.float32) for view in views]

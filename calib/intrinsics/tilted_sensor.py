@@ -1,0 +1,84 @@
+"""OpenCV's lens with a tilted sensor, fitted through its rays.
+
+cv2.calibrateCamera differentiates the tilt numerically in each step, and its steps are many.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from calib.corners.view import View
+from calib.errors import NotEnoughDataError
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.joint_fit import ROUNDS, Start
+from calib.estimation.observations import Observations
+from calib.estimation.priors import Priors
+from calib.estimation.residuals import residuals
+from calib.intrinsics.advice import NO_FIT
+from calib.intrinsics.opencv_lens import OpenCVFit
+from calib.optics.build import pinhole_path
+from calib.session.board import Board
+from calib.session.camera import Intrinsics
+from calib.session.lens import NAMES, OPENCV
+from calib.session.schema import Number
+from calib.threads import single_thread
+
+LOOSE_FOCAL, LOOSE_CENTRE, LOOSE_COEFFICIENT = 1.0, 1.0, 10.0
+"""Standard deviations of priors that constrain nothing: of focal lengths and the principal point,
+relative to the focal length, and of a coefficient.
+"""
+
+
+def fit_tilted_sensor(
+    views: Sequence[View], board: Board, start: OpenCVFit, focal: float | None = None
+) -> OpenCVFit:
+    """Return the fit with all coefficients, from a fit with some.
+
+    Args:
+        views: the views of the start.
+        board: their board.
+        start: a fit with fewer coefficients, or with as many.
+        focal: px, the horizontal focal length to hold; the ratio of the two is held as well.
+
+    Raises:
+        NotEnoughDataError: no such lens fits these views.
+    """
+    count = len(NAMES[OPENCV])
+    scale = focal / start.focal if focal else 1.0
+    fx, fy = (scale * start.camera.diagonal()[:2]).tolist()
+    cx, cy = start.camera[:2, 2].tolist()
+    coefficients = np.zeros(count)
+    coefficients[: len(start.coefficients)] = start.coefficients
+    numbers = tuple(Number(float(value), LOOSE_COEFFICIENT) for value in coefficients)
+    path, values = pinhole_path(Intrinsics(Number(fx), Number(fy), Number(cx), Number(cy), numbers))
+    sigmas = {f"camera.{name}": LOOSE_COEFFICIENT for name in NAMES[OPENCV]}
+    sigmas |= dict.fromkeys(("camera.cx", "camera.cy"), LOOSE_CENTRE * fx)
+    if not focal:
+        sigmas |= dict.fromkeys(("camera.fx", "camera.fy"), LOOSE_FOCAL * fx)
+    model = CameraModel(path, values, Priors(sigmas))
+    observations = Observations.of(views, board)
+    with single_thread():
+        joint = model.fit(
+            observations,
+            torch.from_numpy(start.poses),
+            Start(values, start.rms / 2**0.5, None),
+            ROUNDS,
+        )
+        if not joint.finite:
+            raise NotEnoughDataError(NO_FIT)
+        image = residuals(path, joint.values, observations, joint.poses).image
+    squared = (image**2).sum(-1)
+    per_view = [float(square.nanmean().sqrt()) for square in observations.per_view(squared)]
+    camera = np.eye(3)
+    camera[0, 0], camera[1, 1] = float(joint.values["camera.fx"]), float(joint.values["camera.fy"])
+    camera[0, 2], camera[1, 2] = float(joint.values["camera.cx"]), float(joint.values["camera.cy"])
+    return replace(
+        start,
+        camera=camera,
+        coefficients=np.array([float(joint.values[f"camera.{n}"]) for n in NAMES[OPENCV]]),
+        per_view=np.array(per_view),
+        poses=joint.poses.numpy(),
+        rms=float(squared.nanmean().sqrt()),
+    )
