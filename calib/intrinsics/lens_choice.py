@@ -59,8 +59,12 @@ def choose_lens(
     if count is None:
         from calib.intrinsics.lens_order import choose_order
 
-        count, by_count = choose_order(views, board, size, progress)
-        held_out = {str(number): error for number, error in by_count.items()}
+        name, held_out = choose_order(
+            views, board, size, progress, with_fisheye=camera.lens is None
+        )
+        if name == FISHEYE:
+            return LensChoice(ray_lens=PLAIN, held_out=held_out)
+        count = int(name)
     if model == OPENCV:
         return LensChoice(count, None, held_out)
     held_out = {

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,19 +18,23 @@ from torch import Tensor
 
 from calib.corners.view import View, pose_labels
 from calib.effects.board_shape import DEGREES, BoardShape
+from calib.errors import NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, JointFit, Start
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.estimation.priors import Priors
+from calib.estimation.residuals import residuals
 from calib.inference.cross_validation import Split, fold_split, hold_out
 from calib.intrinsics.flat_views import FLAT_DEG, spread_deg
 from calib.intrinsics.opencv_lens import PRISM_COUNT, OpenCVFit, refine_opencv
+from calib.intrinsics.ray_lens import PLAIN
+from calib.intrinsics.ray_lens_fit import fit_lens
 from calib.optics.build import pinhole_path
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
-from calib.session.lens import COEFFICIENTS, NAMES, OPENCV
+from calib.session.lens import COEFFICIENTS, FISHEYE, NAMES, OPENCV
 from calib.session.schema import Number
 from calib.session.tolerances import OWN_COEFFICIENT, SENSOR_TILT, TANGENTIAL, THIN_PRISM
 from calib.threads import single_thread
@@ -55,7 +60,12 @@ CENTRE_SPREAD = 0.03
 """Standard deviation of the prior of the principal point around the middle, relative to the longer
 side of the picture: sensors and lenses are centred to a few hundredths of it.
 """
+WIDE = math.radians(40)
+"""The angle of the picture's corner from the axis beyond which a lens may be a fisheye."""
+MIN_SEEN = 0.99
+"""The least fraction of the corners that a lens must see."""
 SPREADS = {
+    **dict.fromkeys(NAMES[FISHEYE], OWN_COEFFICIENT.sigma),
     **dict.fromkeys(NAMES[OPENCV], OWN_COEFFICIENT.sigma),
     **dict.fromkeys(("p1", "p2"), TANGENTIAL.sigma),
     **dict.fromkeys(("s1", "s2", "s3", "s4"), THIN_PRISM.sigma),
@@ -72,15 +82,19 @@ be a good lens at any size.
 class LensOrder:
     """A lens with some number of coefficients, fitted jointly with the board's bend."""
 
-    count: int
+    name: str
+    """The number of OpenCV's coefficients, or the name of another lens model."""
     model: CameraModel
     joint: JointFit
+    sees_corners: bool
+    """True if the lens sees all but a few of the corners."""
 
     @property
     def is_possible(self) -> bool:
         """True if the fit converged to numbers within what lenses can be."""
         values, means, sigmas = self.joint.values, self.model.means, self.model.priors.sigmas
-        return self.joint.outcome is Outcome.CONVERGED and all(
+        is_end = self.joint.outcome is Outcome.CONVERGED and self.sees_corners
+        return is_end and all(
             abs(float(values[name] - means[name])) < MAX_SIGMAS * sigmas[name]
             for name in (f"camera.{name}" for name in PHYSICAL)
             if name in values
@@ -93,10 +107,15 @@ class LensOrder:
 
 
 def choose_order(
-    views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress
-) -> tuple[int, dict[int, float]]:
-    """Return the number of coefficients that the views ask for, and the error on held-out views for
-    each number that was compared by it, px.
+    views: Sequence[View],
+    board: Board,
+    size: tuple[int, int],
+    progress: Progress,
+    *,
+    with_fisheye: bool,
+) -> tuple[str, dict[str, float]]:
+    """Return the number of OpenCV's coefficients that the views ask for, or the name of the
+    fisheye; and the error on held-out views, px, of each lens that was compared by it.
 
     The sensor's tilt is tried only if the thin prism is asked for, and if boards tilt: only then
     does a sensor's tilt differ from theirs. The same holds for the board's bend.
@@ -106,6 +125,7 @@ def choose_order(
         board: the board of all views.
         size: width and height of the picture, px.
         progress: the place for the progress bar.
+        with_fisheye: True to try a fisheye as well, if the lens is wide.
 
     Raises:
         NotEnoughDataError: no lens fits these views.
@@ -120,12 +140,12 @@ def choose_order(
     tilted = spread_deg(opencv[RATIONAL_COUNT].poses) >= FLAT_DEG
     observations = Observations.of(views, board)
     folds = fold_split(pose_labels(views))
-    held_out: dict[int, float] = {}
+    held_out: dict[str, float] = {}
 
     def held_out_px(order: LensOrder) -> float:
-        if order.count not in held_out:
-            held_out[order.count] = order.held_out_px(observations, folds)
-        return held_out[order.count]
+        if order.name not in held_out:
+            held_out[order.name] = order.held_out_px(observations, folds)
+        return held_out[order.name]
 
     def is_better(order: LensOrder, simpler: LensOrder) -> bool:
         if not (order.is_possible and simpler.is_possible):
@@ -138,20 +158,34 @@ def choose_order(
 
     best: LensOrder | None = None
     for done, count in enumerate(COEFFICIENTS, 1 + len(COEFFICIENTS)):
-        if count > PRISM_COUNT and not (tilted and best and best.count == PRISM_COUNT):
+        if count > PRISM_COUNT and not (tilted and best and best.name == str(PRISM_COUNT)):
             break
         if count in opencv:
             start = _start_from(opencv[count])
         elif best:
             start = best.joint.start, best.joint.poses
         with single_thread():
-            order = _fit(count, start, size, board if tilted else None, observations)
+            order = _fit(str(count), start, size, board if tilted else None, observations)
             if best is None or is_better(order, best):
                 best = order
         advance(done, f"{count} coefficients")
-    advance(2 * len(COEFFICIENTS), "")
     assert best
-    return best.count, dict(sorted(held_out.items()))
+    if with_fisheye and _field_angle(best, size) > WIDE:
+        with suppress(NotEnoughDataError):
+            fisheye = fit_lens(PLAIN, views, board, size)
+            start = fisheye.joint.start, fisheye.joint.poses
+            with single_thread():
+                order = _fit(FISHEYE, start, size, board if tilted else None, observations)
+                best = order if is_better(order, best) else best
+    advance(2 * len(COEFFICIENTS), "")
+    return best.name, held_out
+
+
+def _field_angle(order: LensOrder, size: tuple[int, int]) -> float:
+    """Return the angle in rad between the corner of the picture and the axis of a pinhole with this
+    focal length.
+    """
+    return math.atan(math.hypot(*size) / 2 / float(order.joint.values["camera.fx"]))
 
 
 def _start_from(solved: OpenCVFit) -> tuple[Start, Tensor]:
@@ -163,40 +197,46 @@ def _start_from(solved: OpenCVFit) -> tuple[Start, Tensor]:
 
 
 def _fit(
-    count: int,
+    name: str,
     start: tuple[Start, Tensor],
     size: tuple[int, int],
     board: Board | None,
     observations: Observations,
 ) -> LensOrder:
-    """Fit a lens with `count` coefficients.
+    """Fit a lens.
 
     Args:
-        count: the number of coefficients.
+        name: the number of OpenCV's coefficients, or the name of the fisheye.
         start: the start of the fit, and the (V, 6) poses of the boards.
         size: width and height of the picture, px.
         board: the board whose bend is estimated; None to take it as flat.
         observations: the views.
     """
     begin, poses = start
-    model = _model(count, float(begin.values["camera.fx"]), size)
+    model = _model(name, float(begin.values["camera.fx"]), size)
     if board:
         model = model.with_effect(BoardShape(*board.half, DEGREES[0]))
-    return LensOrder(count, model, model.fit(observations, poses, begin, ROUNDS))
+    joint = model.fit(observations, poses, begin, ROUNDS)
+    image = residuals(model.path, joint.values, observations, joint.poses).image
+    seen = float(image.isfinite().all(-1).double().mean())
+    return LensOrder(name, model, joint, seen > MIN_SEEN)
 
 
-def _model(count: int, focal: float, size: tuple[int, int]) -> CameraModel:
-    """Return the model of a camera whose lens has `count` coefficients around zero."""
+def _model(name: str, focal: float, size: tuple[int, int]) -> CameraModel:
+    """Return the model of a camera whose lens has coefficients around zero."""
+    lens = OPENCV if name.isdigit() else name
+    names = NAMES[lens][: int(name)] if name.isdigit() else NAMES[lens]
     path, means = pinhole_path(
         Intrinsics(
             Number(focal),
             Number(focal),
             Number((size[0] - 1) / 2),
             Number((size[1] - 1) / 2),
-            (Number(0.0, 1.0),) * count,
+            (Number(0.0, 1.0),) * len(names),
+            model=lens,
         )
     )
-    sigmas = {f"camera.{name}": SPREADS[name] for name in NAMES[OPENCV][:count]}
+    sigmas = {f"camera.{name}": SPREADS[name] for name in names}
     sigmas |= dict.fromkeys(("camera.fx", "camera.fy"), FOCAL_SPREAD * focal)
     sigmas |= dict.fromkeys(("camera.cx", "camera.cy"), CENTRE_SPREAD * max(size))
     return CameraModel(path, means, Priors(sigmas))
