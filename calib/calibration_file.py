@@ -64,6 +64,7 @@ SETTINGS: Mapping[str, Shape] = {
     "steps": count,
     "exact_hit": flag,
     "flat_board": flag,
+    "turned_boards": many(text),
     "intrinsics_from": choice("session.yaml", "bare", "prior", "views"),
     "lens_held_out_px": table(number),
     "view_noise": table(positive),

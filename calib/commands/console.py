@@ -18,6 +18,7 @@ from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
 from calib.corners.view import RejectedPicture
 from calib.errors import brief, harmless
+from calib.fitting.board_turns import describe_turned
 from calib.fitting.declared import comparisons, effect_comparisons
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.fit_result import EFFECTS_STAGE
@@ -92,6 +93,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         *view_lines,
         *_lens(calibration),
         *_prior(calibration),
+        *_turned_boards(calibration),
         *_bend(calibration),
         *_estimates(calibration),
         *reach,
@@ -118,6 +120,12 @@ def _lens(calibration: Calibration) -> Iterator[str]:
         f"{n} {e:.3f} px" for n, e in models.items()
     ]
     yield f"Lens: {intrinsics.model}, by the error on held-out views: {', '.join(errors)}."
+
+
+def _turned_boards(calibration: Calibration) -> Iterator[str]:
+    """Yield a line on the views that showed the board turned, if there are any."""
+    if names := calibration.settings.get("turned_boards"):
+        yield describe_turned(names)
 
 
 def _bend(calibration: Calibration) -> Iterator[str]:

@@ -14,6 +14,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals
 from calib.estimation.robust import outlier_mask
 from calib.estimation.stated_priors import with_estimates
+from calib.fitting.board_turns import turn_back
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
 from calib.fitting.fit_result import added_effects
 from calib.fitting.fleet_expectation import KEY as PRIOR
@@ -66,6 +67,7 @@ def fit(
     redetections: tuple[Redetection, ...] | None = () if session.corners else None
     earlier: Fitted | None = None
     bend: tuple[Effect, ...] | None = None
+    turned: tuple[str, ...] = ()
     purpose = ""
     while True:
         _check_enough(views, rejected)
@@ -83,6 +85,12 @@ def fit(
             )
         earlier = None
         bend = fitted.effects or None  # a flat board is questioned again with more corners
+        if fitted.turned and not turned:
+            turned = fitted.turned
+            views = tuple(turn_back(v, session.board) if v.name in turned else v for v in views)
+            bend = None
+            purpose = "with turned boards renumbered"
+            continue
         views, outliers = _without_outliers(views, observations, fitted.residuals)
         rejected = (*rejected, *outliers)
         if outliers:
@@ -162,6 +170,7 @@ def fit(
             "steps": settings.steps,
             "exact_hit": settings.exact_hit,
             "flat_board": settings.flat_board,
+            "turned_boards": list(turned),
             "intrinsics_from": start.intrinsics_from,
             "lens_held_out_px": start.lens_held_out_px,
             REDETECTION: [redetection.record() for redetection in redetections],

@@ -5,6 +5,7 @@ the cover's relief.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Literal
 
 import numpy as np
@@ -31,6 +32,7 @@ from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import expected_amplitudes
+from calib.fitting.board_turns import find_turned
 from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.inference.board_bend import estimate_bend
 from calib.optics.build import covered_path, footprint, pinhole_path, with_relief
@@ -117,6 +119,8 @@ class Fitted:
     joint: JointFit | None = None
     effects: tuple[Effect, ...] = ()
     """The effects of the path: the board's bend, or none."""
+    turned: tuple[str, ...] = ()
+    """The views that show the board turned by a quarter turn. This fit has them as they are."""
 
 
 def fit_stages(
@@ -226,13 +230,24 @@ def _with_bend(
     if bend:
         model = model.with_effects(bend)
         joint = model.fit(observations, joint.poses, joint.start, ROUNDS)
-    elif bend is None and settings.estimates_bend:
+    turned: tuple[str, ...] = ()
+    if bend is None and settings.estimates_bend:
+        is_turned = find_turned(model, observations, joint, setup.board)
+        turned = tuple(compress(observations.names, is_turned))
         model, joint = estimate_bend(model, observations, joint, setup.board, labels)
     residual = residuals(model.path, joint.values, observations, joint.poses)
     if model.effects:
         stages = (*stages, Stage(EFFECTS_STAGE, residual.rms_px, residual.rmse_cm))
     return Fitted(
-        model.path, joint.values, joint.poses, stages, residual, relief, joint, model.effects
+        model.path,
+        joint.values,
+        joint.poses,
+        stages,
+        residual,
+        relief,
+        joint,
+        model.effects,
+        turned,
     )
 
 

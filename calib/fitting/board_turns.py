@@ -1,0 +1,175 @@
+"""The turn of the board in each view: a square board without markers looks the same after a quarter
+turn.
+
+A detector starts at the corner that is upper left in the picture. If the board was turned between
+two pictures, its axes are exchanged there. The fit of a bent board then averages two bends, and the
+rest looks as if the board flexed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from calib.corners.view import View
+from calib.effects.board_shape import DEGREES, BoardShape
+from calib.effects.effect import prior_spread
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.elimination import project_out
+from calib.estimation.joint_fit import JointFit
+from calib.estimation.observations import Observations
+from calib.inference.score_test import FittedModel
+from calib.session.board import Board
+
+MIN_CHI2 = 100.0
+"""The least decrease of the squares of all views, over the noise variance, that shows turned
+boards: the best of all turns decreases them by a few for each view without any reason.
+"""
+MIN_VIEW_CHI2 = 15.0
+"""The mean decrease that each turned view must have."""
+MAX_ROUNDS = 20
+"""Rounds of assigning turns to views and of estimating the bend."""
+MAX_STARTS = 6
+"""Views whose own bend is tried as the start."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ViewBend:
+    """A view's quadratic cost as a function of the bend in its own frame."""
+
+    information: Array
+    """(k, k) of the bend's parameters, the view's pose eliminated."""
+    score: Array
+    """(k,) information times the best bend of this view."""
+
+    def cost(self, bend: Array) -> float:
+        """Return the squares over the noise variance, up to a constant."""
+        return float(bend @ self.information @ bend - 2 * self.score @ bend)
+
+
+def find_turned(
+    model: CameraModel, observations: Observations, joint: JointFit, board: Board
+) -> NDArray[np.bool_]:
+    """Return (V,) true for each view in which the board is turned by a quarter turn against the
+    majority of the views; all false unless the views clearly show turned boards.
+
+    Half a turn exchanges nothing in the shape of degree 2, and what else it does looks like a board
+    that moves during the readout: it is not searched for.
+
+    Args:
+        model: a model of these views with a flat board.
+        observations: the views of its fit.
+        joint: its fit.
+        board: the board.
+    """
+    still = np.zeros(len(observations.names), bool)
+    if board.coding or board.columns != board.rows:
+        return still
+    bend = BoardShape(*board.half, DEGREES[0])
+    views = _view_bends(model, observations, joint, bend)
+    prior = np.asarray(np.diag(prior_spread(bend) ** -2.0), np.float64)
+    turn = _quarter_turn(bend)
+    unturned = _cost(views, still, _best_bend(views, still, turn, prior), turn, prior)
+    best = still
+    lowest = unturned
+    strongest = sorted(range(len(views)), key=lambda i: -np.trace(views[i].information))
+    for start in strongest[:MAX_STARTS]:
+        own = views[start]
+        middle = np.asarray(np.linalg.solve(own.information + prior, own.score), np.float64)
+        assigned = still
+        for _ in range(MAX_ROUNDS):
+            previous = assigned
+            assigned = np.array([v.cost(turn @ middle) < v.cost(middle) for v in views])
+            middle = _best_bend(views, assigned, turn, prior)
+            if (assigned == previous).all():
+                break
+        if (cost := _cost(views, assigned, middle, turn, prior)) < lowest:
+            lowest, best = cost, assigned
+    if 2 * np.count_nonzero(best) > len(best):
+        best = ~best
+    is_clear = unturned - lowest > max(MIN_CHI2, MIN_VIEW_CHI2 * np.count_nonzero(best))
+    return best if is_clear else still
+
+
+def turn_back(view: View, board: Board) -> View:
+    """Return the view with its corners in the order of the board that is not turned."""
+    order = np.rot90(np.arange(board.count).reshape(board.rows, board.columns)).ravel()
+    return replace(
+        view,
+        corners=view.corners[order],
+        weight=view.weight[order],
+        covariance=None if view.covariance is None else view.covariance[order],
+    )
+
+
+def describe_turned(names: Sequence[str]) -> str:
+    """Return a sentence on the views whose corners were renumbered."""
+    return (
+        f"The board is turned by a quarter turn in {len(names)} view{'s' * (len(names) > 1)}, and"
+        f" the corners there are renumbered: {', '.join(names)}."
+    )
+
+
+def _view_bends(
+    model: CameraModel, observations: Observations, joint: JointFit, bend: BoardShape
+) -> list[_ViewBend]:
+    """Return the cost of each view around the fit, with all shared parameters but the bend held."""
+    fitted = FittedModel(model, observations, joint)
+    entries = fitted.parameters((bend,)).entries(u.param.name for u in bend.effect_parameters)
+    views = []
+    for view in fitted.equations((bend,)):
+        jacobian = project_out(view.jacobian_block, view.jacobian_shared[:, entries])
+        residual = project_out(view.jacobian_block, view.residual)
+        views.append(_ViewBend(jacobian.T @ jacobian, -jacobian.T @ residual))
+    return views
+
+
+def _quarter_turn(bend: BoardShape) -> Array:
+    """Return the (k, k) matrix that turns the parameters of a bend by a quarter turn."""
+    side = torch.linspace(-1.0, 1.0, bend.degree + 2, dtype=torch.float64)
+    u, v = torch.meshgrid(side, side, indexing="xy")
+    heights = _heights(bend, u, v)
+    return np.asarray(np.linalg.lstsq(heights, _heights(bend, -v, u), rcond=None)[0], np.float64)
+
+
+def _heights(bend: BoardShape, u: Tensor, v: Tensor) -> Array:
+    """Return the (n, k) heights of each of a bend's terms at places of the board, without the part
+    that a pose does as well.
+    """
+    weights = bend.weights(bend.half_x * u.flatten(), bend.half_y * v.flatten())
+    heights = torch.cat(list(weights.values()), -1).numpy()
+    plane = np.column_stack([np.ones(u.numel()), u.flatten(), v.flatten()])
+    return project_out(plane, heights)
+
+
+def _best_bend(
+    views: Sequence[_ViewBend], turned: NDArray[np.bool_], turn: Array, prior: Array
+) -> Array:
+    """Return the (k,) bend with the smallest cost, given which views are turned."""
+    information = prior.copy()
+    score = np.zeros(len(prior))
+    for view, is_turned in zip(views, turned.tolist(), strict=True):
+        matrix = turn if is_turned else np.eye(len(turn))
+        information += matrix.T @ view.information @ matrix
+        score += matrix.T @ view.score
+    return np.asarray(np.linalg.solve(information, score))
+
+
+def _cost(
+    views: Sequence[_ViewBend], turned: NDArray[np.bool_], bend: Array, turn: Array, prior: Array
+) -> float:
+    """Return the squares over the noise variance, given which views are turned, up to a
+    constant.
+    """
+    own = (
+        view.cost(turn @ bend if is_turned else bend)
+        for view, is_turned in zip(views, turned.tolist(), strict=True)
+    )
+    return sum(own) + float(bend @ prior @ bend)
