@@ -20,7 +20,7 @@ from calib.effects.fine_surface import CENTRES, FineSurface
 from calib.effects.flat_port import WALL_THICKNESS, FlatPort
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import residuals
-from calib.fitting.stages import Settings
+from calib.fit_record.request import Settings
 from calib.optics.board_target import FLEX, MOTION
 from calib.optics.projection import project
 from calib.session.cover import Cover

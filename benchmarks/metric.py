@@ -40,8 +40,8 @@ from calib.corners.corners_file import write_corners
 from calib.corners.detect import find_corners
 from calib.corners.detect_all import detect
 from calib.corners.view import View
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.io.images import read_grey
 from calib.optics.build import pinhole_path
 from calib.optics.relief import Relief

@@ -33,9 +33,9 @@ from calib.calibration import Calibration
 from calib.corners.markers import read_markers
 from calib.export.central import best_central
 from calib.export.formats import OPENCV
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.fitting.inputs import read_views
-from calib.fitting.stages import Settings
 from calib.io.images import read_grey
 from calib.optics.projection import project
 from calib.progress import Silent

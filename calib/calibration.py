@@ -21,7 +21,7 @@ from torch import Tensor
 from calib.calibration_file import (
     CALIBRATION,
     check_arrays,
-    check_settings,
+    check_joint,
     check_stages,
     read_arrays,
     relief_from_yaml,
@@ -34,6 +34,10 @@ from calib.errors import InputError, NotEnoughDataError, brief
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
+from calib.fit_record.history import History
+from calib.fit_record.outcome import FitOutcome
+from calib.fit_record.record_file import record_from_yaml, record_to_yaml
+from calib.fit_record.request import FitRequest
 from calib.io.array_arguments import on_finite_rows, pixel_rows, point_rows
 from calib.io.arrays import decode_npz
 from calib.io.file_set import FileSet, find_current
@@ -151,10 +155,14 @@ class Calibration:
     """Noise of the corners: root mean square of the two-dimensional error, from the short-scale
     residual.
     """
-    settings: dict[str, Any]
-    """The options and the record of the fit; `calib.calibration_file.SETTINGS` lists them."""
     gauge: str
     """The convention that fixes the rigid motion which board views do not determine."""
+    request: FitRequest = field(default_factory=FitRequest)
+    """The request of the fit."""
+    outcome: FitOutcome = field(default_factory=FitOutcome)
+    """The record of its outcome."""
+    history: History = field(default_factory=History)
+    """The changes since the fit."""
     effects: tuple[AddedEffect, ...] = ()
     """The effects of the model."""
     stated: Declared | None = None
@@ -347,6 +355,10 @@ class Calibration:
             arrays["corners_at"] = self.corners_at
         return npz(arrays, compressed=False)  # not compressed: the same bytes on every machine
 
+    def record(self) -> dict[str, Any]:
+        """Return the entries of the key `settings` in calibration.yaml."""
+        return record_to_yaml(self.request, self.outcome, self.history)
+
     def _as_mapping(self, digest: str) -> dict[str, object]:
         relief = self.relief and {
             "low": list(self.relief.low),
@@ -368,7 +380,7 @@ class Calibration:
             "relief": relief,
             "effects": [effect_to_yaml(added.effect, added.parameters) for added in self.effects],
             "gauge": self.gauge,
-            "settings": self.settings,
+            "settings": self.record(),
             "noise_px": self.noise_px,
             "stages": [
                 {"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in self.stages
@@ -456,8 +468,9 @@ def _from_mapping(
         has_cover=cover.shape != "none",
         has_views=len(arrays["names"]) > 0,
     )
-    check_settings(
-        document["settings"],
+    request, outcome, history = record_from_yaml(document["settings"])
+    check_joint(
+        outcome.joint,
         has_covariance=arrays["covariance"].size > 0,
         has_relief=relief is not None,
     )
@@ -500,8 +513,10 @@ def _from_mapping(
             Stage(s["name"], float(s["rms_px"]), float(s["rmse_cm"])) for s in document["stages"]
         ),
         noise_px=float(document["noise_px"]),
-        settings=dict(document["settings"]),
         gauge=document["gauge"],
+        request=request,
+        outcome=outcome,
+        history=history,
         effects=effects,
         stated=Declared(
             declared.intrinsics,

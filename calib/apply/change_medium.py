@@ -29,6 +29,7 @@ from calib.effects.flat_port import FlatPort
 from calib.errors import InputError
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
+from calib.fit_record.history import MediumChange
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import AMPLITUDES
@@ -120,6 +121,12 @@ def replace_medium(calibration: Calibration, medium: Number) -> Calibration:
         )
     original = calibration.cover.parameters[OUTSIDE_INDEX]
     declared = calibration.declared
+    change = MediumChange(
+        from_index=original.value,
+        to_index=medium.value,
+        sigma=medium.sigma,
+        calibration=calibration.digest,
+    )
     wet = replace(
         calibration,
         cover=_set_medium(calibration.cover, medium),
@@ -130,15 +137,7 @@ def replace_medium(calibration: Calibration, medium: Number) -> Calibration:
         stages=(),
         corners_at=corners_at(calibration),
         stated=replace(declared, cover=_set_medium(declared.cover, medium)),
-        settings={
-            **calibration.settings,
-            "immersed": {
-                "from_index": original.value,
-                "to_index": medium.value,
-                "sigma": medium.sigma,
-                "calibration": calibration.digest,
-            },
-        },
+        history=replace(calibration.history, medium_change=change),
     )
     if not calibration.covariance.size:
         return wet

@@ -78,7 +78,8 @@ class CalibrationPrior:
 
 
 def _sigma(calibration: Calibration, model: CameraModel) -> float:
-    sigma = float(calibration.settings.get("sigma_px", calibration.noise_px / 2**0.5))
+    joint = calibration.outcome.joint
+    sigma = joint.sigma_px if joint else calibration.noise_px / 2**0.5
     if not np.isfinite(sigma) and calibration.views:
         poses = torch.from_numpy(calibration.poses)
         sigma = residuals(model.path, model.means, calibration.observations, poses).rms_px / 2**0.5

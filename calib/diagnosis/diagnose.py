@@ -24,9 +24,10 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.noise import burst_noise, on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
+from calib.fit_record.history import DiagnosisRecord
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit_result import with_fit
-from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views
+from calib.fitting.view_noise import describe_noisy_views
 from calib.inference.calibration_model import base_model, full_model
 from calib.inference.cross_validation import FOLDS, depth_split, fold_split
 from calib.inference.residual_structure import (
@@ -103,7 +104,7 @@ def diagnose(
         formulas = tuple(printed_forms(state))
         structure = significant_shares(_shares(calibration, state.fit, observations))
         timed = are_timed(calibration.views)
-        noisy_views = describe_noisy_views(calibration.settings.get(VIEW_NOISE, {}))
+        noisy_views = describe_noisy_views(calibration.outcome.view_noise)
         sentences = (
             *scores,
             *([noisy_views] if noisy_views else []),
@@ -133,8 +134,8 @@ def diagnose(
         organised_by=structure[0].organised_by if structure else "",
         remarks=sentences,
     )
-    settings = extended.settings | {"diagnosis": diagnosis.as_json()}
-    return replace(extended, noise_px=noise, settings=settings), diagnosis
+    history = replace(extended.history, diagnosis=DiagnosisRecord(diagnosis.as_json()))
+    return replace(extended, noise_px=noise, history=history), diagnosis
 
 
 class _Reporter:

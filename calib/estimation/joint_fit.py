@@ -133,20 +133,6 @@ class JointFit(Estimate):
         """True if the fit ended at finite values."""
         return self.outcome is not Outcome.NOT_FINITE
 
-    def record(self) -> dict[str, object]:
-        """Return the entries about the fit in a calibration file."""
-        prior = self.smoothness and {
-            "height_m": self.smoothness.height,
-            "length_of_patch": self.smoothness.length,
-        }
-        return {
-            "outcome": self.outcome.value,
-            "iterations": self.iterations,
-            "sigma_px": self.sigma,
-            "log_evidence": self.log_evidence,
-            "relief_prior": prior,
-        }
-
 
 def fit_joint(
     path: Path,

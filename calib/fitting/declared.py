@@ -31,9 +31,7 @@ MIN_CORRECTION = 3.0
 DECLARED, BARE, VIEWS = "declared", "found in bare/", "found by the views alone"
 """The sources of a number's prior."""
 SOURCES = {"bare": BARE, "views": VIEWS}
-"""The source of intrinsics by `intrinsics_from` of a calibration's settings; all other numbers are
-declared.
-"""
+"""The source of intrinsics by `intrinsics_from` of the outcome; all other numbers are declared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +180,7 @@ def _declared(calibration: Calibration) -> Iterator[Comparison]:
     declared, cover, camera = calibration.declared, calibration.cover, calibration.camera.intrinsics
     assert camera
 
-    lens = SOURCES.get(calibration.settings.get("intrinsics_from", ""), DECLARED)
+    lens = SOURCES.get(calibration.outcome.intrinsics_from or "", DECLARED)
 
     def compare(
         quantity: Quantity, name: str, prior: Number, estimate: Number, source: str = DECLARED

@@ -95,9 +95,8 @@ def evaluate(
     with single_thread():
         if halves or path.has_private_blocks:
             # sigma only weighs the prior of private blocks
-            noise = (
-                float(calibration.settings.get("sigma_px", 1.0)) if path.has_private_blocks else 1.0
-            )
+            joint = calibration.outcome.joint
+            noise = joint.sigma_px if joint and path.has_private_blocks else 1.0
             poses, residual = _cross_halves(path, values, observations, poses, noise)
         else:
             poses, residual = refit_poses(path, values, observations, poses)

@@ -26,7 +26,8 @@ from calib.estimation.prior_conflict import (
 )
 from calib.estimation.relief_heights import height_spread
 from calib.estimation.stated_priors import widen_prior
-from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.progress import Progress
 from calib.session.freeing import AUTO
 

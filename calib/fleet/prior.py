@@ -163,11 +163,12 @@ def _unlike_itself(calibration: Calibration) -> str:
     ]
     if effects:
         return f"its diagnosis found {', '.join(effects)}"
-    if not calibration.relief or not calibration.settings.get("relief_prior"):
+    joint = calibration.outcome.joint
+    if not calibration.relief or not (joint and joint.relief_prior):
         return "its fit estimated no relief by its evidence"
     if not calibration.covariance.size or not Kind.of(calibration).estimated:
         return "its fit held every number as it is declared"
-    if calibration.settings.get("fleet_prior", {}).get("used"):
+    if (prior := calibration.outcome.fleet_prior) and prior.used:
         return "it was fitted with a fleet's prior, which would be counted twice"
     return ""
 

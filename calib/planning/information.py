@@ -23,7 +23,8 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup, fit_stages
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.projection import project
 from calib.optics.relief import Relief

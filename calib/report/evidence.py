@@ -150,7 +150,7 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
     if not (calibration.views and calibration.stages):
         advice = (
             "update it with pictures taken there (calib check --update)"
-            if "immersed" in calibration.settings
+            if calibration.history.medium_change
             else "fit the session again"
         )
         raise NotEnoughDataError(f"the calibration has no views to report on: {advice}.")

@@ -31,7 +31,7 @@ def taken_through_cover(case: Case) -> bool:
     bare = case.rms_px.get("pinhole", np.nan)
     explained = bare <= EXPLAINED * case.calibration.noise_px
     return bool(
-        case.calibration.settings.get("intrinsics_from") == "bare"
+        case.calibration.outcome.intrinsics_from == "bare"
         and explained
         and cover > WORSE_THAN_BARE * bare
     )

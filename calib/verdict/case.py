@@ -18,7 +18,6 @@ from calib.estimation.elimination import project_out
 from calib.estimation.joint_fit import Estimate
 from calib.estimation.noise import MIN_NOISE
 from calib.estimation.observations import Observations
-from calib.estimation.surface_prior import Smoothness
 from calib.fitting.declared import comparisons
 from calib.fitting.evaluate import Evaluation
 from calib.inference.calibration_model import full_model
@@ -179,14 +178,14 @@ class Case:
 def optimum_of(calibration: Calibration) -> FittedModel:
     """Return the fitted model of the calibration."""
     model = full_model(calibration)
-    prior = calibration.settings.get("relief_prior")
-    sigma = float(calibration.settings.get("sigma_px", calibration.stages[-1].rms_px / 2**0.5))
+    joint = calibration.outcome.joint
+    sigma = joint.sigma_px if joint else calibration.stages[-1].rms_px / 2**0.5
     estimate = Estimate(
         values=calibration.model()[1],
         poses=torch.from_numpy(calibration.poses),
         covariance=torch.from_numpy(calibration.covariance),
         sigma=max(MIN_NOISE, sigma),
-        smoothness=Smoothness(prior["height_m"], prior["length_of_patch"]) if prior else None,
+        smoothness=joint.relief_prior if joint else None,
         parameters=model.parameters,
     )
     return FittedModel(model, calibration.observations, estimate)

@@ -60,7 +60,4 @@ def _was_tested(case: Case) -> bool:
     """Return True if the fit tested the numbers before it held them all."""
     declared = case.calibration.declared
     numbers = declared.intrinsics, declared.cover
-    return (
-        AUTO in case.calibration.settings.get("free", ())
-        and free_parameters(*numbers, (AUTO,)) != numbers
-    )
+    return AUTO in case.calibration.request.free and free_parameters(*numbers, (AUTO,)) != numbers

@@ -60,7 +60,7 @@ def residual(case: Case) -> Iterator[Reason]:
         sentence += (
             ": the model lacks something, or the board, cover or intrinsics are not as described."
         )
-    diagnosed = "diagnosis" in case.calibration.settings
+    diagnosed = case.calibration.history.diagnosis is not None
     suspects = tuple(dict.fromkeys(name for effect, _ in likely for name in suspects_of(effect)))
     yield Reason(sentence, case.next.report() if diagnosed else case.next.diagnose(), suspects)
 

@@ -196,7 +196,7 @@ def _plausible(calibration: Calibration) -> dict[str, float]:
 
 def _declares_intrinsics(calibration: Calibration) -> bool:
     """True if session.yaml declares the intrinsics: else pictures gave them."""
-    return bool(calibration.settings.get("intrinsics_from", "session.yaml") == "session.yaml")
+    return calibration.outcome.intrinsics_from in (None, "session.yaml")
 
 
 def _scale_jacobian(optimum: FittedModel, parameters: Parameters) -> Array:

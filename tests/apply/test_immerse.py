@@ -24,9 +24,11 @@ from calib.effects.flat_port import FlatPort
 from calib.effects.free_field import FreeField
 from calib.effects.refractive_index import RefractiveIndex
 from calib.errors import InputError
+from calib.fit_record.history import MediumChange
+from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings, Setup
+from calib.fitting.stages import Setup
 from calib.optics.relief import Relief
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
@@ -115,12 +117,9 @@ def test_what_is_not_outside_is_kept(dry: Calibration) -> None:
     assert np.array_equal(wet.amplitudes, dry.amplitudes)
     assert (wet.views, wet.stages, wet.poses.shape) == ((), (), (0, 6))
     assert np.array_equal(wet.corners_at, corners_at(dry))
-    assert wet.settings["immersed"] == {
-        "from_index": 1.0,
-        "to_index": 1.34,
-        "sigma": 0.001,
-        "calibration": dry.digest,
-    }
+    assert wet.history.medium_change == MediumChange(
+        from_index=1.0, to_index=1.34, sigma=0.001, calibration=dry.digest
+    )
 
 
 def test_the_covariance_goes_with_it_and_comes_back(dry: Calibration) -> None:
@@ -254,7 +253,7 @@ def test_a_number_that_the_fit_held_is_as_sure_as_its_kind() -> None:
     held = calibrated(made, told, Settings(grid=(4, 4), free=(NONE,)))
     assert not any(number.sigma for number in held.cover.parameters.values())
     assert all_free(held) is held
-    freed = all_free(replace(held, settings={**held.settings, "free": [AUTO]}))
+    freed = all_free(replace(held, request=FitRequest(Settings(free=(AUTO,)))))
     still = {name for name, number in freed.cover.parameters.items() if not number.sigma}
     assert still == {"thickness", "outside_index"}
     assert max(immerse(freed, WATER).after_px) > 3 * max(immerse(held, WATER).after_px)

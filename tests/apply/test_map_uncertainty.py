@@ -10,7 +10,8 @@ import torch
 from calib.apply.map_uncertainty import covariance_root, predicted_sigma
 from calib.calibration import Calibration
 from calib.export.npz import write_npz
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup, fit_stages
 from calib.io.file_set import FileSet
 from calib.progress import Silent
 from calib.session.freeing import free_parameters

@@ -9,7 +9,7 @@ import torch
 from calib.calibration import Calibration
 from calib.corners.view import View
 from calib.effects.effect import Effect
-from calib.fitting.stages import Settings
+from calib.fit_record.request import Settings
 from calib.optics.build import pinhole_path
 from calib.optics.projection import project
 from fixtures.calibrated import GLASS, calibrate

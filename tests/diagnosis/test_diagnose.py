@@ -23,6 +23,7 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
+from calib.fit_record.request import FitRequest, Settings
 from calib.inference.cross_validation import HeldOutErrors, HeldOutGain, held_out_gain
 from calib.inference.score_test import ModelFit, ScoreTest
 from calib.optics import path
@@ -68,17 +69,7 @@ def test_the_command_s_json_carries_the_verdict(
     found: tuple[Calibration, Diagnosis], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     better, finding = found
-    better = replace(
-        better,
-        settings=better.settings
-        | {
-            "method": "joint",
-            "grid": [],
-            "free": [],
-            "steps": 1000,
-            "exact_hit": True,
-        },
-    )
+    better = replace(better, request=FitRequest(Settings(grid=None, free=())))
     assert main(["diagnose", str(better.save(tmp_path)), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert set(said) == {*finding.as_json(), "verdict", "written"}

@@ -111,7 +111,6 @@ class Situation:
             rejected=(),
             stages=(Stage("pinhole", 1.0, 0.1),),
             noise_px=0.1,
-            settings={},
             gauge="",
             effects=tuple(effects),
         )

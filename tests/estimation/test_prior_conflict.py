@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from calib.estimation.prior_conflict import independent_deviation, normalised_deviation
-from calib.fitting.stages import Settings, Setup
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup
 from calib.session.schema import Number
 from fixtures.calibrated import CAMERA, tolerant
 from fixtures.synthetic import INTRINSICS, Scene, scene

@@ -84,7 +84,6 @@ def _calibration(
         (),
         stages,
         0.1,
-        {},
         "as made",
     )
 

@@ -10,6 +10,7 @@ import yaml
 
 from calib.corners.corners_file import write_corners
 from calib.effects.lens import Lens
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.inference.score_test import FittedModel
 from calib.session.board import Board
@@ -33,9 +34,7 @@ def ended(tmp_path_factory: pytest.TempPathFactory) -> FittedModel:
     )
     write_corners(folder / "corners.vnl", bare_views(3, 12, 0.02, (-0.1, 0.02)))
     calibration = fit(read_session(folder))
-    return Case(
-        calibration, (), NextCommands(folder, folder, calibration.settings), None, ""
-    ).optimum
+    return Case(calibration, (), NextCommands(folder, folder, Settings()), None, "").optimum
 
 
 def test_what_a_fit_left_to_do_is_not_credited_to_an_effect_that_its_parameters_imitate(

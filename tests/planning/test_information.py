@@ -20,7 +20,8 @@ from calib.estimation.observations import Observations
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
-from calib.fitting.stages import Settings, Setup
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup
 from calib.planning.information import PlanningFit, estimate, survey, view_information
 from calib.planning.pose_bank import Reach, make_pose_bank
 from calib.session.camera import Camera
