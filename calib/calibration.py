@@ -46,6 +46,7 @@ from calib.io.numerals import number
 from calib.io.yaml_reader import read_yaml
 from calib.optics.board_target import POSE, VIEW_BLOCKS
 from calib.optics.build import covered_path, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
 from calib.optics.projection import project
 from calib.optics.relief import Relief
@@ -258,17 +259,18 @@ class Calibration:
             None if path.directly_projects or len(points) < MIN_FIELD_POINTS else _point_field(self)
         )
         if not field:
-            return (project(path, values, torch.from_numpy(points)).numpy(),)
+            return (project(path, values, torch.from_numpy(points), MIDDLE).numpy(),)
         pixels, covered = field.pixels(points)
         if not covered.all():
-            pixels[~covered] = project(path, values, torch.from_numpy(points[~covered])).numpy()
+            remainder = torch.from_numpy(points[~covered])
+            pixels[~covered] = project(path, values, remainder, MIDDLE).numpy()
         return (pixels,)
 
     def _trace(
         self, pixels: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         path, values = self.model()
-        rays = path.trace(torch.from_numpy(pixels), values)
+        rays = path.trace(torch.from_numpy(pixels), values, MIDDLE)
         failed = (rays.failure != 0).unsqueeze(-1)
         origins = torch.where(failed, torch.nan, rays.origin.stacked()).numpy()
         directions = torch.where(failed, torch.nan, rays.direction.stacked()).numpy()
@@ -560,8 +562,9 @@ def _check_views(calibration: Calibration) -> None:
     with single_thread():
         _, failure = path.land(
             sample.pixels,
-            sample.with_times(values),
+            values,
             torch.from_numpy(calibration.poses)[sample.view],
+            sample.exposure,
         )
     landed = torch.bincount(sample.view[failure == 0], minlength=len(views))
     implausible = landed < MIN_LANDED_FRACTION * sample.starts.diff()

@@ -30,6 +30,7 @@ from calib.errors import InputError
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.fit_record.history import MediumChange
+from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import AMPLITUDES
@@ -241,7 +242,8 @@ def _other_face_errors(
     valid = ~invalid
     if path.lens.wide:
         valid &= calibration.ray_field().holds(pixels)
-        depth = depth * path.trace(torch.from_numpy(pixels), values).direction.z.numpy()
+        rays = path.trace(torch.from_numpy(pixels), values, MIDDLE)
+        depth = depth * rays.direction.z.numpy()
 
     def difference(metres: Array) -> Array:
         """Return (M, 2) px at (N,) m for the M valid pixels."""
@@ -275,7 +277,7 @@ def _undistort(path: Path, values: Values, pixels: Array, depth: Array) -> Array
     """Return the (N, 2) px of the undistorted picture, less its principal point, of (N, 2) px of
     the camera at (N,) m.
     """
-    rays = path.trace(torch.from_numpy(pixels), values)
+    rays = path.trace(torch.from_numpy(pixels), values, MIDDLE)
     origin = rays.origin.stacked().numpy()
     direction = rays.direction.stacked().numpy()
     tangent = direction[:, :2] / direction[:, 2:]

@@ -169,9 +169,10 @@ class Measurer:
             )
         with single_thread():
             poses, _ = refit_poses(path, values, observations, start)
-            visible = observations.select_rows(
-                path.land(observations.pixels, values, poses[observations.view])[1] == 0
+            _, failure = path.land(
+                observations.pixels, values, poses[observations.view], observations.exposure
             )
+            visible = observations.select_rows(failure == 0)
             weights = pixel_weights(path, values, visible, poses, self._corner_noise)
             (landing,) = make_residual_blocks(path, Parameters.none(values), visible, weights)
             by_pose = landing.linearise(values, poses).jacobian_block.flatten(0, 1).numpy()

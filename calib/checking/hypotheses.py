@@ -228,8 +228,9 @@ def _fit_mode(
     for factor in SCALES:
         start = {scale: torch.tensor(np.log(factor), dtype=torch.float64)}
         values = {**prior.model.means, **prior.model.neutral_values(mode), **start}
-        pixels = path.adjustments[0](views.observations.pixels, values)[0]
-        observations = replace(views.observations, pixels=pixels)
+        observations = views.observations
+        pixels, _ = path.adjustments[0](observations.pixels, values, observations.exposure)
+        observations = replace(observations, pixels=pixels)
         if (fit := _fit_poses(prior, observations)) is not None:
             poses, residuals = fit
             starts.append((residuals.rms_px / factor, start, poses))

@@ -152,9 +152,10 @@ class _Reporter:
 
 def _view_distances(fit: ModelFit, observations: Observations) -> NDArray[np.float64]:
     """Return (V,) m, the mean distance of the corners of each view (`Path.distance`)."""
-    timed = observations.with_times(fit.joint.values)
     poses = fit.joint.poses[observations.view]
-    points = fit.model.path.place(observations.corners, timed, poses)
+    points = fit.model.path.place(
+        observations.corners, fit.joint.values, poses, observations.exposure
+    )
     distance = fit.model.path.distance(points).numpy()
     view = observations.view.numpy()
     return np.asarray(np.bincount(view, distance) / np.bincount(view))

@@ -162,7 +162,7 @@ def fit_joint(
     # not make every step impossible.
     initial = start.values if start else values
     _, failure = path.land(
-        observations.pixels, observations.with_times(initial), poses[observations.view]
+        observations.pixels, initial, poses[observations.view], observations.exposure
     )
     observations = observations.select_rows(failure == 0)
     parameters = Parameters.of(path, values, priors)

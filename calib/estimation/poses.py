@@ -70,7 +70,8 @@ def refine_poses(path: Path, values: Values, observations: Observations, poses: 
         The solution; its blocks are the (V, 6) poses.
     """
     # A corner whose ray never leaves the cover carries no information about its board.
-    observations = observations.select_rows(path.trace(observations.pixels, values).failure == 0)
+    rays = path.trace(observations.pixels, values, observations.exposure)
+    observations = observations.select_rows(rays.failure == 0)
     eye = torch.eye(2, dtype=poses.dtype, device=poses.device)
     return _refine(
         path, values, observations, poses, eye * observations.weight[:, None, None], torch.inf
@@ -89,9 +90,10 @@ def refine_poses_in_image(
     """Refine each view's pose to the least reprojection error, robust against single bad corners
     beyond three times sigma (px); otherwise like `refine_poses`.
     """
-    observations = observations.select_rows(
-        path.land(observations.pixels, values, poses[observations.view])[1] == 0
+    _, failure = path.land(
+        observations.pixels, values, poses[observations.view], observations.exposure
     )
+    observations = observations.select_rows(failure == 0)
     return _refine(
         path,
         values,
@@ -147,7 +149,7 @@ def rough_poses(path: Path, values: Values, observations: Observations) -> Tenso
     """Return each view's (6,) pose through any lens: its rays are rotated so that a pinhole could
     image them. It is NaN for a view that has no pose.
     """
-    rays = path.trace(observations.pixels, values)
+    rays = path.trace(observations.pixels, values, observations.exposure)
     directions = torch.where((rays.failure == 0).unsqueeze(-1), rays.direction.stacked(), torch.nan)
     poses = [
         _pnp_by_rays(corners.numpy(), view_directions.numpy())

@@ -27,6 +27,7 @@ from calib.export.export import ExportedFiles, ExportRequest
 from calib.export.lens_fit import to_intrinsics
 from calib.export.sampled_rays import CHECK_GRID
 from calib.optics.dome import Dome
+from calib.optics.exposure import MIDDLE
 from calib.optics.flat import Flat
 from calib.optics.rays import FLATTEST
 from calib.optics.vector import Vector
@@ -118,7 +119,7 @@ def port_of(calibration: Calibration) -> Port:
             f"--format calibmar has flat and dome ports, and this cover is a {shape}: write"
             " --format generic, which holds every shape."
         )
-    _, adjusted = path.adjust_pixels(torch.zeros((1, 2), dtype=torch.float64), values)
+    _, adjusted = path.adjust_pixels(torch.zeros((1, 2), dtype=torch.float64), values, MIDDLE)
     inner, outer = path.cover
     thickness = float(adjusted["cover.thickness"])
     glass_index = float(adjusted["cover.refractive_index"])

@@ -101,7 +101,7 @@ def evaluate(
         else:
             poses, residual = refit_poses(path, values, observations, poses)
     points = path.place(
-        observations.corners, observations.with_times(values), poses[observations.view]
+        observations.corners, values, poses[observations.view], observations.exposure
     )
     distance = path.distance(points)
     return Evaluation(

@@ -26,6 +26,7 @@ from calib.corners.weights import weigh_views
 from calib.fit_record.outcome import Redetection
 from calib.fitting.stages import Fitted
 from calib.io.images import read_grey
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Progress
 from calib.session.board import Board
@@ -118,8 +119,9 @@ def _expected(fitted: Fitted, view: int, board: Board, steps: Sequence[tuple[int
     """
     places = board.points()[:, None] + lattice_step(board) / 2 * np.array(steps)
     points = torch.from_numpy(places.reshape(-1, 2))
-    placed = fitted.path.place(points, fitted.values, fitted.poses[view].expand(len(points), -1))
-    return project(fitted.path, fitted.values, placed).numpy().reshape(places.shape)
+    poses = fitted.poses[view].expand(len(points), -1)
+    placed = fitted.path.place(points, fitted.values, poses, MIDDLE)
+    return project(fitted.path, fitted.values, placed, MIDDLE).numpy().reshape(places.shape)
 
 
 def _redetect_view(

@@ -7,6 +7,7 @@ from calib.errors import InputError
 from calib.optics.cone import Cone
 from calib.optics.cover_frame import CoverFrame, Names
 from calib.optics.dome import Dome
+from calib.optics.exposure import MIDDLE
 from calib.optics.fisheye import Fisheye
 from calib.optics.flat import Flat
 from calib.optics.interface import Interface
@@ -101,7 +102,7 @@ def footprint(
     columns = torch.linspace(-0.5, width - 0.5, LATTICE, dtype=torch.float64)
     rows = torch.linspace(-0.5, height - 0.5, LATTICE, dtype=torch.float64)
     pixels = torch.cartesian_prod(columns, rows)
-    rays = path.trace(pixels, values)
+    rays = path.trace(pixels, values, MIDDLE)
     outer = path.cover[-1]
     first, second = outer.surface.chart(outer.frame.at(values).enter(rays.origin))
     arrived = rays.failure == 0

@@ -101,7 +101,7 @@ class SplinedFisheye:
     def with_pupil(self, pupil: tuple[Param, ...]) -> SplinedFisheye:
         return replace(self, base=self.base.with_pupil(pupil))
 
-    def __call__(self, pixels: Tensor, values: Values) -> Rays:
+    def __call__(self, pixels: Tensor, values: Values, _near: Tensor | None = None, /) -> Rays:
         return self.base(pixels + self._shift(pixels, values), values)
 
     def project(self, points: Tensor, values: Values) -> Tensor:

@@ -23,6 +23,7 @@ from calib.fitting.evaluate import Evaluation
 from calib.inference.calibration_model import full_model
 from calib.inference.effect_context import effect_context
 from calib.inference.score_test import FittedModel, ScoreTest
+from calib.optics.exposure import MIDDLE
 from calib.optics.rays import Rays
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.thresholds import CELLS
@@ -71,7 +72,7 @@ class Case:
     def rays(self) -> Rays:
         """(M,) rays of the corners where they leave the cover."""
         path, values = self.calibration.model()
-        return path.trace(self.observations.pixels, self.observations.with_times(values))
+        return path.trace(self.observations.pixels, values, self.observations.exposure)
 
     @cached_property
     def corners(self) -> Array:
@@ -79,9 +80,7 @@ class Case:
         path, values = self.calibration.model()
         poses = torch.from_numpy(self.calibration.poses)[self.observations.view]
         return np.asarray(
-            path.place(
-                self.observations.corners, self.observations.with_times(values), poses
-            ).numpy()
+            path.place(self.observations.corners, values, poses, self.observations.exposure).numpy()
         )
 
     @property
@@ -116,7 +115,7 @@ class Case:
         path, values = self.calibration.model()
         forward = np.ones(CELLS, dtype=np.bool_)
         if path.lens.wide:
-            forward = path.trace(pixels, values).in_pinhole.numpy()
+            forward = path.trace(pixels, values, MIDDLE).in_pinhole.numpy()
         return float(has_corners.sum() / (has_corners | forward).sum())
 
     @property

@@ -67,8 +67,9 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     path, values = calibration.model()
     depth = path.place(
         observations.corners,
-        observations.with_times(values),
+        values,
         from_numpy(calibration.poses)[observations.view],
+        observations.exposure,
     )[:, 2]
     near = _round_depth(depth.min())
     median = _round_depth(np.median(depth))  # the verdict's median

@@ -29,6 +29,7 @@ from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
 from calib.fitting.stages import Setup
+from calib.optics.exposure import MIDDLE
 from calib.optics.relief import Relief
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
@@ -159,7 +160,7 @@ def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Cali
 
     def seen(vector: Array, metres: Array) -> tuple[Array, Array, Array]:
         rays = model.path.trace(
-            torch.from_numpy(pixels), model.parameters.values(torch.from_numpy(vector))
+            torch.from_numpy(pixels), model.parameters.values(torch.from_numpy(vector)), MIDDLE
         )
         origin, direction = rays.origin.stacked().numpy(), rays.direction.stacked().numpy()
         return origin, direction, at(origin, direction, metres)

@@ -13,6 +13,7 @@ from calib.export.npz import write_npz
 from calib.fit_record.request import Settings
 from calib.fitting.stages import Setup, fit_stages
 from calib.io.file_set import FileSet
+from calib.optics.exposure import MIDDLE
 from calib.progress import Silent
 from calib.session.freeing import free_parameters
 from calib.session.schema import Number
@@ -84,6 +85,7 @@ def test_the_variance_is_what_drawn_parameters_scatter_by(calibration: Calibrati
         calibration.observations.corners,
         values,
         torch.from_numpy(calibration.poses)[calibration.observations.view],
+        MIDDLE,
     )[:, 2].numpy()
     from fixtures.map_errors import motions, rays_of, seen_at
 

@@ -18,6 +18,7 @@ from calib.estimation.observations import Observations
 from calib.inference.calibration_model import base_model
 from calib.inference.effect_context import effect_context
 from calib.inference.score_test import FittedModel
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.session.camera import Camera
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
@@ -43,9 +44,12 @@ def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Ca
     view = separating_view(at, calibration.board, CAMERA, stretch, (focal,))
     assert view
     points = at.model.path.place(
-        torch.from_numpy(calibration.board.points()), at.joint.values, torch.from_numpy(view.pose)
+        torch.from_numpy(calibration.board.points()),
+        at.joint.values,
+        torch.from_numpy(view.pose),
+        MIDDLE,
     )
-    seen = project(at.model.path, at.joint.values, points)
+    seen = project(at.model.path, at.joint.values, points, MIDDLE)
     assert np.allclose(seen.numpy(), view.corners)
     both = model.with_effect(focal)
     more = View("more", view.corners, np.ones(calibration.board.count))

@@ -21,6 +21,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.priors import NONE
 from calib.optics.board_target import FLEX
 from calib.optics.build import covered_path, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.session.board import Board
@@ -129,7 +130,7 @@ def situation(cover: Cover, intrinsics: Intrinsics, relief: Relief | None) -> Si
     for view, pose in enumerate(poses):
         # Beside the corners, where the waves of a free field have no nodes in common.
         points = torch.from_numpy(BOARD.points() + rng.uniform(-0.01, 0.01, (BOARD.count, 2)))
-        pixels = path.lens.project(path.place(points, values, pose), values)
+        pixels = path.lens.project(path.place(points, values, pose, MIDDLE), values)
         views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count), TIMES[view]))
     return Situation(cover, intrinsics, relief, amplitudes, tuple(views), poses)
 

@@ -27,6 +27,7 @@ from calib.intrinsics.calibrate import calibrate_bare
 from calib.intrinsics.ray_lens import PLAIN, SPLINES
 from calib.intrinsics.ray_lens_fit import fit_lens
 from calib.optics.build import covered_path, pinhole_path
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Silent
 from calib.session.board import Board
@@ -250,7 +251,7 @@ def test_behind_a_dome_a_fisheye_is_estimated_with_the_cover() -> None:
     points, rng, views = torch.from_numpy(BOARD.points()), np.random.default_rng(4), []
     for view in wide_views(7, 14, 0.0):
         pose = pinhole_poses(Observations.of([view], BOARD), pinhole_path(INTRINSICS)[1])[0]
-        pixels = project(path, values, path.place(points, values, pose)).numpy()
+        pixels = project(path, values, path.place(points, values, pose, MIDDLE), MIDDLE).numpy()
         seen = np.isfinite(pixels).all(-1) & (
             (pixels > 0) & (pixels < [CAMERA.width - 1, CAMERA.height - 1])
         ).all(-1)

@@ -4,6 +4,7 @@ import numpy as np
 import torch
 from scipy.interpolate import NdBSpline
 
+from calib.optics.exposure import MIDDLE
 from calib.optics.fisheye import Fisheye
 from calib.optics.path import Path
 from calib.optics.projection import project
@@ -72,7 +73,7 @@ def test_there_and_back_beside_and_behind_the_pinhole() -> None:
         directions = around(degrees)
         pixels = LENS.project(directions, uneven())
         assert (LENS(pixels, uneven()).direction.stacked() - directions).abs().max() < 1e-12
-        assert torch.isfinite(project(Path(LENS), uneven(), directions)).all()
+        assert torch.isfinite(project(Path(LENS), uneven(), directions, MIDDLE)).all()
 
 
 def test_derivatives_by_the_control_points_agree_with_central_differences() -> None:
