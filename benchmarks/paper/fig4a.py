@@ -39,7 +39,7 @@ def _errors(amplitude: float, seed: int) -> list[float]:
     uneven, fitted = relief_fit(smooth, values, Relief(*PATCH, (4, 4)), seen, true, steps=500)
     cases = (
         (bare, camera, true),
-        (bare, camera, pinhole_poses(seen, camera)),
+        (bare, camera, pinhole_poses(bare, camera, seen)),
         (smooth, values, true),
         (uneven, fitted, true),
     )

@@ -27,7 +27,7 @@ def fit(case: Case, which: str) -> Fitted:
     seen = observed(case.train)
     begun = time.perf_counter()
     smooth, values = covered_path(INTRINSICS, paper_cone(case.thickness))
-    poses = refine_poses(smooth, values, seen, pinhole_poses(seen, values)).blocks
+    poses = refine_poses(smooth, values, seen, pinhole_poses(smooth, values, seen)).blocks
     path = with_relief(smooth, Relief(*footprint(smooth, values, *case.size), grid))
     values["relief.amplitudes"] = torch.zeros(grid, dtype=torch.float64)
     if method == "joint":

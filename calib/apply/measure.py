@@ -161,7 +161,7 @@ class Measurer:
         usable, unusable = split_usable_views((view,), self.calibration.board)
         path, values = self.calibration.model()
         observations = Observations.of(usable, self.calibration.board)
-        start = pinhole_poses(observations, values)
+        start = pinhole_poses(path, values, observations)
         if unusable or not bool(torch.isfinite(start).all()):
             reason = unusable[0].reason if unusable else "no board pose explains its corners"
             raise NotEnoughDataError(

@@ -219,8 +219,9 @@ class Checker:
     def _fit_poses(
         self, pictures: Pictures
     ) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[RejectedPicture, ...]]:
+        model = self.prior.model
         views, poses, rejected = with_initial_pose(
-            pictures.views, pictures.board, self.prior.model.means
+            model.path, model.means, pictures.views, pictures.board
         )
         if not views:
             raise InputError(

@@ -280,7 +280,7 @@ def _fit_poses(
     prior: CalibrationPrior, observations: Observations
 ) -> tuple[Tensor, Residuals] | None:
     """Return fitted poses and residuals; None if a view has no pose."""
-    poses = pinhole_poses(observations, prior.model.means)
+    poses = pinhole_poses(prior.model.path, prior.model.means, observations)
     if not bool(torch.isfinite(poses).all()):
         return None
     poses, residuals = prior.fit_poses(observations, poses)

@@ -93,7 +93,8 @@ def update(
         observations = Observations.of(views, pictures.board).add_times(
             None, calibration.camera.height
         )
-        poses, _ = prior.fit_poses(observations, pinhole_poses(observations, prior.model.means))
+        poses = pinhole_poses(prior.model.path, prior.model.means, observations)
+        poses, _ = prior.fit_poses(observations, poses)
         fit = refit(prior, change, observations, poses, prior.sigma * _noise_ratio(result))
         if not fit.finite:
             raise NotEnoughDataError(

@@ -14,7 +14,6 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.residuals import Residuals, residuals
-from calib.optics.build import lens_of
 from calib.optics.lens_model import COEFFICIENTS
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -25,17 +24,16 @@ degrees from the middle of their view are too flat.
 """
 
 
-def pinhole_poses(observations: Observations, values: Values) -> Tensor:
-    """Return each view's pose as if there were no cover, by perspective-n-point and its refinement
-    (the paper's section 4.2, step 1).
+def pinhole_poses(path: Path, values: Values, observations: Observations) -> Tensor:
+    """Return each view's pose through the lens of a path as if there were no cover, by
+    perspective-n-point and its refinement (the paper's section 4.2, step 1).
 
     Returns:
         (V, 6) T_camera_board, rotation vector (rad) and translation (m); NaN for a view whose
         corners admit no pose.
     """
-    lens = lens_of(values)
-    if lens.wide:
-        return _poses_by_rays(Path(lens), values, observations)
+    if path.lens.wide:
+        return _poses_by_rays(Path(path.lens.with_pupil(())), values, observations)
     camera, coefficients = opencv_intrinsics(values)
     poses = [
         _pnp(corners.numpy(), pixels.numpy(), camera, coefficients)

@@ -55,7 +55,7 @@ def cross_validate(
                 setup, Observations.of(training_views, setup.board), settings, Silent()
             )
             test = Observations.of(test_views, setup.board)
-            poses = pinhole_poses(test, fitted.values)
+            poses = pinhole_poses(fitted.path, fitted.values, test)
             _, residual = refit_poses(fitted.path, fitted.values, test, poses)
             for number, image in zip(
                 pose[fold_of == fold], test.per_view(residual.image), strict=True

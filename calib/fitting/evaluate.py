@@ -86,7 +86,7 @@ def evaluate(
     views, rejected = read_views(session, progress)
     views, unusable = split_usable_views(views, session.board)
     path, values = calibration.model()
-    views, poses, poseless = with_initial_pose(views, session.board, values)
+    views, poses, poseless = with_initial_pose(path, values, views, session.board)
     if not views:
         raise NotEnoughDataError(
             f"{session.path} has no view to evaluate with: take pictures that show the whole board."

@@ -99,7 +99,7 @@ def fit_stages(
         NotEnoughDataError: the corners cannot be seen through the cover.
     """
     path, values = pinhole_path(setup.intrinsics)
-    poses = pinhole_poses(observations, values)
+    poses = pinhole_poses(path, values, observations)
     residual = residuals(path, values, observations, poses)
     stages = [Stage("pinhole", residual.rms_px, residual.rmse_cm)]
     has_poses = bool(torch.isfinite(poses).all())  # the caller rejects views without a pose first

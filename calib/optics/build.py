@@ -16,11 +16,11 @@ from calib.optics.lens_model import LensModel
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import Relief
-from calib.optics.splined_fisheye import GRID, SHIFTS, Grid, SplinedFisheye
+from calib.optics.splined_fisheye import SHIFTS, Grid, SplinedFisheye
 from calib.optics.surface import Surface
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
-from calib.session.lens import FISHEYE, NAMES, OPENCV
+from calib.session.lens import FISHEYE
 
 FOOTPRINT_MARGIN = 0.2
 """The margin of the relief's patch on each side, as a fraction of the patch that the image sees.
@@ -49,17 +49,15 @@ def pinhole_path(intrinsics: Intrinsics) -> tuple[Path, dict[str, Tensor]]:
             name: torch.tensor(shifts, dtype=torch.float64)
             for name, shifts in zip(SHIFTS, (spline.x, spline.y), strict=True)
         }
-        values[GRID] = Grid(spline.size, (spline.columns, spline.rows)).encoded
-    return Path(lens_of(values)), values
+    return Path(_lens(intrinsics)), values
 
 
-def lens_of(values: Values) -> Lens:
-    """Return the lens whose parameters are among the values of a path."""
-    if GRID in values:
-        return SplinedFisheye(Grid.of(values))
-    if f"camera.{NAMES[FISHEYE][0]}" in values:
+def _lens(intrinsics: Intrinsics) -> Lens:
+    if spline := intrinsics.spline:
+        return SplinedFisheye(Grid(spline.size, (spline.columns, spline.rows)))
+    if intrinsics.model == FISHEYE:
         return Fisheye()
-    return LensModel(sum(f"camera.{name}" in values for name in NAMES[OPENCV]))
+    return LensModel(len(intrinsics.distortion) if intrinsics.distorts else 0)
 
 
 def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, Tensor]]:

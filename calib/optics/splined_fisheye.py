@@ -23,8 +23,6 @@ from calib.optics.rays import Rays
 
 SHIFTS = ("camera.spline_x", "camera.spline_y")
 """The displacements of the control points along x and y, px, row by row."""
-GRID = "camera.spline_grid"
-"""(4,) the picture's width and height, px, and the columns and rows of the control points."""
 ITERATIONS = 100
 CONVERGED = 1e-11
 """px"""
@@ -48,16 +46,6 @@ class Grid:
     """The picture's width and height, px."""
     shape: tuple[int, int]
     """Columns and rows, at least 4 each."""
-
-    @staticmethod
-    def of(values: Values) -> Grid:
-        width, height, columns, rows = values[GRID]
-        return Grid((int(width), int(height)), (int(columns), int(rows)))
-
-    @property
-    def encoded(self) -> Tensor:
-        """The (4,) tensor that the values of a path hold under GRID."""
-        return torch.tensor([*self.size, *self.shape], dtype=torch.float64)
 
     @property
     def spacing(self) -> tuple[float, float]:

@@ -235,7 +235,7 @@ def estimate(setup: Setup, views: Sequence[View], grid: tuple[int, int]) -> Plan
         )
     path, values = covered_path(setup.intrinsics, setup.cover)
     relief = Relief(*footprint(path, values, setup.camera.width, setup.camera.height), grid)
-    poses = pinhole_poses(observations, values)
+    poses = pinhole_poses(path, values, observations)
     if views:
         poses = refine_poses(path, values, observations, poses).blocks
     path = with_relief(path, relief)

@@ -201,4 +201,4 @@ def _without_model(calibration: Calibration) -> Residuals | None:
         k = Intrinsics(k.fx, k.fy, k.cx, k.cy)
     path, values = pinhole_path(k)
     observations = calibration.observations
-    return residuals(path, values, observations, pinhole_poses(observations, values))
+    return residuals(path, values, observations, pinhole_poses(path, values, observations))

@@ -83,7 +83,7 @@ def _error(case: Case, orientation: Orientation) -> float:
         calibration.camera.height,
     )
     path, values = covered_path(calibration.declared.intrinsics, calibration.declared.cover)
-    poses = pinhole_poses(observations, values)
+    poses = pinhole_poses(path, values, observations)
     if not bool(torch.isfinite(poses).all()):
         return np.inf
     error = residuals(

@@ -48,7 +48,7 @@ def test_the_loss_falls_and_more_steps_do_not_harm() -> None:
 
 def test_poses_are_recovered_through_the_true_cover() -> None:
     made = scene(3, views=8, amplitude=2e-5)
-    start = pinhole_poses(made.observations, made.values)
+    start = pinhole_poses(made.path, made.values, made.observations)
     refined = refine_poses(made.path, made.values, made.observations, start).blocks
     assert (start - made.poses).abs().max() > 1e-4, (
         "the pinhole's poses are wrong, so there is something to refine"

@@ -42,7 +42,7 @@ def start(
     """A smooth cover's poses, and a flat relief."""
     smooth, values = covered_path(INTRINSICS, THIN)
     poses = refine_poses(
-        smooth, values, made.observations, pinhole_poses(made.observations, values)
+        smooth, values, made.observations, pinhole_poses(smooth, values, made.observations)
     ).blocks
     path = with_relief(smooth, Relief(*footprint(smooth, values, WIDTH, HEIGHT), grid))
     return path, {**values, "relief.amplitudes": torch.zeros(grid, dtype=torch.float64)}, poses

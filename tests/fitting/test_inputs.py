@@ -139,10 +139,8 @@ def test_folds_keep_a_burst_together(made: Scene, tmp_path: Path) -> None:
         )
         found = fit_stages(setup, Observations.of(rest, made.board), SHORT, Silent())
         test = Observations.of(own, made.board)
-        squares.append(
-            refit_poses(found.path, found.values, test, pinhole_poses(test, found.values))[1].rms_px
-            ** 2
-        )
+        poses = pinhole_poses(found.path, found.values, test)
+        squares.append(refit_poses(found.path, found.values, test, poses)[1].rms_px ** 2)
     validation = result.outcome.cross_validation
     assert validation
     assert validation.held_out_px == pytest.approx(

@@ -250,7 +250,7 @@ def test_behind_a_dome_a_fisheye_is_estimated_with_the_cover() -> None:
     path, values = covered_path(INTRINSICS, dome)
     points, rng, views = torch.from_numpy(BOARD.points()), np.random.default_rng(4), []
     for view in wide_views(7, 14, 0.0):
-        pose = pinhole_poses(Observations.of([view], BOARD), pinhole_path(INTRINSICS)[1])[0]
+        pose = pinhole_poses(*pinhole_path(INTRINSICS), Observations.of([view], BOARD))[0]
         pixels = project(path, values, path.place(points, values, pose, MIDDLE), MIDDLE).numpy()
         seen = np.isfinite(pixels).all(-1) & (
             (pixels > 0) & (pixels < [CAMERA.width - 1, CAMERA.height - 1])
