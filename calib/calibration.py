@@ -152,9 +152,9 @@ class Calibration:
     """
     rejected: tuple[RejectedPicture, ...]
     stages: tuple[Stage, ...]
-    noise_px: float
+    noise_px: float | None
     """Noise of the corners: root mean square of the two-dimensional error, from the short-scale
-    residual.
+    residual; None if too few corners tell it.
     """
     gauge: str
     """The convention that fixes the rigid motion which board views do not determine."""
@@ -383,7 +383,7 @@ class Calibration:
             "effects": [effect_to_yaml(added.effect, added.parameters) for added in self.effects],
             "gauge": self.gauge,
             "settings": self.record(),
-            "noise_px": self.noise_px,
+            "noise_px": math.nan if self.noise_px is None else self.noise_px,
             "stages": [
                 {"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in self.stages
             ],
@@ -514,7 +514,7 @@ def _from_mapping(
         stages=tuple(
             Stage(s["name"], float(s["rms_px"]), float(s["rmse_cm"])) for s in document["stages"]
         ),
-        noise_px=float(document["noise_px"]),
+        noise_px=None if math.isnan(document["noise_px"]) else float(document["noise_px"]),
         gauge=document["gauge"],
         request=request,
         outcome=outcome,

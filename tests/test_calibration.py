@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from calib.apply.measure import Measurer
 from calib.calibration import Calibration, Declared
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
@@ -30,6 +31,7 @@ from calib.progress import Silent
 from calib.session.camera import Camera, Intrinsics
 from calib.session.schema import Number
 from calib.session.session import read_session, session_to_yaml
+from calib.verdict.judge import judge
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
 SHORT = Settings(grid=(5, 5), steps=60)
@@ -172,6 +174,18 @@ def test_the_record_comes_back_equal(calibration: Calibration, tmp_path: Path) -
     back = Calibration.load(tmp_path)
     assert (back.request, back.outcome, back.history) == (request, outcome, history)
     assert tuple(back.record()) == tuple(RECORD)
+
+
+def test_an_unknown_noise_comes_back_unknown(calibration: Calibration, tmp_path: Path) -> None:
+    """The file has .nan for it, and the verdict does not compare with it."""
+    path = replace(calibration, noise_px=None).save(tmp_path)
+    assert "noise_px: .nan\n" in path.read_text(encoding="utf-8")
+    back = Calibration.load(path)
+    assert back.noise_px is None
+    assert not any("noise is about" in sentence for sentence in judge(back).sentences)
+    with pytest.raises(InputError, match="give noise_px"):
+        Measurer(back)
+    assert Measurer(back, 0.1).noise_px == 0.1
 
 
 def test_projection_inverts_rays(calibration: Calibration) -> None:

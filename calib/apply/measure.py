@@ -138,8 +138,17 @@ class Measurer:
                 that of the calibration's corners.
         """
         self.calibration = calibration
-        self._corner_noise = calibration.noise_px / 2**0.5
-        self.noise_px = self._corner_noise if noise_px is None else number(noise_px, "noise_px")
+        corner_noise = calibration.noise_px
+        if noise_px is not None:
+            self.noise_px = number(noise_px, "noise_px")
+        elif corner_noise is not None:
+            self.noise_px = corner_noise / 2**0.5
+        else:
+            raise InputError(
+                "the calibration has too few corners to tell their noise: give noise_px, the"
+                " standard deviation of a pixel's coordinate."
+            )
+        self._corner_noise = self.noise_px if corner_noise is None else corner_noise / 2**0.5
         if not 0 <= self.noise_px < FARTHEST_PX:
             raise InputError(
                 f"noise_px is {self.noise_px:g}: give the standard deviation of a pixel's"

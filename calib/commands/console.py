@@ -74,9 +74,11 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         table.add_row(stage.title, f"{stage.rms_px:.3f} px", f"{stage.rmse_cm:.4f} cm", change)
     console.print(table)
     corners = sum(view.count for view in calibration.views)
+    noise = calibration.noise_px
+    words = "unknown" if noise is None else f"about {noise:.3f} px"
     console.print(
-        f"{len(calibration.views)} views with {corners} corners, noise of the corners about"
-        f" {calibration.noise_px:.3f} px, {seconds:.1f} s."
+        f"{len(calibration.views)} views with {corners} corners, noise of the corners {words},"
+        f" {seconds:.1f} s."
     )
     looks = describe_redetection(calibration.outcome.redetections or ())
     view_lines = filter(None, (looks, describe_noisy_views(calibration.outcome.view_noise)))

@@ -176,23 +176,23 @@ def _shares(
 
 def _noise(
     calibration: Calibration, residual: Residuals, poses: NDArray[np.int64]
-) -> tuple[float, str]:
-    """Return the noise floor in px, and its source in words."""
+) -> tuple[float | None, str]:
+    """Return the noise floor in px, None if it is unknown, and its source in words."""
     grid = on_board_grid(residual.image, calibration.views)
     noise = burst_noise(grid, poses)
-    if np.isfinite(noise):
+    if noise is not None:
         return noise, "pictures of one pose of the board"
     return short_scale_noise(grid, calibration.board), "the residual's short-scale part"
 
 
 def _unexplained(
-    residual: Residuals, noise: float, observations: Observations, joint: JointFit
-) -> float:
+    residual: Residuals, noise: float | None, observations: Observations, joint: JointFit
+) -> float | None:
     """Return the fraction of the residual's variance above the noise floor, corrected for the
-    degrees of freedom; NaN if the noise is unknown.
+    degrees of freedom; None if the noise is unknown.
     """
-    if not np.isfinite(noise):
-        return float("nan")
+    if noise is None:
+        return None
     count = 2 * len(observations.pixels)
     freedom = max(1, count - joint.poses.numel()) / count
     return max(0.0, 1.0 - noise**2 * freedom / residual.rms_px**2)

@@ -47,10 +47,9 @@ def camera_numbers(first: Calibration, last: Calibration, depth: float) -> dict[
         last: the calibration with the effects of the diagnosis.
         depth: m, of the maps whose standard deviation is among the numbers.
     """
-    numbers = {
-        "error_px": FleetNumber(first.stages[-1].rms_px, 0.0, "px"),
-        "noise_px": FleetNumber(first.noise_px, 0.0, "px"),
-    }
+    numbers = {"error_px": FleetNumber(first.stages[-1].rms_px, 0.0, "px")}
+    if first.noise_px is not None:
+        numbers["noise_px"] = FleetNumber(first.noise_px, 0.0, "px")
     if validation := first.outcome.cross_validation:
         # A few views that the others predict badly make most of the held-out error.
         numbers["held_out_px"] = FleetNumber(

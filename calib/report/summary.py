@@ -72,7 +72,7 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
         text = f"The error is {rms:.3f} px, where the camera alone leaves {bare_rms:.3f} px"
     else:
         text = f"The error is {rms:.3f} px"
-    if not np.isfinite(noise):
+    if noise is None:
         text += "; there are too few corners to tell how much of it is noise"
     elif rms <= NOISE_ALONE * noise:
         patterns = over_image(evidence).is_pattern or over_board(evidence).is_pattern

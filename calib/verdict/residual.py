@@ -37,14 +37,13 @@ def residual(case: Case) -> Iterator[Reason]:
     likely = likely_effects(case)
     noise = case.calibration.noise_px
     organised = significant_shares(_shares(case.calibration))
-    large = case.left_px > max(BEYOND_NOISE * noise, MIN_NOISE)
-    if not (large or organised or likely):
+    sentence = NOT_ALL_NOISE
+    if noise is not None and case.left_px > max(BEYOND_NOISE * noise, MIN_NOISE):
+        sentence = (
+            f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px"
+        )
+    elif not (organised or likely):
         return
-    sentence = (
-        f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px"
-        if large
-        else NOT_ALL_NOISE
-    )
     if organised:
         share = organised[0]
         sentence += (
@@ -76,7 +75,8 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
         1, 2 * len(case.observations.pixels) - case.calibration.poses.size
     )
 
-    max_gain = max(0.0, 1.0 - case.calibration.noise_px / case.left_px) if case.left_px else 0.0
+    noise, error = case.calibration.noise_px, case.left_px
+    max_gain = max(0.0, 1.0 - noise / error) if noise is not None and error else 0.0
 
     def gain(test: ScoreTest) -> float:
         """Return the promised decrease beyond that by as many parameters on noise. The noise is a

@@ -61,6 +61,7 @@ def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Di
     )  # it helps near with what is learnt far away, and the other way round
     assert finding.final_quality.held_out_px < 0.2 < finding.base_quality.held_out_px
     assert finding.residual[0].fraction > 2 * finding.residual[0].chance
+    assert finding.unexplained is not None
     assert finding.unexplained < 0.2
 
 

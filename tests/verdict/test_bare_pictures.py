@@ -107,8 +107,10 @@ def test_a_true_bare_is_not_doubted_whatever_the_cover_is_off_by(
     ids=["both", "more than noise", "no worse by much"],
 )
 def test_from_where_on(good: Calibration, alone: float, cover: float, doubted: bool) -> None:
-    bare = alone * EXPLAINED * good.noise_px
-    errors = {"pinhole": bare, "cover": cover * WORSE_THAN_BARE * bare, "cover+rbf": good.noise_px}
+    noise = good.noise_px
+    assert noise
+    bare = alone * EXPLAINED * noise
+    errors = {"pinhole": bare, "cover": cover * WORSE_THAN_BARE * bare, "cover+rbf": noise}
     staged = replace(good, stages=tuple(Stage(name, rms, 0.0) for name, rms in errors.items()))
     from_bare = with_outcome(staged, intrinsics_from="bare")
     assert bool(asked(bare_pictures, from_bare)) is doubted
