@@ -16,9 +16,9 @@ from torch import Tensor
 
 from calib.checking.prior import CalibrationPrior
 from calib.effects.effect import Effect
-from calib.estimation.elimination import orthonormal_basis, view_equations
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
+from calib.estimation.view_equations import view_equations
 from calib.optics.params import Values
 
 Array = NDArray[np.float64]
@@ -71,17 +71,16 @@ class ReducedEquations:
         columns = np.concatenate([np.zeros(0, np.int64), *entries.values()])
         products, freedom = [], []
         for view in view_equations(path, parameters, observations, poses, prior.sigma):
+            reduced = view.reduce()
             rows = np.column_stack(
                 [
-                    view.residual,
-                    view.jacobian_shared[:, : len(prior.root)] @ prior.root,
-                    view.jacobian_shared[:, columns],
+                    reduced.residual,
+                    reduced.jacobian[:, : len(prior.root)] @ prior.root,
+                    reduced.jacobian[:, columns],
                 ]
             )
-            basis = orthonormal_basis(view.jacobian_block)
-            projected = basis.T @ rows
-            products.append(rows.T @ rows - projected.T @ projected)
-            freedom.append(int(np.count_nonzero(view.jacobian_block.any(1))) - basis.shape[1])
+            products.append(rows.T @ rows)
+            freedom.append(reduced.freedom)
         ends = (
             1
             + len(prior.root)

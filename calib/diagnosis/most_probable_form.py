@@ -16,7 +16,8 @@ import numpy as np
 
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import ROUNDS, JointFit, invert_precision
+from calib.estimation.covariance import invert_precision
+from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.objective import view_precision
 from calib.estimation.observations import Observations
 from calib.inference.laplace_evidence import LaplaceEvidence

@@ -19,16 +19,11 @@ from scipy.special import chdtrc, fdtrc
 
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.elimination import (
-    ViewEquations,
-    information,
-    orthonormal_basis,
-    project_out,
-    view_equations,
-)
 from calib.estimation.joint_fit import Estimate, JointFit
 from calib.estimation.observations import Observations
+from calib.estimation.orthogonal_projection import orthonormal_basis, project_out
 from calib.estimation.parameters import Parameters
+from calib.estimation.view_equations import ViewEquations, information, view_equations
 from calib.inference.jackknife import jackknife_p_value
 from calib.optics.board_target import block_columns
 
@@ -264,23 +259,16 @@ class _ReducedSystem:
         deviation: Array,
     ) -> _ReducedSystem:
         """Reduce the equations; the first `fitted` shared parameters are those of the fit."""
-        view_residuals = [
-            project_out(view.jacobian_block[:, own_columns], view.residual) for view in views
-        ]
-        residual = np.concatenate(view_residuals)
-        jacobian = np.concatenate(
-            [
-                project_out(view.jacobian_block[:, own_columns], view.jacobian_shared)
-                for view in views
-            ]
-        )
+        reduced = [view.reduce(own_columns) for view in views]
+        residual = np.concatenate([view.residual for view in reduced])
+        jacobian = np.concatenate([view.jacobian for view in reduced])
         fitted_jacobian = jacobian[:, :fitted]
         prior = precision[:fitted, :fitted]
         imitation = np.linalg.solve(
             fitted_jacobian.T @ fitted_jacobian + prior, fitted_jacobian.T @ jacobian[:, fitted:]
         )
         return _ReducedSystem(
-            view_residuals=view_residuals,
+            view_residuals=[view.residual for view in reduced],
             residual=residual,
             jacobian=jacobian,
             projected=jacobian[:, fitted:] - fitted_jacobian @ imitation,

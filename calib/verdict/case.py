@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.registry import EFFECTS
-from calib.estimation.elimination import project_out
 from calib.estimation.joint_fit import Estimate
 from calib.estimation.noise import MIN_NOISE
 from calib.estimation.observations import Observations
@@ -145,13 +144,9 @@ class Case:
         of the Newton decrement.
         """
         fitted = self.optimum
-        views = list(fitted.equations())
-        residual = np.concatenate(
-            [project_out(view.jacobian_block, view.residual) for view in views]
-        )
-        jacobian = np.concatenate(
-            [project_out(view.jacobian_block, view.jacobian_shared) for view in views]
-        )
+        views = [view.reduce() for view in fitted.equations()]
+        residual = np.concatenate([view.residual for view in views])
+        jacobian = np.concatenate([view.jacobian for view in views])
         precision = fitted.prior_precision()
         gradient = jacobian.T @ residual + precision @ fitted.deviation
         return float(

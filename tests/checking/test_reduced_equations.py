@@ -16,8 +16,8 @@ from calib.checking.prior import CalibrationPrior
 from calib.checking.reduced_equations import ReducedEquations, parameters_with_changes
 from calib.checking.significance import significance
 from calib.effects.focal import Focal
-from calib.estimation.elimination import view_equations
 from calib.estimation.observations import Observations
+from calib.estimation.view_equations import view_equations
 from calib.fitting.fit import fit
 from calib.session.session import read_session
 from fixtures.later import Later

@@ -10,13 +10,9 @@ from scipy.optimize import least_squares
 from torch import Tensor
 
 from calib.estimation import levenberg_marquardt
-from calib.estimation.levenberg_marquardt import (
-    MAX_TRIES,
-    LinearisedBlocks,
-    Outcome,
-    minimise,
-    normal_equations,
-)
+from calib.estimation import normal_equations as normal_equations_module
+from calib.estimation.levenberg_marquardt import MAX_TRIES, Outcome, minimise
+from calib.estimation.normal_equations import LinearisedBlocks, normal_equations
 
 
 class Settling:
@@ -241,25 +237,6 @@ def test_a_prior_on_blocks_pulls_each_of_them() -> None:
     assert solution.blocks.numpy().ravel() == pytest.approx(oracle[1:], abs=1e-6)
 
 
-def test_the_schur_complement_is_the_dense_one() -> None:
-    problem = Curves(3, blocks=4, noise=0.1)
-    pieces = problem.linearise(*start(problem))
-    hessian, gradient = normal_equations(pieces).schur_complement()
-    jacobian_block, residual = (
-        torch.cat([getattr(at, name) for at in pieces]) for name in ("jacobian_block", "residual")
-    )
-    dense = torch.zeros(48, 9, dtype=torch.float64)
-    dense[:, 0] = torch.cat([at.jacobian_shared for at in pieces])[:, 0, 0]
-    for block in range(4):
-        dense[12 * block : 12 * block + 12, 1 + 2 * block : 3 + 2 * block] = jacobian_block[
-            12 * block : 12 * block + 12, 0
-        ]
-    own = dense[:, 1:]
-    keep = torch.eye(48, dtype=torch.float64) - own @ torch.linalg.pinv(own)
-    assert hessian.item() == pytest.approx(float(dense[:, 0] @ keep @ dense[:, 0]), rel=1e-6)
-    assert gradient.item() == pytest.approx(float(dense[:, 0] @ keep @ residual[:, 0]), rel=1e-6)
-
-
 class Ruined(Curves):
     """Curves whose Jacobian stops being finite after some linearisations, and that count how often
     they are asked.
@@ -290,7 +267,9 @@ def test_a_jacobian_that_is_not_finite_ends_the_fit_where_it_is() -> None:
     assert (problem.costs, problem.linearised) == (1, 1)
     assert torch.equal(solution.shared, start(problem)[0])
     assert torch.equal(solution.blocks, start(problem)[1])
-    assert all(part.isnan().all() for part in solution.equations.schur_complement())
+    reduced = solution.equations.eliminate_blocks()
+    assert reduced.hessian.isnan().all()
+    assert reduced.gradient.isnan().all()
 
 
 @pytest.mark.parametrize("steps", [50, 1])
@@ -418,7 +397,9 @@ def test_singular_blocks_are_fitted_as_far_as_the_rows_say() -> None:
     assert torch.equal(solution.blocks[1], torch.ones(2, dtype=torch.float64)), (
         "nothing moves what nothing sees"
     )
-    assert all(part.isfinite().all() for part in solution.equations.schur_complement())
+    reduced = solution.equations.eliminate_blocks()
+    assert reduced.hessian.isfinite().all()
+    assert reduced.gradient.isfinite().all()
 
 
 def test_equations_that_overflow_end_in_an_outcome() -> None:
@@ -439,8 +420,8 @@ def test_equations_that_stay_singular_end_in_an_outcome(monkeypatch: pytest.Monk
     LinAlgError is raised.
     """
     monkeypatch.setattr(
-        levenberg_marquardt,
-        "_diagonal",
+        normal_equations_module,
+        "_positive_diagonal",
         lambda matrix: torch.zeros_like(matrix.diagonal(dim1=-2, dim2=-1)),
     )
     problem = Straight(

@@ -15,7 +15,7 @@ import torch
 from calib.apply.map_uncertainty import predicted_sigma
 from calib.corners.view import View
 from calib.estimation.jacobians import undistorted_jacobian
-from calib.estimation.levenberg_marquardt import normal_equations
+from calib.estimation.normal_equations import normal_equations
 from calib.estimation.observations import Observations
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.stated_priors import priors_of
@@ -122,9 +122,8 @@ def test_a_views_information_is_what_elimination_leaves(few: PlanningFit) -> Non
     weights = pixel_weights(model.path, model.means, seen, few.poses, 1.0)
     ours = view_information(model, seen, few.poses)
     pieces = make_residual_blocks(model.path, model.parameters, seen, weights)
-    whole, _ = normal_equations(
-        piece.linearise(model.means, few.poses) for piece in pieces
-    ).schur_complement()
+    equations = normal_equations(piece.linearise(model.means, few.poses) for piece in pieces)
+    whole = equations.eliminate_blocks().hessian
     assert ours.shape == (2, *whole.shape)
     assert ours.sum(0) == pytest.approx(
         whole.numpy(), rel=1e-6, abs=1e-6 * float(whole.abs().max())
