@@ -29,7 +29,7 @@ from calib.checking.changes import changes_of
 from calib.checking.check import Checker
 from calib.checking.picture_mode import PictureMode
 from calib.checking.pictures import Pictures
-from calib.checking.reduced_equations import ReducedEquations
+from calib.checking.posterior_predictive import PosteriorPredictive
 from calib.checking.result import CheckStatus
 from calib.checking.significance import ALPHA
 from calib.corners.view import View
@@ -138,16 +138,16 @@ def _absorbed(checker: Checker, later: Later) -> float:
     assert later.effect
     poses = later.made.poses
     observations = Observations.of(later.made.views, later.made.board).add_times(None, HEIGHT)
-    equations = ReducedEquations.of(checker.prior, (later.effect,), observations, poses)
+    predictive = PosteriorPredictive.of(checker.prior, (later.effect,), observations, poses)
     vector = np.concatenate(
         [
             later.direction[u.param.name].numpy().ravel() / u.param.scale
             for u in later.effect.effect_parameters
         ]
     )
-    own, place = equations.columns(later.effect.name), equations.places[later.effect.name]
-    whole = equations.products[:, place, place].sum(0)
-    return 1 - float(vector @ equations.predicted()[own, own] @ vector) / float(
+    own, place = predictive.columns(later.effect.name), predictive.places[later.effect.name]
+    whole = predictive.products[:, place, place].sum(0)
+    return 1 - float(vector @ predictive.normalised_products()[own, own] @ vector) / float(
         vector @ whole @ vector
     )
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from torch import Tensor
 
+from calib.checking.posterior_predictive import parameters_with_changes, prior_spread
 from calib.checking.prior import CalibrationPrior
-from calib.checking.reduced_equations import parameters_with_changes, prior_spread
 from calib.effects.effect import Effect
 from calib.estimation.covariance import invert_precision
 from calib.estimation.levenberg_marquardt import Outcome, minimise

@@ -12,8 +12,8 @@ from scipy.linalg import block_diag, null_space
 from scipy.stats import chi2, kstest
 
 from calib.checking.overdispersion import Overdispersion, explained_squares
+from calib.checking.posterior_predictive import PosteriorPredictive, parameters_with_changes
 from calib.checking.prior import CalibrationPrior
-from calib.checking.reduced_equations import ReducedEquations, parameters_with_changes
 from calib.checking.significance import significance
 from calib.effects.focal import Focal
 from calib.estimation.observations import Observations
@@ -34,7 +34,7 @@ def test_dense_algebra_says_the_same(cameras: Made) -> None:
     seen = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
     poses, prior = later.made.poses, checker.prior
     changes = checker.changes[:2]
-    equations = ReducedEquations.of(prior, changes, seen, poses)
+    predictive = PosteriorPredictive.of(prior, changes, seen, poses)
     parameters, new = parameters_with_changes(prior, changes)
     views = list(
         view_equations(prior.model.with_effects(new).path, parameters, seen, poses, prior.sigma)
@@ -48,11 +48,11 @@ def test_dense_algebra_says_the_same(cameras: Made) -> None:
     covariance = np.eye(len(residual)) + jacobian @ jacobian.T
     rows = np.column_stack([residual, columns])
     dense = rows.T @ np.linalg.solve(covariance, rows)
-    found = equations.predicted()
+    found = predictive.normalised_products()
     scale = np.sqrt(np.outer(dense.diagonal(), dense.diagonal()))
     assert np.abs((found - dense) / scale).max() < 1e-6  # the metric's condition is some 1e8
-    assert equations.freedom.sum() == len(residual)
-    assert equations.log_determinant(np.arange(3)) == pytest.approx(
+    assert predictive.freedom.sum() == len(residual)
+    assert predictive.log_determinant(np.arange(3)) == pytest.approx(
         np.linalg.slogdet(covariance)[1], rel=1e-6
     )
 
@@ -66,10 +66,10 @@ def test_no_view_of_a_bare_camera_has_more_information_than_its_fit(tmp_path: Pa
     calibration = fit(session)
     prior = CalibrationPrior.of(calibration)
     poses = torch.from_numpy(calibration.poses)
-    equations = ReducedEquations.of(prior, (), calibration.observations, poses)
-    inner = slice(1, 1 + equations.calibrated)
-    shares = [np.linalg.eigvalsh(products[inner, inner]) for products in equations.products]
-    assert equations.calibrated == 8
+    predictive = PosteriorPredictive.of(prior, (), calibration.observations, poses)
+    inner = slice(1, 1 + predictive.calibrated)
+    shares = [np.linalg.eigvalsh(products[inner, inner]) for products in predictive.products]
+    assert predictive.calibrated == 8
     assert max(share.max() for share in shares) < 1
     assert np.sum(shares) == pytest.approx(8, rel=0.1), "the views' shares add up to the total"
 
@@ -97,19 +97,18 @@ def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:
         np.column_stack([data[v] - jacobian[v] @ estimate, jacobian[v] @ root, change[v]])
         for v in range(views)
     ]
-    equations = ReducedEquations(
+    predictive = PosteriorPredictive(
         np.array([own.T @ own for own in columns]),
         np.full(views, float(rows)),
         count,
         {"it": slice(1 + count, 3 + count)},
-        {},
         1.0,
     )
     for view in range(views):
         spread, without = fitted([v for v in range(views) if v != view])
         whole = np.eye(rows) + jacobian[view] @ spread @ jacobian[view].T
         seen = np.column_stack([data[view] - jacobian[view] @ without, change[view]])
-        found, freedom = equations.left_out(view)
+        found, freedom = predictive.leave_one_out(view)
         assert found == pytest.approx(seen.T @ np.linalg.solve(whole, seen), rel=1e-9)
         assert freedom == rows
 
@@ -125,7 +124,7 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
             prior.model.with_effects(new).path, parameters, seen, later.made.poses, prior.sigma
         )
     )
-    equations = ReducedEquations.of(prior, changes, seen, later.made.poses)
+    predictive = PosteriorPredictive.of(prior, changes, seen, later.made.poses)
     columns = np.concatenate(
         [parameters.entries(u.param.name for u in change.effect_parameters) for change in changes]
     )
@@ -150,15 +149,15 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
     tails: dict[str, list[float]] = {change.name: [] for change in changes}
     answers = []
     for _ in range(DRAWS):
-        wrong = rng.normal(size=equations.calibrated)
+        wrong = rng.normal(size=predictive.calibrated)
         drawn = [
             np.column_stack(
-                [rng.normal(size=len(own)) + own[:, : equations.calibrated] @ wrong, own]
+                [rng.normal(size=len(own)) + own[:, : predictive.calibrated] @ wrong, own]
             )
             for own in rows
         ]
-        one = replace(equations, products=np.array([own.T @ own for own in drawn]))
-        together = one.predicted()
+        one = replace(predictive, products=np.array([own.T @ own for own in drawn]))
+        together = one.normalised_products()
         for name, own in tails.items():
             square, directions = explained_squares(together, one.columns(name))
             own.append(float(chi2.sf(square, directions)))
@@ -180,12 +179,12 @@ def test_a_change_is_measured_with_its_sign(cameras: Made) -> None:
     truth = float(later.direction["focal.change"]) / Focal().effect_parameters[0].param.scale
     seen = Observations.of(later.views(1, noise=0.0), made.board).add_times(None, HEIGHT)
     poses = later.made.poses
-    equations = ReducedEquations.of(checker.prior, (Focal(),), seen, poses)
-    before = ReducedEquations.of(
+    predictive = PosteriorPredictive.of(checker.prior, (Focal(),), seen, poses)
+    before = PosteriorPredictive.of(
         checker.prior,
         (Focal(),),
         Observations.of(later.views(0, noise=0.0), made.board).add_times(None, HEIGHT),
         poses,
     )
-    found, still = (one.predicted() for one in (equations, before))
+    found, still = (one.normalised_products() for one in (predictive, before))
     assert -(found[1, 0] - still[1, 0]) / found[1, 1] == pytest.approx(truth, rel=0.1)
