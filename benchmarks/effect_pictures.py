@@ -26,7 +26,8 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
 from calib.estimation.priors import NONE, Priors
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
+from calib.inference.score_test import tuned_score_tests
 from calib.optics.board_target import FLEX, MOTION
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.params import LINE, TIME
@@ -414,7 +415,7 @@ def _print_alike() -> None:
         noise = torch.from_numpy(np.random.default_rng(1).normal(0, 0.1, observations.pixels.shape))
         observations = replace(observations, pixels=observations.pixels + noise)
         at = FittedModel(model, observations, model.fit(observations, torch.from_numpy(poses)))
-        columns = at.candidates(proposed(tuple(k for k in KINDS if k not in FIELDS), model))
+        columns = tuned_score_tests(at, proposed(tuple(k for k in KINDS if k not in FIELDS), model))
         spans = {
             c.effect.name + _choices(c.effect)[1].join("()" * bool(_choices(c.effect)[1])): c
             for c in columns

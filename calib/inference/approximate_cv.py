@@ -26,8 +26,8 @@ from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.orthogonal_projection import project_out
 from calib.estimation.residuals import residuals
 from calib.estimation.view_equations import landing_problem
+from calib.inference.fitted_model import FittedModel
 from calib.inference.laplace_evidence import view_columns
-from calib.inference.score_test import FittedModel
 
 MAX_STEPS = 4
 """The largest number of steps before the remaining views are fitted."""

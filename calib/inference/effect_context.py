@@ -10,7 +10,7 @@ from calib.effects.effect import EffectContext
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
 from calib.estimation.view_equations import view_equations
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
 from calib.optics.relief import AMPLITUDES, Relief
 from calib.session.board import Board
 from calib.session.camera import Camera

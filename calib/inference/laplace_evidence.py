@@ -18,7 +18,7 @@ from torch import Tensor
 
 from calib.estimation.normal_equations import ReducedProducts
 from calib.estimation.objective import view_precision
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
 
 NOISE_RANGE = (0.1, 10.0)
 """The range of the noise, relative to that of the fit."""

@@ -22,7 +22,8 @@ from calib.fitting.declared import comparisons
 from calib.fitting.evaluate import Evaluation
 from calib.inference.calibration_model import full_model
 from calib.inference.effect_context import effect_context
-from calib.inference.score_test import FittedModel, ScoreTest
+from calib.inference.fitted_model import FittedModel
+from calib.inference.score_test import ScoreTest, score_tests
 from calib.optics.rays import Rays
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.thresholds import CELLS
@@ -198,4 +199,4 @@ def _scores(calibration: Calibration) -> tuple[ScoreTest, ...]:
         if kind.name not in present
         for effect in kind.propose(context)
     ]
-    return tuple(fitted.tests(candidates))
+    return tuple(score_tests(fitted, candidates))

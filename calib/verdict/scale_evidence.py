@@ -32,7 +32,7 @@ from calib.estimation.parameters import Parameters
 from calib.estimation.prior_conflict import PRIOR_INFLATION
 from calib.estimation.priors import Priors
 from calib.estimation.view_equations import ReducedView
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
 from calib.session.freeing import ALL, free_parameters
 from calib.session.numbers import numbers_of, replace_numbers
 from calib.session.schema import Number

@@ -24,7 +24,8 @@ from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
 from calib.inference.cross_validation import HeldOutErrors, HeldOutGain, held_out_gain
-from calib.inference.score_test import ModelFit, ScoreTest
+from calib.inference.fitted_model import ModelFit
+from calib.inference.score_test import ScoreTest
 from calib.optics import path
 from calib.optics.lens_model import LensModel
 from calib.progress import Silent

@@ -3,9 +3,10 @@
 import pytest
 import torch
 
-from calib.diagnosis.most_probable_form import savage_dickey_log_odds, with_most_probable
+from calib.diagnosis.most_probable_form import with_most_probable
 from calib.effects.board_shape import BoardShape
 from calib.inference.calibration_model import full_model
+from calib.inference.savage_dickey import savage_dickey_log_odds
 from tests.diagnosis.hide import without_cover
 
 

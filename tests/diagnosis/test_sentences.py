@@ -18,7 +18,8 @@ from calib.effects.free_field import FreeField
 from calib.effects.registry import KINDS
 from calib.inference.calibration_model import base_model
 from calib.inference.cross_validation import fold_split
-from calib.inference.score_test import ModelFit, ScoreTest
+from calib.inference.fitted_model import ModelFit
+from calib.inference.score_test import ScoreTest
 from calib.optics.lens_model import LensModel
 from calib.optics.path import Path
 from tests.diagnosis.hide import without_cover

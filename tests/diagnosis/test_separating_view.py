@@ -17,7 +17,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.inference.calibration_model import base_model
 from calib.inference.effect_context import effect_context
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
 from calib.optics.projection import project
 from calib.session.camera import Camera
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH

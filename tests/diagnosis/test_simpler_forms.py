@@ -7,7 +7,7 @@ from calib.diagnosis.simpler_forms import simplified
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.inference.calibration_model import base_model, full_model
-from calib.inference.score_test import ModelFit
+from calib.inference.fitted_model import ModelFit
 from tests.diagnosis.hide import without_cover
 
 

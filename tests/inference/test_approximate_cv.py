@@ -14,7 +14,7 @@ from calib.estimation.joint_fit import ROUNDS, Estimate, JointFit
 from calib.estimation.residuals import residuals
 from calib.inference.approximate_cv import FitWithout, fits_without
 from calib.inference.calibration_model import base_model
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
 from tests.diagnosis.hide import fitted, hidden
 
 PARTS = np.arange(12) % 3

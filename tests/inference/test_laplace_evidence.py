@@ -12,8 +12,8 @@ from calib.effects.board_flex import BoardFlex
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.objective import view_precision
 from calib.estimation.priors import Priors
+from calib.inference.fitted_model import FittedModel
 from calib.inference.laplace_evidence import LaplaceEvidence
-from calib.inference.score_test import FittedModel
 from fixtures.synthetic import scene
 
 

@@ -11,6 +11,7 @@ import torch
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.priors import Priors
+from calib.inference.fitted_model import FittedModel
 from calib.inference.laplace_evidence import LaplaceEvidence
 from calib.inference.model_discrepancy import (
     LENGTHS,
@@ -18,7 +19,6 @@ from calib.inference.model_discrepancy import (
     board_modes,
     discrepancy_gain,
 )
-from calib.inference.score_test import FittedModel
 from fixtures.synthetic import Scene, scene
 
 
