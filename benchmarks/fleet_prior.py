@@ -29,7 +29,7 @@ from calib.fitting.stages import Settings
 from calib.fleet.identity import FleetOptions
 from calib.fleet.job import Job, run_job
 from calib.fleet.manifest import Entry
-from calib.fleet.prior import fleet_prior
+from calib.fleet.prior import estimate_fleet_prior
 from calib.session.fleet_prior import fleet_prior_yaml
 from calib.session.session import read_session
 from calib.threads import single_thread
@@ -97,7 +97,7 @@ def made_prior(folder: Path, line: Line) -> Path:
         write_session(folder / "sessions" / line.name(number), line, number)
         entry = Entry(line.name(number), str(folder / "sessions" / line.name(number)))
         run_job(Job(entry, FleetOptions(SETTINGS), str(folder / "fleet")))
-    prior = fleet_prior(folder / "fleet")
+    prior = estimate_fleet_prior(folder / "fleet")
     place = folder / "prior.yaml"
     place.write_text(fleet_prior_yaml(prior, VERSION))
     print(

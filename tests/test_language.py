@@ -23,6 +23,9 @@ MAX_NAN_ARGUMENTS = 2
 large.
 """
 
+PROTOCOL_NAMES = frozenset(("add_arguments", "export", "inventory", "main", "open_source", "run"))
+"""Functions that each module of a registry has: commands, export formats, sources of frames."""
+
 NAME_WORDS = """
 told known seen own left missed found said given named kept lost asked begun apart away off along
 across beside beyond within inside outside down here there now then before after again one ones
@@ -121,6 +124,22 @@ def is_nan(value: ast.expr) -> bool:
     return ast.unparse(value) in ("nan", "np.nan", "math.nan", "torch.nan", "float('nan')")
 
 
+def public_names(tree: ast.Module) -> set[str]:
+    """Return the public classes and functions of a file."""
+    definitions = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    names = {node.name for node in tree.body if isinstance(node, definitions)}
+    return {name for name in names - PROTOCOL_NAMES if not name.startswith("_")}
+
+
+def repeated_names(trees: dict[str, ast.Module]) -> dict[str, list[str]]:
+    """Return the public names of more than one file, with these files."""
+    files: dict[str, list[str]] = {}
+    for file, tree in trees.items():
+        for name in public_names(tree):
+            files.setdefault(name, []).append(file)
+    return {name: places for name, places in files.items() if len(places) > 1}
+
+
 def imported_modules(tree: ast.AST) -> set[str]:
     """Return the names that a file may import as modules, those under TYPE_CHECKING included."""
     names = set()
@@ -183,6 +202,15 @@ def test_lines_fit_a_screen(package: str) -> None:
     ] == []
 
 
+def test_a_public_name_stands_in_one_file() -> None:
+    trees = {
+        str(file.relative_to(ROOT)): tree
+        for package in PACKAGES
+        for file, tree in parsed_files(package).items()
+    }
+    assert repeated_names(trees) == {}
+
+
 def test_no_two_files_import_each_other() -> None:
     trees = {
         ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): tree
@@ -217,3 +245,8 @@ def convert(told, seen_pixels):
         "package.cell": ast.parse("import package.row"),
     }
     assert import_circles(trees) == {("package.row", "package.table")}
+    trees = {
+        "row.py": ast.parse("class Line: ...\ndef run(): ...\ndef _read(): ..."),
+        "table.py": ast.parse("async def run(): ...\ndef Line(): ...\ndef _read(): ..."),
+    }
+    assert repeated_names(trees) == {"Line": ["row.py", "table.py"]}

@@ -34,7 +34,7 @@ from calib.io.array_arguments import (
     numbers,
     pixel_rows,
 )
-from calib.io.numerals import number
+from calib.io.numerals import real_number
 from calib.threads import single_thread
 from calib.undistortion.grids import Array
 from calib.undistortion.ray_field import check_depth
@@ -75,7 +75,7 @@ class BoardPose:
     @staticmethod
     def facing(depth: float) -> BoardPose:
         """Return a plane perpendicular to the optical axis, at a depth in m."""
-        metres = number(depth, "depth")
+        metres = real_number(depth, "depth")
         check_depth(metres)
         return BoardPose.exactly(np.array([0, 0, 0, 0, 0, metres]))
 
@@ -139,7 +139,9 @@ class Measurer:
         """
         self.calibration = calibration
         self._corner_noise = calibration.noise_px / 2**0.5
-        self.noise_px = self._corner_noise if noise_px is None else number(noise_px, "noise_px")
+        self.noise_px = (
+            self._corner_noise if noise_px is None else real_number(noise_px, "noise_px")
+        )
         if not 0 <= self.noise_px < FARTHEST_PX:
             raise InputError(
                 f"noise_px is {self.noise_px:g}: give the standard deviation of a pixel's"

@@ -39,7 +39,7 @@ class PriorShift:
     unit: str
 
 
-def camera_numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, FleetNumber]:
+def fleet_numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, FleetNumber]:
     """Return the numbers that the fit estimated, by the names of calib.fleet.limits.
 
     Args:

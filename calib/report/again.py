@@ -11,7 +11,7 @@ import yaml
 from calib.fitting.provenance import ASKED, DIAGNOSED, KEY
 from calib.fitting.stages import Settings
 from calib.report.evidence import Evidence
-from calib.report.tables import table
+from calib.report.tables import html_table
 
 
 def again_html(evidence: Evidence, folder: Path) -> str:
@@ -38,7 +38,7 @@ def again_html(evidence: Evidence, folder: Path) -> str:
     lines = "\n".join(map(pasted, commands(settings, folder)))
     return (
         f"<pre>{escape(lines)}</pre>"
-        + table(
+        + html_table(
             ("", ""),
             [(escape(key), f"<code>{escape(str(value))}</code>") for key, value in facts.items()],
         )

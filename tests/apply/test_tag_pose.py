@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calib.apply.tag_pose import SQUARE, Lines, misfit, poses, starts
+from calib.apply.tag_pose import SQUARE, Lines, measure_misfit, poses, starts
 
 Array = NDArray[np.float64]
 
@@ -82,25 +82,25 @@ def test_derivatives_are_central_differences() -> None:
     lines = lines_of(
         seen(SIDE * SQUARE @ turn.T + shift) + np.array([[3.0, -2], [1, 4], [-2, 1], [0, 2]])
     )
-    here, step = misfit(lines, SIDE, turn, shift), 1e-6
+    here, step = measure_misfit(lines, SIDE, turn, shift), 1e-6
 
     def moved(by: Array) -> Array:
-        return misfit(lines, SIDE, cv2.Rodrigues(by[:3])[0] @ turn, shift + by[3:]).px
+        return measure_misfit(lines, SIDE, cv2.Rodrigues(by[:3])[0] @ turn, shift + by[3:]).px
 
     by_pose = np.stack(
         [(moved(step * axis) - moved(-step * axis)) / (2 * step) for axis in np.eye(6)], -1
     )
     assert np.abs(by_pose - here.by_pose).max() < 1e-7 * np.abs(here.by_pose).max()
     by_size = (
-        misfit(lines, SIDE * (1 + step), turn, shift).px
-        - misfit(lines, SIDE * (1 - step), turn, shift).px
+        measure_misfit(lines, SIDE * (1 + step), turn, shift).px
+        - measure_misfit(lines, SIDE * (1 - step), turn, shift).px
     ) / (2 * step)
     assert np.abs(by_size - here.by_size).max() < 1e-7 * np.abs(here.by_size).max()
     both = np.concatenate([lines.at_infinity, lines.parallax], -1)
 
     def along(axis: int, by: float) -> Array:
         changed = both + by * np.eye(4)[axis]
-        return misfit(
+        return measure_misfit(
             replace(lines, at_infinity=changed[:, :2], parallax=changed[:, 2:]), SIDE, turn, shift
         ).px.reshape(4, 2)
 
@@ -116,7 +116,9 @@ def test_the_misfit_is_that_of_the_picture() -> None:
     expected = seen(SIDE * SQUARE @ turn.T + shift)
     off = np.array([[0.3, -0.2], [0.1, 0.4], [-0.2, 0.1], [0.0, 0.2]])
     assert (
-        np.abs(misfit(lines_of(expected + off), SIDE, turn, shift).px.reshape(4, 2) - off).max()
+        np.abs(
+            measure_misfit(lines_of(expected + off), SIDE, turn, shift).px.reshape(4, 2) - off
+        ).max()
         < 1e-3
     )
 

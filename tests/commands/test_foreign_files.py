@@ -17,7 +17,7 @@ from calib.calibration import Calibration
 from calib.cli import COMMANDS as COMMAND_MODULES
 from calib.cli import main
 from calib.errors import InputError
-from calib.fleet.result import Result, State
+from calib.fleet.result import JobState, Result
 from calib.io.output_folder import LEDGER
 from calib.progress import Silent
 from capture.cli import main as capture_main
@@ -133,7 +133,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         calibration.save(folder / "fleet" / "cameras" / name)
         written = (f"cameras/{name}/calibration.yaml",)
         verdict = {"word": "care"}
-        Result(name, State.CALIBRATED, verdict=verdict, written=written).write(folder / "fleet")
+        Result(name, JobState.CALIBRATED, verdict=verdict, written=written).write(folder / "fleet")
     return folder
 
 

@@ -10,7 +10,7 @@ from calib.effects.detector_bias import DetectorBias
 from calib.effects.effect import Effect
 from calib.effects.focal import Focal
 from calib.effects.focal_drift import FocalDrift
-from calib.effects.lens import Lens
+from calib.effects.lens import LensEffect
 from calib.effects.lens_field import LensField
 from calib.effects.principal_point import PrincipalPoint
 from calib.effects.rolling_shutter import RollingShutter
@@ -87,7 +87,7 @@ def test_lens_is_opencv_s_distortion_from_the_distorted_to_the_undistorted_pixel
     expected = cv2.projectPoints(
         solid, np.zeros(3), np.zeros(3), np.eye(3), np.array([k1, k2, p1, p2, k3])
     )[0].reshape(-1, 2)
-    assert np.abs(directions(Lens(), INTRINSICS, PIXELS, **given) - expected).max() < 1e-14
+    assert np.abs(directions(LensEffect(), INTRINSICS, PIXELS, **given) - expected).max() < 1e-14
     assert np.abs(expected - solid[:, :2]).max() > 1e-3
 
 
@@ -103,7 +103,9 @@ def test_lens_comes_before_the_lens_that_is_stated() -> None:
         0
     ].reshape(-1, 2)
     stated = np.array([number.value for number in LENS.distortion])
-    found = np.column_stack([directions(Lens(), LENS, PIXELS, lens__k1=k1), np.ones(len(PIXELS))])
+    found = np.column_stack(
+        [directions(LensEffect(), LENS, PIXELS, lens__k1=k1), np.ones(len(PIXELS))]
+    )
     assert (
         np.abs(
             cv2.projectPoints(found, np.zeros(3), np.zeros(3), matrix, stated)[0].reshape(-1, 2)

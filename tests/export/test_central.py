@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.export import central
 from calib.export.central import best_central
 from calib.export.formats import FORMATS, OPENCV, SPLINED, ExportLens
-from calib.export.lens_fit import fit_lens, project
+from calib.export.lens_fit import fit_export_lens, project_slopes
 from calib.export.sampled_rays import FIT_GRID, SampledRays
 from calib.export.spline_fit import project_spline
 from tests.export.truth import LENS, distorted, fisheye, seen
@@ -33,8 +33,8 @@ def test_a_lens_comes_back_from_its_own_picture(lens: ExportLens, written_out: o
     assert callable(written_out)
     coefficients = [-0.21, 0.11, 0.003, -0.002, 0.01, 0.05, 0.02, -0.01][: lens.coefficients]
     pixels = written_out(TANGENTS, coefficients) * [900, 910] + [640, 480]
-    found = fit_lens(TANGENTS, pixels, [800.0, 800.0, 600.0, 500.0], lens)
-    assert np.abs(project(found, TANGENTS, lens.fisheye)[0] - pixels).max() < 0.01
+    found = fit_export_lens(TANGENTS, pixels, [800.0, 800.0, 600.0, 500.0], lens)
+    assert np.abs(project_slopes(found, TANGENTS, lens.fisheye)[0] - pixels).max() < 0.01
 
 
 @pytest.mark.parametrize("lens", [FOUR, TWELVE, FISHEYE])
@@ -42,12 +42,12 @@ def test_derivatives_are_central_differences(lens: ExportLens) -> None:
     parameters = np.append(
         [900.0, 910.0, 640.0, 480.0], np.linspace(-0.05, 0.05, lens.coefficients)
     )
-    exact = project(parameters, TANGENTS, lens.fisheye)[1]
+    exact = project_slopes(parameters, TANGENTS, lens.fisheye)[1]
     for i, size in enumerate([1.0] * 4 + [1e-4] * lens.coefficients):
         step = np.zeros(len(parameters))
         step[i] = size
         beyond, before = (
-            project(parameters + sign * step, TANGENTS, lens.fisheye)[0] for sign in (1, -1)
+            project_slopes(parameters + sign * step, TANGENTS, lens.fisheye)[0] for sign in (1, -1)
         )
         assert (
             np.abs((beyond - before).ravel() / (2 * size) - exact[:, i]).max()
@@ -87,9 +87,9 @@ def test_a_lens_is_fitted_on_one_thread(
             pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"
         )
         seen_threads.append(torch.get_num_threads())
-        return fit_lens(*arguments)  # type: ignore[arg-type]
+        return fit_export_lens(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(central, "fit_lens", watched)
+    monkeypatch.setattr(central, "fit_export_lens", watched)
     with threadpool_limits(2, user_api="blas"):
         best_central(covered, 1.0, (FOUR,))
     assert len(seen_threads) >= 2

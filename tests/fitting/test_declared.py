@@ -16,7 +16,7 @@ from calib.effects.board_shape import BoardShape
 from calib.effects.cover_radius import CoverRadius
 from calib.effects.effect import Effect
 from calib.effects.focal import Focal
-from calib.effects.lens import Lens
+from calib.effects.lens import LensEffect
 from calib.effects.thickness import Thickness
 from calib.fitting.declared import comparisons, effect_comparisons
 from calib.fitting.rounding import with_sigma
@@ -100,7 +100,7 @@ def test_what_no_session_declares_has_its_own_rows(plain: Calibration) -> None:
     ]
     assert not [row for row in comparisons(bent) if row.effect]
     lens = with_effect(
-        plain, Lens(), **dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), (0.01, 0.001))
+        plain, LensEffect(), **dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), (0.01, 0.001))
     )
     assert [row.name for row in effect_comparisons(lens)] == [
         "lens.k1",

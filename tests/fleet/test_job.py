@@ -15,7 +15,7 @@ from calib.calibration import Calibration
 from calib.fleet.identity import FleetOptions
 from calib.fleet.job import Job, run_job
 from calib.fleet.manifest import Entry
-from calib.fleet.result import State, place_of, read_result
+from calib.fleet.result import JobState, place_of, read_result
 from calib.io.file_set import FileSet
 from fixtures.fleet import write_session
 from tests.fleet.conftest import ASKED, LINE, QUICK
@@ -37,7 +37,7 @@ def test_it_leaves_a_calibration_a_report_exports_and_one_json(
     session: Path, tmp_path: Path
 ) -> None:
     result = run_job(job(session, tmp_path, FleetOptions(QUICK, (0.5,), ("stmap", "npz"))))
-    assert (result.state, result.sentence, result.views) == (State.CALIBRATED, "", 6)
+    assert (result.state, result.sentence, result.views) == (JobState.CALIBRATED, "", 6)
     folder = tmp_path / "fleet" / "cameras" / "a"
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     assert {
@@ -65,7 +65,7 @@ def test_what_is_done_is_not_done_again_and_what_has_changed_is(
     def again(one: Job) -> bool:
         """Whether it is fitted anew."""
         before = written.stat().st_mtime_ns
-        assert run_job(one).state is State.CALIBRATED
+        assert run_job(one).state is JobState.CALIBRATED
         return written.stat().st_mtime_ns != before
 
     first = run_job(own)
@@ -99,10 +99,10 @@ def test_a_json_that_was_cut_short_is_no_result(session: Path, tmp_path: Path) -
         place.write_text(text)
         assert read_result(tmp_path / "fleet", "a") is None
     refused = run_job(own)
-    assert refused.state is State.FAILED
+    assert refused.state is JobState.FAILED
     assert "cameras/a.json has changed since calib wrote it" in refused.sentence
     assert place.read_text() == text
-    assert run_job(replace(own, overwrite=True)).state is State.CALIBRATED
+    assert run_job(replace(own, overwrite=True)).state is JobState.CALIBRATED
     assert read_result(tmp_path / "fleet", "a") is not None
 
 
@@ -113,18 +113,18 @@ def test_a_worker_that_is_killed_after_its_fit_leaves_it_to_the_next(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("calib.fleet.job.camera_numbers", killed)
+        patch.setattr("calib.fleet.job.fleet_numbers", killed)
         with pytest.raises(KeyboardInterrupt):
             run_job(job(session, tmp_path))
     assert read_result(tmp_path / "fleet", "a") is None
     written = tmp_path / "fleet" / "cameras" / "a" / "calibration.yaml"
     before = written.stat().st_mtime_ns
-    assert run_job(job(session, tmp_path)).state is State.CALIBRATED
+    assert run_job(job(session, tmp_path)).state is JobState.CALIBRATED
     assert written.stat().st_mtime_ns == before
     place_of(tmp_path / "fleet", "a").unlink()
     assert (
         run_job(job(session, tmp_path, FleetOptions(replace(QUICK, grid=(4, 4))))).state
-        is State.CALIBRATED
+        is JobState.CALIBRATED
     )
     assert written.stat().st_mtime_ns != before
 
@@ -133,7 +133,7 @@ def test_too_little_data_is_a_result_that_stays(session: Path, tmp_path: Path) -
     lines = (session / "corners.vnl").read_text().splitlines(keepends=True)
     (session / "corners.vnl").write_text("".join(lines[: 1 + 2 * 36]))
     result = run_job(job(session, tmp_path))
-    assert result.state is State.TOO_LITTLE
+    assert result.state is JobState.TOO_LITTLE
     assert result.sentence.startswith("A fit needs 3 usable views and there are 2")
     place = place_of(tmp_path / "fleet", "a")
     before = place.stat().st_mtime_ns
@@ -161,11 +161,11 @@ def test_what_cannot_be_read_is_a_result_that_is_tried_again(
         if damage == "empty":
             session.mkdir()
     result = run_job(job(session, tmp_path))
-    assert result.state is State.FAILED
+    assert result.state is JobState.FAILED
     assert said in result.sentence
     shutil.rmtree(session, ignore_errors=True)
     kept.rename(session)
-    assert run_job(job(session, tmp_path)).state is State.CALIBRATED
+    assert run_job(job(session, tmp_path)).state is JobState.CALIBRATED
 
 
 def test_a_bug_is_a_result_too(
@@ -176,7 +176,7 @@ def test_a_bug_is_a_result_too(
 
     monkeypatch.setattr("calib.fleet.job.fit", broken)
     result = run_job(job(session, tmp_path))
-    assert result.state is State.FAILED
+    assert result.state is JobState.FAILED
     assert (
         result.sentence
         == "This is a bug in calib (ZeroDivisionError: by zero): report it with this session."
@@ -197,7 +197,7 @@ def test_a_camera_is_checked_against_its_prior(recorded: Path, tmp_path: Path) -
     lost = run_job(
         job(tmp_path / "now" / "session", tmp_path / "lost", prior=str(tmp_path / "nowhere"))
     )
-    assert lost.state is State.CALIBRATED
+    assert lost.state is JobState.CALIBRATED
     (remark,) = lost.remarks
     assert remark.startswith("Its prior could not be checked: ")
     assert "does not exist" in remark
@@ -224,7 +224,7 @@ def test_it_waits_for_another_that_works_on_the_same_camera(
     monkeypatch.setattr("calib.fleet.job.PATIENCE_S", 0.1)
     with FileSet(tmp_path / "fleet" / "cameras" / "a"):
         result = run_job(job(session, tmp_path))
-    assert result.state is State.FAILED
+    assert result.state is JobState.FAILED
     assert result.sentence.startswith("Another calib writes to")
 
 
@@ -233,7 +233,7 @@ def test_a_session_at_an_address_is_read_where_the_job_runs(session: Path, tmp_p
     files.put(str(session), "/line/a", recursive=True)
     own = job("memory://line/a", tmp_path)
     result = run_job(own)
-    assert result.state is State.CALIBRATED
+    assert result.state is JobState.CALIBRATED
     assert (
         Calibration.load(tmp_path / "fleet" / "cameras" / "a").settings["made_by"]["session"]
         == "memory://line/a"

@@ -15,7 +15,7 @@ from calib.fleet.cluster import FleetError, Place
 from calib.fleet.job import Job
 from calib.fleet.local import local_workers, run_locally
 from calib.fleet.manifest import Entry
-from calib.fleet.result import State, place_of
+from calib.fleet.result import JobState, place_of
 from tests.fleet.conftest import ASKED
 from tests.fleet.work import behave
 
@@ -68,7 +68,7 @@ def test_a_camera_of_which_workers_die_is_given_up_and_the_others_go_on(
     place = Place(workers=1, memory=GIB)
     names = ("crash", "kill", "memory", "sound")
     results = {r.id: r for r in run_locally(jobs(names, tmp_path), place, lines.append, behave)}
-    assert results["sound"].state is State.TOO_LITTLE
+    assert results["sound"].state is JobState.TOO_LITTLE
     assert results["crash"].sentence == (
         "3 workers died while they calibrated it, and it was given up: the last one ended with exit"
         " code 7."
@@ -78,7 +78,7 @@ def test_a_camera_of_which_workers_die_is_given_up_and_the_others_go_on(
         " signal 9"
     )
     assert "MB, and may take 1024 MB. Give workers more memory" in results["memory"].sentence
-    assert all(results[name].state is State.FAILED for name in names[:3])
+    assert all(results[name].state is JobState.FAILED for name in names[:3])
     assert all(place_of(tmp_path, name).exists() for name in names[:3])
     assert lines[0] == (
         "A worker died while it calibrated crash: it ended with exit code 7. The camera is tried"
@@ -115,7 +115,7 @@ def test_a_worker_that_dies_while_it_starts_is_replaced(
     monkeypatch.setattr(local, "_started", started)
     lines: list[str] = []
     results = list(run_locally(jobs("a", tmp_path), Place(workers=1), lines.append, behave))
-    assert [result.state for result in results] == [State.TOO_LITTLE]
+    assert [result.state for result in results] == [JobState.TOO_LITTLE]
     assert lines == [
         "A worker died while it started: it was killed by signal 9, as the system does when memory"
         " runs out (1 of 5 in a row)."

@@ -14,7 +14,7 @@ from calib.fleet.findings import Fleet, judge_fleet
 from calib.fleet.limits import Limit
 from calib.fleet.numbers import FleetNumber, PriorShift
 from calib.fleet.page import fleet_page, headline
-from calib.fleet.result import Result, State
+from calib.fleet.result import JobState, Result
 from calib.fleet.table import fleet_csv
 from fixtures.fleet_results import made, result
 from tests.report.test_chromium import CHROMIUM, DARK, browse
@@ -35,7 +35,7 @@ SHIFTS = {"camera.cx": PriorShift(100.0, 130.0, -30.0, "px")}
 LOST = "Its prior could not be checked: x does not exist."
 WAYS: dict[str, tuple[Result, str]] = {
     "c3": (
-        Result("c3", State.FAILED, "a.png is truncated or damaged: copy it again."),
+        Result("c3", JobState.FAILED, "a.png is truncated or damaged: copy it again."),
         "no calibration: a.png is truncated",
     ),
     "c5": (

@@ -18,8 +18,8 @@ from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
 from calib.fleet.identity import FleetOptions, Identity
 from calib.fleet.manifest import Entry
-from calib.fleet.prior import fleet_prior
-from calib.fleet.result import Result, State, read_result
+from calib.fleet.prior import estimate_fleet_prior
+from calib.fleet.result import JobState, Result, read_result
 from calib.inference.calibration_model import base_model
 from calib.session.fleet_prior import read_fleet_prior
 from calib.session.numbers import numbers_of
@@ -46,7 +46,7 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_session(folder / "sessions" / name, LINE, number)
         fit(read_session(folder / "sessions" / name), SETTINGS).save(folder / "cameras" / name)
         written = (f"cameras/{name}/calibration.yaml",)
-        Result(name, State.CALIBRATED, verdict={"word": "care"}, written=written).write(folder)
+        Result(name, JobState.CALIBRATED, verdict={"word": "care"}, written=written).write(folder)
     return folder
 
 
@@ -205,9 +205,9 @@ def test_broken_cameras_are_left_out_and_named(fleet: Path, tmp_path: Path) -> N
     first, second, *_ = [LINE.name(number) for number in range(LINE.cameras) if number != BROKEN]
     changed(folder, first, verdict={"word": "do_not_use"})
     changed(
-        folder, second, state=State.FAILED, sentence="corners.vnl ends in the middle of a line."
+        folder, second, state=JobState.FAILED, sentence="corners.vnl ends in the middle of a line."
     )
-    said = dict(fleet_prior(folder).left_out)
+    said = dict(estimate_fleet_prior(folder).left_out)
     assert said[first] == "its verdict is not to use it"
     assert said[second] == "it has no calibration: corners.vnl ends in the middle of a line"
 
@@ -217,7 +217,7 @@ def test_cameras_of_two_kinds_are_kept_apart(fleet: Path, tmp_path: Path) -> Non
     for number in (0, 1):
         other = folder / "cameras" / LINE.name(number) / "calibration.yaml"
         other.write_text(other.read_text().replace("width: 3280", "width: 3282"))
-    said = dict(fleet_prior(folder).left_out)
+    said = dict(estimate_fleet_prior(folder).left_out)
     assert (
         said[LINE.name(0)]
         == said[LINE.name(1)]
@@ -234,7 +234,7 @@ def test_kinds_of_which_none_is_most_are_refused(fleet: Path, tmp_path: Path) ->
         InputError,
         match=r"cameras of 3 kinds, and no kind has more than half of them .* for each kind",
     ):
-        fleet_prior(folder)
+        estimate_fleet_prior(folder)
 
 
 def test_too_few_cameras_are_refused(fleet: Path, tmp_path: Path) -> None:
@@ -244,7 +244,7 @@ def test_too_few_cameras_are_refused(fleet: Path, tmp_path: Path) -> None:
     with pytest.raises(
         NotEnoughDataError, match=r"A prior takes 4 cameras and .* has 3 that can be used"
     ):
-        fleet_prior(folder)
+        estimate_fleet_prior(folder)
 
 
 @pytest.mark.parametrize("empty", [True, False])
@@ -252,7 +252,7 @@ def test_a_folder_that_is_no_fleet_is_refused(empty: bool, tmp_path: Path) -> No
     if empty:
         (tmp_path / "cameras").mkdir()
     with pytest.raises(InputError, match="give the FLEET that calib batch wrote"):
-        fleet_prior(tmp_path)
+        estimate_fleet_prior(tmp_path)
 
 
 def test_a_camera_is_done_again_when_its_prior_has_changed(prior: Path, tmp_path: Path) -> None:

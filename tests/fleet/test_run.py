@@ -23,7 +23,7 @@ from calib.cli import main
 from calib.fleet.cluster import FleetError, Place, client_of, remarks_on
 from calib.fleet.job import Job
 from calib.fleet.manifest import Entry
-from calib.fleet.result import State, place_of, read_result
+from calib.fleet.result import JobState, place_of, read_result
 from calib.fleet.run import run_jobs
 from calib.io.file_set import FileSet
 from tests.fleet.conftest import ASKED, LINE
@@ -53,8 +53,8 @@ def jobs(recorded: Path, fleet: Path) -> list[Job]:
 def test_every_camera_has_its_result(client: Client, recorded: Path, tmp_path: Path) -> None:
     results = {result.id: result for result in run_jobs(client, jobs(recorded, tmp_path), print)}
     assert {name: result.state for name, result in results.items()} == {
-        **dict.fromkeys(map(LINE.name, range(LINE.cameras)), State.CALIBRATED),
-        "missing": State.FAILED,
+        **dict.fromkeys(map(LINE.name, range(LINE.cameras)), JobState.CALIBRATED),
+        "missing": JobState.FAILED,
     }
     assert all(read_result(tmp_path, name) == result for name, result in results.items())
     before = place_of(tmp_path, LINE.name(0)).stat().st_mtime_ns
@@ -79,13 +79,13 @@ def test_a_camera_of_which_workers_die_does_not_stop_the_others(
         each = run_jobs(client, [kills, *jobs(recorded, tmp_path)], print)
         results = {result.id: result for result in each}
     assert len(results) == 6
-    assert results["kill"].state is State.FAILED
+    assert results["kill"].state is JobState.FAILED
     assert results["kill"].sentence == (
         "It was given up, because 2 workers of the cluster died of it: give workers more memory"
         " with --memory."
     )
     assert json.loads(place_of(tmp_path, "kill").read_text())["state"] == "failed"
-    assert {results[name].state for name in results if name != "kill"} == {State.TOO_LITTLE}
+    assert {results[name].state for name in results if name != "kill"} == {JobState.TOO_LITTLE}
 
 
 def test_a_cluster_without_workers_says_so_and_ends(

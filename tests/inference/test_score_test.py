@@ -9,7 +9,7 @@ import torch
 import yaml
 
 from calib.corners.corners_file import write_corners
-from calib.effects.lens import Lens
+from calib.effects.lens import LensEffect
 from calib.fitting.fit import fit
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import score_test
@@ -45,7 +45,7 @@ def test_what_a_fit_left_to_do_is_not_credited_to_an_effect_that_its_parameters_
     """A tenth of a standard deviation beside the optimum in each parameter of the camera; a score
     of noise alone is about 5.
     """
-    there = score_test(ended, Lens())
+    there = score_test(ended, LensEffect())
     assert there.absorbed > 0.99
     assert there.chi2 < 20  # of five parameters: beyond it by chance once in a thousand times
     parameters = ended.parameters()
@@ -55,4 +55,4 @@ def test_what_a_fit_left_to_do_is_not_credited_to_an_effect_that_its_parameters_
         step = torch.zeros(parameters.count, dtype=torch.float64)
         step[entry] = 0.1 * sigmas[entry]
         beside = replace(ended, joint=replace(ended.joint, values=parameters.values(step)))
-        assert score_test(beside, Lens()).chi2 == pytest.approx(there.chi2, abs=1.0)
+        assert score_test(beside, LensEffect()).chi2 == pytest.approx(there.chi2, abs=1.0)

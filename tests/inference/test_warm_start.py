@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from calib.effects.entrance_pupil import EntrancePupil
-from calib.effects.lens import Lens
+from calib.effects.lens import LensEffect
 from calib.inference.calibration_model import base_model, full_model
 from calib.inference.warm_start import start_without_effects
 from tests.diagnosis.hide import without_cover
@@ -17,7 +17,7 @@ def test_what_stays_starts_where_a_fit_without_the_effect_ends() -> None:
     lens's first coefficient is another by many of its sigmas, and nine tenths of that are there
     from the start.
     """
-    lens, pupil = Lens(), EntrancePupil()
+    lens, pupil = LensEffect(), EntrancePupil()
     calibration = without_cover(pupil, {"entrance_pupil.e2": 3e-3, "entrance_pupil.e4": 0.0}, 0.1)
     observations, model = calibration.observations, full_model(calibration)
     there = model.fit(observations, torch.from_numpy(calibration.poses))

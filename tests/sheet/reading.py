@@ -8,7 +8,7 @@ import numpy as np
 import pypdfium2
 from numpy.typing import NDArray
 
-from calib.sheet.checkerboard import Checkerboard
+from calib.sheet.checkerboard import CheckerboardPattern
 from calib.sheet.layout import lay_out
 from calib.sheet.paper import parse_paper
 from calib.sheet.sheet import Sheet
@@ -33,7 +33,7 @@ class Raster:
 def made(paper: str, columns: int = 9, rows: int = 6, side: float | None = None) -> Sheet:
     sizes = parse_paper(paper)
     assert sizes
-    return lay_out(Checkerboard(columns, rows), sizes, side)
+    return lay_out(CheckerboardPattern(columns, rows), sizes, side)
 
 
 def rasterise(pdf: bytes, dpi: float = 300) -> Raster:
