@@ -40,10 +40,9 @@ def row(seed: int, bumps: int) -> list[str]:
     between = time.perf_counter()
     paper = {**flat, "relief.amplitudes": descend(path, flat, made.observations, poses, steps=1000)}
     ended = time.perf_counter()
-    floor, ours, theirs = (
-        refit_poses(p, v, near.observations, near.poses)[1].rms_px
-        for p, v in ((near.path, near.values), (path, joint.values), (path, paper))
-    )
+    floor = refit_poses(near.path, near.values, near.observations, near.poses)[1].rms_px
+    ours = refit_poses(path, joint.values, near.observations, near.poses)[1].rms_px
+    theirs = refit_poses(path, paper, near.observations, near.poses)[1].rms_px
     spent = (
         f"{between - begun:.1f} s",
         f"{ended - between:.1f} s",

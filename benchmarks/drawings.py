@@ -122,7 +122,8 @@ class Drawing:
             self.text((end[0] + away[0], end[1] + away[1]), name, FAINT)
 
     def svg(self) -> str:
-        wide, high = (length * self.scale for length in self.size)
+        wide = self.size[0] * self.scale
+        high = self.size[1] * self.scale
         return HEAD.format(wide, high, self.title, MEASURE) + "\n".join(self.parts) + "\n</svg>\n"
 
 

@@ -194,7 +194,8 @@ def _verdicts(rng: np.random.Generator) -> None:
 
 def _is_kept(finder: Finder, scene: Scene, light: Floats, rng: np.random.Generator) -> bool:
     """Where nothing but this light is spoiled: the board is still, and the session empty."""
-    now, before = (finder.look(scene.frame(rng, light, time_s)) for time_s in (1.0, 1.0 - PERIOD))
+    now = finder.look(scene.frame(rng, light, 1.0))
+    before = finder.look(scene.frame(rng, light, 1.0 - PERIOD))
     return judge_frame(now, before, ()).keep
 
 

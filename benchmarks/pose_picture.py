@@ -74,9 +74,8 @@ def _draw(panel: Axes, calibration: Calibration, placed: list[Placed], truth: Ta
 
 def _chart(panel: Axes, placed: list[Placed], truth: TagTruth) -> None:
     true = np.array([one.true for one in placed])
-    side, depth = (
-        np.array([part[one.picture] for one in placed]) for part in (truth.sides, truth.depths)
-    )
+    side = np.array([truth.sides[one.picture] for one in placed])
+    depth = np.array([truth.depths[one.picture] for one in placed])
     places = (
         np.array([one.tag.poses[0].position for one in placed]),
         np.array([one.opencv for one in placed]),

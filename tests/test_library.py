@@ -116,5 +116,6 @@ def _run(title: str, folder: Path) -> str:
 def _compare(printed: str, page: str) -> None:
     """The same words, and about the same numbers."""
     assert NUMBER.sub("#", printed) == NUMBER.sub("#", page)
-    numbers, expected = ([float(n) for n in NUMBER.findall(text)] for text in (printed, page))
+    numbers = [float(n) for n in NUMBER.findall(printed)]
+    expected = [float(n) for n in NUMBER.findall(page)]
     assert numbers == pytest.approx(expected, rel=CLOSE, abs=LAST), printed

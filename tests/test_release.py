@@ -49,11 +49,12 @@ def test_a_release_is_checked_before_it_is_published() -> None:
     assert publish == {"uses": "pypa/gh-action-pypi-publish@release/v1"}, (
         "no password: trusted publishing"
     )
-    (upload,) = (
+    uploads = [
         step
         for step in jobs("checks")["wheel"]["steps"]
         if "upload-artifact" in step.get("uses", "")
-    )
+    ]
+    (upload,) = uploads
     assert upload["with"]["name"] == download["with"]["name"]
     assert yaml.load(WORKFLOWS["release"], yaml.BaseLoader)["on"] == {"push": {"tags": ["v*"]}}
     assert "workflow_call" in yaml.load(WORKFLOWS["checks"], yaml.BaseLoader)["on"]
@@ -96,7 +97,12 @@ def test_each_machine_and_python_gets_one_torch(machine: str, python: str) -> No
     """
     named = [Requirement(line) for line in PROJECT["dependencies"] if line.startswith("torch")]
     environment = {"platform_machine": machine, "python_version": python}
-    (chosen,) = (one for one in named if one.marker is None or one.marker.evaluate(environment))
+    matching = [
+        requirement
+        for requirement in named
+        if requirement.marker is None or requirement.marker.evaluate(environment)
+    ]
+    (chosen,) = matching
     versions = ["2.7.0", "2.9.1", "2.10.0", "2.13.0", "2.14.1", "2.15.0"]
     expected = "2.15.0" if python == "3.15" else "2.13.0" if machine == "x86_64" else "2.9.1"
     assert max(chosen.specifier.filter(versions), key=versions.index) == expected

@@ -100,11 +100,9 @@ def test_every_line_is_one_of_the_project() -> None:
 
 
 def test_the_file_for_all_names_extras_of_the_project() -> None:
-    (line,) = (
-        line
-        for line in (FOLDER / "all.txt").read_text(encoding="utf-8").splitlines()
-        if not line.startswith("#")
-    )
+    text = (FOLDER / "all.txt").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    (line,) = lines
     match = re.fullmatch(r"-e \.\[([\w,]+)\]", line)
     assert match
     assert set(match[1].split(",")) < PROJECT["optional-dependencies"].keys()

@@ -73,7 +73,7 @@ def test_its_own_parser_reads_it(typed: Typed) -> None:
 
 def options_of(parser: argparse.ArgumentParser) -> dict[str, set[str]]:
     """The options of each command, by its name."""
-    (choices,) = (
+    choices = next(
         action.choices
         for action in parser._actions
         if isinstance(action, argparse._SubParsersAction)

@@ -16,7 +16,8 @@ from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
 
 DEPTH = 1.0  # m
 LEVELS = (2.5, 5.0, 10.0)  # px
-COLUMNS, ROWS = (np.linspace(0, n - 1, n // 16) for n in (WIDTH, HEIGHT))  # px
+COLUMNS = np.linspace(0, WIDTH - 1, WIDTH // 16)  # px
+ROWS = np.linspace(0, HEIGHT - 1, HEIGHT // 16)  # px
 MIDDLE = 1232  # px, the row of Fig. 8's pixels
 
 Field = NDArray[np.float64]

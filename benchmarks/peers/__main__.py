@@ -115,9 +115,8 @@ def main() -> None:
         for i, glass in enumerate(glasses):
             with single_thread():
                 cases = [make(glass, seed) for seed in range(1, options.seeds + 1)]
-            test, near = (
-                median(floors) for floors in zip(*(floor for _, floor in cases), strict=True)
-            )
+            test = median(floor[0] for _, floor in cases)
+            near = median(floor[1] for _, floor in cases)
             rows: dict[str, Row] = {"true glass (the floor)": (test, near, None, None, None, None)}
             for j, (name, python, module, which) in enumerate(peers):
                 advance(i * len(peers) + j, name)

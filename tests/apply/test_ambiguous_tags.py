@@ -41,7 +41,8 @@ def sharp(turn: Array, shift: Array) -> Array:
     """
     marker = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50).generateImageMarker(3, CELLS)
     sheet = np.pad(marker, 1, constant_values=255)
-    x, y = (((np.arange(size * STRATA) + 0.5) / STRATA - 0.5) for size in (WIDTH, HEIGHT))
+    x = (np.arange(WIDTH * STRATA) + 0.5) / STRATA - 0.5
+    y = (np.arange(HEIGHT * STRATA) + 0.5) / STRATA - 0.5
     rays = (
         np.stack([*np.meshgrid(x, y), np.ones((HEIGHT * STRATA, WIDTH * STRATA))], -1)
         @ np.linalg.inv(MATRIX).T

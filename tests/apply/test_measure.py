@@ -199,9 +199,9 @@ def test_uncertain_glass_shows_in_sigma(made: Scene) -> None:
                 pixels, [measurer.board_pose(view) for view in views], [0] * 6 + [1] * 6
             )
         )
-    still, moved, said = (
-        [one.distance(i, j) for i in range(6) for j in range(6, 12)] for one in found
-    )
+    pairs = [(i, j) for i in range(6) for j in range(6, 12)]
+    distances = [[corners.distance(i, j) for i, j in pairs] for corners in found]
+    still, moved, said = distances
     change = np.abs(np.array(moved) - np.array(still))[:, 0]
     sigma = np.array(said)[:, 1]
     assert change.max() > 1e-6

@@ -119,10 +119,12 @@ def test_tags_are_placed_five_times_more_exactly_than_by_a_central_camera(
     )
     true = np.array([truth.translations[picture, tag.number] for picture, tag in every])
     at = np.array([(truth.sides[picture], truth.depths[picture]) for picture, _ in every])
-    left = [np.linalg.norm(aligned(places, true), axis=-1) for places in (ours, theirs)]
+    our_errors = np.linalg.norm(aligned(ours, true), axis=-1)
+    central_errors = np.linalg.norm(aligned(theirs, true), axis=-1)
     for side, depth in np.unique(at, axis=0).tolist():
-        here = (at == (side, depth)).all(-1)
-        mine, other = (np.sqrt((one[here] ** 2).mean()) for one in left)
+        selected = (at == (side, depth)).all(-1)
+        mine = np.sqrt((our_errors[selected] ** 2).mean())
+        other = np.sqrt((central_errors[selected] ** 2).mean())
         assert mine < other / 5, f"{side} m at {depth} m: {1e3 * mine:.3f} and {1e3 * other:.3f} mm"
 
 
@@ -160,9 +162,12 @@ def test_distances_count_what_differs(calibration: Calibration) -> None:
 
 def test_how_well_the_side_is_known_counts(calibration: Calibration, truth: TagTruth) -> None:
     grey = read_grey(PICTURES / truth.names[0])
-    exact, by_kind, stated = (
-        TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, sigma).locate(grey).tags[0].poses[0]
-        for sigma in (0.0, None, 0.0005)
+    exact = TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, 0.0).locate(grey).tags[0].poses[0]
+    by_kind = (
+        TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, None).locate(grey).tags[0].poses[0]
+    )
+    stated = (
+        TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, 0.0005).locate(grey).tags[0].poses[0]
     )
     assert np.allclose(exact.position, stated.position, atol=1e-9)
     distance = np.linalg.norm(exact.position)
@@ -209,7 +214,8 @@ def test_16_bits_say_the_same(calibration: Calibration, truth: TagTruth) -> None
     locator = TagLocator(
         calibration, DICTIONARIES[truth.names[-1].split("-")[0]], float(truth.sides[-1])
     )
-    few, many = (locator.locate(one).tags for one in (grey, grey.astype(np.uint16) * 257))
+    few = locator.locate(grey).tags
+    many = locator.locate(grey.astype(np.uint16) * 257).tags
     assert [tag.number for tag in few] == [tag.number for tag in many]
     assert np.allclose(
         [t.poses[0].position for t in few], [t.poses[0].position for t in many], atol=2e-5
@@ -251,10 +257,8 @@ def test_a_calibration_without_covariance_counts_the_corners_noise_alone(
 ) -> None:
     alone = replace(calibration, covariance=np.zeros((0, 0)))
     grey = read_grey(PICTURES / truth.names[0])
-    bare, whole = (
-        TagLocator(one, "DICT_APRILTAG_36h11", 0.05, 0.0).locate(grey).tags[0].poses[0]
-        for one in (alone, calibration)
-    )
+    bare = TagLocator(alone, "DICT_APRILTAG_36h11", 0.05, 0.0).locate(grey).tags[0].poses[0]
+    whole = TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, 0.0).locate(grey).tags[0].poses[0]
     assert bare.shared.shape == (6, 1)
     assert (bare.sigma <= whole.sigma * 1.0001).all()
     assert np.allclose(bare.position, whole.position, atol=1e-4)

@@ -203,16 +203,11 @@ def test_a_depth_image_gives_each_pixel_its_depth(
             == 0
         )
     capsys.readouterr()
-    both, near, far, other, other_far = (
-        read(tmp_path / where / name)
-        for where, name in (
-            ("both", "a.png"),
-            ("0.3", "a.png"),
-            ("2", "a.png"),
-            ("both", "b.png"),
-            ("2", "b.png"),
-        )
-    )
+    both = read(tmp_path / "both" / "a.png")
+    near = read(tmp_path / "0.3" / "a.png")
+    far = read(tmp_path / "2" / "a.png")
+    other = read(tmp_path / "both" / "b.png")
+    other_far = read(tmp_path / "2" / "b.png")
     assert np.abs(both[20:, : W // 2] - near[20:, : W // 2]).max() <= 1
     assert np.abs(both[20:, W // 2 :] - far[20:, W // 2 :]).max() <= 1
     assert (both[:20] == 0).all()

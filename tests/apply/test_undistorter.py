@@ -97,9 +97,7 @@ def test_every_pixel_holds_what_its_ray_sees(
         depth = np.random.default_rng(0).uniform(0.12, 4.0, size[::-1]).astype(np.float32)
         depth[::7], depth[:, ::9] = np.nan, 0
     undistorter = Undistorter(calibration, 0.4 if kind == "one depth" else depth, **options)  # type: ignore[arg-type]
-    ramp_x, ramp_y = (
-        ramp.astype(np.float32) + 10 for ramp in np.meshgrid(np.arange(W), np.arange(H))
-    )
+    ramp_y, ramp_x = np.indices((H, W), np.float32) + 10
     shown = np.stack([undistorter.undistort(ramp) for ramp in (ramp_x, ramp_y)], -1) - 10
     pixels, seen = expected(undistorter, depth)
     column, row = pixels.T

@@ -34,10 +34,8 @@ def test_three_pictures_say_what_air_could_not(pool: Path) -> None:
     """Corners have 0.02 px of noise: what three views leave is of that size, where a calliper left
     ten times as much.
     """
-    before, after = (
-        map_error(Calibration.load(folder), POOL / "truth.npz", NEAR).by_depth
-        for folder in (pool, pool / "updated")
-    )
+    before = map_error(Calibration.load(pool), POOL / "truth.npz", NEAR).by_depth
+    after = map_error(Calibration.load(pool / "updated"), POOL / "truth.npz", NEAR).by_depth
     assert min(before.values()) > 0.15
     assert max(after.values()) < 0.05
 

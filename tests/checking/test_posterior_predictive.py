@@ -186,5 +186,6 @@ def test_a_change_is_measured_with_its_sign(cameras: Made) -> None:
         Observations.of(later.views(0, noise=0.0), made.board).add_times(None, HEIGHT),
         poses,
     )
-    found, still = (one.normalised_products() for one in (predictive, before))
+    found = predictive.normalised_products()
+    still = before.normalised_products()
     assert -(found[1, 0] - still[1, 0]) / found[1, 1] == pytest.approx(truth, rel=0.1)

@@ -38,9 +38,9 @@ def calibrations(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """As commands write them."""
     folder = tmp_path_factory.mktemp("calibrations")
     places = {kind: folder / kind.replace(" ", "-") for kind in KINDS}
-    fitted, wet, pool = (
-        str(places[kind]) for kind in ("fitted", "immersed", "immersed and updated")
-    )
+    fitted = str(places["fitted"])
+    wet = str(places["immersed"])
+    pool = str(places["immersed and updated"])
     for command in (
         ["fit", str(SESSION), "-o", fitted],
         ["fit", str(SESSION), "--method", "paper", "-o", str(places["paper"])],

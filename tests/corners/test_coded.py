@@ -145,10 +145,11 @@ def test_a_wrong_number_is_not_believed(kind: Kind) -> None:
     corners = places[[covered, taken]].astype(np.float32)
     onto = cv2.getPerspectiveTransform(corners[1], corners[0])
     copy = cv2.warpPerspective(drawn.picture, onto, picture.shape[::-1])
-    there, gone = (
+    masks = [
         cv2.fillConvexPoly(np.zeros_like(picture), place.astype(np.int32), 1.0) > 0
         for place in places[[covered, taken]]
-    )
+    ]
+    there, gone = masks
     picture = np.where(gone, 120, np.where(there, copy, picture)).astype(np.uint8)
     assert kind.board.coding
     read = read_markers(picture, kind.board.coding.dictionary, 1 if kind is CHARUCO else 2)

@@ -105,7 +105,8 @@ def test_blurred_edges_are_error_functions() -> None:
     )
     parameters[9:, ANGLES] = np.pi / 2, 0
     light = ExpectedPatches.predict(parameters, patches, np.zeros((18, 2))).light[4].astype(float)
-    x, y = (20 * form[4].astype(float) for form in patches.forms[1:3])
+    x = 20 * patches.forms[1][4].astype(float)
+    y = 20 * patches.forms[2][4].astype(float)
     exact = 120 + 90 * erf(x / 0.8 / 2**0.5) * erf(y / 0.8 / 2**0.5)
     assert np.abs(exact - 120).max() > 89
     assert min(np.abs(light - exact).max(), np.abs(light - (240 - exact)).max()) < 0.06

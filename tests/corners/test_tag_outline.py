@@ -61,10 +61,8 @@ def test_corners_are_where_the_edges_meet(blur: float) -> None:
 
 def test_16_bits_say_the_same() -> None:
     picture = drawn()
-    few, many = (
-        measure_outlines(one, (CORNERS + ROUGH)[None], CELLS)
-        for one in (picture, picture.astype(np.uint16) * 257)
-    )
+    few = measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS)
+    many = measure_outlines(picture.astype(np.uint16) * 257, (CORNERS + ROUGH)[None], CELLS)
     assert np.allclose(few.corners, many.corners, atol=1e-9)
     assert np.allclose(few.covariances, many.covariances, rtol=1e-6)
 
@@ -72,10 +70,8 @@ def test_16_bits_say_the_same() -> None:
 def test_a_bend_that_is_known_does_no_harm_and_one_that_is_not_does() -> None:
     bends = (0.3, -0.2, 0.25, 0.3)
     picture = drawn(bends)
-    known, unknown = (
-        measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS, told)
-        for told in (np.array([bends]), None)
-    )
+    known = measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS, np.array([bends]))
+    unknown = measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS, None)
     assert np.abs(known.corners[0] - CORNERS).max() < 0.012
     assert (
         0.1 < np.abs(unknown.corners[0] - CORNERS).max() < 0.4

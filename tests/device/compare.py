@@ -12,9 +12,8 @@ CLOSE = 5e-3
 
 kept, errors = [], []
 for folder in map(Path, sys.argv[1:]):
-    recorded, fitted = (
-        json.loads((folder / name).read_text()) for name in ("record.json", "fit.json")
-    )
+    recorded = json.loads((folder / "record.json").read_text())
+    fitted = json.loads((folder / "fit.json").read_text())
     stages: list[dict[str, Any]] = fitted["stages"]
     kept.append(
         [recorded["pictures"], recorded["frames_judged"], fitted["frames_used"], fitted["corners"]]

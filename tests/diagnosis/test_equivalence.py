@@ -42,7 +42,8 @@ def test_a_twisted_board_is_not_a_moving_one() -> None:
     )
     assert finding.accepted == ("board_shape",)
     assert not finding.families
-    (shape,) = (one for one in finding.candidates if one.accepted)
+    accepted = [candidate for candidate in finding.candidates if candidate.accepted]
+    (shape,) = accepted
     twist = shape.parameters["board_shape.xy"]
     assert abs(twist.value - 7e-4) < 3 * twist.sigma < 1e-4
     assert finding.final_quality.held_out_px < 0.2 < finding.base_quality.held_out_px
@@ -73,7 +74,8 @@ def test_odds_beforehand_order_a_family_and_name_nothing_alone(
 ) -> None:
     """A window that the views alone find one time in twelve is named, however rare windows are."""
     pupil, window = EntrancePupil(), FlatPort("air")
-    ahead, behind = (SimpleNamespace(log_marginal=value) for value in (1.0, 0.0))
+    ahead = SimpleNamespace(log_marginal=1.0)
+    behind = SimpleNamespace(log_marginal=0.0)
     rival = SimpleNamespace(
         test=SimpleNamespace(effect=window), base=None, fit=SimpleNamespace(joint=behind)
     )

@@ -84,7 +84,10 @@ def turned(**angles: float) -> Array:
 
 
 def camera_matrix() -> Array:
-    fx, fy, cx, cy = (getattr(INTRINSICS, name).value for name in ("fx", "fy", "cx", "cy"))
+    fx = INTRINSICS.fx.value
+    fy = INTRINSICS.fy.value
+    cx = INTRINSICS.cx.value
+    cy = INTRINSICS.cy.value
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
 
 
@@ -100,7 +103,8 @@ def centres(
     low: tuple[float, float], high: tuple[float, float], grid: tuple[int, int]
 ) -> tuple[Array, tuple[float, float]]:
     """(n, 2) chart coordinates row by row, and their spacing."""
-    rows, columns = (np.linspace(a, b, n) for a, b, n in zip(low, high, grid, strict=True))
+    rows = np.linspace(low[0], high[0], grid[0])
+    columns = np.linspace(low[1], high[1], grid[1])
     return np.array([(first, second) for first in rows for second in columns]), (
         rows[1] - rows[0],
         columns[1] - columns[0],

@@ -33,10 +33,9 @@ class Settling:
         move: tuple[Tensor, Tensor],
     ) -> list[Tensor]:
         near, size = 1e-3, [len(at.residual) for at in pieces]
-        ahead, here, behind = (
-            self.residual(shared + way * move[0], blocks + way * move[1])
-            for way in (near, 0.0, -near)
-        )
+        ahead = self.residual(shared + near * move[0], blocks + near * move[1])
+        here = self.residual(shared + 0.0 * move[0], blocks + 0.0 * move[1])
+        behind = self.residual(shared + -near * move[0], blocks + -near * move[1])
         return list(
             torch.split(((ahead - 2 * here + behind) / near**2).reshape(sum(size), -1), size)
         )
@@ -372,7 +371,8 @@ class Straight(Curves):
         return (block * blocks[self.block]).sum(-1) + whole[:, 0] * shared
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
-        by_block, by_shared = (jacobian.unsqueeze(1) for jacobian in self.jacobians)
+        by_block = self.jacobians[0].unsqueeze(1)
+        by_shared = self.jacobians[1].unsqueeze(1)
         return [LinearisedBlocks(self.starts, self.residual(shared, blocks), by_block, by_shared)]
 
 

@@ -96,10 +96,8 @@ def test_a_figure_that_is_known_goes_with_the_numbers(model: tuple[Path, Values]
     sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
     parameters = Parameters.of(*model, Priors(sigmas, CORRELATIONS, glass=glass))
     heights, free = parameters.amplitudes, [param.name for param in parameters.free]
-    y, x = (
-        c.ravel()
-        for c in np.meshgrid(*(np.linspace(-1, 1, n) for n in path.relief.grid), indexing="ij")
-    )
+    sides = [np.linspace(-1, 1, count) for count in path.relief.grid]
+    y, x = np.stack(np.meshgrid(*sides, indexing="ij")).reshape(2, -1)
     waves = np.stack([np.ones_like(x), x, y], 1)
     root = parameters.joint_root(SMOOTH, glass)
     found = root @ root.T

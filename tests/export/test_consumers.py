@@ -65,10 +65,10 @@ def test_opencv(covered: Calibration, saved: Path, tmp_path: Path, form: str, le
     suffix = "xml" if form == "opencv-xml" else "yaml"
     path = export(saved, tmp_path, form, lens, f"camera_0.4m.{suffix}")
     file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-    matrix, coefficients, rvec, tvec = (
-        file.getNode(key).mat()
-        for key in ("camera_matrix", "distortion_coefficients", "rvec", "tvec")
-    )
+    matrix = file.getNode("camera_matrix").mat()
+    coefficients = file.getNode("distortion_coefficients").mat()
+    rvec = file.getNode("rvec").mat()
+    tvec = file.getNode("tvec").mat()
     assert (file.getNode("image_width").real(), file.getNode("image_height").real()) == (
         WIDTH,
         HEIGHT,
@@ -82,9 +82,9 @@ def test_opencv(covered: Calibration, saved: Path, tmp_path: Path, form: str, le
         ("misfit_at_double_depth", 2),
     ):
         said = file.getNode(key)
-        depth, rms, worst = (
-            said.getNode(name).real() for name in ("depth_m", "rms_px", "worst_px")
-        )
+        depth = said.getNode("depth_m").real()
+        rms = said.getNode("rms_px").real()
+        worst = said.getNode("worst_px").real()
         assert depth == DEPTH * factor
         pixels, points = seen(covered, depth)
         if lens == "fisheye":
@@ -103,9 +103,8 @@ def test_opencv_maps_are_the_calibration_s(small: Calibration, tmp_path: Path) -
     """
     small.save(tmp_path)
     export(tmp_path, tmp_path, "opencv", "5", "")
-    map_x, map_y = (
-        cv2.imread(str(tmp_path / f"map_{axis}_0.4m.tiff"), cv2.IMREAD_UNCHANGED) for axis in "xy"
-    )
+    map_x = cv2.imread(str(tmp_path / "map_x_0.4m.tiff"), cv2.IMREAD_UNCHANGED)
+    map_y = cv2.imread(str(tmp_path / "map_y_0.4m.tiff"), cv2.IMREAD_UNCHANGED)
     assert map_x is not None
     assert map_y is not None
     assert map_x.dtype == map_y.dtype == np.float32
@@ -136,9 +135,10 @@ def test_ros(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> No
     assert said["camera_name"] == "Test_camera_3280x2464"
     assert (said["image_width"], said["image_height"]) == (WIDTH, HEIGHT)
     shapes = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
-    k, r, p = (
+    matrices = [
         np.array(said[key]["data"]).reshape(said[key]["rows"], said[key]["cols"]) for key in shapes
-    )
+    ]
+    k, r, p = matrices
     assert [k.shape, r.shape, p.shape] == list(shapes.values())
     assert np.array_equal(p, np.column_stack([k, np.zeros(3)]))
     assert np.array_equal(r, np.eye(3))
@@ -161,16 +161,19 @@ def test_the_shift_of_the_centre_as_each_program_takes_it(
     text = export(saved, tmp_path, form, lens, NAMES[form]).read_text()
     _, points = seen(covered, 0.2)
     if form == "ros":  # tf2: the child's origin in its parent's frame
-        (line,) = (line for line in text.splitlines() if "static_transform_publisher" in line)
+        lines = [line for line in text.splitlines() if "static_transform_publisher" in line]
+        (line,) = lines
         words = line.split()
         moved = points - [float(words[words.index(f"--{axis}") + 1]) for axis in "xyz"]
         assert words[words.index("--child-frame-id") + 1] == "Test_camera_3280x2464_optical_frame"
     elif form == "kalibr":
-        (line,) = (line for line in text.splitlines() if line.startswith("# [["))
+        lines = [line for line in text.splitlines() if line.startswith("# [[")]
+        (line,) = lines
         transform = np.array(json.loads(line.removeprefix("# ")))
         moved = (transform @ np.column_stack([points, np.ones(len(points))]).T).T[:, :3]
     else:
-        (line,) = (line for line in text.splitlines() if "TX TY TZ" in line)
+        lines = [line for line in text.splitlines() if "TX TY TZ" in line]
+        (line,) = lines
         moved = points + [float(word) for word in line.split()[-3:]]
     assert (
         np.abs(moved - (points - centre(text))).max() < 1e-9
@@ -207,7 +210,8 @@ def turned(rays: Array, horizontal: list[float], vertical: list[float]) -> Array
     """distort_camera_ray of the same file: (N, 3) rays to (N, 3) unit rays."""
     unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     phi, theta = np.arcsin(unit[:, 0]), np.arcsin(unit[:, 1])
-    x, y = (np.sin(polynomial(poly, phi, theta)) for poly in (horizontal, vertical))
+    x = np.sin(polynomial(horizontal, phi, theta))
+    y = np.sin(polynomial(vertical, phi, theta))
     return np.column_stack([x, y, np.sqrt(1 - x**2 - y**2)])
 
 
@@ -256,9 +260,8 @@ def test_windshield_by_ncore(covered: Calibration, saved: Path, tmp_path: Path, 
     reason = (
         "nvidia-ncore is not installed (pip install nvidia-ncore): NCore's own camera was not tried"
     )
-    data, sensors = (
-        pytest.importorskip(f"ncore.{name}", reason=reason) for name in ("data", "sensors")
-    )
+    data = pytest.importorskip(f"ncore.{'data'}", reason=reason)
+    sensors = pytest.importorskip(f"ncore.{'sensors'}", reason=reason)
     said = json.loads(
         export(saved, tmp_path, "windshield", lens, "windshield_0.4m.json").read_text()
     )
@@ -341,7 +344,8 @@ def test_colmap(covered: Calibration, saved: Path, tmp_path: Path, lens: str) ->
     """COLMAP counts pixels from the corner of the picture."""
     path = export(saved, tmp_path, "colmap", lens, "cameras_0.4m.txt")
     text = path.read_text()
-    (line,) = [line for line in text.splitlines() if not line.startswith("#")]
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    (line,) = lines
     number, name, width, height, *params = line.split()
     assert (number, name, int(width), int(height)) == ("1", lens, WIDTH, HEIGHT)
     fx, fy, cx, cy, *coefficients = map(float, params)

@@ -75,7 +75,8 @@ def off(path: Path, calibration: Calibration, count: int = 2000) -> tuple[float,
     pixels = np.random.default_rng(4).uniform(0, np.array(size) - 1, (count, 2))
     origins, directions = calibration.rays(pixels)
     rays = [colmap_ray(said, pixel + 0.5) for pixel in pixels]
-    other, along = (np.array(part) for part in zip(*rays, strict=True))
+    other = np.array([origin for origin, _ in rays])
+    along = np.array([direction for _, direction in rays])
     angles = np.linalg.norm(np.cross(directions, along), axis=-1)
     aside = np.linalg.norm(np.cross(other - origins, directions), axis=-1)
     return float(angles.max()), float(aside.max())
@@ -97,9 +98,8 @@ def test_a_port_is_exact_at_every_depth(
     assert "Misfit" not in capsys.readouterr().err
     said = yaml.safe_load(text)
     assert (said["width"], said["height"]) == (calibration.camera.width, calibration.camera.height)
-    own, refractive = (
-        ", ".join(map(repr, said[key])) for key in ("parameters", "non_svp_parameters")
-    )
+    own = ", ".join(map(repr, said["parameters"]))
+    refractive = ", ".join(map(repr, said["non_svp_parameters"]))
     assert f'--ImageReader.camera_model {said["model"]} --ImageReader.camera_params "{own}"' in text
     assert (
         f"--ImageReader.camera_refrac_model {said['non_svp_model']}"

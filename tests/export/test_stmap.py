@@ -67,7 +67,8 @@ def test_undistort_and_redistort_are_the_rays(small: Calibration, maps: Path, fo
     k = small.camera.intrinsics
     assert k
     focal, principal = np.array([k.fx.value, k.fy.value]), np.array([k.cx.value, k.cy.value])
-    undistort, redistort = (read(maps, direction, form) for direction in ("undistort", "redistort"))
+    undistort = read(maps, "undistort", form)
+    redistort = read(maps, "redistort", form)
     for stored in (undistort, redistort):
         assert stored.shape == (HEIGHT, WIDTH, 4)
         assert stored.dtype == np.float32

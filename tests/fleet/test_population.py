@@ -76,7 +76,8 @@ def test_cameras_of_the_fleet_are_hardly_ever_taken_for_others(cameras: int) -> 
 
 
 def test_more_cameras_know_more() -> None:
-    few, many = (np.sqrt(fleet(1, cameras, 0.1)[0].covariance.diagonal()) for cameras in (4, 40))
+    few = np.sqrt(fleet(1, 4, 0.1)[0].covariance.diagonal())
+    many = np.sqrt(fleet(1, 40, 0.1)[0].covariance.diagonal())
     assert (many < few).all()
 
 
@@ -88,6 +89,7 @@ def test_what_nobody_tells_stays_as_it_is_declared() -> None:
 
 
 def test_it_is_the_same_every_time() -> None:
-    one, two = (fleet(2, 6, 0.1)[0] for _ in range(2))
+    one = fleet(2, 6, 0.1)[0]
+    two = fleet(2, 6, 0.1)[0]
     assert (one.mean == two.mean).all()
     assert (one.covariance == two.covariance).all()

@@ -146,10 +146,9 @@ def main() -> int:
     wrong = [tally for tally in tallies if tally.wrong]
     for tally in wrong:
         print(tally.explained())
-    tried, refused, seconds = (
-        sum(numbers)
-        for numbers in zip(*((t.tried, t.refused, t.seconds) for t in tallies), strict=True)
-    )
+    tried = sum(tally.tried for tally in tallies)
+    refused = sum(tally.refused for tally in tallies)
+    seconds = sum(tally.seconds for tally in tallies)
     print(
         f"seed {args.seed}, {tried} cases of {len(tallies)} kinds in {seconds:.0f} s of work:"
         f" {refused} refused in a sentence, {sum(tally.wrong.total() for tally in wrong)} went"

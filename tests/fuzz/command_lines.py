@@ -23,7 +23,9 @@ def good_lines(folder: Path, tables: Sequence[bytes]) -> Sequence[Sequence[str]]
     cv2.imwrite(str(given / "tag.png"), np.pad(marker, ((12, 12), (20, 20)), constant_values=255))
     for name, table in zip(("points", "poses"), tables, strict=True):
         (given / f"{name}.csv").write_bytes(table)
-    session, small, fitted = (str(folder / name) for name in ("session", "small", "calibration"))
+    session = str(folder / "session")
+    small = str(folder / "small")
+    fitted = str(folder / "calibration")
     board = ("--board", "6x5", "--square-mm", "20")
     lines = (
         (

@@ -63,7 +63,7 @@ def test_what_is_escaped() -> None:
 
 
 def test_the_same_cases_every_time(bench: Bench) -> None:
-    (kind,) = (kind for kind in bench.kinds if kind.name == "frames.csv")
+    kind = next(kind for kind in bench.kinds if kind.name == "frames.csv")
     runs: list[list[bytes]] = [[], []]
     for run in runs:
         each_of(kind, CASES, run.append)
@@ -132,7 +132,7 @@ def test_what_goes_wrong_is_counted_and_can_be_repeated(limits: Limits) -> None:
 
 
 def test_another_seed_gives_other_cases(bench: Bench) -> None:
-    (kind,) = (kind for kind in bench.kinds if kind.name == "frames.csv")
+    kind = next(kind for kind in bench.kinds if kind.name == "frames.csv")
     runs: list[list[bytes]] = [[], []]
     for number, run in enumerate(runs):
         each_of(kind, CASES, run.append, number)

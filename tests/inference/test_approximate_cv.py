@@ -59,9 +59,8 @@ def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: FittedModel) -> No
         )
         assert apart(optimum, found, rest) < 0.1 < apart(optimum, optimum.joint, rest)
         assert torch.allclose(found.covariance.diagonal(), rest.covariance.diagonal(), rtol=0.02)
-        moved, missing = (
-            float((joint.poses[~out] - rest.poses).abs().max()) for joint in (optimum.joint, found)
-        )
+        moved = float((optimum.joint.poses[~out] - rest.poses).abs().max())
+        missing = float((found.poses[~out] - rest.poses).abs().max())
         assert missing < 0.1 * moved
 
 
@@ -80,13 +79,10 @@ def test_views_that_were_left_out_follow_by_a_step_of_their_own(
         poses = optimum.model.fit_poses(
             left.joint, test.select_rows(known[out[optimum.observations.view]]), stay
         )
-        missed, before = (
-            residuals(optimum.model.path, left.joint.values, test, where).image
-            for where in (poses, stay)
-        )
-        error, control = (
-            float((other - missed).square().mean().sqrt()) for other in (left.residual, before)
-        )
+        missed = residuals(optimum.model.path, left.joint.values, test, poses).image
+        before = residuals(optimum.model.path, left.joint.values, test, stay).image
+        error = float((left.residual - missed).square().mean().sqrt())
+        control = float((before - missed).square().mean().sqrt())
         assert error < 0.07 * optimum.joint.sigma, "a two-hundredth of its square"
         assert error < 0.25 * control
 
@@ -140,8 +136,6 @@ def errors(at: FittedModel, found: Sequence[FitWithout]) -> Iterator[float]:
     for index, each in enumerate(found):
         out = torch.from_numpy(index == PARTS)
         seen = at.observations.without_views(out)
-        left, least = (
-            residuals(at.model.path, one.values, seen, one.poses[~out]).rms_px
-            for one in (each.joint, at.joint)
-        )
+        left = residuals(at.model.path, each.joint.values, seen, each.joint.poses[~out]).rms_px
+        least = residuals(at.model.path, at.joint.values, seen, at.joint.poses[~out]).rms_px
         yield left / least

@@ -70,7 +70,8 @@ def test_numbers_and_names_stand_where_matplotlib_puts_them(paint: object) -> No
     """To half a point; the name beside the numbers to two, for it is as far off as these are wide,
     which is a matter of the font.
     """
-    theirs, own = (marks(drawn(paint, ours=ours)) for ours in (False, True))
+    theirs = marks(drawn(paint, ours=False))
+    own = marks(drawn(paint, ours=True))
     assert theirs.keys() == own.keys()
     for (said, anchor), (x, y) in theirs.items():
         beside = said in ("error (px)", "y (px)")

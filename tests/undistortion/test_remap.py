@@ -18,9 +18,9 @@ def maps(scattered: bool) -> tuple[np.ndarray, np.ndarray]:
         x, y = rng.uniform(-60, 460, (90, 110)), rng.uniform(-60, 360, (90, 110))
     else:
         x, y = np.meshgrid(np.linspace(-15, 415, 110), np.linspace(-15, 315, 90))
-    across, down = (
-        (np.round(4 * at) / 4 + 0.125).astype(np.float32) for at in (x, y)
-    )  # exact when shifted, and no ties
+    # exact when shifted, and no ties
+    across = (np.round(4 * x) / 4 + 0.125).astype(np.float32)
+    down = (np.round(4 * y) / 4 + 0.125).astype(np.float32)
     return across, down
 
 
