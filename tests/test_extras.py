@@ -34,8 +34,10 @@ def test_they_are_those_of_the_project() -> None:
 def test_the_command_is_pip_of_this_very_python(extra: str) -> None:
     words = shlex.split(how_to_install(extra))
     assert words == [sys.executable, "-m", "pip", "install", *EXTRAS[extra]]
-    said = subprocess.run([*words[:4], "--help"], capture_output=True, text=True, check=True).stdout
-    assert "pip install [options] <requirement specifier>" in said
+    output = subprocess.run(
+        [*words[:4], "--help"], capture_output=True, text=True, check=True
+    ).stdout
+    assert "pip install [options] <requirement specifier>" in output
 
 
 def test_nothing_says_to_install_what_is_on_no_index() -> None:

@@ -47,5 +47,5 @@ def test_the_top_level_is_what_it_was_agreed_to_be() -> None:
         "README.md",
         "CONTRIBUTING.md",
     }
-    there = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")} - left_by_builds
-    assert there == agreed | {"CHANGELOG.md", "LICENSE"}
+    names = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")} - left_by_builds
+    assert names == agreed | {"CHANGELOG.md", "LICENSE"}

@@ -41,11 +41,11 @@ def test_every_name_is_there_for_type_checkers_and_at_run_time() -> None:
         for node in ast.walk(tree)
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("calib.")
     ]
-    seen = {alias.name: node.module for node in imports for alias in node.names}
-    assert seen == calib._MODULES  # type: ignore[attr-defined]  # hidden from type checkers
-    assert sorted(seen) == sorted(calib.__all__)
+    modules = {alias.name: node.module for node in imports for alias in node.names}
+    assert modules == calib._MODULES  # type: ignore[attr-defined]  # hidden from type checkers
+    assert sorted(modules) == sorted(calib.__all__)
     assert set(calib.__all__) <= set(dir(calib))
-    assert all(getattr(calib, name).__module__ == home for name, home in seen.items())
+    assert all(getattr(calib, name).__module__ == home for name, home in modules.items())
 
 
 def test_no_name_is_also_a_module() -> None:

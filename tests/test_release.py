@@ -95,11 +95,11 @@ def test_each_machine_and_python_gets_one_torch(machine: str, python: str) -> No
     """By the markers: below 2.10 on aarch64, where later ones die on a Pi 4 or bring CUDA; on
     Python 3.15 the first that has a wheel.
     """
-    named = [Requirement(line) for line in PROJECT["dependencies"] if line.startswith("torch")]
+    names = [Requirement(line) for line in PROJECT["dependencies"] if line.startswith("torch")]
     environment = {"platform_machine": machine, "python_version": python}
     matching = [
         requirement
-        for requirement in named
+        for requirement in names
         if requirement.marker is None or requirement.marker.evaluate(environment)
     ]
     (chosen,) = matching

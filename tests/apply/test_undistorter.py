@@ -99,19 +99,19 @@ def test_every_pixel_holds_what_its_ray_sees(
     undistorter = Undistorter(calibration, 0.4 if kind == "one depth" else depth, **options)  # type: ignore[arg-type]
     ramp_y, ramp_x = np.indices((H, W), np.float32) + 10
     shown = np.stack([undistorter.undistort(ramp) for ramp in (ramp_x, ramp_y)], -1) - 10
-    pixels, seen = expected(undistorter, depth)
+    pixels, camera_pixels = expected(undistorter, depth)
     column, row = pixels.T
-    inside = (seen > 0).all(1) & (seen < [W - 1, H - 1]).all(1)
+    in_picture = (camera_pixels > 0).all(1) & (camera_pixels < [W - 1, H - 1]).all(1)
     valid = undistorter.valid[row, column]
-    assert (valid | ~inside | ~(depth[row, column] > 0)).all(), (
+    assert (valid | ~in_picture | ~(depth[row, column] > 0)).all(), (
         "a pixel that is seen counts as valid"
     )
     assert (shown[row, column][~valid] == -10).all(), "what is not valid is 0"
     tolerance = (
         0.01 if int(cv2.__version__[0]) >= 5 else 0.04
     )  # OpenCV 4 rounds to a 32nd of a pixel
-    assert np.abs(shown[row, column] - seen)[inside & valid].max() < tolerance
-    assert (inside & valid).sum() > 1000
+    assert np.abs(shown[row, column] - camera_pixels)[in_picture & valid].max() < tolerance
+    assert (in_picture & valid).sum() > 1000
     if options.get("crop") == 0.0:
         assert undistorter.valid[depth > 0].all()
 
@@ -160,9 +160,9 @@ def test_another_depth_is_the_same_picture(calibration: Calibration) -> None:
     assert far.depth == 2.0
     assert near.depth == 0.3
     image = near.at(np.full((H, W), 2.0, np.float32))
-    both = image.valid & far.valid
-    assert both.mean() > 0.9
-    assert np.abs(np.asarray(image.maps[0], np.float64) - far.maps[0])[both].max() < 0.01
+    both_valid = image.valid & far.valid
+    assert both_valid.mean() > 0.9
+    assert np.abs(np.asarray(image.maps[0], np.float64) - far.maps[0])[both_valid].max() < 0.01
 
 
 def test_a_depth_image_nearer_than_near_is_unknown(calibration: Calibration) -> None:

@@ -75,7 +75,7 @@ def test_a_bad_view_is_left_out_and_the_others_answer(cameras: Made) -> None:
     assert result.status is CheckStatus.VALID
     assert result.statistics
     assert result.statistics.views == 3
-    assert [one.name for one in result.rejected] == [later.views()[0].name]
+    assert [item.name for item in result.rejected] == [later.views()[0].name]
     assert "alone does not fit" in result.rejected[0].reason
 
 

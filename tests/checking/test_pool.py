@@ -34,10 +34,10 @@ def test_three_pictures_say_what_air_could_not(pool: Path) -> None:
     """Corners have 0.02 px of noise: what three views leave is of that size, where a calliper left
     ten times as much.
     """
-    before = map_error(Calibration.load(pool), POOL / "truth.npz", NEAR).by_depth
-    after = map_error(Calibration.load(pool / "updated"), POOL / "truth.npz", NEAR).by_depth
-    assert min(before.values()) > 0.15
-    assert max(after.values()) < 0.05
+    initial = map_error(Calibration.load(pool), POOL / "truth.npz", NEAR).by_depth
+    final = map_error(Calibration.load(pool / "updated"), POOL / "truth.npz", NEAR).by_depth
+    assert min(initial.values()) > 0.15
+    assert max(final.values()) < 0.05
 
 
 def test_it_is_a_calibration_like_any_other(pool: Path, capsys: pytest.CaptureFixture[str]) -> None:

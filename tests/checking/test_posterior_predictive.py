@@ -31,26 +31,28 @@ DRAWS = 300
 def test_dense_algebra_says_the_same(cameras: Made) -> None:
     made, checker = cameras["flat"]
     later = Later.drawn(made, None, 5, 3)
-    seen = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
+    observations = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
     poses, prior = later.made.poses, checker.prior
     changes = checker.changes[:2]
-    predictive = PosteriorPredictive.of(prior, changes, seen, poses)
+    predictive = PosteriorPredictive.of(prior, changes, observations, poses)
     parameters, new = parameters_with_changes(prior, changes)
     views = list(
-        view_equations(prior.model.with_effects(new).path, parameters, seen, poses, prior.sigma)
+        view_equations(
+            prior.model.with_effects(new).path, parameters, observations, poses, prior.sigma
+        )
     )
-    still = block_diag(
+    complement = block_diag(
         *(null_space(view.jacobian_block.T).T for view in views)
     )  # all that no pose does
-    residual = still @ np.concatenate([view.residual for view in views])
-    shared = still @ np.concatenate([view.jacobian_shared for view in views])
+    residual = complement @ np.concatenate([view.residual for view in views])
+    shared = complement @ np.concatenate([view.jacobian_shared for view in views])
     jacobian, columns = shared[:, : len(prior.root)] @ prior.root, shared[:, len(prior.root) :]
     covariance = np.eye(len(residual)) + jacobian @ jacobian.T
     rows = np.column_stack([residual, columns])
     dense = rows.T @ np.linalg.solve(covariance, rows)
-    found = predictive.normalised_products()
+    result = predictive.normalised_products()
     scale = np.sqrt(np.outer(dense.diagonal(), dense.diagonal()))
-    assert np.abs((found - dense) / scale).max() < 1e-6  # the metric's condition is some 1e8
+    assert np.abs((result - dense) / scale).max() < 1e-6  # the metric's condition is some 1e8
     assert predictive.freedom.sum() == len(residual)
     assert predictive.log_determinant(np.arange(3)) == pytest.approx(
         np.linalg.slogdet(covariance)[1], rel=1e-6
@@ -98,7 +100,7 @@ def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:
         for v in range(views)
     ]
     predictive = PosteriorPredictive(
-        np.array([own.T @ own for own in columns]),
+        np.array([view_columns.T @ view_columns for view_columns in columns]),
         np.full(views, float(rows)),
         count,
         {"it": slice(1 + count, 3 + count)},
@@ -106,25 +108,31 @@ def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:
     )
     for view in range(views):
         spread, without = fitted([v for v in range(views) if v != view])
-        whole = np.eye(rows) + jacobian[view] @ spread @ jacobian[view].T
-        seen = np.column_stack([data[view] - jacobian[view] @ without, change[view]])
-        found, freedom = predictive.leave_one_out(view)
-        assert found == pytest.approx(seen.T @ np.linalg.solve(whole, seen), rel=1e-9)
+        prediction_covariance = np.eye(rows) + jacobian[view] @ spread @ jacobian[view].T
+        view_rows = np.column_stack([data[view] - jacobian[view] @ without, change[view]])
+        result, freedom = predictive.leave_one_out(view)
+        assert result == pytest.approx(
+            view_rows.T @ np.linalg.solve(prediction_covariance, view_rows), rel=1e-9
+        )
         assert freedom == rows
 
 
 def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 6, 4)
-    seen = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
+    observations = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
     prior, changes = checker.prior, checker.changes
     parameters, new = parameters_with_changes(prior, changes)
     views = list(
         view_equations(
-            prior.model.with_effects(new).path, parameters, seen, later.made.poses, prior.sigma
+            prior.model.with_effects(new).path,
+            parameters,
+            observations,
+            later.made.poses,
+            prior.sigma,
         )
     )
-    predictive = PosteriorPredictive.of(prior, changes, seen, later.made.poses)
+    predictive = PosteriorPredictive.of(prior, changes, observations, later.made.poses)
     columns = np.concatenate(
         [parameters.entries(u.param.name for u in change.effect_parameters) for change in changes]
     )
@@ -138,7 +146,7 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
         )
         for view in views
     ]
-    rows = [basis @ own for basis, own in zip(bases, rows, strict=True)]
+    rows = [basis @ p_values for basis, p_values in zip(bases, rows, strict=True)]
     theory = Overdispersion(
         {c.name: 1.0 for c in changes},
         {c.name: np.inf for c in changes},
@@ -152,18 +160,21 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
         wrong = rng.normal(size=predictive.calibrated)
         drawn = [
             np.column_stack(
-                [rng.normal(size=len(own)) + own[:, : predictive.calibrated] @ wrong, own]
+                [
+                    rng.normal(size=len(p_values)) + p_values[:, : predictive.calibrated] @ wrong,
+                    p_values,
+                ]
             )
-            for own in rows
+            for p_values in rows
         ]
-        one = replace(predictive, products=np.array([own.T @ own for own in drawn]))
-        together = one.normalised_products()
-        for name, own in tails.items():
-            square, directions = explained_squares(together, one.columns(name))
-            own.append(float(chi2.sf(square, directions)))
-        answers.append(significance(one, theory, 1.0))
-    for name, own in tails.items():
-        assert kstest(own, "uniform").pvalue > 1e-3, (
+        item = replace(predictive, products=np.array([p_values.T @ p_values for p_values in drawn]))
+        together = item.normalised_products()
+        for name, p_values in tails.items():
+            square, directions = explained_squares(together, item.columns(name))
+            p_values.append(float(chi2.sf(square, directions)))
+        answers.append(significance(item, theory, 1.0))
+    for name, p_values in tails.items():
+        assert kstest(p_values, "uniform").pvalue > 1e-3, (
             name
         )  # one of some 14 is below 1e-3 in one of 70 runs; the draws are always the same
     assert (
@@ -177,15 +188,15 @@ def test_a_change_is_measured_with_its_sign(cameras: Made) -> None:
     made, checker = cameras["cone"]
     later = Later.drawn(made, Focal(), 7, 4)
     truth = float(later.direction["focal.change"]) / Focal().effect_parameters[0].param.scale
-    seen = Observations.of(later.views(1, noise=0.0), made.board).add_times(None, HEIGHT)
+    observations = Observations.of(later.views(1, noise=0.0), made.board).add_times(None, HEIGHT)
     poses = later.made.poses
-    predictive = PosteriorPredictive.of(checker.prior, (Focal(),), seen, poses)
-    before = PosteriorPredictive.of(
+    predictive = PosteriorPredictive.of(checker.prior, (Focal(),), observations, poses)
+    initial = PosteriorPredictive.of(
         checker.prior,
         (Focal(),),
         Observations.of(later.views(0, noise=0.0), made.board).add_times(None, HEIGHT),
         poses,
     )
-    found = predictive.normalised_products()
-    still = before.normalised_products()
-    assert -(found[1, 0] - still[1, 0]) / found[1, 1] == pytest.approx(truth, rel=0.1)
+    result = predictive.normalised_products()
+    without_shift = initial.normalised_products()
+    assert -(result[1, 0] - without_shift[1, 0]) / result[1, 1] == pytest.approx(truth, rel=0.1)

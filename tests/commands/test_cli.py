@@ -52,7 +52,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, ob
 
 
 def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> None:
-    _, said = fitted
+    _, document = fitted
     contract = {
         "frames_used",
         "frames_rejected",
@@ -64,12 +64,12 @@ def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> 
         "verdict",
         "written",
     }
-    assert set(said) == contract | {"second_look", "view_noise", "lens"}
-    assert said["frames_used"] == 6
-    assert said["frames_rejected"] == []
-    assert said["corners"] == 6 * 81
-    assert said["effects"] == []
-    stages = said["stages"]
+    assert set(document) == contract | {"second_look", "view_noise", "lens"}
+    assert document["frames_used"] == 6
+    assert document["frames_rejected"] == []
+    assert document["corners"] == 6 * 81
+    assert document["effects"] == []
+    stages = document["stages"]
     assert isinstance(stages, list)
     assert [stage["name"] for stage in stages] == ["pinhole", "cover", "cover+rbf"]
     assert all(set(stage) == {"name", "rms_px", "rmse_cm"} for stage in stages)
@@ -78,11 +78,11 @@ def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> 
 def test_fit_json_carries_the_verdict_and_what_was_written(
     fitted: tuple[Path, dict[str, object]],
 ) -> None:
-    folder, said = fitted
+    folder, answer = fitted
     out = folder / "calibration"
     names = ("calibration.yaml", "rays.npz", "map_1m.npz", "map_0.5m.npz", "report.html")
-    assert said["written"] == [str(out / name) for name in names]
-    verdict = said["verdict"]
+    assert answer["written"] == [str(out / name) for name in names]
+    verdict = answer["verdict"]
     assert isinstance(verdict, dict)
     assert list(verdict) == ["word", "reasons", "suspects", "next"]
     assert verdict["word"] == "care"
@@ -107,10 +107,10 @@ def test_a_fit_ends_with_what_to_do_next(
 ) -> None:
     session = Path(__file__).parents[2] / "fixtures" / "covered-bare"
     assert main(["fit", str(session), "--grid", "5x5", "-o", str(tmp_path)]) == 0
-    said = capsys.readouterr().out
-    assert "uneven cover" in said
-    assert "cover+rbf" not in said
-    last = said.splitlines()[-1]
+    output = capsys.readouterr().out
+    assert "uneven cover" in output
+    assert "cover+rbf" not in output
+    last = output.splitlines()[-1]
     evaluate, diagnose, undistort = map(shlex.split, last.removeprefix("Then: ").split("; "))
     assert evaluate == ["calib", "evaluate", str(tmp_path), "HOLDOUT"]
     assert diagnose == ["calib", "diagnose", str(tmp_path)]
@@ -126,10 +126,10 @@ def test_the_help_lists_every_effect(
     monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit):
         main([command, "--help"])
-    said = capsys.readouterr().out
-    assert max(map(len, said.splitlines())) <= 80
+    output = capsys.readouterr().out
+    assert max(map(len, output.splitlines())) <= 80
     listed = re.findall(
-        r"^  (\w+) +(\S.*(?:\n {20}\S.*)*)$", said.partition("\neffects:\n")[2], re.MULTILINE
+        r"^  (\w+) +(\S.*(?:\n {20}\S.*)*)$", output.partition("\neffects:\n")[2], re.MULTILINE
     )
     assert [name for name, _ in listed] == list(NAMES)
     assert all(len(words.split()) > 2 for _, words in listed)
@@ -228,9 +228,9 @@ def test_undistort_straightens_what_the_map_says(
     with np.load(out / "map_1m.npz") as file:
         expected, valid = file["map_x"] / 3280 * 0.8 * top, file["valid"]
     inner = valid & (expected > 0.01 * top) & (expected < 0.78 * top)
-    seen = flat[..., 0] if colour else flat
-    assert np.abs(seen[inner].astype(float) - expected[inner]).max() < max(2.0, 2e-4 * top)
-    assert (seen[~valid] == 0).all()
+    grey = flat[..., 0] if colour else flat
+    assert np.abs(grey[inner].astype(float) - expected[inner]).max() < max(2.0, 2e-4 * top)
+    assert (grey[~valid] == 0).all()
 
 
 @pytest.mark.parametrize("case", MALFORMED, ids=lambda case: case.name)
@@ -464,7 +464,7 @@ def test_a_bug_is_one_sentence_and_exit_code_1(
 
 def test_help_is_quick_and_needs_no_torch() -> None:
     env = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1"}
-    begun = time.monotonic()
+    start_time = time.monotonic()
     done = subprocess.run(
         [sys.executable, "-m", "calib", "--help"],
         capture_output=True,
@@ -472,7 +472,7 @@ def test_help_is_quick_and_needs_no_torch() -> None:
         check=True,
         env=env,
     )
-    took = time.monotonic() - begun
+    took = time.monotonic() - start_time
     assert all(command in done.stdout for command in ("fit", "evaluate", "undistort", "export"))
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
     assert not imported & {"torch", "cv2", "numpy", "rich", "scipy", "yaml"}

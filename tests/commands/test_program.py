@@ -72,7 +72,7 @@ def test_every_command_after_a_verdict_is(
         [],
         ["calib evaluate it", "calib undistort it"],
     )
-    *_, following, then = capsys.readouterr().out.splitlines()
-    own = f"'{installed}/calib'"
-    assert following == f"Next: {own} diagnose it"
-    assert then == f"Then: {own} evaluate it; {own} undistort it"
+    *_, following, last = capsys.readouterr().out.splitlines()
+    quoted = f"'{installed}/calib'"
+    assert following == f"Next: {quoted} diagnose it"
+    assert last == f"Then: {quoted} evaluate it; {quoted} undistort it"

@@ -41,15 +41,17 @@ def test_written_views_read_as_the_same_numbers(tmp_path: Path) -> None:
 
 
 def test_covariances_are_three_more_columns(tmp_path: Path) -> None:
-    plain, known = random_view("a.png", 1), random_view("b.png", 2)
+    plain, measured = random_view("a.png", 1), random_view("b.png", 2)
     half = np.random.default_rng(3).normal(size=(BOARD.count, 2, 2))
-    covariance = np.where(known.seen[:, None, None], half @ half.swapaxes(1, 2) + np.eye(2), np.nan)
-    write_corners(tmp_path / "c.vnl", [plain, replace(known, covariance=covariance)])
+    covariance = np.where(
+        measured.seen[:, None, None], half @ half.swapaxes(1, 2) + np.eye(2), np.nan
+    )
+    write_corners(tmp_path / "c.vnl", [plain, replace(measured, covariance=covariance)])
     assert (tmp_path / "c.vnl").read_text().startswith("# filename x y level xx xy yy\n")
     first, second = read_corners(tmp_path / "c.vnl", BOARD)
     assert first.covariance is None
     np.testing.assert_array_equal(second.covariance, covariance)
-    np.testing.assert_array_equal(second.corners, known.corners)
+    np.testing.assert_array_equal(second.corners, measured.corners)
 
 
 @pytest.mark.parametrize("wrong", ["-1 0 1", "1 2 1", "0 0 0"])

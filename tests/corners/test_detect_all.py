@@ -51,13 +51,13 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return made
 
 
-def same(one: Detections, other: Detections) -> bool:
-    return one.rejected == other.rejected and all(
+def same(item: Detections, second: Detections) -> bool:
+    return item.rejected == second.rejected and all(
         a.name == b.name
         and np.array_equal(a.corners, b.corners, equal_nan=True)
         and np.array_equal(a.weight, b.weight)
         and np.array_equal(np.asarray(a.covariance), np.asarray(b.covariance), equal_nan=True)
-        for a, b in zip(one.views, other.views, strict=True)
+        for a, b in zip(item.views, second.views, strict=True)
     )
 
 
@@ -96,8 +96,8 @@ def test_the_order_of_the_pictures_and_the_number_of_threads_change_nothing(
     first = detect(paths, BOARD)
     (tmp_path / DETECTIONS_FILE).unlink()
     monkeypatch.setattr("os.cpu_count", lambda: 1)
-    again = detect(paths[::-1], BOARD)
-    assert same(Detections(again.views[::-1], again.rejected), first)
+    repeat = detect(paths[::-1], BOARD)
+    assert same(Detections(repeat.views[::-1], repeat.rejected), first)
 
 
 def test_a_corner_that_cannot_be_measured_is_kept_as_such(tmp_path: Path, looks: list[int]) -> None:
@@ -181,15 +181,15 @@ def test_a_corrupt_store_is_ignored_and_written_anew_if_it_is_ours(
 ) -> None:
     paths = write(tmp_path, views(3))
     first = detect(paths, BOARD)
-    kept = tmp_path / DETECTIONS_FILE
-    whole = kept.read_bytes()
-    changed = corrupt(whole)
-    kept.write_bytes(changed)
-    assert changed != whole
+    stored = tmp_path / DETECTIONS_FILE
+    content = stored.read_bytes()
+    changed = corrupt(content)
+    stored.write_bytes(changed)
+    assert changed != content
     assert same(detect(paths, BOARD), first)
     assert len(looks) == 6
     is_ours = FILE_START.startswith(changed[: len(FILE_START)])
-    assert kept.read_bytes() == (whole if is_ours else changed)
+    assert stored.read_bytes() == (content if is_ours else changed)
 
 
 def test_a_folder_that_cannot_be_written_does_without(tmp_path: Path, looks: list[int]) -> None:
@@ -255,9 +255,11 @@ def test_no_picture_at_all_is_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("session", "board", "least"), [("pi-wide", BOARD, 47), ("blind-c", Board(9, 9, 0.02), 20)]
+    ("session", "board", "minimum"), [("pi-wide", BOARD, 47), ("blind-c", Board(9, 9, 0.02), 20)]
 )
-def test_recorded_boards_are_found(tmp_path: Path, session: str, board: Board, least: int) -> None:
+def test_recorded_boards_are_found(
+    tmp_path: Path, session: str, board: Board, minimum: int
+) -> None:
     source = MEASURED / session / "frames"
     if not source.is_dir():
         pytest.skip(f"{source} is not here: the recorded pictures are no part of the project.")
@@ -268,5 +270,5 @@ def test_recorded_boards_are_found(tmp_path: Path, session: str, board: Board, l
         len(
             detect(sorted(p for p in frames.iterdir() if p.suffix in (".png", ".jpg")), board).views
         )
-        >= least
+        >= minimum
     )

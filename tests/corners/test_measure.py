@@ -122,12 +122,14 @@ def test_saturated_white_and_black_do_not_move_corners() -> None:
         hard = np.clip((made.picture.astype(float) - 112) * 2.5 + 128, 0, 255).astype(np.uint8)
         assert ((hard == 0) | (hard == 255)).mean() > 0.75
         measured = measure_corners(hard, made.corners + 0.1, scene.board)
-        off = measured.corners - made.corners
-        errors.append(off)
-        squared.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(measured.covariances), off) / 2)
-    off = np.concatenate(errors)
-    assert np.median(np.hypot(*off.T)) < 0.01
-    assert np.abs(off.mean(0)).max() < 0.005
+        error = measured.corners - made.corners
+        errors.append(error)
+        squared.append(
+            np.einsum("ni,nij,nj->n", error, np.linalg.inv(measured.covariances), error) / 2
+        )
+    error = np.concatenate(errors)
+    assert np.median(np.hypot(*error.T)) < 0.01
+    assert np.abs(error.mean(0)).max() < 0.005
     assert 0.75 < np.mean(squared) < 1.35  # 168 corners: 1 within 0.11
 
 
@@ -146,15 +148,15 @@ def test_a_lens_that_bends_edges_leaves_no_bias() -> None:
     truth = made.corners.copy()
     for _ in range(50):
         truth -= _bent(truth, middle, strength) - made.corners
-    off = measure_corners(np.asarray(picture), truth + 0.1, scene.board).corners - truth
-    assert np.abs(off.mean(0)).max() < 0.005
+    error = measure_corners(np.asarray(picture), truth + 0.1, scene.board).corners - truth
+    assert np.abs(error.mean(0)).max() < 0.005
 
 
 def _bent(
     places: NDArray[np.float64], middle: NDArray[np.float64], strength: float
 ) -> NDArray[np.float64]:
-    away = places - middle
-    return np.asarray(middle + away * (1 + strength * (away**2).sum(-1, keepdims=True)))
+    offset = places - middle
+    return np.asarray(middle + offset * (1 + strength * (offset**2).sum(-1, keepdims=True)))
 
 
 def test_covered_corners_are_told() -> None:
@@ -166,8 +168,8 @@ def test_covered_corners_are_told() -> None:
     measured = measure_corners(picture, made.corners + 0.1, REFERENCE.board)
     assert np.isnan(measured.corners[hidden]).all()
     assert np.isnan(measured.covariances[hidden]).all()
-    others = np.delete(measured.corners - made.corners, hidden, 0)
-    assert np.sqrt((others**2).sum(1).mean()) < 0.015
+    alternatives = np.delete(measured.corners - made.corners, hidden, 0)
+    assert np.sqrt((alternatives**2).sum(1).mean()) < 0.015
 
 
 def test_sixteen_bits_are_measured_in_full() -> None:

@@ -76,6 +76,6 @@ def test_sixteen_bits_are_ordered_alike() -> None:
 def test_detected_corners_come_in_that_order(roll: int) -> None:
     board = Board(9, 6, 1.0)
     picture, truth = Scene(board=board, roll=np.deg2rad(roll + 10)).draw()
-    found = find_corners(picture, board)
-    assert found is not None
-    assert rms(found.corners, truth) < 0.08
+    detection = find_corners(picture, board)
+    assert detection is not None
+    assert rms(detection.corners, truth) < 0.08

@@ -123,18 +123,18 @@ def test_a_refused_picture_is_listed_with_its_reason_and_both_are_kept(tmp_path:
     """
     shown = [*pictures("charuco"), np.hstack([pictures("charuco")[0][:, :240]] * 2)]
     paths = write(tmp_path, shown)
-    found = detect(paths, CHARUCO.board)
-    assert len(found.views) == 3
-    (rejected,) = found.rejected
+    detections = detect(paths, CHARUCO.board)
+    assert len(detections.views) == 3
+    (rejected,) = detections.rejected
     assert rejected.name == "3.png"
     assert "is seen twice" in rejected.reason
-    kept = (tmp_path / DETECTIONS_FILE).read_bytes()
-    again = detect(paths, CHARUCO.board)
-    assert again.rejected == found.rejected
-    for view, same in zip(found.views, again.views, strict=True):
+    stored = (tmp_path / DETECTIONS_FILE).read_bytes()
+    repeat = detect(paths, CHARUCO.board)
+    assert repeat.rejected == detections.rejected
+    for view, same in zip(detections.views, repeat.views, strict=True):
         assert np.array_equal(view.corners, same.corners, equal_nan=True)
         assert view.covariance is not None
         assert np.array_equal(view.covariance, np.asarray(same.covariance), equal_nan=True)
-    assert (tmp_path / DETECTIONS_FILE).read_bytes() == kept
+    assert (tmp_path / DETECTIONS_FILE).read_bytes() == stored
     with pytest.raises(NotEnoughDataError):
         detect(paths, replace(CHARUCO.board, columns=10))

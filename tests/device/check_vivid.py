@@ -54,14 +54,14 @@ def test_plugging_in_again_continues_and_every_frame_is_intact(
     steps: dict[str, Any], shared: Path
 ) -> None:
     """Digests of the pictures: those from before the fault are still the same files."""
-    before, at_the_end, step = (
+    earlier, at_the_end, step = (
         steps["unplugged"]["before"],
         steps["unplugged"]["pictures"],
         steps["plugged_in_again"],
     )
     assert step["code"] == 0, step["stderr"]
-    assert len(before) >= 5
-    assert before.items() <= at_the_end.items() <= step["pictures"].items()
+    assert len(earlier) >= 5
+    assert earlier.items() <= at_the_end.items() <= step["pictures"].items()
     assert len(step["pictures"]) == len(at_the_end) + 3
     session = shared / "sessions" / "unplugged"
     names = [picture.name for picture in list_images(session / "frames")]
@@ -80,9 +80,9 @@ def test_dropped_buffers_show_as_gaps(steps: dict[str, Any], shared: Path) -> No
     for name in ("dropped", "whole"):
         assert steps[name]["code"] == 0, steps[name]["stderr"]
     dropped = steps["dropped"]["summary"]["frames_lost"]
-    whole = steps["whole"]["summary"]["frames_lost"]
+    lost_frames = steps["whole"]["summary"]["frames_lost"]
     assert dropped >= 5
-    assert whole < dropped / 2
+    assert lost_frames < dropped / 2
     rows = read_table(shared / "sessions" / "dropped" / "frames.csv")
     counters = [int(row["sequence"]) for row in rows]
     passed_over = steps["dropped"]["summary"]["frames_passed_over"]

@@ -114,10 +114,10 @@ class Guest:
         return True
 
     def _wait(self, process: subprocess.Popen[bytes], log: Path) -> None:
-        said, since = 0, time.monotonic()
+        size, since = 0, time.monotonic()
         while process.poll() is None:
-            if (now := log.stat().st_size) != said:
-                said, since = now, time.monotonic()
+            if (new_size := log.stat().st_size) != size:
+                size, since = new_size, time.monotonic()
             elif time.monotonic() - since > self.silence:
                 raise GuestError(f"The guest said nothing for {self.silence:.0f} s:\n{_tail(log)}")
             time.sleep(0.2)

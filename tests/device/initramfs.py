@@ -29,10 +29,10 @@ def initramfs(
         root: folder of the host that becomes the guest's root.
         built: module files that are not the kernel's own.
     """
-    found = {_name(file): file for file in (*kernel_modules.rglob("*.ko*"), *built)}
+    results = {_name(file): file for file in (*kernel_modules.rglob("*.ko*"), *built)}
     loaded: dict[str, bytes] = {}
     for name in modules:
-        _add(name, found, loaded)
+        _add(name, results, loaded)
     entries = [(folder, 0o040755, b"") for folder in FOLDERS]
     entries += [(f"modules/{name}.ko", 0o100644, module) for name, module in loaded.items()]
     entries += [
@@ -58,8 +58,8 @@ def _add(name: str, found: Mapping[str, Path], loaded: dict[str, bytes]) -> None
     if found[name].suffix == ".xz":
         module = lzma.decompress(module)
     depends = DEPENDS.search(module)
-    for other in depends[1].decode().split(",") if depends else ():
-        _add(other.replace("-", "_"), found, loaded)
+    for dependency in depends[1].decode().split(",") if depends else ():
+        _add(dependency.replace("-", "_"), found, loaded)
     loaded[name] = module
 
 

@@ -47,10 +47,10 @@ INDIRECT = (
 def requirements() -> list[str]:
     """The project's own, as they are for aarch64."""
     written = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]["dependencies"]
-    parts = [requirement.partition(";") for requirement in written]
+    pieces = [requirement.partition(";") for requirement in written]
     return [
         wanted.strip()
-        for wanted, _, marker in parts
+        for wanted, _, marker in pieces
         if "!= 'aarch64'" not in marker and ">= '3.15'" not in marker
     ]
 

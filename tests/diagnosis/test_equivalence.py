@@ -62,8 +62,8 @@ def test_a_window_and_a_moving_pupil_are_a_family(window: Diagnosis) -> None:
     assert "the space in front of the lens" in family.name
     assert family.experiment.startswith("To separate them, ")
     assert str(family) in window.remarks
-    said = window.as_json()["families"]
-    assert [one.keys() for one in said] == [{"name", "members", "experiment"}]
+    families = window.as_json()["families"]
+    assert [one.keys() for one in families] == [{"name", "members", "experiment"}]
 
 
 @pytest.mark.parametrize(
@@ -112,8 +112,13 @@ def test_structure_of_no_cause_gets_no_name() -> None:
     u = made.board.points()[:, :2] / np.abs(made.board.points()[:, :2]).max(0)
     views = []
     for view in made.views:
-        (sine, cosine), (one, other) = rng.normal(0, 0.2, (2, 2)), rng.uniform(0, 2 * np.pi, 2)
-        moved = sine * np.sin(4 * u[:, :1] + one) + cosine * np.cos(3 * u[:, 1:] + other)
+        (sine, cosine), (first_phase, second_phase) = (
+            rng.normal(0, 0.2, (2, 2)),
+            rng.uniform(0, 2 * np.pi, 2),
+        )
+        moved = sine * np.sin(4 * u[:, :1] + first_phase) + cosine * np.cos(
+            3 * u[:, 1:] + second_phase
+        )
         views.append(replace(view, corners=view.corners + moved))
     _, finding = diagnose(fitted(replace(made, views=tuple(views))), Silent())
     assert not finding.accepted

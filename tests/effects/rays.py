@@ -43,11 +43,11 @@ class Glass:
         turned.
         """
         origin = np.zeros(3) if origin is None else origin
-        glass, outside = self.parameters["refractive_index"], self.parameters["outside_index"]
-        surfaces = [(self._inner, 1.0, glass), (self._outer, glass, outside)]
+        glass, outside_index = self.parameters["refractive_index"], self.parameters["outside_index"]
+        surfaces = [(self._inner, 1.0, glass), (self._outer, glass, outside_index)]
         launched = pinhole(pixels) if turn is None else pinhole(pixels) @ turn.T
-        found = [oracle.through(surfaces, origin, direction, 0.08) for direction in launched]
-        return np.array([o for o, _ in found]), np.array([d for _, d in found])
+        traced = [oracle.through(surfaces, origin, direction, 0.08) for direction in launched]
+        return np.array([o for o, _ in traced]), np.array([d for _, d in traced])
 
     def _own(self, point: Array) -> Array:
         tilt = Rotation.from_rotvec(
@@ -70,11 +70,11 @@ class Glass:
 
 def pinhole(pixels: Array) -> Array:
     """(N, 2) px to (N, 3) unit, without a lens."""
-    away = (pixels - [INTRINSICS.cx.value, INTRINSICS.cy.value]) / [
+    offset = (pixels - [INTRINSICS.cx.value, INTRINSICS.cy.value]) / [
         INTRINSICS.fx.value,
         INTRINSICS.fy.value,
     ]
-    directions = np.column_stack([away, np.ones(len(away))])
+    directions = np.column_stack([offset, np.ones(len(offset))])
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
@@ -93,10 +93,10 @@ def camera_matrix() -> Array:
 
 def projected(points: Array, pose: Array, matrix: Array | None = None) -> Array:
     """(N, 3) m on a board at a pose (6,) to (N, 2) px, by OpenCV, without a lens."""
-    found = cv2.projectPoints(
+    pixels = cv2.projectPoints(
         points, pose[:3], pose[3:6], camera_matrix() if matrix is None else matrix, np.zeros(4)
     )[0]
-    return np.asarray(found, dtype=np.float64).reshape(-1, 2)
+    return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
 
 
 def centres(

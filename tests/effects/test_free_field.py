@@ -57,5 +57,5 @@ def test_scales_that_made_the_field_are_found_again(size: float, knee: float) ->
         FIELD.tune(columns.T @ columns, columns.T @ residual)
         for columns, residual in (observed(size, knee, s) for s in range(5))
     ]
-    assert abs(np.log(np.median([one.size for one in chosen]) / size)) < np.log(10) / 6
-    assert abs(np.log2(np.median([one.knee for one in chosen]) / knee)) < 1 / 2
+    assert abs(np.log(np.median([item.size for item in chosen]) / size)) < np.log(10) / 6
+    assert abs(np.log2(np.median([item.knee for item in chosen]) / knee)) < 1 / 2

@@ -34,10 +34,10 @@ class Settling:
     ) -> list[Tensor]:
         near, size = 1e-3, [len(at.residual) for at in pieces]
         ahead = self.residual(shared + near * move[0], blocks + near * move[1])
-        here = self.residual(shared + 0.0 * move[0], blocks + 0.0 * move[1])
+        middle = self.residual(shared + 0.0 * move[0], blocks + 0.0 * move[1])
         behind = self.residual(shared + -near * move[0], blocks + -near * move[1])
         return list(
-            torch.split(((ahead - 2 * here + behind) / near**2).reshape(sum(size), -1), size)
+            torch.split(((ahead - 2 * middle + behind) / near**2).reshape(sum(size), -1), size)
         )
 
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
@@ -47,15 +47,19 @@ class Settling:
         raise NotImplementedError
 
     def inner_step(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
-        rows, own = normal_equations(self.linearise(shared, blocks)), self.block_precision
-        gradient = rows.gradient_block + own * blocks
+        rows, precision = normal_equations(self.linearise(shared, blocks)), self.block_precision
+        gradient = rows.gradient_block + precision * blocks
         moved = (
             blocks
-            - (torch.linalg.pinv(rows.hessian_block + own.diag()) @ gradient[..., None])[..., 0]
+            - (torch.linalg.pinv(rows.hessian_block + precision.diag()) @ gradient[..., None])[
+                ..., 0
+            ]
         )
         best = min(
             (blocks, moved),
-            key=lambda there: self.cost(shared, there) + float((there**2 @ own).sum()),
+            key=lambda candidate: (
+                self.cost(shared, candidate) + float((candidate**2 @ precision).sum())
+            ),
         )
         return best, self.cost(shared, best)
 
@@ -95,8 +99,10 @@ class Curves(Settling):
         starts = self.starts[: half + 1], self.starts[half:] - 12 * half
         residual = self.residual(shared, blocks)
         return [
-            LinearisedBlocks(first, residual[some], jacobian_block[some], jacobian_shared[some])
-            for first, some in zip(starts, rows, strict=True)
+            LinearisedBlocks(
+                first, residual[selected], jacobian_block[selected], jacobian_shared[selected]
+            )
+            for first, selected in zip(starts, rows, strict=True)
         ]
 
 
@@ -224,13 +230,15 @@ def test_a_prior_on_blocks_pulls_each_of_them() -> None:
     problem.block_precision = torch.tensor([0.0, 5.0], dtype=torch.float64)
 
     def rows(x: np.ndarray) -> np.ndarray:
-        shared, own = torch.from_numpy(x[:1]), torch.from_numpy(x[1:]).reshape(-1, 2)
+        shared, blocks = torch.from_numpy(x[:1]), torch.from_numpy(x[1:]).reshape(-1, 2)
         return np.concatenate(
-            [problem.residual(shared, own).numpy().ravel(), 5**0.5 * own[:, 1].numpy()]
+            [problem.residual(shared, blocks).numpy().ravel(), 5**0.5 * blocks[:, 1].numpy()]
         )
 
-    begin = [part.numpy().ravel() for part in start(problem)]
-    oracle = least_squares(rows, np.concatenate(begin), xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    start_vectors = [piece.numpy().ravel() for piece in start(problem)]
+    oracle = least_squares(
+        rows, np.concatenate(start_vectors), xtol=1e-14, ftol=1e-14, gtol=1e-14
+    ).x
     solution = minimise(problem, *start(problem), tolerance=1e-14)
     assert solution.shared.numpy() == pytest.approx(oracle[:1], abs=1e-6)
     assert solution.blocks.numpy().ravel() == pytest.approx(oracle[1:], abs=1e-6)
@@ -322,18 +330,18 @@ def test_a_curved_valley_is_followed() -> None:
     """The first step alone lands where the cost is a hundred times as high; the block once settled,
     at the minimum.
     """
-    begin = torch.tensor([-1.2], dtype=torch.float64), torch.tensor([[1.0]], dtype=torch.float64)
+    initial = torch.tensor([-1.2], dtype=torch.float64), torch.tensor([[1.0]], dtype=torch.float64)
     there = torch.tensor([1.0], dtype=torch.float64), torch.tensor([[-3.84]], dtype=torch.float64)
-    assert Valley().cost(*there) > 90 * Valley().cost(*begin)
-    solution = minimise(Valley(), *begin)
+    assert Valley().cost(*there) > 90 * Valley().cost(*initial)
+    solution = minimise(Valley(), *initial)
     assert solution.outcome is Outcome.CONVERGED
     assert solution.iterations <= 4  # the damping leaves a little
     assert solution.shared.item() == pytest.approx(1.0)
     assert solution.blocks.item() == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("kept", [1, 2])
-def test_a_bend_needs_no_jacobian_in_memory(kept: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("stored", [1, 2])
+def test_a_bend_needs_no_jacobian_in_memory(stored: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is too much to keep is made again."""
 
     class Counted(Curves):
@@ -346,11 +354,11 @@ def test_a_bend_needs_no_jacobian_in_memory(kept: int, monkeypatch: pytest.Monke
         def inner_step(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
             return blocks, self.cost(shared, blocks)
 
-    monkeypatch.setattr(levenberg_marquardt, "MAX_CACHED_PIECES", kept)
+    monkeypatch.setattr(levenberg_marquardt, "MAX_CACHED_PIECES", stored)
     problem = Counted(0, blocks=7, noise=0.01)
     solution = minimise(problem, *start(problem), tolerance=1e-12)
     assert solution.outcome is Outcome.CONVERGED
-    assert (problem.linearised > solution.iterations) == (kept == 1)
+    assert (problem.linearised > solution.iterations) == (stored == 1)
     assert problem.linearised < 2 * solution.iterations, "once more where a step is bent"
     assert solution.shared.item() == pytest.approx(1.7, abs=0.05)
 
@@ -390,10 +398,10 @@ def test_singular_blocks_are_fitted_as_far_as_the_rows_say() -> None:
     dense = torch.cat(
         [shared, *(torch.where((problem.block == v)[:, None], block, 0.0) for v in range(3))], 1
     )
-    least = np.linalg.lstsq(dense.numpy(), problem.y.numpy(), rcond=None)[0]
-    left = dense.numpy() @ least - problem.y.numpy()
+    solution_vector = np.linalg.lstsq(dense.numpy(), problem.y.numpy(), rcond=None)[0]
+    residual = dense.numpy() @ solution_vector - problem.y.numpy()
     assert solution.outcome is Outcome.CONVERGED
-    assert solution.cost == pytest.approx(float(left @ left), rel=1e-9)
+    assert solution.cost == pytest.approx(float(residual @ residual), rel=1e-9)
     assert torch.equal(solution.blocks[1], torch.ones(2, dtype=torch.float64)), (
         "nothing moves what nothing sees"
     )

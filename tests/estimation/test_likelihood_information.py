@@ -23,19 +23,19 @@ def test_what_turned_a_prior_into_a_posterior_is_the_likelihood() -> None:
     rng = np.random.default_rng(1)
     mean, prior = a_prior(rng)
     rows = np.asarray(rng.normal(size=(SIZE - 2, SIZE)))
-    seen = rng.normal(size=SIZE - 2)
+    measured = rng.normal(size=SIZE - 2)
     covariance = np.linalg.inv(rows.T @ rows + np.linalg.inv(prior))
-    posterior = covariance @ (rows.T @ seen + np.linalg.solve(prior, mean))
-    told = LikelihoodInformation.between(posterior, covariance, mean, prior)
-    assert told.information == pytest.approx(rows.T @ rows, abs=1e-8)
-    assert told.score == pytest.approx(rows.T @ seen, abs=1e-8)
+    posterior = covariance @ (rows.T @ measured + np.linalg.solve(prior, mean))
+    likelihood = LikelihoodInformation.between(posterior, covariance, mean, prior)
+    assert likelihood.information == pytest.approx(rows.T @ rows, abs=1e-8)
+    assert likelihood.score == pytest.approx(rows.T @ measured, abs=1e-8)
 
 
 def test_a_posterior_that_is_the_prior_says_nothing() -> None:
     mean, prior = a_prior(np.random.default_rng(2))
-    told = LikelihoodInformation.between(mean, prior, mean, prior)
-    assert told.information == pytest.approx(np.zeros((SIZE, SIZE)), abs=1e-9)
-    assert prior_conflict(told, mean, prior).p_value == 1.0
+    likelihood = LikelihoodInformation.between(mean, prior, mean, prior)
+    assert likelihood.information == pytest.approx(np.zeros((SIZE, SIZE)), abs=1e-9)
+    assert prior_conflict(likelihood, mean, prior).p_value == 1.0
 
 
 def surprises(shift: float) -> np.ndarray:
@@ -45,14 +45,16 @@ def surprises(shift: float) -> np.ndarray:
     rng = np.random.default_rng(3)
     mean, prior = a_prior(rng)
     root = np.linalg.cholesky(prior)
-    found = []
+    results = []
     for _ in range(CAMERAS):
         true = mean + root @ (rng.standard_normal(SIZE) + shift * np.eye(SIZE)[0])
         rows = rng.normal(size=(4, SIZE))  # fewer than there are numbers
-        told = LikelihoodInformation(rows.T @ rows, rows.T @ (rows @ true + rng.standard_normal(4)))
-        one = prior_conflict(told, mean, prior)
-        found.append((one.square / one.directions, one.p_value))
-    return np.array(found).T
+        likelihood = LikelihoodInformation(
+            rows.T @ rows, rows.T @ (rows @ true + rng.standard_normal(4))
+        )
+        item = prior_conflict(likelihood, mean, prior)
+        results.append((item.square / item.directions, item.p_value))
+    return np.array(results).T
 
 
 def test_a_camera_of_the_fleet_is_no_surprise() -> None:
@@ -71,10 +73,10 @@ def test_another_camera_is_a_surprise() -> None:
 
 def test_pulls_name_the_number_that_is_off() -> None:
     mean, prior = np.zeros(SIZE), np.eye(SIZE)
-    told = LikelihoodInformation(
+    likelihood = LikelihoodInformation(
         np.diag([100.0] * 5 + [0.0]), 100.0 * np.array([0, 0, 5.0, 0, 0, 0])
     )
-    pulls = told.deviations(mean, prior)
+    pulls = likelihood.deviations(mean, prior)
     assert int(np.argmax(np.abs(pulls))) == 2
     assert pulls[2] == pytest.approx(5.0, rel=0.02)
     assert pulls[5] == 0.0  # of which nothing is told

@@ -31,8 +31,8 @@ def noise(views: int, board: Board = BOARD) -> np.ndarray:
 
 @pytest.mark.parametrize("board", [BOARD, GRID], ids=str)
 def test_the_short_scale_part_is_the_noise_whatever_is_smooth(board: Board) -> None:
-    found = short_scale_noise(smooth(20, board) + noise(20, board), board)
-    assert found == pytest.approx(
+    result = short_scale_noise(smooth(20, board) + noise(20, board), board)
+    assert result == pytest.approx(
         2**0.5 * SIGMA, rel=0.06
     )  # three sigma of what 2000 differences tell
 
@@ -45,11 +45,11 @@ def test_what_differs_within_a_burst_is_the_noise_whatever_the_model_leaves() ->
     residuals = np.repeat(pattern, 4, axis=0) + noise(20)
     residuals[3, :5] = np.nan
     poses = np.repeat(np.arange(5), 4).tolist()
-    found = burst_noise(residuals, poses)
-    assert found == pytest.approx(
+    result = burst_noise(residuals, poses)
+    assert result == pytest.approx(
         2**0.5 * SIGMA, rel=0.07
     )  # six degrees of freedom of each pose are allowed for, but not in the noise here
-    assert short_scale_noise(residuals, BOARD) > 5 * found
+    assert short_scale_noise(residuals, BOARD) > 5 * result
 
 
 def test_pictures_of_different_poses_tell_no_noise() -> None:

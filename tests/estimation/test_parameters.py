@@ -37,8 +37,8 @@ def covariance_of(parameters: Parameters) -> np.ndarray:
     """Of the free parameters, over their scales."""
     at = {name: i for i, name in enumerate(NAMES)}
     correlation = np.eye(len(NAMES))
-    for (one, other), value in CORRELATIONS.items():
-        correlation[at[one], at[other]] = correlation[at[other], at[one]] = value
+    for (first, second), value in CORRELATIONS.items():
+        correlation[at[first], at[second]] = correlation[at[second], at[first]] = value
     order = [at[param.name] for param in parameters.free]
     spread = np.array([SIGMAS[at[param.name]] / param.scale for param in parameters.free])
     return correlation[np.ix_(order, order)] * np.outer(spread, spread)
@@ -74,7 +74,9 @@ def known_glass(path: Path) -> Glass:
     """Of the path's own patch, correlated with two numbers, one of which no fit estimates."""
     assert path.relief
     spread = np.diag([3e-6, 2e-6, 1e-6]) ** 2 + 1e-13
-    beside = np.stack([0.5 * SIGMAS[1] * np.array([1e-6, -1e-6, 0.0]), np.full(3, 1e-9)], 1)
+    cross_covariance = np.stack(
+        [0.5 * SIGMAS[1] * np.array([1e-6, -1e-6, 0.0]), np.full(3, 1e-9)], 1
+    )
     return Glass(
         path.relief.low,
         path.relief.high,
@@ -82,7 +84,7 @@ def known_glass(path: Path) -> Glass:
         np.array([1e-5, 0.0, 2e-6]),
         spread,
         ("camera.fx", "cover.inner_radius"),
-        beside,
+        cross_covariance,
     )
 
 
@@ -100,19 +102,19 @@ def test_a_figure_that_is_known_goes_with_the_numbers(model: tuple[Path, Values]
     y, x = np.stack(np.meshgrid(*sides, indexing="ij")).reshape(2, -1)
     waves = np.stack([np.ones_like(x), x, y], 1)
     root = parameters.joint_root(SMOOTH, glass)
-    found = root @ root.T
-    own = (
+    covariance = root @ root.T
+    height_covariance = (
         SMOOTH.covariance(path.relief)
         - figure_covariance(path.relief.grid)
         + figure_covariance(path.relief.grid, 1)
         + waves @ glass.covariance @ waves.T
     )
-    assert found[:heights, :heights] == pytest.approx(own, rel=1e-9)
+    assert covariance[:heights, :heights] == pytest.approx(height_covariance, rel=1e-9)
     place = free.index("camera.fx")
-    beside = waves @ glass.cross_covariance[:, 0] / parameters.free[place].scale
-    assert found[:heights, heights + place] == pytest.approx(beside, rel=1e-9, abs=1e-20)
-    assert not np.delete(found[:heights, heights:], place, 1).any()
-    assert found[heights:, heights:] == pytest.approx(covariance_of(parameters), rel=1e-9)
+    cross_block = waves @ glass.cross_covariance[:, 0] / parameters.free[place].scale
+    assert covariance[:heights, heights + place] == pytest.approx(cross_block, rel=1e-9, abs=1e-20)
+    assert not np.delete(covariance[:heights, heights:], place, 1).any()
+    assert covariance[heights:, heights:] == pytest.approx(covariance_of(parameters), rel=1e-9)
     precision, whole = parameters.prior_precision(SMOOTH), parameters.prior_root(SMOOTH)
     assert np.abs(whole.T @ precision @ whole - np.eye(len(whole))).max() < 1e-3, "as above"
     amplitudes = expected_amplitudes(path.relief, glass).ravel()
@@ -125,8 +127,8 @@ def test_parameters_of_effects_stand_beside_it(model: tuple[Path, Values]) -> No
     sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
     priors = Priors(sigmas, CORRELATIONS).with_sigmas({"more": torch.tensor([1.0, 2.0])})
     alone = Parameters.of(path, values, Priors(sigmas, CORRELATIONS))
-    more = Param("more", "", 0.5, (2,))
-    parameters = Parameters({**values, "more": torch.zeros(2)}, None, (more, *alone.free), priors)
+    extra = Param("more", "", 0.5, (2,))
+    parameters = Parameters({**values, "more": torch.zeros(2)}, None, (extra, *alone.free), priors)
     precision = parameters.prior_precision(None)
     assert np.diag(precision)[:2] == pytest.approx([0.25, 0.0625])
     assert not precision[:2, 2:].any()

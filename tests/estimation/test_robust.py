@@ -44,12 +44,12 @@ def test_bad_views_are_found_as_long_as_most_are_good() -> None:
     assert outlier_mask(errors).tolist() == [False] * 7 + [True] * 5
 
 
-@pytest.mark.parametrize("lost", [np.nan, np.inf])
-def test_what_is_not_finite_is_outlying_and_hides_nothing(lost: float) -> None:
+@pytest.mark.parametrize("invalid_value", [np.nan, np.inf])
+def test_what_is_not_finite_is_outlying_and_hides_nothing(invalid_value: float) -> None:
     """Not even where most views have no error: the others are judged by themselves."""
-    errors = np.concatenate([[lost] * 9, ALIKE, [3.0]])
+    errors = np.concatenate([[invalid_value] * 9, ALIKE, [3.0]])
     assert outlier_mask(errors).tolist() == [True] * 9 + [False] * 7 + [True]
-    assert outlier_mask(np.full(4, lost)).all()
+    assert outlier_mask(np.full(4, invalid_value)).all()
 
 
 positive = arrays(

@@ -67,8 +67,8 @@ def test_freeing_the_rest_leaves_them() -> None:
 def test_a_doubted_number_makes_the_prior_looser_in_every_direction(name: str) -> None:
     intrinsics, cover = widen_prior(FOUND, COVER, name, 10.0)
     assert cover == COVER
-    before, after = covariance(FOUND), covariance(intrinsics)
-    added = after - before
+    initial, final = covariance(FOUND), covariance(intrinsics)
+    added = final - initial
     place = [
         "camera.fx",
         "camera.fy",
@@ -79,7 +79,7 @@ def test_a_doubted_number_makes_the_prior_looser_in_every_direction(name: str) -
         "camera.p1",
     ].index(name)
     expected = np.zeros_like(added)
-    expected[place, place] = 99 * before[place, place]
+    expected[place, place] = 99 * initial[place, place]
     assert np.allclose(added, expected, atol=1e-12 * added.max()), (
         "an independent error is added to it, and to nothing else"
     )

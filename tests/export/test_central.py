@@ -46,10 +46,10 @@ def test_derivatives_are_central_differences(lens: ExportLens) -> None:
     for i, size in enumerate([1.0] * 4 + [1e-4] * lens.coefficients):
         step = np.zeros(len(parameters))
         step[i] = size
-        beyond = project_slopes(parameters + 1 * step, TANGENTS, lens.fisheye)[0]
-        before = project_slopes(parameters + -1 * step, TANGENTS, lens.fisheye)[0]
+        forward = project_slopes(parameters + 1 * step, TANGENTS, lens.fisheye)[0]
+        backward = project_slopes(parameters + -1 * step, TANGENTS, lens.fisheye)[0]
         assert (
-            np.abs((beyond - before).ravel() / (2 * size) - exact[:, i]).max()
+            np.abs((forward - backward).ravel() / (2 * size) - exact[:, i]).max()
             < 1e-5 * np.abs(exact[:, i]).max()
         )
 
@@ -120,12 +120,12 @@ def test_the_rays_nearly_intersect_where_the_model_stands(covered: Calibration) 
 def test_more_coefficients_are_taken_only_where_they_are_worth_it(covered: Calibration) -> None:
     models = {lens.name: best_central(covered, 0.5, [lens]) for lens in OPENCV}
     errors = [models[name].misfit_at_depth.rms_px for name in ("4", "5", "8", "12")]
-    assert all(more < fewer / 0.98 for fewer, more in pairwise(errors))
-    least = min(model.misfit_at_depth.rms_px for model in models.values())
+    assert all(extra < smaller / 0.98 for smaller, extra in pairwise(errors))
+    smallest = min(model.misfit_at_depth.rms_px for model in models.values())
     chosen = best_central(covered, 0.5, OPENCV)
-    assert chosen.misfit_at_depth.rms_px <= least / 0.98
+    assert chosen.misfit_at_depth.rms_px <= smallest / 0.98
     assert all(
-        models[lens.name].misfit_at_depth.rms_px > least / 0.98
+        models[lens.name].misfit_at_depth.rms_px > smallest / 0.98
         for lens in OPENCV[: OPENCV.index(chosen.lens)]
     )
 
@@ -164,12 +164,12 @@ def test_a_spline_is_the_formula_of_its_knots() -> None:
     lens = ExportLens("", 0, knots=(9, 7, 0.1))
     parameters = np.zeros(4 + 9 * 7 * 2)
     parameters[:4] = 1000, 1000, 0, 0
-    still = parameters.copy()
+    unmoved = parameters.copy()
     parameters[4 + 2 * (3 * 9 + 4)] = 0.06  # x of the middle one
     u = np.column_stack([[-0.2, -0.1, 0, 0.1, 0.2], np.zeros(5)])
     tangents = u / (1 - (u**2).sum(-1, keepdims=True) / 4)  # of u = 2 tan(angle / 2)
-    moved = project_spline(lens, parameters, tangents) - project_spline(lens, still, tangents)
-    assert np.abs(project_spline(lens, still, tangents) - 1000 * u).max() < 1e-9
+    moved = project_spline(lens, parameters, tangents) - project_spline(lens, unmoved, tangents)
+    assert np.abs(project_spline(lens, unmoved, tangents) - 1000 * u).max() < 1e-9
     assert np.abs(moved[:, 0] - 60 * np.array([0, 1, 4, 1, 0]) / 6 * 4 / 6).max() < 1e-9
     assert not moved[:, 1].any()
 

@@ -81,10 +81,10 @@ def test_opencv(covered: Calibration, saved: Path, tmp_path: Path, form: str, le
         ("misfit_at_half_depth", 0.5),
         ("misfit_at_double_depth", 2),
     ):
-        said = file.getNode(key)
-        depth = said.getNode("depth_m").real()
-        rms = said.getNode("rms_px").real()
-        worst = said.getNode("worst_px").real()
+        node = file.getNode(key)
+        depth = node.getNode("depth_m").real()
+        rms = node.getNode("rms_px").real()
+        worst = node.getNode("worst_px").real()
         assert depth == DEPTH * factor
         pixels, points = seen(covered, depth)
         if lens == "fisheye":
@@ -130,13 +130,14 @@ def test_ros(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> No
     has the same scale.
     """
     text = export(saved, tmp_path, "ros", lens, "camera_info_0.4m.yaml").read_text()
-    said = yaml.safe_load(text)
-    assert said["distortion_model"] == lens
-    assert said["camera_name"] == "Test_camera_3280x2464"
-    assert (said["image_width"], said["image_height"]) == (WIDTH, HEIGHT)
+    document = yaml.safe_load(text)
+    assert document["distortion_model"] == lens
+    assert document["camera_name"] == "Test_camera_3280x2464"
+    assert (document["image_width"], document["image_height"]) == (WIDTH, HEIGHT)
     shapes = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
     matrices = [
-        np.array(said[key]["data"]).reshape(said[key]["rows"], said[key]["cols"]) for key in shapes
+        np.array(document[key]["data"]).reshape(document[key]["rows"], document[key]["cols"])
+        for key in shapes
     ]
     k, r, p = matrices
     assert [k.shape, r.shape, p.shape] == list(shapes.values())
@@ -146,7 +147,7 @@ def test_ros(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> No
     for depth, rms, worst in statements(text):
         pixels, points = seen(covered, depth)
         points = points - centre(text)
-        bent = model(points[:, :2] / points[:, 2:], said["distortion_coefficients"]["data"])
+        bent = model(points[:, :2] / points[:, 2:], document["distortion_coefficients"]["data"])
         check_misfit(bent @ k[:2, :2].T + k[:2, 2] - pixels, rms, worst)
 
 
@@ -218,11 +219,11 @@ def turned(rays: Array, horizontal: list[float], vertical: list[float]) -> Array
 @pytest.mark.parametrize("lens", ["opencv-pinhole", "opencv-fisheye"])
 def test_windshield(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> None:
     """By gsplat's reference of the model, in Python, and OpenCV's lens."""
-    said = json.loads(
+    answer = json.loads(
         export(saved, tmp_path, "windshield", lens, "windshield_0.4m.json").read_text()
     )
-    camera, text = said["camera_model_parameters"], "\n".join(said["refracal"])
-    assert (said["camera_model_type"], camera["resolution"], camera["shutter_type"]) == (
+    camera, text = answer["camera_model_parameters"], "\n".join(answer["refracal"])
+    assert (answer["camera_model_type"], camera["resolution"], camera["shutter_type"]) == (
         lens,
         [WIDTH, HEIGHT],
         "GLOBAL",
@@ -262,21 +263,23 @@ def test_windshield_by_ncore(covered: Calibration, saved: Path, tmp_path: Path, 
     )
     data = pytest.importorskip(f"ncore.{'data'}", reason=reason)
     sensors = pytest.importorskip(f"ncore.{'sensors'}", reason=reason)
-    said = json.loads(
+    answer = json.loads(
         export(saved, tmp_path, "windshield", lens, "windshield_0.4m.json").read_text()
     )
     types = importlib.import_module("ncore.impl.data.types")
     camera = sensors.CameraModel.from_parameters(
-        types.decode_camera_model_parameters(said), device="cpu", dtype=torch.float64
+        types.decode_camera_model_parameters(answer), device="cpu", dtype=torch.float64
     )
     assert isinstance(camera.get_parameters(), data.CameraModelParameters)
-    text = "\n".join(said["refracal"])
+    text = "\n".join(answer["refracal"])
     for depth, rms, worst in statements(text):
         pixels, points = seen(covered, depth)
-        found = camera.camera_rays_to_image_points(points - centre(text))
-        inside = found.valid_flag.numpy()  # what is projected beside the picture's edge is not
-        assert inside.mean() > 0.99
-        check_misfit((found.image_points.numpy() - (pixels + 0.5))[inside], rms, worst)
+        projection = camera.camera_rays_to_image_points(points - centre(text))
+        in_picture = (
+            projection.valid_flag.numpy()
+        )  # what is projected beside the picture's edge is not
+        assert in_picture.mean() > 0.99
+        check_misfit((projection.image_points.numpy() - (pixels + 0.5))[in_picture], rms, worst)
 
 
 def test_depthai(small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -302,22 +305,22 @@ def test_depthai(small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixtu
     (path,) = (tmp_path / "out").glob("mesh_*")
     width, height = small.camera.width, small.camera.height
     assert path.name == "mesh_0.4m_10x14.calib"
-    across, down = 10, 14
-    assert (width % across, height % down) == (0, 0)
-    points = np.fromfile(path, np.float32).reshape(height // down + 1, width // across + 1, 2)
+    columns, down = 10, 14
+    assert (width % columns, height % down) == (0, 0)
+    points = np.fromfile(path, np.float32).reshape(height // down + 1, width // columns + 1, 2)
     at = np.random.default_rng(2).uniform(30, [width - 30, height - 30], (500, 2))
-    axes = np.arange(0, height + down, down), np.arange(0, width + across, across)
+    axes = np.arange(0, height + down, down), np.arange(0, width + columns, columns)
     sampled = RegularGridInterpolator(axes, points)(at[:, ::-1])[:, ::-1]
     k = small.camera.intrinsics
     assert k
     tangents = (at - [k.cx.value, k.cy.value]) / [k.fx.value, k.fy.value]
-    off = np.linalg.norm(
+    error = np.linalg.norm(
         sampled - small.project(np.column_stack([tangents, np.ones(500)]) * DEPTH), axis=-1
     )
     stated = capsys.readouterr().err
     assert "setMeshStep(10, 14)" in stated
     worst = float(stated.split(" px at worst")[0].split()[-1])
-    assert 0.3 * worst < off.max() < 1.2 * worst + 1e-3
+    assert 0.3 * worst < error.max() < 1.2 * worst + 1e-3
 
 
 @pytest.mark.parametrize("lens", ["radtan", "equidistant"])
@@ -410,7 +413,7 @@ def test_mrcal(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> 
         done = subprocess.run(
             command, input=json.dumps(points.tolist()), capture_output=True, text=True, check=True
         )
-        said = json.loads(done.stdout)
-        assert said["model"].startswith(f"LENSMODEL_{lens}")
-        assert said["size"] == [WIDTH, HEIGHT]
-        check_misfit(np.array(said["pixels"]) - pixels, rms, worst)
+        answer = json.loads(done.stdout)
+        assert answer["model"].startswith(f"LENSMODEL_{lens}")
+        assert answer["size"] == [WIDTH, HEIGHT]
+        check_misfit(np.array(answer["pixels"]) - pixels, rms, worst)

@@ -83,9 +83,9 @@ def test_a_pixel_that_sees_nothing_has_no_ray(small: Calibration, tmp_path: Path
         -1,
     )
     origins, _ = wide.rays(pixels.reshape(-1, 2))
-    lost = np.isnan(origins).any(-1).reshape(rays.shape[:2])
-    assert 0 < lost.sum() < lost.size
-    assert np.array_equal(np.isnan(rays).any((2, 3)), lost)
+    no_ray = np.isnan(origins).any(-1).reshape(rays.shape[:2])
+    assert 0 < no_ray.sum() < no_ray.size
+    assert np.array_equal(np.isnan(rays).any((2, 3)), no_ray)
 
 
 class Generic:
@@ -94,17 +94,17 @@ class Generic:
     """
 
     def __init__(self, path: Path) -> None:
-        said: dict[str, str] = {}
+        document: dict[str, str] = {}
         for line in path.read_text(encoding="utf-8").splitlines():
             if not line.startswith("#"):
                 key, value = line.replace(" ", "").split(":")
-                said[key] = value
-        assert said.pop("type") == "NoncentralGenericModel"
+                document[key] = value
+        assert document.pop("type") == "NoncentralGenericModel"
         grids = {
-            key: np.array([float(word) for word in said.pop(key).strip("[]").split(",")])
+            key: np.array([float(word) for word in document.pop(key).strip("[]").split(",")])
             for key in ("point_grid", "direction_grid")
         }
-        self.number = {key: int(value) for key, value in said.items()}
+        self.number = {key: int(value) for key, value in document.items()}
         shape = self.number["grid_height"], self.number["grid_width"], 3
         self.points = grids["point_grid"].reshape(shape)
         self.directions = grids["direction_grid"].reshape(shape)
@@ -154,11 +154,11 @@ def test_the_generic_model_s_lines_are_the_calibration_s(
     assert "Misfit" not in capsys.readouterr().err
     worst = 0.0
     for depth in DEPTHS:
-        off = np.linalg.norm(
+        error = np.linalg.norm(
             covered.project(at(depth, points, directions)) - (pixels - 0.5), axis=-1
         )
-        worst = max(worst, off.max())
-        assert off.max() < 0.01
+        worst = max(worst, error.max())
+        assert error.max() < 0.01
     with capsys.disabled():
         print(f" up to {worst:.4f} px")
 

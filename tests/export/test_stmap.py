@@ -110,5 +110,5 @@ def test_without_openexr_a_sentence_says_how_to_get_it_before_anything_is_read(
         )
         == 2
     )
-    said = capsys.readouterr().err
-    assert f"{how_to_install('exr')}, or use --format stmap" in said
+    stderr = capsys.readouterr().err
+    assert f"{how_to_install('exr')}, or use --format stmap" in stderr

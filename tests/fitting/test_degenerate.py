@@ -51,12 +51,12 @@ def test_a_view_whose_pixels_are_a_line_is_rejected(
         if shape == "point"
         else np.stack([np.linspace(100, 900, 81), np.linspace(50, 250, 81)], -1)
     )
-    found = calibrate_bare(
+    estimate = calibrate_bare(
         without(views, place, flat), BOARD, replace(BARE, lens_coefficients=count), Silent()
     )
-    assert [one.name for one in found.rejected] == [views[place].name]
-    assert "one line or point" in found.rejected[0].reason
-    assert found.intrinsics.fx.value == pytest.approx(2558.36, rel=0.005)
+    assert [item.name for item in estimate.rejected] == [views[place].name]
+    assert "one line or point" in estimate.rejected[0].reason
+    assert estimate.intrinsics.fx.value == pytest.approx(2558.36, rel=0.005)
 
 
 def test_corners_that_are_no_board_end_with_a_sentence() -> None:
@@ -85,11 +85,11 @@ def test_the_truth_is_within_five_sigma(kind: str, seed: int) -> None:
         k = calibrate_bare(shown.views, shown.board, shown.camera, Silent()).intrinsics
     except NotEnoughDataError:
         return
-    off = [
+    errors = [
         abs(n.value - true) / n.sigma
         for n, true in zip((k.fx, k.fy, k.cx, k.cy), shown.pinhole, strict=True)
     ]
-    assert max(off) < WRONG
+    assert max(errors) < WRONG
 
 
 @pytest.mark.parametrize("kind", ["same corners", "two pictures"])
@@ -102,8 +102,8 @@ def test_copies_of_pictures_do_not_tell_a_lens(kind: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["same corners", "two pictures"])
 def test_copies_of_pictures_behind_a_cone_are_not_trusted(kind: str, tmp_path: Path) -> None:
-    found = calibration_of(covered_session(kind, 5000), tmp_path)
-    assert judge(found).word is not Trust.TRUSTED
+    estimate = calibration_of(covered_session(kind, 5000), tmp_path)
+    assert judge(estimate).word is not Trust.TRUSTED
 
 
 def copies(count: int) -> tuple[View, ...]:

@@ -39,11 +39,11 @@ def listeners() -> list[str]:
 
 
 def test_every_camera_has_its_result_and_nothing_listens(tmp_path: Path) -> None:
-    before = listeners()
+    sockets = listeners()
     lines: list[str] = []
     results = run_locally(jobs("abc", tmp_path), Place(workers=1), lines.append, behave)
     first = next(results)
-    assert listeners() == before
+    assert listeners() == sockets
     (worker,) = local_children()
     assert first.sentence == os.environ.get("OMP_NUM_THREADS", "1")
     assert [first.id, *(result.id for result in results)] == ["a", "b", "c"]

@@ -55,8 +55,8 @@ def test_groups_of_the_first_version(groups: Path) -> None:
 
 
 def test_the_memory_of_a_process() -> None:
-    before = resident_bytes(os.getpid())
+    initial = resident_bytes(os.getpid())
     taken = b"x" * (64 << 20)
-    after = resident_bytes(os.getpid())
-    assert after - before > 60 << 20, len(taken)
+    final = resident_bytes(os.getpid())
+    assert final - initial > 60 << 20, len(taken)
     assert resident_bytes(2**22 + 1) == 0

@@ -68,13 +68,13 @@ WAYS: dict[str, tuple[Result, str]] = {
 
 @pytest.fixture(scope="module")
 def fleet() -> Fleet:
-    return made(60, {camera: one for camera, (one, _) in WAYS.items()})
+    return made(60, {camera: item for camera, (item, _) in WAYS.items()})
 
 
 def test_every_way_to_be_broken_is_told_in_words_and_nothing_else_is(fleet: Fleet) -> None:
     assert set(fleet.outliers) == set(WAYS)
-    for camera, (_, said) in WAYS.items():
-        assert said in fleet.findings[camera][0].sentence, camera
+    for camera, (_, message) in WAYS.items():
+        assert message in fleet.findings[camera][0].sentence, camera
     assert fleet.outliers[:2] == ["c3", "c9"]
     assert headline(fleet) == "8 of 60 cameras stand out"
 
@@ -104,7 +104,7 @@ def test_limits_of_its_own() -> None:
         replace(entry, limits=(Limit("cover.thickness", high=99.0),)) if entry.id == "c4" else entry
         for entry in whole.entries
     ]
-    results = {one.id: one for one in whole.results}
+    results = {item.id: item for item in whole.results}
     results["c4"] = replace(
         results["c4"],
         numbers={**results["c4"].numbers, "cover.thickness": FleetNumber(100.1, 0.3, "mm")},
@@ -173,10 +173,10 @@ document.getElementById("seen").textContent = JSON.stringify({ out, over,
     html = fleet_page(fleet, "line 3").replace(
         "default-src 'none'", "default-src 'none'; script-src 'unsafe-inline'"
     )
-    dom, said = browse(html.replace("</body>", look), tmp_path, *flags)
-    seen = re.search(r'<pre id="seen">(.*?)</pre>', dom)
-    assert seen
-    assert seen[1].startswith('{"out":[],"over":[],"wide":')
-    assert int(re.findall(r'"wide":(-?\d+)', seen[1])[0]) <= 0
-    assert int(re.findall(r'"marks":(\d+)', seen[1])[0]) > 5
-    assert not said
+    dom, message = browse(html.replace("</body>", look), tmp_path, *flags)
+    match = re.search(r'<pre id="seen">(.*?)</pre>', dom)
+    assert match
+    assert match[1].startswith('{"out":[],"over":[],"wide":')
+    assert int(re.findall(r'"wide":(-?\d+)', match[1])[0]) <= 0
+    assert int(re.findall(r'"marks":(\d+)', match[1])[0]) > 5
+    assert not message

@@ -18,30 +18,33 @@ def fleet(seed: int, cameras: int, noise: float) -> tuple[Population, np.ndarray
     """
     rng = np.random.default_rng([seed, cameras])
     mean = 0.5 * rng.standard_normal(SIZE)
-    told = []
+    likelihoods = []
     for _ in range(cameras):
         rows = rng.normal(size=(SIZE - 1, SIZE)) / noise
         true = mean + SPREAD * rng.standard_normal(SIZE)
-        told.append(
+        likelihoods.append(
             LikelihoodInformation(
                 rows.T @ rows, rows.T @ (rows @ true + rng.standard_normal(SIZE - 1))
             )
         )
-    return population(told, np.zeros(SIZE), np.eye(SIZE)), mean + SPREAD * rng.standard_normal(
-        (NEXT, SIZE)
-    )
+    return population(
+        likelihoods, np.zeros(SIZE), np.eye(SIZE)
+    ), mean + SPREAD * rng.standard_normal((NEXT, SIZE))
 
 
 def squares(cameras: int, noise: float) -> float:
     """Squared error over what is predicted, per number."""
-    found = []
+    results = []
     for seed in range(FLEETS):
-        known, later = fleet(seed, cameras, noise)
-        away = later - known.mean
-        found.append(
-            float((away * np.linalg.solve(known.covariance, away.T).T).sum(1).mean() / SIZE)
+        expected, later = fleet(seed, cameras, noise)
+        deviation = later - expected.mean
+        results.append(
+            float(
+                (deviation * np.linalg.solve(expected.covariance, deviation.T).T).sum(1).mean()
+                / SIZE
+            )
         )
-    return float(np.mean(found))
+    return float(np.mean(results))
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.3])
@@ -59,8 +62,8 @@ def test_a_camera_that_hardly_knows_its_numbers_does_not_spread_the_fleet() -> N
     """Control: estimates scatter by the noise and the spread together, which is what a plain
     covariance of them would say.
     """
-    known, _ = fleet(0, 40, 1.0)
-    assert (np.sqrt(known.covariance.diagonal()) < 0.6).all()
+    expected, _ = fleet(0, 40, 1.0)
+    assert (np.sqrt(expected.covariance.diagonal()) < 0.6).all()
 
 
 @pytest.mark.parametrize("cameras", [4, 10, 40])
@@ -68,28 +71,28 @@ def test_cameras_of_the_fleet_are_hardly_ever_taken_for_others(cameras: int) -> 
     """One of a hundred would be; of 240, more than eight come once in a thousand tries."""
     alarms = 0
     for seed in range(FLEETS):
-        known, later = fleet(seed, cameras, 0.1)
+        expected, later = fleet(seed, cameras, 0.1)
         for true in later:
-            told = LikelihoodInformation(1e4 * np.eye(SIZE), 1e4 * true)
-            alarms += prior_conflict(told, known.mean, known.covariance).p_value < 0.01
+            likelihood = LikelihoodInformation(1e4 * np.eye(SIZE), 1e4 * true)
+            alarms += prior_conflict(likelihood, expected.mean, expected.covariance).p_value < 0.01
     assert alarms <= 8
 
 
 def test_more_cameras_know_more() -> None:
-    few = np.sqrt(fleet(1, 4, 0.1)[0].covariance.diagonal())
+    of_few = np.sqrt(fleet(1, 4, 0.1)[0].covariance.diagonal())
     many = np.sqrt(fleet(1, 40, 0.1)[0].covariance.diagonal())
-    assert (many < few).all()
+    assert (many < of_few).all()
 
 
 def test_what_nobody_tells_stays_as_it_is_declared() -> None:
     blind = [LikelihoodInformation(np.diag([1e4] * 4 + [0.0]), np.zeros(SIZE))] * 10
-    known = population(blind, np.zeros(SIZE), np.eye(SIZE))
-    assert known.covariance[4, 4] == pytest.approx(1.0, rel=0.1)
-    assert known.covariance[0, 0] < 0.01
+    expected = population(blind, np.zeros(SIZE), np.eye(SIZE))
+    assert expected.covariance[4, 4] == pytest.approx(1.0, rel=0.1)
+    assert expected.covariance[0, 0] < 0.01
 
 
 def test_it_is_the_same_every_time() -> None:
-    one = fleet(2, 6, 0.1)[0]
+    item = fleet(2, 6, 0.1)[0]
     two = fleet(2, 6, 0.1)[0]
-    assert (one.mean == two.mean).all()
-    assert (one.covariance == two.covariance).all()
+    assert (item.mean == two.mean).all()
+    assert (item.covariance == two.covariance).all()

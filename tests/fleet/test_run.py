@@ -57,11 +57,11 @@ def test_every_camera_has_its_result(client: Client, recorded: Path, tmp_path: P
         "missing": JobState.FAILED,
     }
     assert all(read_result(tmp_path, name) == result for name, result in results.items())
-    before = place_of(tmp_path, LINE.name(0)).stat().st_mtime_ns
+    modified = place_of(tmp_path, LINE.name(0)).stat().st_mtime_ns
     assert {
         result.id: result for result in run_jobs(client, jobs(recorded, tmp_path), print)
     } == results
-    assert place_of(tmp_path, LINE.name(0)).stat().st_mtime_ns == before
+    assert place_of(tmp_path, LINE.name(0)).stat().st_mtime_ns == modified
 
 
 @pytest.mark.slow
@@ -76,8 +76,8 @@ def test_a_camera_of_which_workers_die_does_not_stop_the_others(
         LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster,
         Client(cluster) as client,
     ):
-        each = run_jobs(client, [kills, *jobs(recorded, tmp_path)], print)
-        results = {result.id: result for result in each}
+        outcomes = run_jobs(client, [kills, *jobs(recorded, tmp_path)], print)
+        results = {result.id: result for result in outcomes}
     assert len(results) == 6
     assert results["kill"].state is JobState.FAILED
     assert results["kill"].sentence == (
@@ -139,14 +139,14 @@ def test_a_scheduler_that_goes_away_ends_with_6_and_the_same_command_goes_on(
         dask_process(*start) as scheduler,
         client_of(Place(address), tmp_path) as client,
     ):  # no worker comes
-        found = run_jobs(client, jobs(recorded, tmp_path), print)
+        outcomes = run_jobs(client, jobs(recorded, tmp_path), print)
         subprocess.Popen(
             [sys.executable, "-c", f"import os, time; time.sleep(3); os.kill({scheduler.pid}, 9)"]
         )
         with pytest.raises(
             FleetError, match=r"and 5 of 5 cameras are not done \(.*\): run the same command again"
         ) as caught:
-            next(found)
+            next(outcomes)
     assert caught.value.exit_code == 6
     with ExitStack() as stack:
         stack.enter_context(dask_process(*start))
@@ -179,9 +179,9 @@ def test_a_scheduler_that_goes_away_ends_with_6_and_the_same_command_goes_on(
         )
     printed = capsys.readouterr()
     assert f"The scheduler {address} asks for no certificate" in printed.err
-    said = json.loads(printed.out)
-    assert said["cameras"] == 4
-    assert said["states"] == {"calibrated": 4, "too_little_data": 0, "failed": 0}
+    answer = json.loads(printed.out)
+    assert answer["cameras"] == 4
+    assert answer["states"] == {"calibrated": 4, "too_little_data": 0, "failed": 0}
 
 
 @pytest.mark.slow
@@ -209,15 +209,15 @@ def test_the_command_is_killed_with_its_scheduler_and_goes_on(
     killed.wait()
     done = {path.name: path.stat().st_mtime_ns for path in place.glob("*.json")}
     assert done
-    after = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert after.returncode == 0, after.stderr
-    assert "Traceback" not in after.stderr
+    second_run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert second_run.returncode == 0, second_run.stderr
+    assert "Traceback" not in second_run.stderr
     assert sorted(path.name for path in place.glob("*.json")) == [
         f"{LINE.name(number)}.json" for number in range(4)
     ]
     assert {name: (place / name).stat().st_mtime_ns for name in done} == done
     assert (tmp_path / "fleet" / "fleet.html").exists()
-    assert after.stdout.startswith("None of 4 cameras stands out.")
+    assert second_run.stdout.startswith("None of 4 cameras stands out.")
 
 
 QUEUE = """#!/bin/sh
@@ -311,7 +311,7 @@ def test_a_second_command_on_the_same_fleet_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("--scheduler", "tcp://127.0.0.1:1"), "No scheduler answers at tcp://127.0.0.1:1"),
         (("--format", "ros"), "--format ros holds for one depth"),
@@ -331,7 +331,7 @@ def test_what_is_wrong_on_the_command_line(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     arguments: tuple[str, ...],
-    said: str,
+    message: str,
 ) -> None:
     monkeypatch.setattr("calib.fleet.cluster.CONNECT_S", 1)
     try:
@@ -340,7 +340,7 @@ def test_what_is_wrong_on_the_command_line(
         code = int(str(exited.code))
     assert code == 2
     error = capsys.readouterr().err
-    assert said in error
+    assert message in error
     assert "Traceback" not in error
 
 

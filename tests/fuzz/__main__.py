@@ -73,7 +73,7 @@ def fuzz(kind: Kind, cases: int, seed: int, limits: Limits) -> Tally:
 
     def each(value: Any) -> None:
         nonlocal spoken
-        begun = time.process_time()
+        start_time = time.process_time()
         try:
             with limits, warnings.catch_warnings(action="error"):
                 tally.refused += spoil(kind, value)
@@ -87,7 +87,7 @@ def fuzz(kind: Kind, cases: int, seed: int, limits: Limits) -> Tally:
             key = f"{kind.name}: {type(error).__name__} at {place}: {str(error)[:200]!r}"
             tally.wrong[key] += 1
             tally.examples.setdefault(key, value)
-        spent = time.process_time() - begun
+        spent = time.process_time() - start_time
         tally.tried, tally.seconds, tally.slowest = (
             tally.tried + 1,
             tally.seconds + spent,
@@ -130,18 +130,20 @@ def main() -> int:
         os.environ["FUZZ_DEEP"] = "1"
     tallies: list[Tally] = []
     with TemporaryDirectory() as folder:
-        known = Bench(Path(folder)).kinds
-        kinds = [kind for kind in known if args.kind in kind.name]
+        known_kinds = Bench(Path(folder)).kinds
+        kinds = [kind for kind in known_kinds if args.kind in kind.name]
         if not kinds:
             parser.error(
                 f"no kind has {args.kind!r} in its name; there are:"
-                f" {'; '.join(kind.name for kind in known)}"
+                f" {'; '.join(kind.name for kind in known_kinds)}"
             )
         silence_libraries()
         limits = Limits(deep=args.deep)
         for place, kind in enumerate(kinds):
-            left = args.cases - sum(tally.tried for tally in tallies)
-            tallies.append(fuzz(kind, max(1, -(-left // (len(kinds) - place))), args.seed, limits))
+            remaining = args.cases - sum(tally.tried for tally in tallies)
+            tallies.append(
+                fuzz(kind, max(1, -(-remaining // (len(kinds) - place))), args.seed, limits)
+            )
             print(tallies[-1], flush=True)
     wrong = [tally for tally in tallies if tally.wrong]
     for tally in wrong:

@@ -252,10 +252,10 @@ class Bench:
 
     def _detections(self) -> dict[str, Any]:
         detect(list_images(self.session / "frames")[:1], BOARD)
-        said: dict[str, Any] = yaml.safe_load(
+        document: dict[str, Any] = yaml.safe_load(
             (self.session / "frames" / DETECTIONS_FILE).read_text()
         )
-        return said
+        return document
 
     def _put(self, name: str, data: bytes) -> Path:
         path = self.folder / name
@@ -293,8 +293,8 @@ class Bench:
         self._put("calibration/calibration.yaml", data)
         self._load()
 
-    def _value(self, said: dict[str, Any]) -> None:
-        self._put("calibration/calibration.yaml", _yaml(said))
+    def _value(self, document: dict[str, Any]) -> None:
+        self._put("calibration/calibration.yaml", _yaml(document))
         self._load()
 
     def _arrays(self, held: dict[str, np.ndarray]) -> None:
@@ -323,10 +323,10 @@ class Bench:
         """A session of a small camera, with these corners of BOARD."""
         folder = self.folder / "degenerate"
         self._put("degenerate/session.yaml", (SMALL_SESSION + cover).encode())
-        seen = np.isfinite(corners[..., 0])
+        visible = np.isfinite(corners[..., 0])
         views = [
             View(f"{number:04d}.png", view, weight.astype(np.float64))
-            for number, (view, weight) in enumerate(zip(corners, seen, strict=True))
+            for number, (view, weight) in enumerate(zip(corners, visible, strict=True))
         ]
         write_corners(folder / "corners.vnl", views)
         return folder
@@ -350,21 +350,21 @@ class Bench:
 
     def _spoilt(self) -> st.SearchStrategy[tuple[dict[str, Any], dict[str, np.ndarray]]]:
         """calibration.yaml and the arrays of a calibration, one of both spoilt."""
-        said: dict[str, Any] = yaml.safe_load((self.plain / "calibration.yaml").read_text())
+        document: dict[str, Any] = yaml.safe_load((self.plain / "calibration.yaml").read_text())
         with np.load(self.plain / "calibration.npz") as file:
             held = dict(file)
         return st.one_of(
-            st.tuples(mappings(said), st.just(held)), st.tuples(st.just(said), arrays(held))
+            st.tuples(mappings(document), st.just(held)), st.tuples(st.just(document), arrays(held))
         )
 
     def _judge(self, case: tuple[dict[str, Any], dict[str, np.ndarray]]) -> bool:
-        said, held = case
+        verdict, held = case
         folder = self.folder / "judged"
         buffer = io.BytesIO()
         np.savez(buffer, allow_pickle=False, **held)
         self._put("judged/calibration.npz", buffer.getvalue())
         digest = sha256(buffer.getvalue()).hexdigest()
-        self._put("judged/calibration.yaml", _yaml(said | {"arrays_sha256": digest}))
+        self._put("judged/calibration.yaml", _yaml(verdict | {"arrays_sha256": digest}))
         judge(Calibration.load(folder))
         session = self._write_corners(seen_boards(), COVERS[0])
         refused = [
@@ -454,19 +454,19 @@ class Bench:
 
     def _command(self, words: list[str], command: Callable[[list[str]], int] = main) -> bool:
         """Whether it refuses. What it says is a sentence a line, and nothing is a bug."""
-        with redirect_stdout(io.StringIO()) as shown, redirect_stderr(io.StringIO()) as said:
+        with redirect_stdout(io.StringIO()) as shown, redirect_stderr(io.StringIO()) as errors:
             try:
                 code = command(words)
             except SystemExit as ended:
                 code = int(str(ended.code))
-        last = said.getvalue().strip().splitlines()[-1:] or [""]
+        last = errors.getvalue().strip().splitlines()[-1:] or [""]
         assert code in (0, 2, 3, 4, 5), f"{code}: {last[0]}"
         assert code in (0, 5) or last[0], (
             "nothing is said"
         )  # 5 is the answer of a check, which stands on stdout
-        for line in said.getvalue().splitlines():
+        for line in errors.getvalue().splitlines():
             assert len(SPEAKER.sub("", line)) <= MAX_MESSAGE, f"{len(line)} characters: {line}"
-        assert "\x1b[2J" not in said.getvalue() + shown.getvalue()
+        assert "\x1b[2J" not in errors.getvalue() + shown.getvalue()
         return code != 0
 
 
@@ -479,8 +479,8 @@ def seen_boards() -> np.ndarray:
         turn = draw.uniform(-0.5, 0.5, 3)
         shift = np.array([*draw.uniform(-0.02, 0.02, 2), draw.uniform(0.25, 0.35)])
         points = np.column_stack([BOARD.points(), np.zeros(BOARD.count)])
-        seen, _ = cv2.projectPoints(points, turn, shift, matrix, None)
-        views.append(seen[:, 0] + draw.normal(0, 0.05, (BOARD.count, 2)))
+        projected, _ = cv2.projectPoints(points, turn, shift, matrix, None)
+        views.append(projected[:, 0] + draw.normal(0, 0.05, (BOARD.count, 2)))
     return np.array(views)
 
 
@@ -526,15 +526,15 @@ def _refused(reads: Sequence[Callable[[], object]]) -> bool:
 
 
 def _check(error: RefracalError) -> bool:
-    said = str(error)
-    assert said, "nothing is said"
-    assert len(said) <= MAX_MESSAGE, f"{len(said)} characters: {said}"
-    assert said.isprintable(), repr(said)
+    sentence = str(error)
+    assert sentence, "nothing is said"
+    assert len(sentence) <= MAX_MESSAGE, f"{len(sentence)} characters: {sentence}"
+    assert sentence.isprintable(), repr(sentence)
     return True
 
 
-def _yaml(said: object) -> bytes:
-    return yaml.safe_dump(said, sort_keys=False, allow_unicode=True).encode(
+def _yaml(document: object) -> bytes:
+    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True).encode(
         "utf-8", "backslashreplace"
     )
 

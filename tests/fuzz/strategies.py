@@ -92,21 +92,21 @@ def texts(draw: st.DrawFn, good: Sequence[bytes]) -> bytes:
     """A good text with a few of its parts cut, doubled, moved, or replaced by a token."""
     data = draw(st.sampled_from(good))
     for _ in range(draw(st.integers(1, 4))):
-        begin = draw(st.integers(0, len(data)))
-        end = min(len(data), begin + draw(st.sampled_from((0, 0, 1, 1, 2, 5, 30, 400))))
+        start = draw(st.integers(0, len(data)))
+        end = min(len(data), start + draw(st.sampled_from((0, 0, 1, 1, 2, 5, 30, 400))))
         match draw(st.integers(0, 5)):
             case 0:
-                data = data[:begin]
+                data = data[:start]
             case 1:
-                data = data[:begin] + data[begin:end] * 3 + data[end:]
+                data = data[:start] + data[start:end] * 3 + data[end:]
             case 2:
                 data = (
-                    data[:begin]
-                    + bytes(byte ^ (1 << draw(st.integers(0, 7))) for byte in data[begin:end][:5])
+                    data[:start]
+                    + bytes(byte ^ (1 << draw(st.integers(0, 7))) for byte in data[start:end][:5])
                     + data[end:]
                 )
             case _:
-                data = data[:begin] + draw(st.sampled_from(TOKENS)) + data[end:]
+                data = data[:start] + draw(st.sampled_from(TOKENS)) + data[end:]
     return data
 
 
@@ -115,9 +115,9 @@ def mappings(draw: st.DrawFn, good: Mapping[str, Any]) -> dict[str, Any]:
     """A good mapping with a few values, at any depth, replaced, removed or put under another
     key.
     """
-    said = copy.deepcopy(dict(good))
+    spoilt = copy.deepcopy(dict(good))
     for _ in range(draw(st.integers(1, 3))):
-        place: Any = said
+        place: Any = spoilt
         while True:
             keys = list(place) if isinstance(place, dict) else list(range(len(place)))
             if not keys:
@@ -136,7 +136,7 @@ def mappings(draw: st.DrawFn, good: Mapping[str, Any]) -> dict[str, Any]:
                 case _:
                     place[key] = copy.deepcopy(draw(st.sampled_from(VALUES)))
             break
-    return said
+    return spoilt
 
 
 @st.composite
@@ -182,36 +182,40 @@ def corner_views(draw: st.DrawFn, good: NDArray[np.float64]) -> NDArray[np.float
     corners = good.copy()
     views, count = corners.shape[:2]
     for _ in range(draw(st.integers(1, 2))):
-        some = slice(None) if draw(st.booleans()) else slice(draw(st.integers(0, views - 1)), None)
-        centre = corners[some].mean((0, 1))
+        selected = (
+            slice(None) if draw(st.booleans()) else slice(draw(st.integers(0, views - 1)), None)
+        )
+        centre = corners[selected].mean((0, 1))
         match draw(st.integers(0, 9)):
             case 0:  # the same in every view
-                corners[some] = corners[draw(st.integers(0, views - 1))]
+                corners[selected] = corners[draw(st.integers(0, views - 1))]
             case 1:  # all in one place
-                corners[some] = draw(st.sampled_from((0.0, 100.0)))
+                corners[selected] = draw(st.sampled_from((0.0, 100.0)))
             case 2:  # on one line
-                corners[some, :, 1] = draw(st.sampled_from((1.0, 120.0)))
+                corners[selected, :, 1] = draw(st.sampled_from((1.0, 120.0)))
             case 3:  # small, large, flat, or mirrored
-                corners[some] = centre + (corners[some] - centre) * draw(
+                corners[selected] = centre + (corners[selected] - centre) * draw(
                     st.sampled_from(
                         ((1e-3, 1e-3), (0.1, 0.1), (1.0, 1e-2), (-1.0, 1.0), (1e-9, 1.0))
                     )
                 )
             case 4:  # in another order
-                corners[some] = corners[some, ::-1]
+                corners[selected] = corners[selected, ::-1]
             case 5:
-                corners[some] = corners[some][:, np.random.default_rng(1).permutation(count)]
+                corners[selected] = corners[selected][
+                    :, np.random.default_rng(1).permutation(count)
+                ]
             case 6:  # noise
                 sigma = draw(st.sampled_from((0.01, 1.0, 30.0)))
                 noise = np.random.default_rng(draw(st.integers(0, 9))).normal(0, sigma, good.shape)
-                corners[some] += noise[some]
+                corners[selected] += noise[selected]
             case 7:  # few are seen
-                corners[some, draw(st.sampled_from((0, 4, 7, 8, 9, 20))) :] = np.nan
+                corners[selected, draw(st.sampled_from((0, 4, 7, 8, 9, 20))) :] = np.nan
             case 8:  # a grid without perspective, turned towards the camera
-                across, down = np.meshgrid(np.arange(6.0), np.arange(5.0))
-                corners[some] = 20 + 30 * np.stack([across, down], -1).reshape(-1, 2)
+                columns, down = np.meshgrid(np.arange(6.0), np.arange(5.0))
+                corners[selected] = 20 + 30 * np.stack([columns, down], -1).reshape(-1, 2)
             case _:
-                corners[some] += draw(st.sampled_from((-100.0, 100.0, 1e4)))
+                corners[selected] += draw(st.sampled_from((-100.0, 100.0, 1e4)))
     return corners
 
 

@@ -43,9 +43,9 @@ def test_whatever_is_spoilt_is_said_in_a_sentence(bench: Bench) -> None:
 
 @given(st.text(), st.integers(4, 200))
 def test_foreign_text_is_one_line_that_can_be_shown(text: str, most: int) -> None:
-    said = harmless(text, most)
-    assert said.isprintable()
-    said.encode()
+    shown = harmless(text, most)
+    assert shown.isprintable()
+    shown.encode()
     assert harmless(text) == text or not text.isprintable(), "what does no harm is left as it is"
     assert len(str(InputError(text * 100))) <= MAX_MESSAGE
     assert len(harmless(text)) >= len(text)
@@ -73,11 +73,11 @@ def test_the_same_cases_every_time(bench: Bench) -> None:
 @pytest.fixture
 def limits() -> Iterator[Limits]:
     """Of a fifth of a second; pytest's own handlers come back."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGPROF, signal.SIGALRM)}
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGPROF, signal.SIGALRM)}
     made = Limits()
     made.work_s, made.wait_s = 0.2, 60.0
     yield made
-    for number, handler in before.items():
+    for number, handler in handlers.items():
         signal.signal(number, handler)
 
 
@@ -87,7 +87,7 @@ def _works(_: Any) -> None:
 
 
 def _waits(_: Any) -> None:
-    handle, _other = os.pipe()
+    handle, _write_end = os.pipe()
     os.read(handle, 1)
 
 
@@ -125,10 +125,10 @@ def test_what_goes_wrong_is_counted_and_can_be_repeated(limits: Limits) -> None:
 
     tally = fuzz(Kind("numbers", st.integers(0, 6), run), 100, 3, limits)
     assert (tally.tried, tally.refused, tally.wrong.total()) == (7, 2, 4)
-    said = tally.explained()
+    message = tally.explained()
     for wrong in ("ValueError", "AssertionError", "UserWarning", "Hang"):
-        assert f"numbers: {wrong} at here" in said
-    assert "python -m tests.fuzz --seed 3 --cases 100 --kind 'numbers'" in said
+        assert f"numbers: {wrong} at here" in message
+    assert "python -m tests.fuzz --seed 3 --cases 100 --kind 'numbers'" in message
 
 
 def test_another_seed_gives_other_cases(bench: Bench) -> None:

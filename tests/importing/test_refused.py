@@ -312,12 +312,12 @@ def test_one_sentence_and_nothing_left_behind(
 ) -> None:
     (tmp_path / "in").mkdir()
     (tmp_path / "out").mkdir()
-    given = case.make(tmp_path / "in")
+    source = case.make(tmp_path / "in")
     code = main(
         [
             "import",
             case.source,
-            str(given),
+            str(source),
             *case.arguments,
             "-o",
             str(tmp_path / "out" / "session"),

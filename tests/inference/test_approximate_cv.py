@@ -45,55 +45,55 @@ def cost_of(optimum: FittedModel) -> float:
     return optimum.joint.cost
 
 
-def apart(at: FittedModel, one: Estimate, other: Estimate) -> float:
+def apart(at: FittedModel, estimate: Estimate, reference: Estimate) -> float:
     """The largest difference of two fits' numbers, over the sigma of the other."""
-    vectors = [at.model.parameters.vector(joint.values) for joint in (one, other)]
-    return float(((vectors[0] - vectors[1]) / other.covariance.diagonal().sqrt()).abs().max())
+    vectors = [at.model.parameters.vector(joint.values) for joint in (estimate, reference)]
+    return float(((vectors[0] - vectors[1]) / reference.covariance.diagonal().sqrt()).abs().max())
 
 
 def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: FittedModel) -> None:
-    for index, left in enumerate(fits_without(optimum, cost_of(optimum), PARTS)):
-        found, out = left.joint, torch.from_numpy(index == PARTS)
-        rest = optimum.model.fit(
+    for index, without in enumerate(fits_without(optimum, cost_of(optimum), PARTS)):
+        fit, out = without.joint, torch.from_numpy(index == PARTS)
+        refit = optimum.model.fit(
             optimum.observations.without_views(out), optimum.joint.poses[~out], optimum.joint.start
         )
-        assert apart(optimum, found, rest) < 0.1 < apart(optimum, optimum.joint, rest)
-        assert torch.allclose(found.covariance.diagonal(), rest.covariance.diagonal(), rtol=0.02)
-        moved = float((optimum.joint.poses[~out] - rest.poses).abs().max())
-        missing = float((found.poses[~out] - rest.poses).abs().max())
+        assert apart(optimum, fit, refit) < 0.1 < apart(optimum, optimum.joint, refit)
+        assert torch.allclose(fit.covariance.diagonal(), refit.covariance.diagonal(), rtol=0.02)
+        moved = float((optimum.joint.poses[~out] - refit.poses).abs().max())
+        missing = float((fit.poses[~out] - refit.poses).abs().max())
         assert missing < 0.1 * moved
 
 
-@pytest.mark.parametrize("every", [1, 2])
+@pytest.mark.parametrize("interval", [1, 2])
 def test_views_that_were_left_out_follow_by_a_step_of_their_own(
-    optimum: FittedModel, every: int
+    optimum: FittedModel, interval: int
 ) -> None:
     """What is left of them, by equations, and by fits of their poses to all of their corners or to
     every other.
     """
-    known = torch.arange(len(optimum.observations.pixels)) % every == 0
-    for index, left in enumerate(fits_without(optimum, cost_of(optimum), PARTS, known)):
+    pose_corners = torch.arange(len(optimum.observations.pixels)) % interval == 0
+    for index, fit in enumerate(fits_without(optimum, cost_of(optimum), PARTS, pose_corners)):
         out = torch.from_numpy(index == PARTS)
         test = optimum.observations.without_views(~out)
         stay = optimum.joint.poses[out]
         poses = optimum.model.fit_poses(
-            left.joint, test.select_rows(known[out[optimum.observations.view]]), stay
+            fit.joint, test.select_rows(pose_corners[out[optimum.observations.view]]), stay
         )
-        missed = residuals(optimum.model.path, left.joint.values, test, poses).image
-        before = residuals(optimum.model.path, left.joint.values, test, stay).image
-        error = float((left.residual - missed).square().mean().sqrt())
-        control = float((before - missed).square().mean().sqrt())
+        residual = residuals(optimum.model.path, fit.joint.values, test, poses).image
+        initial_residual = residuals(optimum.model.path, fit.joint.values, test, stay).image
+        error = float((fit.residual - residual).square().mean().sqrt())
+        control = float((initial_residual - residual).square().mean().sqrt())
         assert error < 0.07 * optimum.joint.sigma, "a two-hundredth of its square"
         assert error < 0.25 * control
 
 
 def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: FittedModel) -> None:
     """The parameters are drawn from their covariance, and the views' poses follow."""
-    left = fits_without(optimum, cost_of(optimum), PARTS)[0]
+    fit = fits_without(optimum, cost_of(optimum), PARTS)[0]
     out = torch.from_numpy(PARTS == 0)
     test = optimum.observations.without_views(~out)
-    root = torch.linalg.cholesky(left.joint.covariance)
-    middle = optimum.model.parameters.vector(left.joint.values)
+    root = torch.linalg.cholesky(fit.joint.covariance)
+    middle = optimum.model.parameters.vector(fit.joint.values)
     rng = torch.Generator().manual_seed(0)
     drawn = []
     for _ in range(40):
@@ -101,15 +101,15 @@ def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: FittedModel) -> 
             middle + root @ torch.randn(len(root), dtype=torch.float64, generator=rng)
         )
         poses = optimum.model.fit_poses(
-            replace(left.joint, values=values), test, left.joint.poses[out]
+            replace(fit.joint, values=values), test, fit.joint.poses[out]
         )
-        drawn.append(residuals(optimum.model.path, values, test, poses).image - left.residual)
+        drawn.append(residuals(optimum.model.path, values, test, poses).image - fit.residual)
     variance = torch.stack(drawn).square().mean((0, 2)) / optimum.joint.sigma**2
-    assert float(variance.mean() / left.prediction_variance.mean()) == pytest.approx(
+    assert float(variance.mean() / fit.prediction_variance.mean()) == pytest.approx(
         1, abs=0.3
     )  # 40 draws of some ten directions
     assert (
-        float(torch.corrcoef(torch.stack([variance.log(), left.prediction_variance.log()]))[0, 1])
+        float(torch.corrcoef(torch.stack([variance.log(), fit.prediction_variance.log()]))[0, 1])
         > 0.9
     )
 
@@ -133,9 +133,11 @@ def errors(at: FittedModel, found: Sequence[FitWithout]) -> Iterator[float]:
     """What each leaves of the views that it is a fit to, over what the fit to all views leaves of
     them.
     """
-    for index, each in enumerate(found):
+    for index, fit in enumerate(found):
         out = torch.from_numpy(index == PARTS)
-        seen = at.observations.without_views(out)
-        left = residuals(at.model.path, each.joint.values, seen, each.joint.poses[~out]).rms_px
-        least = residuals(at.model.path, at.joint.values, seen, at.joint.poses[~out]).rms_px
-        yield left / least
+        observations = at.observations.without_views(out)
+        rms = residuals(at.model.path, fit.joint.values, observations, fit.joint.poses[~out]).rms_px
+        full_rms = residuals(
+            at.model.path, at.joint.values, observations, at.joint.poses[~out]
+        ).rms_px
+        yield rms / full_rms

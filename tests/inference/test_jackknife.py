@@ -17,12 +17,12 @@ def _p_value(size: float, seed: int, *, silent: int = 0, bad: int = 0) -> float:
     ]
     sigmas = [5.0 if view >= VIEWS - bad else 1.0 for view in range(VIEWS)]
     residuals = [
-        own @ np.full(PARAMETERS, size) + rng.normal(0, sigma, ROWS)
-        for own, sigma in zip(rows, sigmas, strict=True)
+        row @ np.full(PARAMETERS, size) + rng.normal(0, sigma, ROWS)
+        for row, sigma in zip(rows, sigmas, strict=True)
     ]
-    score = sum(own.T @ residual for own, residual in zip(rows, residuals, strict=True))
+    score = sum(row.T @ residual for row, residual in zip(rows, residuals, strict=True))
     return jackknife_p_value(
-        residuals, rows, score, sum(own.T @ own for own in rows) + np.eye(PARAMETERS)
+        residuals, rows, score, sum(row.T @ row for row in rows) + np.eye(PARAMETERS)
     )
 
 

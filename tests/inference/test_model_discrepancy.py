@@ -29,11 +29,11 @@ def test_modes_have_the_processes_covariances() -> None:
     x, y = np.meshgrid(0.03 * np.arange(9), 0.03 * np.arange(6))
     corners = np.column_stack([x.ravel(), y.ravel()])[np.random.default_rng(0).permutation(54)[:40]]
     modes, spreads = board_modes(corners)
-    apart = ((corners[:, None] - corners) ** 2).sum(-1) / np.ptp(corners, axis=0).max() ** 2
+    distances = ((corners[:, None] - corners) ** 2).sum(-1) / np.ptp(corners, axis=0).max() ** 2
     for length, spread in zip(LENGTHS, spreads, strict=True):
-        assert np.abs(modes @ spread @ modes.T - np.exp(-apart / (2 * length**2))).max() < 0.03, (
-            length
-        )  # a mode left out has a thousandth
+        assert (
+            np.abs(modes @ spread @ modes.T - np.exp(-distances / (2 * length**2))).max() < 0.03
+        ), length  # a mode left out has a thousandth
 
 
 def test_a_large_board_has_few_modes() -> None:
@@ -49,7 +49,7 @@ def test_the_likelihood_is_the_dense_one() -> None:
     """
     rng = np.random.default_rng(1)
     views, corners, modes = 3, 6, 4
-    process, (own, shared) = (
+    process, (own_jacobian, shared) = (
         rng.normal(size=(views, corners, modes)),
         (rng.normal(size=(views, 2 * corners, 2)) for _ in "ab"),
     )
@@ -57,7 +57,7 @@ def test_the_likelihood_is_the_dense_one() -> None:
     roots = rng.normal(size=(2, modes, modes))
     spread = roots @ roots.swapaxes(1, 2)
     own_precision, precision = np.array([0.0, 2.0]), np.diag([3.0, 0.5])
-    columns = torch.from_numpy(np.concatenate([own, shared, left], -1))
+    columns = torch.from_numpy(np.concatenate([own_jacobian, shared, left], -1))
     around = LaplaceEvidence(tuple(columns), torch.from_numpy(precision))
     likelihood = DiscrepancyLikelihood(
         around,
@@ -76,9 +76,11 @@ def test_the_likelihood_is_the_dense_one() -> None:
             covariance[place, place] += noise**2 * np.kron(
                 over_board, np.eye(2)
             )  # x and y have processes of their own
-            covariance[place, place] += own[view] @ np.diag([flat, 0.5]) @ own[view].T
-        whole = shared.reshape(-1, 2)
-        covariance += whole @ np.linalg.inv(precision) @ whole.T
+            covariance[place, place] += (
+                own_jacobian[view] @ np.diag([flat, 0.5]) @ own_jacobian[view].T
+            )
+        stacked = shared.reshape(-1, 2)
+        covariance += stacked @ np.linalg.inv(precision) @ stacked.T
         residual = left.ravel()
         return (
             -float(
@@ -102,8 +104,8 @@ def test_the_likelihood_is_the_dense_one() -> None:
 
 def optimum(made: Scene, shift: np.ndarray) -> FittedModel:
     """Of a camera whose focal lengths and glass are estimated, its corners moved by (M, 2) px."""
-    seen = made.observations
-    moved = replace(seen, pixels=seen.pixels + torch.from_numpy(shift))
+    observations = made.observations
+    moved = replace(observations, pixels=observations.pixels + torch.from_numpy(shift))
     model = CameraModel(made.path, made.values, Priors({"camera.fx": 20.0, "camera.fy": 20.0}))
     joint: JointFit = model.fit(moved, made.poses)
     assert joint.finite

@@ -53,9 +53,14 @@ def unmoved() -> ResidualScene:
 
 
 def with_residual(residual: Array) -> ResidualScene:
-    still = unmoved()
+    unmoved_scene = unmoved()
     return ResidualScene(
-        still.observations, residual, still.distance, still.incidence, WIDTH, HEIGHT
+        unmoved_scene.observations,
+        residual,
+        unmoved_scene.distance,
+        unmoved_scene.incidence,
+        WIDTH,
+        HEIGHT,
     )
 
 
@@ -103,10 +108,12 @@ def drift() -> Array:
 
 def parallax() -> Array:
     """What a wrong glass does: outwards by incidence, near boards against far ones."""
-    still = unmoved()
-    outwards = (still.observations.pixels.numpy() - [WIDTH / 2, HEIGHT / 2]) / WIDTH
-    near = 1 / still.distance
-    return np.asarray((1 - still.incidence)[:, None] * (near - near.mean())[:, None] * outwards)
+    unmoved_scene = unmoved()
+    outwards = (unmoved_scene.observations.pixels.numpy() - [WIDTH / 2, HEIGHT / 2]) / WIDTH
+    near = 1 / unmoved_scene.distance
+    return np.asarray(
+        (1 - unmoved_scene.incidence)[:, None] * (near - near.mean())[:, None] * outwards
+    )
 
 
 def detector() -> Array:
@@ -143,16 +150,16 @@ def test_every_organiser_is_planted() -> None:
 @pytest.mark.parametrize("name", PLANTED)
 def test_what_is_planted_is_named_first_and_what_is_not_is_not(name: str) -> None:
     """As large as the noise. A chance of a thousandth is what a diagnosis would speak of."""
-    plant, least = PLANTED[name]
+    plant, minimum = PLANTED[name]
     field = plant()
     with single_thread():
         shares = with_residual(noise(5) + field * SIGMA / np.sqrt((field**2).mean())).split()
     assert shares[0].organised_by == name
     assert shares[0].p_value < 1e-10
-    assert shares[0].fraction - shares[0].chance > least
-    found = by_name(shares)
-    assert found.keys() == ORGANISERS.keys()
-    assert all(found[other].p_value > 1e-3 for other in UNTOUCHED[name]), found
+    assert shares[0].fraction - shares[0].chance > minimum
+    result = by_name(shares)
+    assert result.keys() == ORGANISERS.keys()
+    assert all(result[other].p_value > 1e-3 for other in UNTOUCHED[name]), result
 
 
 def test_a_board_s_share_is_the_field_s_part_of_the_variance() -> None:
@@ -160,11 +167,11 @@ def test_a_board_s_share_is_the_field_s_part_of_the_variance() -> None:
     chance gives.
     """
     field = print_()
-    even = np.random.default_rng(3).normal(0, 1, field.shape)
+    white_noise = np.random.default_rng(3).normal(0, 1, field.shape)
     with single_thread():
         share = by_name(
             with_residual(
-                even / np.sqrt((even**2).mean()) + field / np.sqrt((field**2).mean())
+                white_noise / np.sqrt((white_noise**2).mean()) + field / np.sqrt((field**2).mean())
             ).split()
         )["board"]
     assert share.chance == pytest.approx(1 / VIEWS)
@@ -180,9 +187,9 @@ def test_p_values_of_noise_are_uniform() -> None:
     with single_thread():
         splits = [by_name(with_residual(noise(seed)).split()) for seed in range(60)]
     for name in ORGANISERS:
-        p_values = [found[name].p_value for found in splits]
+        p_values = [results[name].p_value for results in splits]
         assert stats.kstest(p_values, "uniform").pvalue > 1e-3, (name, p_values)
-        excess = np.mean([found[name].fraction - found[name].chance for found in splits])
+        excess = np.mean([results[name].fraction - results[name].chance for results in splits])
         assert (
             abs(excess) < 0.005
             # of fractions that scatter by 0.01 at most: four standard deviations of a mean of sixty
@@ -219,8 +226,8 @@ def test_columns_that_leave_no_freedom_tell_nothing() -> None:
     """One picture of five corners: a mean for each corner explains all, by chance as well."""
     whole = unmoved()
     residual = np.random.default_rng(2).normal(0, SIGMA, (5, 2))
-    one = whole.observations.view_range(range(1)).select_rows(torch.arange(BOARD.count) < 5)
-    scene = ResidualScene(one, residual, whole.distance[:5], whole.incidence[:5], WIDTH, HEIGHT)
+    item = whole.observations.view_range(range(1)).select_rows(torch.arange(BOARD.count) < 5)
+    scene = ResidualScene(item, residual, whole.distance[:5], whole.incidence[:5], WIDTH, HEIGHT)
     board = next(share for share in scene.split() if share.organised_by == "board")
     assert board.fraction == pytest.approx(1.0)
     assert (board.chance, board.p_value) == (1.0, 1.0)

@@ -20,18 +20,18 @@ def test_what_stays_starts_where_a_fit_without_the_effect_ends() -> None:
     lens, pupil = LensEffect(), EntrancePupil()
     calibration = without_cover(pupil, {"entrance_pupil.e2": 3e-3, "entrance_pupil.e4": 0.0}, 0.1)
     observations, model = calibration.observations, full_model(calibration)
-    there = model.fit(observations, torch.from_numpy(calibration.poses))
-    both = model.with_effects([lens, pupil])
-    joint = both.fit(observations, there.poses, there.start)
+    fit = model.fit(observations, torch.from_numpy(calibration.poses))
+    both_effects = model.with_effects([lens, pupil])
+    joint = both_effects.fit(observations, fit.poses, fit.start)
     alone = base_model(calibration).with_effects([lens])
-    start = start_without_effects(alone, both, joint, observations)
+    start = start_without_effects(alone, both_effects, joint, observations)
     end = alone.fit(observations, joint.poses, joint.start)
     name = "lens.k1"
     moved = float(end.values[name] - joint.values[name])
     assert abs(moved) > 5 * float(end.sigma_of(name))
     assert float(start.values[name] - joint.values[name]) == pytest.approx(moved, rel=0.1)
-    again = alone.fit(observations, joint.poses, start)
-    assert again.iterations <= end.iterations
-    assert float(again.values[name]) == pytest.approx(
+    refit = alone.fit(observations, joint.poses, start)
+    assert refit.iterations <= end.iterations
+    assert float(refit.values[name]) == pytest.approx(
         float(end.values[name]), abs=0.2 * float(end.sigma_of(name))
     )

@@ -26,11 +26,11 @@ def over(deviations: Callable[[float], float]) -> Callable[[float], Left]:
 
 
 @pytest.mark.parametrize("sigma", [0.001, 0.02])
-@pytest.mark.parametrize("told", [0.3, 1.0, 1e-9])
-def test_a_parabola_gives_its_own_sigma(sigma: float, told: float) -> None:
+@pytest.mark.parametrize("expected", [0.3, 1.0, 1e-9])
+def test_a_parabola_gives_its_own_sigma(sigma: float, expected: float) -> None:
     """Whatever the linearised sigma says: what is far from it is bracketed by doubling."""
     interval, best = profile_focal_length(
-        Left(0.1), over(lambda times: np.log(times) / sigma), FREEDOM, told * sigma
+        Left(0.1), over(lambda times: np.log(times) / sigma), FREEDOM, expected * sigma
     )
     assert interval.closed
     assert interval.sigma == pytest.approx(

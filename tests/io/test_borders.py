@@ -86,14 +86,14 @@ def test_kept_detections_of_another_kind_are_looked_for_again(
 ) -> None:
     frames = write_good_session(tmp_path / "s") / "frames"
     good = detect(list_images(frames), BOARD).views
-    said = json.loads((frames / DETECTIONS_FILE).read_text())
-    said["files"]["0000.png"]["corners"][3] = wrong
-    said["files"]["0001.jpg"]["corners"] = wrong
-    said["files"]["0002.png"]["size"] = wrong
-    (frames / DETECTIONS_FILE).write_text(json.dumps(said))
-    for view, before in zip(detect(list_images(frames), BOARD).views, good, strict=True):
+    answer = json.loads((frames / DETECTIONS_FILE).read_text())
+    answer["files"]["0000.png"]["corners"][3] = wrong
+    answer["files"]["0001.jpg"]["corners"] = wrong
+    answer["files"]["0002.png"]["size"] = wrong
+    (frames / DETECTIONS_FILE).write_text(json.dumps(answer))
+    for view, earlier_view in zip(detect(list_images(frames), BOARD).views, good, strict=True):
         if wrong is not None or view.name == "0002.png":  # null says: not measured, or not found
-            np.testing.assert_array_equal(view.corners, before.corners)
+            np.testing.assert_array_equal(view.corners, earlier_view.corners)
 
 
 @pytest.mark.parametrize(
@@ -166,9 +166,10 @@ def test_a_zip_is_no_npy_and_a_bomb_no_npz(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_an_archive_whose_member_says_it_has_a_tebibyte(tmp_path: Path) -> None:
-    whole, claimed = tars(b"picture")
+    archive, claimed = tars(b"picture")
     assert [
-        data for _, data in from_ros_archive(put(tmp_path / "whole.tar", whole), BOARD, None).frames
+        data
+        for _, data in from_ros_archive(put(tmp_path / "whole.tar", archive), BOARD, None).frames
     ] == [b"picture"]
     with pytest.raises(
         InputError, match=r"left-0000\.png in it is larger than the 256 MB that a picture may have"
@@ -178,10 +179,10 @@ def test_an_archive_whose_member_says_it_has_a_tebibyte(tmp_path: Path) -> None:
 
 def test_a_jpeg_that_ends_in_erased_flash_is_told_at_once(tmp_path: Path) -> None:
     path = put(tmp_path / "a.jpg", b"\xff\xd8\xff\xe0\x00\x04ab" + b"\xff" * 3_000_000)
-    begun = time.process_time()
+    start_time = time.process_time()
     with pytest.raises(InputError, match="truncated or damaged"):
         read_image(path)
-    assert time.process_time() - begun < 5, (
+    assert time.process_time() - start_time < 5, (
         "of this process alone; it was 21 s for a fiftieth of it, and grew with the square"
     )
 

@@ -69,31 +69,33 @@ def contents(folder: Path) -> dict[str, str]:
 def test_a_writer_killed_at_any_change_leaves_the_old_set_or_the_new_one(
     disk: str, tmp_path: Path
 ) -> None:
-    found = []
+    results = []
     for change in range(100):
         folder = fill(tmp_path / str(change))
         ended = subprocess.run(
             [sys.executable, "-c", WRITER, str(folder), str(change), disk], check=False
         ).returncode
-        seen = contents(folder)
+        content = contents(folder)
         if disk == "links":
-            assert seen in (OLD, NEW_SET), "any program sees one whole set, before calib tidies up"
+            assert content in (OLD, NEW_SET), (
+                "any program sees one whole set, before calib tidies up"
+            )
         assert find_current(folder / "a").read_text() in ("old a", "new a")
-        found.append(contents(folder))
-        assert found[-1] in (OLD, NEW_SET), f"killed at change {change}"
-        assert disk == "no links" or found[-1] == seen
+        results.append(contents(folder))
+        assert results[-1] in (OLD, NEW_SET), f"killed at change {change}"
+        assert disk == "no links" or results[-1] == content
         assert not (folder / HIDDEN).exists()
         assert not any(path.is_symlink() for path in folder.iterdir())
         if ended == 0:
             break
         assert ended == -signal.SIGKILL
-    assert found[-1] == NEW_SET
-    turned = found.index(NEW_SET)
-    assert found == [OLD] * turned + [NEW_SET] * (len(found) - turned)
+    assert results[-1] == NEW_SET
+    turned = results.index(NEW_SET)
+    assert results == [OLD] * turned + [NEW_SET] * (len(results) - turned)
     assert turned >= 5, (
         "there are as many changes before the new set is in force as there are files"
     )
-    assert len(found) - turned >= 5, "and as many after it"
+    assert len(results) - turned >= 5, "and as many after it"
 
 
 def test_what_is_not_put_in_force_changes_nothing(tmp_path: Path) -> None:

@@ -89,14 +89,14 @@ def test_a_small_file_is_read_in_little_memory(tmp_path: Path) -> None:
     assert peak < 8 * READ_SIZE, "the bytes, a piece, and room to grow"
 
 
-@pytest.mark.parametrize("most", [0, 1, READ_SIZE, READ_SIZE + 1, 2 * READ_SIZE])
-def test_a_file_may_be_as_large_as_was_said_and_no_larger(tmp_path: Path, most: int) -> None:
+@pytest.mark.parametrize("limit", [0, 1, READ_SIZE, READ_SIZE + 1, 2 * READ_SIZE])
+def test_a_file_may_be_as_large_as_was_said_and_no_larger(tmp_path: Path, limit: int) -> None:
     path = tmp_path / "file"
-    path.write_bytes(b"x" * most)
-    assert len(read_file(path, most)) == most
-    path.write_bytes(b"x" * (most + 1))
+    path.write_bytes(b"x" * limit)
+    assert len(read_file(path, limit)) == limit
+    path.write_bytes(b"x" * (limit + 1))
     with pytest.raises(InputError, match="is larger than the"):
-        read_file(path, most)
+        read_file(path, limit)
 
 
 def test_arrays_come_back() -> None:

@@ -62,7 +62,7 @@ def bumps(
     """
 
     def height(first: float, second: float) -> float:
-        away = (np.array([first, second]) - centres) / widths
-        return float(amplitudes @ np.exp(-0.5 * (away**2).sum(-1)))
+        offset = (np.array([first, second]) - centres) / widths
+        return float(amplitudes @ np.exp(-0.5 * (offset**2).sum(-1)))
 
     return height

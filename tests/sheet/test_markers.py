@@ -50,10 +50,10 @@ def made(pattern: Pattern, side: float | None) -> tuple[Sheet, Raster]:
 def measured(raster: Raster, rough: NDArray) -> NDArray[np.float64]:
     """(N, 2) mm, from (N, 2) px that are near."""
     grey = cv2.GaussianBlur(eight_bits(raster.grey), (0, 0), 1.5)
-    found = cv2.cornerSubPix(
+    result = cv2.cornerSubPix(
         grey, rough.reshape(-1, 1, 2).astype(np.float32), (11, 11), (-1, -1), STOP
     )
-    return raster.place(found.reshape(-1, 2).astype(np.float64))
+    return raster.place(result.reshape(-1, 2).astype(np.float64))
 
 
 def opencv_s(board: CharucoPattern) -> cv2.aruco.CharucoBoard:
@@ -79,9 +79,9 @@ def test_a_charuco_is_opencv_s(board: CharucoPattern, side: float | None) -> Non
     ours = cv2.warpAffine(
         raster.grey, onto, theirs.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     )
-    inside = cv2.dilate(theirs, np.ones((5, 5))) == cv2.erode(theirs, np.ones((5, 5)))
-    assert inside.mean() > 0.75
-    assert np.array_equal(ours[inside] > 127, theirs[inside] > 127)
+    is_uniform = cv2.dilate(theirs, np.ones((5, 5))) == cv2.erode(theirs, np.ones((5, 5)))
+    assert is_uniform.mean() > 0.75
+    assert np.array_equal(ours[is_uniform] > 127, theirs[is_uniform] > 127)
 
 
 @charucos
@@ -92,8 +92,8 @@ def test_every_corner_of_a_charuco_is_found(board: CharucoPattern, side: float |
     sheet, raster = made(board, side)
     rough, names, _, _ = cv2.aruco.CharucoDetector(opencv_s(board)).detectBoard(raster.grey)
     assert names.ravel().tolist() == list(range(len(sheet.corners)))
-    off = np.linalg.norm(measured(raster, rough) - sheet.corners, axis=1)
-    assert off.max() < 0.05, f"{off.max():.4f} mm"
+    error = np.linalg.norm(measured(raster, rough) - sheet.corners, axis=1)
+    assert error.max() < 0.05, f"{error.max():.4f} mm"
 
 
 @grids
@@ -115,8 +115,8 @@ def test_every_corner_of_an_aprilgrid_is_found(grid: AprilGridPattern, side: flo
         turned = np.array(
             [lower[1], lower[0], upper[0], upper[1]]
         )  # clockwise from OpenCV's first, which is upside down
-        off = np.linalg.norm(measured(raster, np.asarray(rough)) - turned, axis=1)
-        assert off.max() < 0.05, f"tag {number}: {off.max():.4f} mm"
+        error = np.linalg.norm(measured(raster, np.asarray(rough)) - turned, axis=1)
+        assert error.max() < 0.05, f"tag {number}: {error.max():.4f} mm"
 
 
 def test_tags_have_kalibr_s_bits() -> None:

@@ -76,13 +76,13 @@ def test_rays_are_those_that_are_traced(
     )  # some beyond the field
     pixels[0] = np.nan
     through, traced = both(monkeypatch, lambda: np.concatenate(calibration.rays(pixels), 1))
-    lost = np.isnan(traced).any(1)
-    assert lost[0]
-    assert np.array_equal(np.isnan(through).any(1), lost)
-    assert np.abs(through - traced)[~lost, 3:].max() < SURE / FOCAL
-    assert np.abs(np.linalg.norm(through[~lost, 3:], axis=1) - 1).max() < 1e-12
+    invalid = np.isnan(traced).any(1)
+    assert invalid[0]
+    assert np.array_equal(np.isnan(through).any(1), invalid)
+    assert np.abs(through - traced)[~invalid, 3:].max() < SURE / FOCAL
+    assert np.abs(np.linalg.norm(through[~invalid, 3:], axis=1) - 1).max() < 1e-12
     assert (
-        np.abs(through - traced)[~lost, :3].max() < 1e-6
+        np.abs(through - traced)[~invalid, :3].max() < 1e-6
     )  # m along the ray, or a thousandth of a millimetre beside it
 
 
@@ -96,9 +96,9 @@ def test_points_are_seen_where_tracing_sees_them(
     points = np.column_stack([rng.uniform(-0.9, 0.9, (3000, 2)) * depth[:, None], depth])
     points[:4] = np.array([[np.nan, 0, 1], [0, 0, -1], [0, 0, 0.001], [0.1, np.inf, 1]])
     through, traced = both(monkeypatch, lambda: calibration.project(points))
-    lost = np.isnan(traced).any(1)
-    assert np.array_equal(np.isnan(through).any(1), lost)
-    assert np.abs(through - traced)[~lost].max() < SURE
+    invalid = np.isnan(traced).any(1)
+    assert np.array_equal(np.isnan(through).any(1), invalid)
+    assert np.abs(through - traced)[~invalid].max() < SURE
 
 
 def test_a_camera_that_sees_nothing_says_so_of_many_as_of_few(

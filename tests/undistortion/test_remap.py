@@ -19,9 +19,9 @@ def maps(scattered: bool) -> tuple[np.ndarray, np.ndarray]:
     else:
         x, y = np.meshgrid(np.linspace(-15, 415, 110), np.linspace(-15, 315, 90))
     # exact when shifted, and no ties
-    across = (np.round(4 * x) / 4 + 0.125).astype(np.float32)
-    down = (np.round(4 * y) / 4 + 0.125).astype(np.float32)
-    return across, down
+    sideways = (np.round(4 * x) / 4 + 0.125).astype(np.float32)
+    downwards = (np.round(4 * y) / 4 + 0.125).astype(np.float32)
+    return sideways, downwards
 
 
 @pytest.mark.parametrize("scattered", [False, True])
@@ -36,15 +36,15 @@ def test_parts_join_to_the_whole(
     """
     source = np.random.default_rng(0).integers(0, 255, (300, 400, 3), dtype=np.uint8)
     x, y = maps(scattered)
-    whole = cv2.remap(source, x, y, kind, borderMode=border)
+    at_once = cv2.remap(source, x, y, kind, borderMode=border)
     monkeypatch.setattr(module, "MAX_SIDE", 50)
     monkeypatch.setattr(module, "TILE", 16)
-    assert np.abs(np.int16(remap(source, x, y, kind, border)) - whole).max() <= (
+    assert np.abs(np.int16(remap(source, x, y, kind, border)) - at_once).max() <= (
         kind == cv2.INTER_LANCZOS4
     )
-    into = np.empty_like(whole)
+    into = np.empty_like(at_once)
     assert remap(source, x, y, kind, border, into) is into
-    assert np.abs(np.int16(into) - whole).max() <= (kind == cv2.INTER_LANCZOS4)
+    assert np.abs(np.int16(into) - at_once).max() <= (kind == cv2.INTER_LANCZOS4)
 
 
 def test_opencv_s_limit_is_where_it_is_said() -> None:

@@ -42,11 +42,11 @@ def unplugged() -> dict[str, Any]:
     recording = start("unplugged")
     recording.wait_for(4)
     with opened() as handle:
-        before = pictures(SESSIONS / "unplugged")
+        earlier = pictures(SESSIONS / "unplugged")
         pulled = time.monotonic()
         set_control(handle, "Disconnect")
         ended = recording.ended(pulled)
-        return {**ended, "before": before, "again": start("unplugged").ended()}
+        return {**ended, "before": earlier, "again": start("unplugged").ended()}
 
 
 def plugged_in_again() -> dict[str, Any]:
