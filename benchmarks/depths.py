@@ -35,7 +35,7 @@ def row(seed: int, bumps: int) -> list[str]:
     ).blocks
     path = with_relief(smooth, Relief(*footprint(smooth, values, WIDTH, HEIGHT), CENTRES))
     flat = {**values, "relief.amplitudes": torch.zeros(CENTRES, dtype=torch.float64)}
-    begun = time.perf_counter()
+    start_time = time.perf_counter()
     joint = fit_joint(path, flat, made.observations, poses)
     between = time.perf_counter()
     paper = {**flat, "relief.amplitudes": descend(path, flat, made.observations, poses, steps=1000)}
@@ -44,9 +44,9 @@ def row(seed: int, bumps: int) -> list[str]:
     ours = refit_poses(path, joint.values, near.observations, near.poses)[1].rms_px
     theirs = refit_poses(path, paper, near.observations, near.poses)[1].rms_px
     spent = (
-        f"{between - begun:.1f} s",
+        f"{between - start_time:.1f} s",
         f"{ended - between:.1f} s",
-        f"{(ended - between) / (between - begun):.0f}",
+        f"{(ended - between) / (between - start_time):.0f}",
     )
     return [
         f"{bumps}x{bumps}, seed {seed}",

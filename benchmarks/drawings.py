@@ -69,9 +69,9 @@ class Drawing:
             ' stroke-width="1.2"/>'
         )
 
-    def measure(self, one: Point, other: Point, name: str, text_at: Point, value: str = "") -> None:
+    def measure(self, start: Point, end: Point, name: str, text_at: Point, value: str = "") -> None:
         """A measured length, with arrows at both ends, and its key of session.yaml."""
-        (x, y), (u, v) = self.at(*one), self.at(*other)
+        (x, y), (u, v) = self.at(*start), self.at(*end)
         arrows = 'marker-start="url(#tip)" marker-end="url(#tip)"'
         self.parts.append(
             f'<line x1="{x:.1f}" y1="{y:.1f}" x2="{u:.1f}" y2="{v:.1f}" stroke="{MEASURE}"'
@@ -111,15 +111,15 @@ class Drawing:
             f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="#facc15" stroke="{INK}"/>'
         )
 
-    def axes(self, down: str = "y") -> None:
+    def axes(self, vertical: str = "y") -> None:
         z, y = self.corner[0] + 3, self.corner[1] + 3
-        for end, name, away in (((z + 9, y), "z", (2, 1)), ((z, y + 9), down, (0, 4))):
+        for end, name, offset in (((z + 9, y), "z", (2, 1)), ((z, y + 9), vertical, (0, 4))):
             (a, b), (c, d) = self.at(z, y), self.at(*end)
             self.parts.append(
                 f'<line x1="{a}" y1="{b}" x2="{c}" y2="{d}" stroke="{FAINT}" stroke-width="1.4"'
                 ' marker-end="url(#tip)"/>'
             )
-            self.text((end[0] + away[0], end[1] + away[1]), name, FAINT)
+            self.text((end[0] + offset[0], end[1] + offset[1]), name, FAINT)
 
     def svg(self) -> str:
         wide = self.size[0] * self.scale
@@ -182,8 +182,8 @@ def cone_from_above() -> Drawing:
     )
     made.measure((axis[0], -16), (0, -16), "axis_offset_mm, z", (-15, -21), "-30")
     made.measure((4, 0), (4, aside), "axis_offset_mm, x", (-7, 11), "here 5: to the right")
-    for one, other in (((axis[0], -18), axis), ((0, -18), (0, 0)), (axis, (6, aside))):
-        made.line(one, other, colour=MEASURE, wide=0.7, dashes="3 3")
+    for start, end in (((axis[0], -18), axis), ((0, -18), (0, 0)), (axis, (6, aside))):
+        made.line(start, end, colour=MEASURE, wide=0.7, dashes="3 3")
     made.measure(
         (axis[0] + radius, axis[1]), (axis[0] + radius + thick, axis[1]), "thickness_mm", (31, 6)
     )

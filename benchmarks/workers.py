@@ -46,10 +46,10 @@ class Session(Generic[T]):
     workers: Workers
 
     def result(self) -> T:
-        found: T
-        found, seconds = self.future.result()
+        outcome: T
+        outcome, seconds = self.future.result()
         self.workers.spent.append(seconds)
-        return found
+        return outcome
 
 
 @dataclass(slots=True)
@@ -70,8 +70,8 @@ class Workers:
         self, function: Callable[..., T], rows: Sequence[Sequence[object]], title: str
     ) -> Iterator[T]:
         """Results in the order of their arguments."""
-        for one in track([self.submit(function, *row) for row in rows], title, transient=True):
-            yield one.result()
+        for item in track([self.submit(function, *row) for row in rows], title, transient=True):
+            yield item.result()
 
     @property
     def scaled(self) -> str:
@@ -132,10 +132,10 @@ def importable(function: Callable[..., T]) -> Callable[..., T]:
     main = sys.modules["__main__"]
     if function.__module__ != "__main__" or not main.__spec__:
         return function
-    found: Callable[..., T] = getattr(import_module(main.__spec__.name), function.__name__)
-    return found
+    function_found: Callable[..., T] = getattr(import_module(main.__spec__.name), function.__name__)
+    return function_found
 
 
 def timed(function: Callable[..., T], *arguments: object) -> tuple[T, float]:
-    begun = time.monotonic()
-    return function(*arguments), time.monotonic() - begun
+    start_time = time.monotonic()
+    return function(*arguments), time.monotonic() - start_time

@@ -142,9 +142,9 @@ def main() -> None:
 
 
 def _mrcal_missing() -> str | None:
-    found = shutil.which("mrcal-calibrate-cameras") and shutil.which(DEBIAN)
+    result = shutil.which("mrcal-calibrate-cameras") and shutil.which(DEBIAN)
     if (
-        found
+        result
         and subprocess.run(
             [DEBIAN, "-c", "import mrcal, scipy"], capture_output=True, check=False
         ).returncode
@@ -166,12 +166,17 @@ def _medians(reports: list[Report]) -> Row:
 
 def _commands(rows: dict[str, Row]) -> Iterator[str]:
     """How whole commands compare."""
-    own = rows[OUR_COMMAND][CPU]
+    own_seconds = rows[OUR_COMMAND][CPU]
     for name, row in rows.items():
-        if name.endswith("whole command") and name != OUR_COMMAND and own and (other := row[CPU]):
+        if (
+            name.endswith("whole command")
+            and name != OUR_COMMAND
+            and own_seconds
+            and (seconds := row[CPU])
+        ):
             yield (
-                f"{OUR_COMMAND}, its report included: {own:.2f} s of cpu, {own / other:.2f} times"
-                f" {name}, {other:.2f} s."
+                f"{OUR_COMMAND}, its report included: {own_seconds:.2f} s of cpu,"
+                f" {own_seconds / seconds:.2f} times {name}, {seconds:.2f} s."
             )
 
 
@@ -182,15 +187,15 @@ def _table(title: str, rows: dict[str, Row]) -> Table:
             table.add_column(text, justify="right")
     for name, row in rows.items():
         cells = [name]
-        for value, own, (_, form, compared) in zip(row, rows[OURS], COLUMNS, strict=True):
+        for value, reference, (_, form, compared) in zip(row, rows[OURS], COLUMNS, strict=True):
             cells.append("" if value is None else format(value, form))
             if compared:
                 cells.append(
                     ""
-                    if value is None or own is None
-                    else f"{value / own:.2f}"
-                    if value < 10 * own
-                    else f"{value / own:.0f}"
+                    if value is None or reference is None
+                    else f"{value / reference:.2f}"
+                    if value < 10 * reference
+                    else f"{value / reference:.0f}"
                 )
         table.add_row(*cells)
     return table

@@ -38,18 +38,18 @@ class Clock:
         self.seconds = 0.0
 
     def around(self, call: Callable[..., object]) -> Callable[..., object]:
-        def timed(*args: object, **named: object) -> object:
-            begun = time.perf_counter()
+        def timed(*args: object, **keywords: object) -> object:
+            start_time = time.perf_counter()
             try:
-                return call(*args, **named)
+                return call(*args, **keywords)
             finally:
-                self.seconds += time.perf_counter() - begun
+                self.seconds += time.perf_counter() - start_time
 
         return timed
 
 
 def fit(case: Case, which: str) -> Fitted:
-    *whole, model = which.split()
+    *switches, model = which.split()
     used: Usage | None = None
     clock = Clock()
     command = shutil.which(COMMAND)
@@ -72,7 +72,7 @@ def fit(case: Case, which: str) -> Fitted:
             *(word for name, words in options.items() for word in (name, *words)),
             "view*.png",
         ]
-        if whole:
+        if switches:
             used = run(asked)
         else:
             _run_here(asked, clock)
@@ -93,12 +93,12 @@ def fit(case: Case, which: str) -> Fitted:
     )
 
 
-def _run_here(asked: list[str], clock: Clock) -> None:
+def _run_here(command: list[str], clock: Clock) -> None:
     for name in TIMED:
         setattr(mrcal, name, clock.around(getattr(mrcal, name)))
-    sys.argv = asked
+    sys.argv = command
     with suppress(SystemExit):
-        runpy.run_path(asked[0], run_name="__main__")
+        runpy.run_path(command[0], run_name="__main__")
 
 
 def _rows(case: Case) -> list[str]:
