@@ -1,4 +1,4 @@
-"""What boards that reach out of the picture are worth at its border: the table of docs/corners.md.
+"""The benefit of boards that reach out of the picture at its border: the table of docs/corners.md.
 
 Three sessions of one camera behind one glass, of 24 views each: whole checkerboards, and boards
 with markers of which a third reach out. Held out are views whose boards all do, and whole

@@ -1,5 +1,5 @@
-"""What `calib check` says of pictures that are taken later: `python -m benchmarks.check [--checks
-400] [--first 1000] [--jobs 2]`.
+"""The answers of `calib check` about pictures that are taken later: `python -m benchmarks.check
+[--checks 400] [--first 1000] [--jobs 2]`.
 
 Synthetic cameras behind a cone, a dome and a window are calibrated from 20 views of 81 corners with
 0.1 px noise per axis, every declared number off within its tolerance, and checked with 3, 4 or 5
@@ -47,7 +47,7 @@ PER_CAMERA = 34
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Of one check."""
+    """The outcome of one check."""
 
     shape: str
     kind: str

@@ -1,5 +1,5 @@
-"""How far corners of boards with markers are off, in rendered pictures that show them wholly or in
-part.
+"""The errors of the corners of boards with markers, in rendered pictures that show them wholly or
+in part.
 
 python -m benchmarks.coded_corners
 """

@@ -1,5 +1,5 @@
-"""How well corners are measured, against what their pixels allow: `python -m benchmarks.corners
-[PICTURES]`.
+"""The errors of measured corners, compared with the bound that their pixels set: `python -m
+benchmarks.corners [PICTURES]`.
 
 Drawn pictures of known truth, each scene from its reference changed in one way: noise, blur,
 contrast, tilt, the size of squares, JPEG, sharpening, uneven light. Errors are over the Cramer-Rao
@@ -180,8 +180,8 @@ def _said(over: float, found: int, pictures: int) -> str:
 
 
 def _speed() -> None:
-    """Of views through a cover: how a board is found, now and until now (SB), and what is done to
-    its corners then.
+    """Print the speed for views through a cover: of the search for a board, now and until now (SB),
+    and of the steps that follow.
     """
     session = read_session(BUMPS)
     board, (saddles, sectors) = session.board, [search for _, search in SEARCHES[:2]]

@@ -32,7 +32,7 @@ OPTIONS = ("--grid", "4x4", "--folds", "2")
 EVERY_S = 30.0
 """Between two deaths."""
 FLEETS = 300
-"""That are asked for false alarms."""
+"""The number of fleets that are asked for false alarms."""
 PRIORS = 4
 """Every so manieth camera has one, and so has the one whose fault shows only against it."""
 
@@ -135,9 +135,7 @@ def run(folder: Path, line: Line, interval: float) -> None:
 
 
 def hounded(command: list[str], fleet: Path, line: Line, interval: float) -> tuple[dict, int, int]:
-    """What the command prints once it ends, how many workers died, and how often it was started
-    again.
-    """
+    """Return the command's output, the number of workers that died, and that of its restarts."""
     deaths = restarts = 0
     chance = random.Random(1)
     process = subprocess.Popen(

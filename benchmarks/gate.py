@@ -1,5 +1,5 @@
-"""How fast the live finder is, what it costs in corners, and how often the gate is wrong: `python
--m benchmarks.gate [SEED]`.
+"""The speed of the live finder, the corners that it loses, and the errors of the gate: `python -m
+benchmarks.gate [SEED]`.
 
 500 good views: the fixtures' 92 pictures, rendered by Mitsuba, four times each with a flip, another
     exposure and more noise; and 132
@@ -113,8 +113,8 @@ def _speed(rng: np.random.Generator) -> None:
 
 
 def _coded_speed() -> None:
-    """Of boards with markers, whole and reaching out of the picture, beside a checkerboard at the
-    same size.
+    """Print the speed for boards with markers, whole and reaching out of the picture, beside a
+    checkerboard at the same size.
     """
     table = Table("median, 2 threads", "live, ms", "kept, ms", "corners seen")
     lens = Lens(*BINNED, focal=0.78 * BINNED[0])
@@ -195,7 +195,9 @@ def _verdicts(rng: np.random.Generator) -> None:
 
 
 def _is_kept(finder: Finder, scene: Scene, light: Floats, rng: np.random.Generator) -> bool:
-    """Where nothing but this light is spoiled: the board is still, and the session empty."""
+    """Return whether the gate keeps a view in which only this light is spoiled: the board is at
+    rest, and the session empty.
+    """
     current = finder.look(scene.frame(rng, light, 1.0))
     earlier = finder.look(scene.frame(rng, light, 1.0 - PERIOD))
     return judge_frame(current, earlier, ()).keep
@@ -225,7 +227,7 @@ def _scenes(rng: np.random.Generator) -> Iterator[Scene]:
 
 
 Spoil = Callable[[Floats, NDArray[np.float64], Board, np.random.Generator], Floats]
-"""Of a good view's light, its corners and its board: the light of a bad one."""
+"""A function from a good view's light, its corners and its board to the light of a bad view."""
 
 
 def _streaked(light: Floats, _corners: NDArray, _board: Board, rng: np.random.Generator) -> Floats:

@@ -1,4 +1,4 @@
-"""What a page for a thumb costs: the app's processor time with one and with a terminal, and what
+"""The cost of a page for a thumb: the app's processor time with one and with a terminal, and what
 goes over the network.
 
     python -m benchmarks.phone [--seconds 20]

@@ -1,4 +1,4 @@
-"""How fast many rays and points are: `python -m benchmarks.points`.
+"""The speed of many rays and points: `python -m benchmarks.points`.
 
 A cone of the paper, uneven by 8x8 bumps of 30 um, 3280x2464 px. A million pixels' rays, and the
 pixels of the points that these rays meet from 0.15 to 3 m, by `Calibration.rays` and `project`,

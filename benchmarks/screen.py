@@ -1,4 +1,4 @@
-"""How soon the terminal UI answers a key, and how often its picture changes, while it detects
+"""The time until the terminal UI answers a key, and the rate of its pictures, while it detects
 boards and refits.
 
     python -m benchmarks.screen [--keys 100] [--runs 3]
@@ -31,7 +31,7 @@ FIXTURE = Path(__file__).parents[1] / "fixtures" / "bumps"
 RATE = 20.0  # frames a second
 SAME = 12  # frames of each pose: the board is held still for 0.6 s
 ROW = re.compile(rb"\x1b\[9;1H")
-"""Where a row of the picture begins to be written: once each time the picture changes."""
+"""The sequence that begins a row of the picture, once each time the picture changes."""
 
 
 class Terminal:

@@ -1,5 +1,5 @@
-"""What `calib fit` takes for many corners, in time and memory: `python -m benchmarks.size
-[--corners 10000 100000 1000000]`.
+"""The time and memory of `calib fit` for many corners: `python -m benchmarks.size [--corners 10000
+100000 1000000]`.
 
 Views of one large board behind the paper's cone, from a corners file to the report. Linear means
 that the last two columns stay.

@@ -1,4 +1,4 @@
-"""What scipy's splines would cost where calib.undistortion.spline keeps its own: `python -m
+"""The cost of scipy's splines in the place of those of calib.undistortion.spline: `python -m
 benchmarks.splines`.
 
 For two components at once, over a 3280x2464 picture with nodes 64, 16 and 4 px apart. In pairs,
@@ -27,7 +27,7 @@ PAIRS = 15
 SPACINGS = (64, 16, 4)
 """px between nodes: a smooth field, one with failures in it, a lens that needs fine nodes."""
 POINTS = (2_000, 8_000, 40_000)
-"""Of one step of Newton's method."""
+"""The number of points of one step of Newton's method."""
 ROUNDING = 1e-9
 """px: coordinates of 3280 px in float64, whose errors grow at most 243-fold on their way to
 coefficients.

@@ -18,7 +18,7 @@ MARGIN = 1.0  # squares of white around the print
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """What the lens gives, before the sensor."""
+    """The picture that the lens gives, before the sensor."""
 
     light: NDArray[np.float32]
     """(H, W) grey levels without noise, not cut off at 255."""

@@ -1,5 +1,5 @@
-"""Where a large benchmark's sessions run: in processes of this machine, or on a Dask cluster by the
-adapter of `calib batch`.
+"""The workers that run a large benchmark's sessions: processes of this machine, or on a Dask
+cluster by the adapter of `calib batch`.
 
 A cluster's workers need this checkout, at the same place: python -m benchmarks.diagnosis
 --scheduler tls://head:8786
@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 
 class Future(Protocol):
-    """Of concurrent.futures and of Dask."""
+    """The common part of the futures of concurrent.futures and of Dask."""
 
     def result(self) -> Any: ...
 
@@ -54,7 +54,7 @@ class Session(Generic[T]):
 
 @dataclass(slots=True)
 class Workers:
-    """What sessions are given to; and how they scaled."""
+    """The workers that get the sessions, and their scaling."""
 
     submit_one: Submit
     count: Callable[[], int]
@@ -108,7 +108,9 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def workers_of(options: argparse.Namespace) -> Iterator[Workers]:
-    """As the options say; ends the program with a sentence where there is no such cluster."""
+    """Return the workers that the options name; end the program with a sentence if there is no such
+    cluster.
+    """
     if not (options.scheduler or options.jobqueue):
         with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
             yield Workers(pool.submit, lambda: options.jobs)

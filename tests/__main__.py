@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 STYLE = (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"])
-"""What .pre-commit-config.yaml runs too."""
+"""The checks that .pre-commit-config.yaml runs as well."""
 WORKERS = "3"
 """On two cores: tests of the terminal UI and of processes wait for a tenth of their time."""
 COVERAGE = ("--cov=calib", "--cov=capture", "--cov-report=")

@@ -12,7 +12,7 @@ TYPED = re.compile(
     r"(\S+=\S+"
     r" )*(\S*/)?(calib|capture|python3?|pip|smoke|pi\.sh|pi_wheel\.sh|sudo|apt-get|git|uname|rpicam-hello|cd|\.)(?= |$)"  # noqa: E501
 )
-"""How a line begins that is typed; all other lines of a block are what is printed."""
+"""The beginning of a typed line; all other lines of a block are printed ones."""
 
 
 @dataclass(frozen=True)

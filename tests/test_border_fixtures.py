@@ -80,9 +80,9 @@ def test_boards_reach_out_where_they_should(name: str) -> None:
 
 @pytest.mark.parametrize("name", FOLDERS)
 def test_detected_corners_are_the_renderer_s(sessions: dict[str, Session], name: str) -> None:
-    """As those of whole boards, an eighth more than was measured allowed, a quarter for the worst.
-    Nearly all are found that lie six pixels and more inside, in the held-out AprilGrids 95 %: tags
-    that the border cuts are not read. None is made up outside.
+    """The limits are those of whole boards: an eighth more than was measured, and a quarter for the
+    worst. Nearly all are found that lie six pixels and more inside, in the held-out AprilGrids 95
+    %: tags that the border cuts are not read. None is made up outside.
     """
     session = sessions[name]
     views, true = detect(session.frames, session.board).views, true_corners(name)
@@ -115,8 +115,8 @@ def test_every_view_is_used_and_the_calibration_trusted(
 
 @pytest.mark.parametrize("name", REACHING)
 def test_rays_are_the_renderer_s_to_the_border(fitted: dict[str, Calibration], name: str) -> None:
-    """As those of whole boards, in more of the picture: an eighth more than was measured is
-    allowed.
+    """The limits are those of whole boards, in more of the picture: an eighth more than was
+    measured.
     """
     error = map_error(fitted[name], FIXTURES / name / "truth.npz", near=40.0)
     print(
@@ -131,8 +131,8 @@ def test_rays_are_the_renderer_s_to_the_border(fitted: dict[str, Calibration], n
 def test_held_out_views_are_within_5_percent_of_what_the_true_glass_leaves(
     fitted: dict[str, Calibration], sessions: dict[str, Session], name: str
 ) -> None:
-    """As of whole boards; 1.035 and 1.01 were measured, where each view has fewer corners than of
-    those.
+    """The limits are those of whole boards; 1.035 and 1.01 were measured, where each view has fewer
+    corners than of those.
     """
     session = sessions[f"{name}/holdout"]
     ours = evaluate(fitted[name], session, Silent())

@@ -1,4 +1,4 @@
-"""What a message says to install is what pyproject.toml names, and no document promises a package
+"""The extras that messages name are those of pyproject.toml, and no document promises a package
 that is on no index.
 """
 

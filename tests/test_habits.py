@@ -1,4 +1,4 @@
-"""What runs before a commit and on GitHub is what the README's test command runs."""
+"""The checks before a commit and on GitHub are those of the README's test command."""
 
 import re
 from pathlib import Path
@@ -34,7 +34,7 @@ def test_github_runs_the_test_command_of_the_readme() -> None:
 
 
 def test_the_top_level_is_what_it_was_agreed_to_be() -> None:
-    """Beside folders whose name begins with a dot, and what builds leave there."""
+    """Folders whose name begins with a dot, and those that builds leave, do not count."""
     left_by_builds = {"out", "build", "dist", "refracal.egg-info"}
     agreed = {
         "pyproject.toml",

@@ -92,7 +92,7 @@ def test_the_other_programs_print_what_the_page_says(
 
 
 def _run(title: str, folder: Path) -> str:
-    """What a program prints in a folder that has the fixtures of which it speaks."""
+    """Return the output of a program in a folder that has the fixtures that it names."""
     program = PROGRAMS[title]
     for name in set(re.findall(r"fixtures/(\w+)", program)):
         shutil.copytree(

@@ -32,7 +32,7 @@ COVARIANCES = np.array([0.01 * np.eye(8)] * 2)
 
 @dataclass(frozen=True)
 class Library:
-    """What the calls are made on."""
+    """The objects on which the calls are made."""
 
     calibration: Calibration
     undistorter: Undistorter
@@ -265,7 +265,7 @@ def cases(array: np.ndarray) -> dict[str, Any]:
 
 
 def answer(call: Call, library: Library, value: Any) -> object:
-    """What the call returns, or the sentence of its refusal; anything else is raised here."""
+    """Return the result of the call, or the sentence of its refusal; raise anything else."""
     with warnings.catch_warnings(action="error"):
         try:
             return call.of(library, value)

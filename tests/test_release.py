@@ -71,8 +71,8 @@ def test_both_machines_and_every_python_run_the_checks_and_the_wheel() -> None:
 
 @pytest.mark.parametrize("name", WORKFLOWS)
 def test_a_workflow_is_well_formed(name: str) -> None:
-    """Its steps name an action of a version or run something; what they need is there; what they
-    run is in the tree.
+    """The steps of a workflow name an action with its version or run something. The jobs that they
+    need exist, and the files that they run are in the tree.
     """
     for job, described in jobs(name).items():
         needed = described.get("needs", [])
@@ -92,8 +92,8 @@ def test_a_workflow_is_well_formed(name: str) -> None:
 @pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
 @pytest.mark.parametrize("python", [*PYTHONS, "3.15"])
 def test_each_machine_and_python_gets_one_torch(machine: str, python: str) -> None:
-    """By the markers: below 2.10 on aarch64, where later ones die on a Pi 4 or bring CUDA; on
-    Python 3.15 the first that has a wheel.
+    """The markers choose a torch below 2.10 on aarch64, where later ones die on a Pi 4 or bring
+    CUDA; on Python 3.15 the first that has a wheel.
     """
     names = [Requirement(line) for line in PROJECT["dependencies"] if line.startswith("torch")]
     environment = {"platform_machine": machine, "python_version": python}

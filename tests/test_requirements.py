@@ -59,7 +59,9 @@ def needed(requirement: str, visited: set[str]) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of an environment that has what the file names, what that needs, and both packages."""
+    """Return the Python of an environment with the packages of the file, their dependencies, and
+    both packages of the project.
+    """
     folder = tmp_path_factory.mktemp("environment")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder], check=True)
     (packages,) = folder.glob("lib/python*/site-packages")

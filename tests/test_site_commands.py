@@ -33,7 +33,7 @@ ALL = tuple(dict.fromkeys(commands()))
 RUN = [typed for typed in ALL if typed.kind == "run"]
 FIXTURE = ROOT / "fixtures" / "bumps"
 MADE = {"NEW", "DIR", "STRAIGHT", "FLEET", "out", "out-bow"}
-"""What a command makes; it is not there before."""
+"""The folders that a command makes; they do not exist before."""
 
 
 def test_there_are_commands_of_every_kind() -> None:

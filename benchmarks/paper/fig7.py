@@ -72,7 +72,7 @@ def _crossings(size: Field, level: float) -> tuple[float, float]:
 
 
 def _where(size: Field) -> list[str]:
-    """Where the contours lie, and how large the distortion is along the image's sides."""
+    """Return lines with the places of the contours and the distortion along the image's sides."""
     lines = []
     for level in LEVELS:
         left_edge, right = _crossings(size, level)

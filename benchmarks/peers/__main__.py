@@ -62,7 +62,7 @@ COLUMNS = (
 )
 """Head, format, and whether a column with the ratio to ours follows."""
 CPU = 3
-"""Of COLUMNS, the process's."""
+"""The index of the process's time in COLUMNS."""
 Row = tuple[float | None, ...]
 """One number for each of COLUMNS."""
 
@@ -165,7 +165,7 @@ def _medians(reports: list[Report]) -> Row:
 
 
 def _commands(rows: dict[str, Row]) -> Iterator[str]:
-    """How whole commands compare."""
+    """Yield sentences that compare whole commands."""
     own_seconds = rows[OUR_COMMAND][CPU]
     for name, row in rows.items():
         if (

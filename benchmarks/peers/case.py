@@ -1,6 +1,6 @@
-"""What every peer is given: corners to calibrate with and two sets to be tested on.
+"""The input of every peer: corners to calibrate with and two sets to be tested on.
 
-No torch, so it costs a peer no memory.
+The module loads no torch, so it costs a peer no memory.
 """
 
 from dataclasses import dataclass

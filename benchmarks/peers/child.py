@@ -21,10 +21,10 @@ ROOT = Path(__file__).parents[2]
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """What a peer's fit returns."""
+    """The result of a peer's fit."""
 
     version: str
-    """Of the software, in words."""
+    """The version of the software, in words."""
     seconds: float
     """Wall time from corners to model, after imports."""
     iterations: int | None
@@ -32,12 +32,12 @@ class Fitted:
     score: Callable[[Shots], float]
     """px RMS with each view's pose refitted."""
     command: Usage | None = None
-    """What a command took that did the fit, where one did; None: this process did."""
+    """The resources of the command that did the fit; None if this process did it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a peer's process hands back."""
+    """The report of a peer's process."""
 
     version: str
     seconds: float

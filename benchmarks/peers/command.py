@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""What keeps a peer on one thread, which no command is told."""
+"""The environment that keeps a peer on one thread."""
 
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """What ended child processes took."""
+    """The resources of ended child processes."""
 
     seconds: float
     """Wall time."""

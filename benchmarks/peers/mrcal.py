@@ -25,9 +25,9 @@ from benchmarks.peers.command import Usage, run
 
 COMMAND = "mrcal-calibrate-cameras"
 TIMED = ("seed_stereographic", "optimize")
-"""What the command calls to get from corners to a model.
+"""The functions that the command calls to get from corners to a model.
 
-It also reads, writes, and maps the uncertainty.
+The command also reads, writes, and maps the uncertainty.
 """
 
 

@@ -1,5 +1,5 @@
-"""This project: the joint fit or the paper's procedure, with the camera and the smooth cover
-known.
+"""The project itself as a peer: the joint fit or the paper's procedure, with the camera and the
+smooth cover known.
 """
 
 import time

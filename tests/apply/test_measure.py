@@ -185,9 +185,9 @@ def test_a_view_that_is_turned_keeps_each_corner_s_weight(calibration: Calibrati
 
 
 def test_uncertain_glass_shows_in_sigma(made: Scene) -> None:
-    """With doubt of one amplitude alone, the sigma of a distance between two boards is how much it
-    changes with that amplitude: the boards' poses are refitted, and a motion of all rays moves both
-    boards alike.
+    """If one amplitude alone is uncertain, the sigma of a distance between two boards is its change
+    with that amplitude: the boards' poses are refitted, and a motion of all rays moves both boards
+    alike.
     """
     truth = replace(known(made, WIDTH, HEIGHT), noise_px=1e-6)
     covariance = np.zeros((64, 64))

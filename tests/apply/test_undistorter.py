@@ -62,8 +62,8 @@ def test_points_that_the_camera_does_not_see_are_nan(calibration: Calibration) -
 
 
 def expected(undistorter: Undistorter, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of every fifth pixel of the picture: its own coordinates and the px of the camera, by
-    projecting.
+    """Return the coordinates of every fifth pixel of the picture and, by projecting, of the
+    camera's pixels.
     """
     width, height = undistorter.size
     pixels = np.stack(np.meshgrid(np.arange(0, width, 5), np.arange(0, height, 5)), -1).reshape(
@@ -124,7 +124,7 @@ def test_crop_one_shows_every_pixel_and_no_more(calibration: Calibration) -> Non
 
 
 def test_crop_is_opencv_s_where_there_is_no_cover() -> None:
-    """With a plain lens the matrices are cv2.getOptimalNewCameraMatrix's, which looks at 9x9
+    """The matrices of a plain lens are those of cv2.getOptimalNewCameraMatrix, which looks at 9x9
     points.
     """
     lens = (-0.2, 0.05, 0.001, -0.001, 0.0)

@@ -1,5 +1,5 @@
-"""What changed is named, with its size, on simulated pictures; and what is no change of the camera
-is not taken for one.
+"""The check names a change and its size on simulated pictures, and does not take anything else for
+a change of the camera.
 """
 
 import pytest

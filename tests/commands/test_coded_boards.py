@@ -90,7 +90,7 @@ def test_held_out_views(
 def test_corners_come_back_from_their_file(
     fitted: tuple[Kind, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What was measured, as corners.vnl, with its gaps, gives the same calibration as the
+    """The measured corners, saved as corners.vnl with their gaps, give the same calibration as the
     pictures.
     """
     kind, folder = fitted

@@ -35,7 +35,7 @@ def pictures(session: Path) -> list[str]:
 
 @pytest.fixture(scope="module")
 def calibrations(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """As commands write them."""
+    """Return one calibration of each kind, as the commands write them."""
     folder = tmp_path_factory.mktemp("calibrations")
     places = {kind: folder / kind.replace(" ", "-") for kind in KINDS}
     fitted = str(places["fitted"])

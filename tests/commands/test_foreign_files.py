@@ -105,7 +105,7 @@ WRITERS = [name for name, command in COMMANDS.items() if command.writes]
 
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the commands read, under the names of their lines."""
+    """Return a folder with the inputs of the commands, under the names in their lines."""
     folder = tmp_path_factory.mktemp("inputs")
     for name, seed in (("session", 7), ("other", 8)):
         made = scene(seed, views=6, amplitude=1e-5, noise=0.05)

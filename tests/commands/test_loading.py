@@ -1,5 +1,5 @@
-"""What a command leaves of torch is there as soon as it is asked for; in processes of their own,
-for here torch is loaded.
+"""A command that did not load torch can load it at once. The tests run in separate processes,
+because torch is loaded here.
 """
 
 import subprocess

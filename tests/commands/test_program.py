@@ -1,4 +1,6 @@
-"""What is said to be typed next runs where the person is: with the environment activated or not."""
+"""The command that is named as the next one runs where the person is, with the environment
+activated or not.
+"""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a large board gives: 10 views of 100x100 corners."""
+"""A fit of a large board: 10 views of 100x100 corners."""
 
 import json
 from pathlib import Path

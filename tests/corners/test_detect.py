@@ -100,7 +100,7 @@ SCENES = {
 
 @pytest.fixture
 def no_saddles(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where the squares are too few pixels wide."""
+    """Find no saddles, as if the squares were too few pixels wide."""
     monkeypatch.setattr(detect, "SEARCHES", detect.SEARCHES[1:])
 
 

@@ -1,4 +1,4 @@
-"""By how much black looks larger: of tags that are drawn with edges moved by so many px."""
+"""The estimate of how much larger black looks, on tags that are drawn with moved edges."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the benchmarks read of mrgingham's output, whether or not it is installed."""
+"""The benchmarks read mrgingham's output, whether or not it is installed."""
 
 from pathlib import Path
 

@@ -132,7 +132,7 @@ def test_a_part_without_an_outline_is_refused_with_the_reason() -> None:
 
 
 def test_a_whole_board_of_another_size_is_no_part() -> None:
-    """Its margin is seen all around, where the declared board goes on."""
+    """The board's margin is visible all around, where the declared board would go on."""
     picture, _ = Scene(board=Board(7, 5, 0.025), size=(960, 720), focal=750.0).draw()
     assert isinstance(find_board(picture, BOARD), NotFound)
 

@@ -66,8 +66,8 @@ def beside(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def test_two_boards_in_one_picture_are_told() -> None:
-    """By both finders, and neither another board beside it nor half of a second one is taken for
-    two.
+    """Both finders tell two boards from one, and take neither another kind of board nor half of a
+    second one for two.
     """
     picture, _ = Scene().draw()
     double_picture = beside(picture, np.ascontiguousarray(picture[::-1, ::-1]))

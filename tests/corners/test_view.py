@@ -1,4 +1,4 @@
-"""What views say of each other: which show one pose of the board, and in which order they were
+"""The labels of views: which of them show one pose of the board, and in which order they were
 taken.
 """
 

@@ -26,7 +26,7 @@ PER_PICTURE = 4
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the guest leaves: result.json and the session that it recorded."""
+    """Return the folder that the guest wrote: result.json and the session that it recorded."""
     folder = tmp_path_factory.mktemp("libcamera")
     imports = f"/host{PROJECT}:/host{capture_wheels()}"
     guest = Guest(kernel_6_12(), {}, root=libcamera_root())

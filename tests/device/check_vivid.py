@@ -19,7 +19,7 @@ ONE_WEBCAM = "n_devs=1 node_types=0x1 num_inputs=1 input_types=0"
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the guest leaves: result.json, and the sessions that it recorded."""
+    """Return the folder that the guest wrote: result.json and the sessions that it recorded."""
     folder = tmp_path_factory.mktemp("vivid")
     Guest(kernel_6_1(), {"vivid": ONE_WEBCAM}, counted=True).run(
         folder, sys.executable, "-m", "tests.device.inside.vivid", "/shared"

@@ -51,7 +51,7 @@ def initramfs(
 
 
 def _add(name: str, found: Mapping[str, Path], loaded: dict[str, bytes]) -> None:
-    """What a module depends on, then the module; nothing where it is built into the kernel."""
+    """Add the dependencies of a module, then the module; nothing if it is built into the kernel."""
     if name in loaded or name not in found:
         return
     module = found[name].read_bytes()

@@ -43,7 +43,7 @@ class MissingError(Exception):
 
 
 def cache() -> Path:
-    """Where everything that is fetched stays."""
+    """The folder of all downloads."""
     return (
         Path(os.environ.get("REFRACAL_DEVICE_CACHE") or "~/.cache/refracal-device")
         .expanduser()

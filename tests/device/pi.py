@@ -1,5 +1,5 @@
-"""What an emulated Pi needs: prints a root of Debian's arm64, a folder of aarch64 wheels, and an
-emulator, each made or found once.
+"""The parts of an emulated Pi. The program prints a root of Debian's arm64, a folder of aarch64
+wheels, and an emulator, each made or found once.
 
 `root`, `wheels` and `emulator` as arguments choose, in the order in which they are printed.
 """
@@ -41,7 +41,7 @@ INDIRECT = (
         "six",
     ),
 )
-"""What torch, rich and matplotlib depend on."""
+"""The dependencies of torch, rich and matplotlib."""
 
 
 def requirements() -> list[str]:
@@ -56,7 +56,7 @@ def requirements() -> list[str]:
 
 
 def emulator() -> Path:
-    """This machine's own, or Debian's."""
+    """Return this machine's emulator, or Debian's."""
     installed = shutil.which("qemu-aarch64-static") or shutil.which("qemu-aarch64")
     return (
         Path(installed)

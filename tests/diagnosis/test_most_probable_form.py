@@ -1,4 +1,4 @@
-"""Which form of an effect is chosen: one fit says of the others what fits of them would."""
+"""The choice of an effect's form: one fit gives the evidence of all forms, as their fits would."""
 
 import pytest
 import torch

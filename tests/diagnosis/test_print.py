@@ -20,7 +20,7 @@ from tests.effects.rays import camera_matrix
 
 
 def diagnosed(points: NDArray[np.float64]) -> tuple[Calibration, Diagnosis]:
-    """Of fifteen views of a board whose corners are printed there, (K, 2) m, with 0.1 px of
+    """Diagnose fifteen views of a board whose corners are printed at (K, 2) m, with 0.1 px of
     noise.
     """
     made = scene(3, views=15)

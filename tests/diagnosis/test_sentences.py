@@ -1,5 +1,5 @@
-"""What is said of effects that were asked about while a window was in the model, and not since it
-was dropped.
+"""The remarks about effects that were requested while a window was in the model, which was dropped
+later.
 """
 
 from dataclasses import replace
@@ -52,8 +52,8 @@ def state_without_window() -> SearchState:
 
 
 def test_an_effect_on_a_window_that_was_dropped_is_not_asked_about() -> None:
-    """Its parameters are read by nothing: the information on them has fewer rows than their prior,
-    and no sentence can be true.
+    """Nothing reads the parameters of such an effect: the information on them has fewer rows than
+    their prior, and no sentence can be true.
     """
     sentences = tuple(remarks(state_without_window(), (), (), (), timed=True))
     assert len(sentences) == 1

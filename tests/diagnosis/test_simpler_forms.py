@@ -1,4 +1,4 @@
-"""What an effect no longer needs goes, and what it needs stays."""
+"""The parameters that an effect no longer needs are dropped, and the others stay."""
 
 import pytest
 import torch

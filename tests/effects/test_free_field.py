@@ -13,7 +13,7 @@ ROWS = 600
 
 
 def falls(knee: float) -> np.ndarray:
-    """Of both directions' numbers, as the page says."""
+    """Return the fall of both directions' numbers, as the page states it."""
     m, n = np.meshgrid(np.arange(WAVES), np.arange(WAVES), indexing="ij")
     return np.tile(1 / (1 + (m**2 + n**2) / knee**2).ravel(), 2)
 

@@ -102,7 +102,7 @@ def test_the_steps_for_a_new_effect_work_as_written(tmp_path: Path) -> None:
 
 
 def _run(folder: Path, *words: str) -> str:
-    """What Python prints in the copy."""
+    """Return the output of Python in the copy."""
     environment = os.environ | {"PYTHONPATH": str(folder)}
     done = subprocess.run(
         [sys.executable, *words],

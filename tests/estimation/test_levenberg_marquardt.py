@@ -281,7 +281,7 @@ def test_a_jacobian_that_is_not_finite_ends_the_fit_where_it_is() -> None:
 
 @pytest.mark.parametrize("steps", [50, 1])
 def test_a_jacobian_that_is_not_finite_after_a_step_keeps_what_the_step_gained(steps: int) -> None:
-    """With one step, it is seen only once the steps are used up."""
+    """The solver sees it after one step only when its steps are used up."""
     problem = Ruined(sound=1)
     solution = minimise(problem, *start(problem), steps=steps)
     assert solution.outcome is Outcome.NOT_FINITE
@@ -342,7 +342,7 @@ def test_a_curved_valley_is_followed() -> None:
 
 @pytest.mark.parametrize("stored", [1, 2])
 def test_a_bend_needs_no_jacobian_in_memory(stored: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is too much to keep is made again."""
+    """The solver computes again the pieces that are too many to keep."""
 
     class Counted(Curves):
         linearised = 0

@@ -1,6 +1,4 @@
-"""What views say of a camera, taken out of its posterior; and whether it is as its prior
-expects.
-"""
+"""The information of views about a camera, from its posterior, and its conflict with a prior."""
 
 import numpy as np
 import pytest
@@ -39,8 +37,8 @@ def test_a_posterior_that_is_the_prior_says_nothing() -> None:
 
 
 def surprises(shift: float) -> np.ndarray:
-    """Of CAMERAS that are drawn from a prior and then moved along its first axis by so many sigmas:
-    (2, CAMERAS) squares per direction, and p-values.
+    """Draw CAMERAS from a prior and move them along its first axis by so many sigmas. Return (2,
+    CAMERAS): the squares per direction, and the p-values.
     """
     rng = np.random.default_rng(3)
     mean, prior = a_prior(rng)

@@ -57,7 +57,7 @@ def test_pictures_of_different_poses_tell_no_noise() -> None:
 
 
 def test_copies_of_a_picture_are_no_burst() -> None:
-    """They have no noise between them, which says nothing of the corners' noise."""
+    """Copies have no noise between them, which says nothing about the corners' noise."""
     picture = noise(1)
     assert np.isnan(burst_noise(np.tile(picture, (6, 1, 1)), [0] * 6))
     burst = noise(6)

@@ -34,7 +34,7 @@ def model() -> tuple[Path, Values]:
 
 
 def covariance_of(parameters: Parameters) -> np.ndarray:
-    """Of the free parameters, over their scales."""
+    """Return the covariance of the free parameters, over their scales."""
     at = {name: i for i, name in enumerate(NAMES)}
     correlation = np.eye(len(NAMES))
     for (first, second), value in CORRELATIONS.items():
@@ -71,7 +71,9 @@ def test_the_precision_is_the_inverse_of_the_covariance(
 
 
 def known_glass(path: Path) -> Glass:
-    """Of the path's own patch, correlated with two numbers, one of which no fit estimates."""
+    """Return the glass of the path's own patch, correlated with two numbers, one of which no fit
+    estimates.
+    """
     assert path.relief
     spread = np.diag([3e-6, 2e-6, 1e-6]) ** 2 + 1e-13
     cross_covariance = np.stack(
@@ -122,7 +124,7 @@ def test_a_figure_that_is_known_goes_with_the_numbers(model: tuple[Path, Values]
 
 
 def test_parameters_of_effects_stand_beside_it(model: tuple[Path, Values]) -> None:
-    """They are independent, each entry for itself, wherever they stand."""
+    """The parameters of effects are independent, entry by entry, wherever they stand."""
     path, values = model
     sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
     priors = Priors(sigmas, CORRELATIONS).with_sigmas({"more": torch.tensor([1.0, 2.0])})
@@ -136,7 +138,7 @@ def test_parameters_of_effects_stand_beside_it(model: tuple[Path, Values]) -> No
 
 
 def test_entries_that_are_correlated_among_themselves(model: tuple[Path, Values]) -> None:
-    """They have the covariance that is given, and are independent of the rest."""
+    """The entries have the given covariance, and are independent of all other parameters."""
     path, values = model
     sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
     root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.5, -1.0, 0.7]])

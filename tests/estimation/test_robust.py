@@ -1,4 +1,4 @@
-"""Which views are dropped for their error, and which are not."""
+"""The choice of views that are dropped for their error."""
 
 import numpy as np
 import pytest

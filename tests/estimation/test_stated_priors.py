@@ -1,4 +1,4 @@
-"""What a description says of a fit's priors, and what doubt makes of it."""
+"""The priors that a description gives to a fit, and their form for a doubted number."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ FOUND = Intrinsics(
 
 
 def covariance(intrinsics: Intrinsics) -> np.ndarray:
-    """(9, 9), over the parameters' scales."""
+    """Return the (9, 9) covariance, over the parameters' scales."""
     path, values = covered_path(intrinsics, COVER)
     root = Parameters.of(path, values, priors_of(intrinsics, COVER, path)).free_root()
     return np.asarray(root @ root.T)

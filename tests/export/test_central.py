@@ -78,7 +78,7 @@ def test_without_a_cover_the_lens_is_the_calibration_s_own(bare: Calibration) ->
 def test_a_lens_is_fitted_on_one_thread(
     covered: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Beside busy processes, two threads of BLAS took 6 to 10 s for what one does in 1."""
+    """Two threads of BLAS took 6 to 10 s beside busy processes, and one thread takes 1 s."""
     seen_threads: list[int] = []
 
     def watched(*arguments: object) -> np.ndarray:
@@ -175,8 +175,8 @@ def test_a_spline_is_the_formula_of_its_knots() -> None:
 
 
 def test_remarks_name_the_depth_where_the_model_goes_wrong(covered: Calibration) -> None:
-    """By pixels of the test's own: how far the error at half the depth is from the error at the
-    depth.
+    """The test computes the difference between the errors at the depth and at half the depth from
+    its own pixels.
     """
     model = best_central(covered, 0.2, [SPLINED])
     assert model.misfit_at_depth.worst_px < 0.1
@@ -197,7 +197,7 @@ def test_no_remark_where_depth_hardly_matters(covered: Calibration) -> None:
 
 
 def test_infinity_is_no_distance_to_fit_a_central_camera_at(covered: Calibration) -> None:
-    """Its misfit at half and at twice the distance would be said to be of the same one."""
+    """The misfits at half and at twice infinity would be those of infinity itself."""
     with pytest.raises(InputError, match="at a finite distance: write metres, such as 1000"):
         best_central(covered, float("inf"), [FIVE])
 

@@ -126,8 +126,8 @@ def test_opencv_maps_are_the_calibration_s(small: Calibration, tmp_path: Path) -
 
 @pytest.mark.parametrize("lens", ["plumb_bob", "rational_polynomial", "equidistant"])
 def test_ros(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> None:
-    """As image_geometry does: D through the camera matrix K; P repeats K, so the rectified picture
-    has the same scale.
+    """The reader works as image_geometry does: D through the camera matrix K; P repeats K, so the
+    rectified picture has the same scale.
     """
     text = export(saved, tmp_path, "ros", lens, "camera_info_0.4m.yaml").read_text()
     document = yaml.safe_load(text)
@@ -218,7 +218,7 @@ def turned(rays: Array, horizontal: list[float], vertical: list[float]) -> Array
 
 @pytest.mark.parametrize("lens", ["opencv-pinhole", "opencv-fisheye"])
 def test_windshield(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> None:
-    """By gsplat's reference of the model, in Python, and OpenCV's lens."""
+    """The readers are gsplat's reference of the model, in Python, and OpenCV's lens."""
     answer = json.loads(
         export(saved, tmp_path, "windshield", lens, "windshield_0.4m.json").read_text()
     )
@@ -283,8 +283,8 @@ def test_windshield_by_ncore(covered: Calibration, saved: Path, tmp_path: Path, 
 
 
 def test_depthai(small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """As the device does: y and x every so many columns and rows, and between them linearly; they
-    mean what cv2.remap's maps do.
+    """The reader works as the device does: y and x every so many columns and rows, and between them
+    linearly; they mean what cv2.remap's maps do.
     """
     small.save(tmp_path)
     assert (

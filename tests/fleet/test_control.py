@@ -14,7 +14,7 @@ NAMES = ("error_px", "held_out_px", "camera.fx", "camera.cx", "cover.thickness",
 
 
 def fleet(rng: np.random.Generator, count: int) -> Numbers:
-    """Of normal numbers, and errors whose logarithms are."""
+    """Return a fleet with normal numbers, and with errors whose logarithms are normal."""
 
     def number(name: str) -> tuple[float, float, str]:
         if name.endswith("px"):

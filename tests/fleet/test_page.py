@@ -1,4 +1,4 @@
-"""What stands out, in words, on the page and in the table."""
+"""The outliers in words, on the page and in the table."""
 
 import csv
 import io

@@ -1,4 +1,6 @@
-"""What cameras say of the next one: as sure as it should be, whatever each of them knows."""
+"""The expectation of the next camera is as certain as it should be, whatever each camera's views
+determine.
+"""
 
 import numpy as np
 import pytest
@@ -9,12 +11,12 @@ from calib.fleet.population import Population, population
 SIZE = 5
 FLEETS, NEXT = 12, 20
 SPREAD = np.array([0.03, 0.1, 0.2, 0.05, 0.1])
-"""Of the cameras, over the tolerances."""
+"""The spread of the cameras, over the tolerances."""
 
 
 def fleet(seed: int, cameras: int, noise: float) -> tuple[Population, np.ndarray]:
-    """What is expected, and the (NEXT, SIZE) numbers of the next cameras. Each tells its numbers to
-    `noise` times a tolerance, one not at all.
+    """Return the expectation, and the (NEXT, SIZE) numbers of the next cameras. The views of each
+    camera determine its numbers to `noise` times a tolerance, and one of them not at all.
     """
     rng = np.random.default_rng([seed, cameras])
     mean = 0.5 * rng.standard_normal(SIZE)
@@ -49,7 +51,7 @@ def squares(cameras: int, noise: float) -> float:
 
 @pytest.mark.parametrize("noise", [0.02, 0.3])
 def test_the_next_camera_is_as_far_off_as_predicted(noise: float) -> None:
-    """With many cameras the square is one; 12 fleets of 5 numbers leave it uncertain by a tenth."""
+    """The square of many cameras is one; 12 fleets of 5 numbers leave it uncertain by a tenth."""
     assert 0.7 < squares(40, noise) < 1.2
 
 

@@ -34,7 +34,9 @@ OPTIONS = ("--grid", "3x3", "--free", "none", "--folds", "2")
 
 @pytest.fixture
 def client() -> Iterator[Client]:
-    """Of workers that are threads of this process: Dask itself, without its start of processes."""
+    """Return a client whose workers are threads of this process: Dask itself, without its start of
+    processes.
+    """
     with (
         LocalCluster(
             n_workers=2, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0"
@@ -224,7 +226,7 @@ QUEUE = """#!/bin/sh
 setsid sh -c "$(grep -v '^#' "$1")" > /dev/null 2>&1 &
 echo "Submitted batch job $!"
 """
-"""What `sbatch` does, on this machine."""
+"""A script that does on this machine what `sbatch` does."""
 
 
 @pytest.fixture

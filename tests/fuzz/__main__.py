@@ -24,12 +24,12 @@ from tests.fuzz.cases import Bench, Kind, each_of, spoil
 from tests.fuzz.limits import Hang, Limits
 
 SAID_EVERY_S = 10.0
-"""How often a run says how far it is."""
+"""The interval between two lines about the progress of a run."""
 
 
 @dataclass
 class Tally:
-    """What came of the cases of one kind."""
+    """The outcome of the cases of one kind."""
 
     kind: Kind
     seed: int
@@ -37,10 +37,10 @@ class Tally:
     tried: int = 0
     refused: int = 0
     seconds: float = 0.0
-    """Of work."""
+    """The seconds of work."""
     slowest: float = 0.0
     wrong: Counter[str] = field(default_factory=Counter)
-    """By the place in the code."""
+    """The wrong outcomes, by their place in the code."""
     examples: dict[str, object] = field(default_factory=dict)
 
     def __str__(self) -> str:

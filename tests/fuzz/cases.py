@@ -1,6 +1,6 @@
-"""What is fuzzed: for each kind of input a strategy, and what the commands do with it.
+"""The fuzzed inputs: for each kind a strategy, and the calls that read it.
 
-None of it may raise anything but RefracalError.
+None of these may raise anything but RefracalError.
 """
 
 import io
@@ -82,7 +82,8 @@ COVERS = (
     "  intrinsics: {fx: 300.0, fy: 300.0, cx: 159.5, cy: 119.5, distortion: [0, 0, 0, 0, 0]}\n"
     f"cover:\n{FLAT}",
 )
-"""How sessions of degenerate corners go on: a camera alone, behind a cone, behind a window."""
+"""The ends of session.yaml for degenerate corners: a camera alone, behind a cone, behind a window.
+"""
 Run = Callable[[Any], object]
 Reader = Callable[[Any], bool]
 """True where the input was refused by a sentence, which was looked at, and did not come as an
@@ -90,7 +91,7 @@ exception.
 """
 BOARD = Board(6, 5, 0.02)
 SPECIAL = ("fifo", "zero", "full", "folder", "loop", "nothing")
-"""What may stand where a file is expected."""
+"""The things that may stand in the place of a file."""
 SPEAKER = re.compile(r"^\w+[\w -]*: (error: )?")
 """Who speaks, before the sentence."""
 
@@ -103,7 +104,7 @@ class Kind:
     inputs: st.SearchStrategy[Any]
     run: Run | Reader
     cost: int = 1
-    """How many usual cases take the time of one of these; so many fewer are tried."""
+    """The number of usual cases that take the time of one of these; so many fewer are tried."""
 
 
 class Bench:
@@ -241,7 +242,7 @@ class Bench:
         )
 
     def deep(self, value: object) -> None:
-        """What a person does next with a calibration that could be read; seconds."""
+        """Do what a person does next with a calibration that could be read; it takes seconds."""
         for words in (
             ["report", "--no-open"],
             ["export", "--format", "npz", "--depth", "1", "-o", str(self.folder / "out")],

@@ -8,7 +8,8 @@ import numpy as np
 
 
 def good_lines(folder: Path, tables: Sequence[bytes]) -> Sequence[Sequence[str]]:
-    """Of calib and of capture; what they write goes below the folder that they run in.
+    """Return good command lines of calib and of capture; their output goes below the folder that
+    they run in.
 
     Args:
         folder: with `session` (too few views for a fit), `small` (a calibration of 64x48 px) and

@@ -52,23 +52,29 @@ class Command:
     arguments: Sequence[str]
     before: Path
     digest: str
-    """Of the calibration whose files it writes; empty where the command makes that."""
+    """The digest of the calibration whose files it writes; empty if the command makes the
+    calibration.
+    """
 
 
 @dataclass(frozen=True)
 class Whole:
-    """What a run that nobody kills does."""
+    """The outcome of a run that nobody kills."""
 
     names: frozenset[str]
     written: frozenset[str]
-    """Those that are not as they were before."""
+    """The names of files that changed."""
     changes: int
     work_s: float
-    """Of the processor: on a busy machine, a moment by the clock is another one each time."""
+    """Seconds of the processor: on a busy machine, the same moment by the clock is another one in
+    each run.
+    """
 
 
 def commands(place: Path) -> list[Command]:
-    """Over a folder with everything of an earlier calibration. Each writes to its last argument."""
+    """Return commands over a folder with all files of an earlier calibration. Each writes to its
+    last argument.
+    """
     sessions = [
         write_session(place / name, scene(seed, views=10, amplitude=1e-5, noise=0.05))
         for name, seed in (("a", 7), ("b", 8))

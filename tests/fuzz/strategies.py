@@ -1,5 +1,5 @@
-"""How files go wrong, as hypothesis strategies: texts, values in mappings, arrays, and what stands
-in the place of a file.
+"""Strategies of hypothesis for wrong files: texts, values in mappings, arrays, and other things in
+the place of a file.
 """
 
 import copy
@@ -18,14 +18,14 @@ TOKENS = (
     b",", b"#", b"&a", b"*a", b"!!", b"|", b">", b"?", b"%", b"@", b"[/b]", b"[link=x]", b"<b>", b"inf", b".inf", b".nan", b"-inf",  # noqa: E501
     b"9" * 5000, b"x" * 5000, b"[" * 3000, b"{a: " * 500, b"- " * 500, b"1," * 3000, b"\n" * 3000, b"\xff" * 5000, b"a: *a\n",  # noqa: E501
 )  # fmt: skip
-"""What is put into a text, or in the place of a part of it."""
+"""The tokens that are put into a text, or in the place of a part of it."""
 VALUES: tuple[Any, ...] = (
     None, True, False, "", "x", "12", "\x1b[2J\ncalib: all is well", "y" * 5000, 0, 1, -1, 3, 10**30, 0.5, -0.0, 1e-300, 1e300, -1e300,  # noqa: E501
     float("nan"), float("inf"), [], {}, [1], [1, 2], ["a", None], [[1.0, 2.0]] * 3, {"value": 25, "sigma": 1e300},  # noqa: E501
     {"value": 25, "sigma": 0},
     {"a": {"b": [1]}}, [0] * 3000, 10**6,
 )  # fmt: skip
-"""What stands in the place of a value."""
+"""The values that take the place of a value."""
 
 
 WORDS = (
@@ -34,7 +34,7 @@ WORDS = (
     "none", "all", "lens,lens", "radius,", ",", "[/b]", "[link=x]", "%", "%(prog)s", "{}", "~", "a\nb", "absent.png", "folder:", "folder:.",  # noqa: E501
     "video:x", "v4l2:", "v4l2:/dev/null", "folder:absent?speed=nan", "libcamera:\x1b",
 )  # fmt: skip
-"""What stands in the place of a word of a command line, or beside it."""
+"""The words that take the place of a word of a command line, or stand beside it."""
 NUMBERS = (
     "0",
     "0.001",
@@ -56,8 +56,8 @@ NUMBERS = (
     "-1",
     "-0.0",
 )
-"""What stands in the place of a number of a command line: more of these are taken, and meet the
-code behind the arguments.
+"""The numbers that take the place of a number of a command line: more of these are accepted, and
+reach the code behind the arguments.
 """
 
 

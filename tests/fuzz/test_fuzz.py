@@ -22,8 +22,8 @@ from tests.fuzz.cases import Bench, Kind, each_of, spoil
 from tests.fuzz.limits import Hang, Limits
 
 CASES = 12
-"""Of each kind; a wrong place that one spoilt file in twelve finds is found here, a rarer one by
-the command.
+"""The number of cases of each kind; a wrong place that one spoilt file in twelve finds is found
+here, a rarer one by the command.
 """
 
 
@@ -72,7 +72,7 @@ def test_the_same_cases_every_time(bench: Bench) -> None:
 
 @pytest.fixture
 def limits() -> Iterator[Limits]:
-    """Of a fifth of a second; pytest's own handlers come back."""
+    """Set limits of a fifth of a second; pytest's own handlers come back."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGPROF, signal.SIGALRM)}
     made = Limits()
     made.work_s, made.wait_s = 0.2, 60.0

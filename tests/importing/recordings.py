@@ -1,4 +1,4 @@
-"""What other programs would have written about a camera of known numbers."""
+"""Files as other programs would have written them about a camera of known numbers."""
 
 import base64
 import io

@@ -21,7 +21,9 @@ COMMAND = "mrcal-calibrate-cameras"
     reason="mrcal is not installed (apt-get install mrcal): no file of its own was imported",
 )
 def test_what_mrcal_calibrated_comes_back(tmp_path: Path) -> None:
-    """Its corners, in its order, with those that it rejected as outliers marked as not seen."""
+    """The import keeps mrcal's corners, in its order, with those that it rejected as outliers
+    marked as not seen.
+    """
     all_corners = corners(12).reshape(12, BOARD.count, 2) + np.random.default_rng(1).normal(
         0, 0.1, (12, BOARD.count, 2)
     )

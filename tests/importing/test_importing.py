@@ -1,4 +1,4 @@
-"""What other programs recorded becomes a session that calib fit calibrates."""
+"""Recordings of other programs become sessions that calib fit calibrates."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What cannot be imported gets one sentence, exit code 2, and leaves nothing behind."""
+"""A recording that cannot be imported gets one sentence and exit code 2, and leaves no file."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -68,8 +68,8 @@ def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: FittedModel) -> No
 def test_views_that_were_left_out_follow_by_a_step_of_their_own(
     optimum: FittedModel, interval: int
 ) -> None:
-    """What is left of them, by equations, and by fits of their poses to all of their corners or to
-    every other.
+    """The residual of held-out views by the equations is that of fits of their poses to all of
+    their corners, or to every other corner.
     """
     pose_corners = torch.arange(len(optimum.observations.pixels)) % interval == 0
     for index, fit in enumerate(fits_without(optimum, cost_of(optimum), PARTS, pose_corners)):
@@ -130,9 +130,7 @@ def test_where_a_step_fails_the_others_are_fitted(
 
 
 def errors(at: FittedModel, found: Sequence[FitWithout]) -> Iterator[float]:
-    """What each leaves of the views that it is a fit to, over what the fit to all views leaves of
-    them.
-    """
+    """Yield the error of each fit on its own views over the error of the fit to all views."""
     for index, fit in enumerate(found):
         out = torch.from_numpy(index == PARTS)
         observations = at.observations.without_views(out)

@@ -1,4 +1,4 @@
-"""What is held out together, and what frames.csv says of it."""
+"""The groups of views that are held out together, also by frames.csv."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def test_bands_of_depth_are_near_middle_and_far() -> None:
 
 
 def test_a_part_is_scored_by_a_fit_that_did_not_see_it() -> None:
-    """By hand for one part, its poses refitted on the board and not in the image."""
+    """The test refits one part by hand. Its poses are refitted on the board, not in the image."""
     made = fitted(hidden(None, {}, views=10))
     model, observations = base_model(made), made.observations
     joint = model.fit(observations, torch.from_numpy(made.poses))

@@ -8,8 +8,8 @@ VIEWS, ROWS, PARAMETERS = 12, 80, 3
 
 
 def _p_value(size: float, seed: int, *, silent: int = 0, bad: int = 0) -> float:
-    """Of an effect that shifts a view's rows by `size` sigma and more; the first views do not show
-    it, the last are noise of five sigma.
+    """Return the p-value of an effect that shifts a view's rows by `size` sigma and more. The first
+    views do not show it, and the last ones have noise of five sigma.
     """
     rng = np.random.default_rng(seed)
     rows = [

@@ -43,9 +43,9 @@ def test_a_large_board_has_few_modes() -> None:
 
 
 def test_the_likelihood_is_the_dense_one() -> None:
-    """Of three views with two own parameters, one of which has a prior, and two shared ones: a
-    normal distribution whose covariance is written out, a flat prior being a very wide one. Only
-    constants differ, those of the priors.
+    """The test has three views with two own parameters, one of which has a prior, and two shared
+    ones. Their dense covariance is written out, with a very wide prior for a flat one. The results
+    differ by constants of the priors.
     """
     rng = np.random.default_rng(1)
     views, corners, modes = 3, 6, 4
@@ -103,7 +103,9 @@ def test_the_likelihood_is_the_dense_one() -> None:
 
 
 def optimum(made: Scene, shift: np.ndarray) -> FittedModel:
-    """Of a camera whose focal lengths and glass are estimated, its corners moved by (M, 2) px."""
+    """Return the fit of a camera whose focal lengths and glass are estimated, with its corners
+    moved by (M, 2) px.
+    """
     observations = made.observations
     moved = replace(observations, pixels=observations.pixels + torch.from_numpy(shift))
     model = CameraModel(made.path, made.values, Priors({"camera.fx": 20.0, "camera.fy": 20.0}))

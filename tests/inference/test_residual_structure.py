@@ -1,4 +1,4 @@
-"""What organises a residual is found, what does not is not, and noise is called noise."""
+"""The variables that organise a residual are found, no others are, and noise is called noise."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -107,7 +107,7 @@ def drift() -> Array:
 
 
 def parallax() -> Array:
-    """What a wrong glass does: outwards by incidence, near boards against far ones."""
+    """Return the shifts by a wrong glass: outwards by incidence, near boards against far ones."""
     unmoved_scene = unmoved()
     outwards = (unmoved_scene.observations.pixels.numpy() - [WIDTH / 2, HEIGHT / 2]) / WIDTH
     near = 1 / unmoved_scene.distance
@@ -140,7 +140,9 @@ UNTOUCHED: dict[str, set[str]] = {
     "incidence x depth": {"board", "sub-pixel phase"},
     "sub-pixel phase": {"board", "view and time"},
 }
-"""What a field has no part in; the rest is smooth over the picture as it is, and shares some."""
+"""The variables that have no part in a field. The other ones are smooth over the picture as the
+field is, and share some of it.
+"""
 
 
 def test_every_organiser_is_planted() -> None:
@@ -149,7 +151,7 @@ def test_every_organiser_is_planted() -> None:
 
 @pytest.mark.parametrize("name", PLANTED)
 def test_what_is_planted_is_named_first_and_what_is_not_is_not(name: str) -> None:
-    """As large as the noise. A chance of a thousandth is what a diagnosis would speak of."""
+    """The planted field is as large as the noise. A diagnosis reports p-values below 0.001."""
     plant, minimum = PLANTED[name]
     field = plant()
     with single_thread():

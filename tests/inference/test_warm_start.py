@@ -1,5 +1,5 @@
-"""Where a fit without an effect begins: near where it ends, by what the fit with the effect
-says.
+"""The start of a fit without an effect is near its end, because the fit with the effect predicts
+it.
 """
 
 import pytest

@@ -13,7 +13,7 @@ FREEDOM = 500
 
 @dataclass(frozen=True)
 class Left:
-    """What a fit leaves."""
+    """The result of a fit."""
 
     rms: float
 

@@ -1,4 +1,4 @@
-"""What stands where a file is expected, and what a file says of itself: refused before it costs
+"""Other things in the place of a file, and files with false sizes, are refused before they cost
 anything.
 """
 

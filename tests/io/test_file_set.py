@@ -57,7 +57,9 @@ def fill(folder: Path) -> Path:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """What any program sees, hidden files left out: a link that leads nowhere is no file."""
+    """Return the files that any program sees, without hidden ones: a link that leads nowhere is no
+    file.
+    """
     return {
         path.name: path.read_text() if path.is_file() else "a folder"
         for path in folder.iterdir()

@@ -77,7 +77,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_a_small_file_is_read_in_little_memory(tmp_path: Path) -> None:
-    """Of a machine with 1 GB, 2 GB cannot be had, however little of it is used."""
+    """A machine with 1 GB cannot give 2 GB, however little of it is used."""
     path = tmp_path / "small"
     path.write_bytes(b"x" * 3 * READ_SIZE)
     tracemalloc.start()

@@ -1,4 +1,4 @@
-"""How a board's own place and shape move what rays meet on it."""
+"""The board's own place and shape move the points where rays meet it."""
 
 import pytest
 import torch

@@ -126,7 +126,7 @@ def test_lens_derivatives_agree_with_central_differences() -> None:
 
 
 def test_each_pixel_can_have_a_lens_of_its_own() -> None:
-    """As the derivatives by row ask for."""
+    """The derivatives by row need this."""
     pixels = torch.tensor([[100.0, 80.0], [900.0, 700.0], [1500.0, 200.0]], dtype=torch.float64)
     values = lens_values(14)
     other_values = {name: 1.1 * value for name, value in values.items()}

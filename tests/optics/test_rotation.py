@@ -50,10 +50,10 @@ def test_the_matrix_is_scipy_s(rotvec: np.ndarray) -> None:
 
 @given(rotvecs)
 def test_the_derivative_is_that_of_central_differences(rotvec: np.ndarray) -> None:
-    """Of scipy's matrices.
+    """The differences are of scipy's matrices.
 
-    STEP^2 / 6 times the third derivative, and the roundings of the matrices over STEP: 2e-11 each,
-    times some.
+    Their error is STEP^2 / 6 times the third derivative, and the roundings of the matrices over
+    STEP: 2e-11 each, times some.
     """
     vector = torch.from_numpy(rotvec)
     derivatives = rotation.derivatives(vector, rotation.matrix(vector)).numpy()

@@ -53,7 +53,7 @@ def drawn(paint: object, *, ours: bool) -> str:
 
 
 def marks(svg: str) -> Marks:
-    """Of every text, by what it says and how it is anchored: x and y, pt."""
+    """Return the x and y in pt of every text, by its words and its anchor."""
     results = {}
     for style, attributes, text in TEXT.findall(svg):
         at = re.search(r'x="([-\d.]+)" y="([-\d.]+)"', attributes) or re.search(

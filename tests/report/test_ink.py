@@ -1,4 +1,4 @@
-"""What is written into figures can be read."""
+"""The texts in figures can be read."""
 
 from itertools import combinations
 

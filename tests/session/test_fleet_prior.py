@@ -105,7 +105,7 @@ def test_it_comes_back_from_its_file(prior: FleetPrior, tmp_path: Path) -> None:
 
 
 def test_plain_numbers_give_way_to_the_fleets(prior: FleetPrior) -> None:
-    """What the drawing says the fleet's fits have had already."""
+    """The fleet's fits have already used the numbers of the drawing."""
     combined = combine_with_prior(prior, INTRINSICS, CONE, "session.yaml")
     assert told(*combined) == pytest.approx(covariance(), rel=1e-9, abs=0)
 

@@ -23,7 +23,7 @@ class Raster:
 
     grey: NDArray[np.uint8]
     mm: NDArray[np.float64]
-    """(2,) of a pixel, across and down."""
+    """The (2,) size of a pixel, across and down."""
 
     def place(self, pixels: NDArray) -> NDArray[np.float64]:
         """(..., 2) mm from the page's upper left of (..., 2) px."""
@@ -43,8 +43,8 @@ def rasterise(pdf: bytes, dpi: float = 300) -> Raster:
 
 
 def exposed(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """As a camera would, that cuts off neither black nor white: what is cut off says nothing of a
-    corner.
+    """Return the picture of a camera that cuts off neither black nor white: a level that is cut off
+    says nothing about a corner.
     """
     return np.asarray(25 + 0.8 * grey, np.uint8)
 

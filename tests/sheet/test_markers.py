@@ -67,7 +67,7 @@ def opencv_s(board: CharucoPattern) -> cv2.aruco.CharucoBoard:
 
 @charucos
 def test_a_charuco_is_opencv_s(board: CharucoPattern, side: float | None) -> None:
-    """Its picture of the board, laid over ours: pixels differ along edges alone."""
+    """OpenCV's picture of the board lies over ours: pixels differ along edges alone."""
     sheet, raster = made(board, side)
     extent = np.array(board.extent)
     theirs = opencv_s(board).generateImage(tuple(int(n) for n in 120 * extent), None, 0, 1)

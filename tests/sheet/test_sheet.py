@@ -60,7 +60,7 @@ def test_the_detector_finds_every_corner_where_the_sheet_says(
 
 @pytest.mark.parametrize(("columns", "rows", "side"), [(9, 6, 25.0), (9, 6, None), (6, 9, 26.0)])
 def test_the_detector_finds_the_sheet_on_black(columns: int, rows: int, side: float | None) -> None:
-    """Where the paper ends, a dark table begins: even the least white is enough."""
+    """A dark table begins at the edge of the paper: even the narrowest white margin is enough."""
     sheet = made("A4", columns, rows, side)
     raster = rasterise(to_pdf(sheet), 150)
     around = 100

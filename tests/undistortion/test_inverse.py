@@ -42,8 +42,8 @@ The same examples every time: a test that fails once fails again.
 
 
 def some_field(amplitudes: Array) -> RayField:
-    """Whose displacement at infinity, and what depth adds to it, are sums of cosines: (2, 2, WAVES,
-    WAVES) A or B, x or y, and waves.
+    """Return a field whose displacement at infinity, and its change with depth, are sums of
+    cosines: (2, 2, WAVES, WAVES) A or B, x or y, and waves.
     """
     nodes_x, nodes_y = grid_nodes(WIDTH, SPACING, 20), grid_nodes(HEIGHT, SPACING, 20)
     sideways = np.cos(np.pi * np.outer(np.arange(WAVES), nodes_x / WIDTH))

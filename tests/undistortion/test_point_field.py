@@ -25,7 +25,7 @@ def cone() -> Calibration:
 
 
 def dome() -> Calibration:
-    """Whose centre is 6 mm behind the pinhole: a small one, so that rays bend."""
+    """Return a small dome whose centre is 6 mm behind the pinhole, so that rays bend."""
     numbers = {
         "inner_radius": 0.02,
         "centre.x": 1e-3,
@@ -104,7 +104,7 @@ def test_points_are_seen_where_tracing_sees_them(
 def test_a_camera_that_sees_nothing_says_so_of_many_as_of_few(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Its window stands behind it."""
+    """The window of this camera stands behind it."""
     made = scene(3, views=1)
     numbers = {
         "distance": 0.01,

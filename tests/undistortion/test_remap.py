@@ -30,7 +30,7 @@ def maps(scattered: bool) -> tuple[np.ndarray, np.ndarray]:
 def test_parts_join_to_the_whole(
     kind: int, border: int, scattered: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With a limit of 50 px; cv2.remap itself is the oracle.
+    """The limit is 50 px, and cv2.remap itself is the oracle.
 
     Beyond the border Lanczos' weights are rounded otherwise: 1 level.
     """

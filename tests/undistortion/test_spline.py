@@ -16,8 +16,9 @@ Array = NDArray[np.float64]
 
 NODES_X, NODES_Y = np.linspace(-20.0, 130.0, 11), np.linspace(-7.5, 80.0, 8)
 ROUNDING = 1e-12
-"""Of the largest node value. From values to coefficients, an error grows at most 15.6-fold along
-each axis, so one unit of rounding becomes 5e-14 at most: this allows twenty of them.
+"""The tolerance, as a fraction of the largest node value. From values to coefficients, an error
+grows at most 15.6-fold along each axis, so one unit of rounding becomes 5e-14 at most: this allows
+twenty of them.
 """
 
 rectangle = np.array([[NODES_X[0], NODES_Y[0]], [NODES_X[-1], NODES_Y[-1]]])

@@ -36,7 +36,7 @@ NAMES = ("camera.fx", "camera.fy")
 
 
 def bare(folder: Path, views: tuple[View, ...], focal: Number) -> Calibration:
-    """Of a camera without a cover, whose focal length session.yaml declares so."""
+    """Return the calibration of a camera without a cover, with its focal length declared."""
     intrinsics = replace(INTRINSICS, fx=focal, fy=focal)
     setup = session_to_yaml(BOARD, Camera(WIDTH, HEIGHT, intrinsics=intrinsics), Cover("none", {}))
     folder.mkdir()
@@ -78,7 +78,9 @@ def test_tilted_boards_confirm_the_right_one(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("times", [1.02, 1.1])
 def test_tilted_boards_contradict_a_wrong_one(tmp_path: Path, times: float) -> None:
-    """With the value that they tell instead, to a tenth of the error, and the change of lengths."""
+    """The reason names the value that the views ask for, to a tenth of the error, and the change of
+    lengths.
+    """
     views = bare_views(1, 16, 0.1)
     for index, focal in enumerate(declared(times)):
         estimate = bare(tmp_path / str(index), views, focal)
@@ -94,7 +96,7 @@ def test_tilted_boards_contradict_a_wrong_one(tmp_path: Path, times: float) -> N
 
 
 def test_an_exact_number_that_is_off_within_what_is_noticed(tmp_path: Path) -> None:
-    """0.2 % of depth: less than anybody is told of."""
+    """The change of depth is 0.2 %, which is less than any reason mentions."""
     estimate = bare(tmp_path / "near", bare_views(1, 16, 0.1), Number(1.002 * FOCAL, exact=True))
     assert scale_evidence(estimate).change == pytest.approx(0.002, rel=0.1)
     assert not asked(contradicted_numbers, estimate)
@@ -129,7 +131,7 @@ def test_a_good_cone_is_confirmed_by_a_wide_margin(good: Calibration, freed: Cal
 
 
 def test_the_scale_is_known_as_well_as_it_says(tmp_path: Path) -> None:
-    """Where every declared number is true, the views ask for a change as large as its standard
+    """The views ask, if every declared number is true, for a change as large as its standard
     deviation: by the root mean square over ten sessions, to three standard deviations of that.
     """
     ratios = []
