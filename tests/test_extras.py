@@ -22,7 +22,7 @@ WRITTEN = [
 ]
 
 
-def test_they_are_those_of_the_project() -> None:
+def test_the_extras_are_those_of_the_project() -> None:
     assert {name: list(needed) for name, needed in EXTRAS.items()} == {
         name: needed
         for name, needed in PROJECT["optional-dependencies"].items()
@@ -40,7 +40,7 @@ def test_the_command_is_pip_of_this_very_python(extra: str) -> None:
     assert "pip install [options] <requirement specifier>" in output
 
 
-def test_nothing_says_to_install_what_is_on_no_index() -> None:
+def test_no_message_names_a_package_that_is_on_no_index() -> None:
     texts = [
         ROOT / "README.md",
         ROOT / "CONTRIBUTING.md",

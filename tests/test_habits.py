@@ -33,7 +33,7 @@ def test_github_runs_the_test_command_of_the_readme() -> None:
     assert command[1] in [step.get("run") for step in job["steps"]]
 
 
-def test_the_top_level_is_what_it_was_agreed_to_be() -> None:
+def test_the_top_level_has_the_agreed_files_only() -> None:
     """Folders whose name begins with a dot, and those that builds leave, do not count."""
     left_by_builds = {"out", "build", "dist", "refracal.egg-info"}
     agreed = {

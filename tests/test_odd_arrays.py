@@ -279,9 +279,7 @@ def numbers_of(result: object) -> list[np.ndarray]:
 
 
 @each_call
-def test_whatever_is_passed_is_answered_or_refused_in_a_sentence(
-    name: str, library: Library
-) -> None:
+def test_any_argument_is_answered_or_refused_in_a_sentence(name: str, library: Library) -> None:
     array = np.asarray(good(name, library))
     wrong = []
     for kind, value in (
@@ -316,9 +314,7 @@ def test_an_array_is_the_same_in_another_order_or_type(name: str, library: Libra
 
 @pytest.mark.parametrize("name", [name for name, call in CALLS.items() if call.by_row])
 @pytest.mark.parametrize("value", [NAN, INF, -INF])
-def test_a_row_that_is_nowhere_is_nan_and_no_other(
-    name: str, value: float, library: Library
-) -> None:
+def test_only_rows_without_a_result_are_nan(name: str, value: float, library: Library) -> None:
     call, array = CALLS[name], np.array(CALLS[name].good)
     if value == INF and "depth" in name:
         return  # the farthest depth there is
@@ -329,7 +325,7 @@ def test_a_row_that_is_nowhere_is_nan_and_no_other(
         np.testing.assert_allclose(np.delete(numbers, 1, 0), np.delete(wanted, 1, 0), atol=1e-9)
 
 
-def test_a_wrong_shape_is_told_with_the_expected_one(library: Library) -> None:
+def test_a_wrong_shape_is_refused_with_the_expected_one(library: Library) -> None:
     for name, says in (
         ("Calibration.rays", r"pixels has shape \(4,\) where \(N, 2\) is expected"),
         ("Calibration.project", r"points has shape \(4,\) where \(N, 3\) is expected"),

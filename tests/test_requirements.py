@@ -158,7 +158,7 @@ def test_the_plain_guide_leads(python: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("missing", NAMED)
-def test_nothing_is_named_that_is_not_used(python: Path, tmp_path: Path, missing: str) -> None:
+def test_every_named_requirement_is_used(python: Path, tmp_path: Path, missing: str) -> None:
     """Without any one of them, the screen cannot be loaded."""
     name = re.match(r"\w+", missing)
     module = {"opencv": "cv2", "pyyaml": "yaml"}.get(name[0], name[0]) if name else ""

@@ -50,7 +50,7 @@ def test_there_are_commands_of_every_kind() -> None:
 
 
 @pytest.mark.parametrize("typed", ALL, ids=lambda typed: f"{typed.page}: {typed.line}")
-def test_its_own_parser_reads_it(typed: Typed) -> None:
+def test_each_command_line_is_accepted_by_its_parser(typed: Typed) -> None:
     words = shlex.split(typed.line.partition(" > ")[0])
     if typed.program == "calib" and "--print-completion" not in words:
         _parser("calib", "", cli.COMMANDS).parse_args(words[1:])
@@ -93,7 +93,7 @@ def options_of(parser: argparse.ArgumentParser) -> dict[str, set[str]]:
     return results
 
 
-def test_what_sentences_name_is_there() -> None:
+def test_names_in_sentences_exist() -> None:
     """Commands, their options, and modules."""
     choices = {
         name: options_of(_parser(name, "", main.COMMANDS))
@@ -169,7 +169,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", dict.fromkeys(typed.page for typed in RUN))
-def test_it_runs(page: str, world: Path, tmp_path: Path) -> None:
+def test_each_command_line_runs(page: str, world: Path, tmp_path: Path) -> None:
     """A page's commands in their order, each with what the ones before it left."""
     here = shutil.copytree(world, tmp_path / "world", symlinks=True)
     lines = [typed.line for typed in RUN if typed.page == page]

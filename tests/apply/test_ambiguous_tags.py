@@ -79,7 +79,7 @@ def located(
 
 
 @pytest.mark.slow
-def test_poses_are_as_probable_as_they_say(calibration: Calibration) -> None:
+def test_poses_are_right_as_often_as_their_probability_states(calibration: Calibration) -> None:
     turn, shift = at(5, 1.0)
     right, stated, decided = 0.0, 0.0, 0
     for item in located(calibration, 5, 1.0, 80):
@@ -100,7 +100,7 @@ def test_poses_are_as_probable_as_they_say(calibration: Calibration) -> None:
 
 
 @pytest.mark.slow
-def test_sigma_is_what_repeated_noise_shows(calibration: Calibration) -> None:
+def test_sigma_equals_the_scatter_over_repeated_noise(calibration: Calibration) -> None:
     turn, shift = at(35, 0.4)
     poses = [item.tags[0].poses[0] for item in located(calibration, 35, 0.4, 80)]
     error = np.array(
@@ -124,7 +124,7 @@ def test_sigma_is_what_repeated_noise_shows(calibration: Calibration) -> None:
     assert not any(item.tags[0].ambiguous for item in located(calibration, 35, 0.4, 3))
 
 
-def test_the_command_gives_both(
+def test_the_command_prints_both_poses(
     calibration: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     light = sharp(*at(5, 1.0))

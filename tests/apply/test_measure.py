@@ -94,7 +94,7 @@ def test_points_that_two_views_see(calibration: Calibration) -> None:
 
 
 @pytest.mark.parametrize("how", ["plane", "boards", "views"])
-def test_sigma_is_what_repeated_noise_shows(how: str) -> None:
+def test_sigma_equals_the_scatter_over_repeated_noise(how: str) -> None:
     """A camera without a cover, many times with other noise on corners and points: the spread is
     within its own statistical error.
     """
@@ -142,7 +142,7 @@ def test_sigma_is_what_repeated_noise_shows(how: str) -> None:
 
 
 @pytest.mark.parametrize("how", ["boards", "views"])
-def test_doubt_of_the_squares_is_doubt_of_all_that_is_measured(
+def test_the_sigma_of_the_squares_enters_every_measurement(
     calibration: Calibration, how: str
 ) -> None:
     """Sigma is how much points and distances change with the side of the squares."""
@@ -461,7 +461,7 @@ def test_files_that_cannot_be_read_get_their_sentence(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_be_measured_gets_its_sentence(
+def test_input_that_cannot_be_measured_gets_a_sentence(
     folder: Path,
     capsys: pytest.CaptureFixture[str],
     points: str,
@@ -477,7 +477,7 @@ def test_what_cannot_be_measured_gets_its_sentence(
     assert says in capsys.readouterr().err
 
 
-def test_a_board_of_which_too_little_is_seen_gives_no_pose(calibration: Calibration) -> None:
+def test_a_board_with_too_few_visible_corners_gives_no_pose(calibration: Calibration) -> None:
     view = view_of(calibration, POSES[0])
     small_view = View(
         "few.png",

@@ -71,7 +71,7 @@ def test_exact_rays_give_the_pose(seed: int, depth: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_start_is_near_already(seed: int) -> None:
+def test_the_start_is_close_to_the_solution(seed: int) -> None:
     turn, shift = pose(seed, 0.2)
     result = starts(lines_of(seen(SIDE * SQUARE @ turn.T + shift)), SIDE)
     assert min(np.linalg.norm(at - shift) for _, at in result) < 1e-5

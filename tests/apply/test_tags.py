@@ -130,7 +130,9 @@ def test_tags_are_placed_five_times_more_exactly_than_by_a_central_camera(
         )
 
 
-def test_sigma_is_the_error(located: list[LocatedTags], truth: TagTruth) -> None:
+def test_the_errors_of_tags_scatter_by_their_sigma(
+    located: list[LocatedTags], truth: TagTruth
+) -> None:
     tags = poses_of(located)
     true = np.array([truth.translations[picture, tag.number] for picture, tag in tags])
     poses = [tag.poses[0] for _, tag in tags]
@@ -140,7 +142,7 @@ def test_sigma_is_the_error(located: list[LocatedTags], truth: TagTruth) -> None
     )  # the least of what they share is predicted too well
 
 
-def test_distances_count_what_differs(calibration: Calibration) -> None:
+def test_errors_that_tags_share_cancel_in_distances(calibration: Calibration) -> None:
     """On Kalibr's board, through the glass of `bumps`: 24 mm, border of two cells, tags 31.2 mm
     apart.
     """
@@ -164,7 +166,7 @@ def test_distances_count_what_differs(calibration: Calibration) -> None:
     )
 
 
-def test_how_well_the_side_is_known_counts(calibration: Calibration, truth: TagTruth) -> None:
+def test_the_sigma_of_the_side_enters_the_pose(calibration: Calibration, truth: TagTruth) -> None:
     grey = read_grey(PICTURES / truth.names[0])
     exact = TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, 0.0).locate(grey).tags[0].poses[0]
     by_kind = (
@@ -215,7 +217,9 @@ def test_a_tag_that_is_no_flat_square_is_not_placed(
     ]
 
 
-def test_16_bits_say_the_same(calibration: Calibration, truth: TagTruth) -> None:
+def test_pictures_of_16_bits_give_the_same_result(
+    calibration: Calibration, truth: TagTruth
+) -> None:
     grey = read_grey(PICTURES / truth.names[-1])
     locator = TagLocator(
         calibration, DICTIONARIES[truth.names[-1].split("-")[0]], float(truth.sides[-1])
@@ -280,7 +284,9 @@ def test_a_calibration_without_covariance_counts_the_corners_noise_alone(
         (("DICT_4X4_50", 0.05, float("nan")), "a standard deviation of nan mm will not do"),
     ],
 )
-def test_what_a_locator_refuses(calibration: Calibration, arguments: tuple, message: str) -> None:
+def test_a_locator_refuses_wrong_arguments(
+    calibration: Calibration, arguments: tuple, message: str
+) -> None:
     with pytest.raises(InputError, match=re.escape(message)):
         TagLocator(calibration, *arguments)
 
@@ -330,7 +336,7 @@ def test_the_command_prints_what_the_library_finds(
     assert f"{1000 * located[0].tags[2].poses[0].position[2]:.2f}" in out
 
 
-def test_pictures_without_tags_are_named_beside_those_with(
+def test_pictures_without_tags_are_listed_as_well(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cv2.imwrite(str(tmp_path / "empty.png"), np.full((1232, 1640), 99, np.uint8))
@@ -349,7 +355,7 @@ def test_pictures_without_tags_are_named_beside_those_with(
     assert f"{tmp_path / 'empty.png'}: no tag is seen." in capsys.readouterr().out
 
 
-def test_a_bad_picture_does_not_cost_the_others(
+def test_the_other_pictures_are_read_beside_a_damaged_one(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pictures = tmp_path / "pictures"

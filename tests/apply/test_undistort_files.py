@@ -73,7 +73,7 @@ def test_a_video_is_straightened_frame_by_frame(
     assert not made.read()[0]
 
 
-def test_a_folder_may_hold_both(
+def test_a_folder_may_hold_videos_and_pictures(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     both = tmp_path / "in"
@@ -109,7 +109,7 @@ def test_a_folder_may_hold_both(
     assert frame.shape == (150, 200, 3)
 
 
-def test_a_video_that_is_cut_off_is_straightened_as_far_as_it_goes(
+def test_a_truncated_video_is_straightened_up_to_its_end(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     video = tmp_path / "v.avi"
@@ -133,7 +133,7 @@ def test_a_video_that_is_cut_off_is_straightened_as_far_as_it_goes(
     ("content", "says"),
     [(b"no video", "holds no frame that can be decoded"), (None, "No such file")],
 )
-def test_what_is_no_video_gets_its_sentence(
+def test_a_file_that_is_no_video_gets_a_sentence(
     folder: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -252,7 +252,7 @@ def test_a_wrong_depth_image_gets_its_sentence(
     ("name", "pixels"),
     [("a.png", np.zeros((4, 4), np.uint8)), ("a.png", np.zeros((4, 4, 3), np.uint16))],
 )
-def test_what_is_no_depth_image_gets_its_sentence(
+def test_a_file_that_is_no_depth_image_gets_a_sentence(
     tmp_path: Path, name: str, pixels: np.ndarray
 ) -> None:
     cv2.imwrite(str(tmp_path / name), pixels)
@@ -273,7 +273,7 @@ def test_what_is_no_depth_image_gets_its_sentence(
         ([], "--depth"),
     ],
 )
-def test_wrong_usage_is_said(
+def test_wrong_usage_gets_a_sentence(
     folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
 ) -> None:
     with pytest.raises(SystemExit) as stop:

@@ -38,7 +38,9 @@ def every(step: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("crop", [None, 0.0, 0.3, 1.0])
-def test_points_there_and_back_are_the_rays(calibration: Calibration, crop: float | None) -> None:
+def test_undistorted_and_distorted_points_agree_with_the_rays(
+    calibration: Calibration, crop: float | None
+) -> None:
     undistorter = Undistorter(calibration, 0.5, crop=crop)
     pixels = np.random.default_rng(0).uniform([0, 0], [W - 1, H - 1], (500, 2))
     depth = np.random.default_rng(1).uniform(0.15, 3.0, 500)
@@ -85,7 +87,7 @@ def expected(undistorter: Undistorter, depth: np.ndarray) -> tuple[np.ndarray, n
     ids=["own", "valid only", "all that is seen", "own matrix"],
 )
 @pytest.mark.parametrize("kind", ["one depth", "depth image"])
-def test_every_pixel_holds_what_its_ray_sees(
+def test_every_pixel_shows_the_point_that_its_ray_meets(
     calibration: Calibration, options: dict[str, object], kind: str
 ) -> None:
     """Ramps: a picture of its own coordinates is a map, to the resolution of linear
@@ -123,7 +125,7 @@ def test_crop_one_shows_every_pixel_and_no_more(calibration: Calibration) -> Non
     assert straight.max(0) == pytest.approx([W - 1, H - 1], abs=0.05)
 
 
-def test_crop_is_opencv_s_where_there_is_no_cover() -> None:
+def test_crop_agrees_with_opencv_without_a_cover() -> None:
     """The matrices of a plain lens are those of cv2.getOptimalNewCameraMatrix, which looks at 9x9
     points.
     """
@@ -153,7 +155,7 @@ def test_a_stream_reuses_its_buffer(
     assert not undistorter.valid.all()
 
 
-def test_another_depth_is_the_same_picture(calibration: Calibration) -> None:
+def test_maps_at_another_depth_keep_the_camera_matrix(calibration: Calibration) -> None:
     near = Undistorter(calibration, 0.3, crop=0.5)
     far = near.at(2.0)
     assert np.array_equal(near.camera_matrix, far.camera_matrix)
@@ -209,7 +211,7 @@ def test_wrong_input_is_one_sentence(
 
 
 @pytest.mark.parametrize("size", [(2, 32_767), (40_000, 3)])
-def test_a_picture_that_is_longer_than_opencv_takes(
+def test_a_picture_longer_than_opencv_s_limit_is_undistorted(
     calibration: Calibration, size: tuple[int, int]
 ) -> None:
     """The picture is a ramp over the camera's own columns: what is seen of it is where it was
@@ -225,7 +227,7 @@ def test_a_picture_that_is_longer_than_opencv_takes(
     )  # cv2 counts in 1/32 px
 
 
-def test_a_camera_that_is_wider_than_opencv_takes() -> None:
+def test_a_camera_wider_than_opencv_s_limit_is_undistorted() -> None:
     wide = lens_alone(scene(1, views=1), 40_000, 4, 3e4, 3e4, 2e4, 2.0)
     undistorter = Undistorter(wide, 0.5)
     ramp = np.arange(40_000, dtype=np.float32)[None].repeat(4, 0)

@@ -46,7 +46,7 @@ def test_a_press_takes_the_next_board_but_no_recorded_picture_twice(tmp_path: Pa
             assert [step.frame.name for step in steps if step.picture] == [taken] * bool(taken)
 
 
-def test_what_was_set_aside_is_not_taken_again_from_a_folder(tmp_path: Path) -> None:
+def test_pictures_that_were_set_aside_are_not_taken_again_from_a_folder(tmp_path: Path) -> None:
     """A camera's frames have no name: there the person wants a better picture of that view."""
     finder = make_finder(BOARD)
     with Recorder(tmp_path, BOARD) as recorder:

@@ -50,7 +50,7 @@ def test_pictures_of_twice_the_zoom_come_from_another_mode(cameras: Made) -> Non
     assert change.sigma < 0.01
 
 
-def test_mirrored_pictures_are_told(cameras: Made) -> None:
+def test_mirrored_pictures_are_reported(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 104, 3)
     result = checker.check(Pictures(mirrored(later.views(), made.board), made.board))
@@ -90,7 +90,7 @@ def test_noise_alone_is_no_change(cameras: Made) -> None:
     assert result.statistics.noise_ratio == pytest.approx(3, rel=0.2)
 
 
-def test_as_it_was(cameras: Made) -> None:
+def test_an_unchanged_camera_is_valid(cameras: Made) -> None:
     for made, checker in cameras.values():
         for seed in range(3):
             result = checker.check(

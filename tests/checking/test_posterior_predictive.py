@@ -28,7 +28,7 @@ from tests.checking.conftest import Made
 DRAWS = 300
 
 
-def test_dense_algebra_says_the_same(cameras: Made) -> None:
+def test_the_inner_products_agree_with_dense_algebra(cameras: Made) -> None:
     made, checker = cameras["flat"]
     later = Later.drawn(made, None, 5, 3)
     observations = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
@@ -117,7 +117,7 @@ def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:
         assert freedom == rows
 
 
-def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: Made) -> None:
+def test_residuals_drawn_from_a_valid_calibration_give_uniform_p_values(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 6, 4)
     observations = Observations.of(later.views(), made.board).add_times(None, HEIGHT)

@@ -75,7 +75,7 @@ def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> 
     assert all(set(stage) == {"name", "rms_px", "rmse_cm"} for stage in stages)
 
 
-def test_fit_json_carries_the_verdict_and_what_was_written(
+def test_fit_json_carries_the_verdict_and_the_written_files(
     fitted: tuple[Path, dict[str, object]],
 ) -> None:
     folder, answer = fitted
@@ -90,7 +90,7 @@ def test_fit_json_carries_the_verdict_and_what_was_written(
     assert verdict["next"].endswith(str(folder))
 
 
-def test_the_last_lines_are_the_verdict_and_what_to_type(
+def test_the_last_lines_are_the_verdict_and_the_next_command(
     fitted: tuple[Path, dict[str, object]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = fitted[0] / "calibration"
@@ -102,7 +102,7 @@ def test_the_last_lines_are_the_verdict_and_what_to_type(
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_fit_ends_with_what_to_do_next(
+def test_a_fit_ends_with_the_next_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     session = Path(__file__).parents[2] / "fixtures" / "covered-bare"
@@ -137,7 +137,7 @@ def test_the_help_lists_every_effect(
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_trusted_fit_says_how_to_export_and_that_can_be_typed(
+def test_a_trusted_fit_names_an_export_command_that_works(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = write_session(
@@ -195,7 +195,7 @@ def test_the_field_gives_any_other_depth(fitted: tuple[Path, dict[str, object]])
     ("depth", "colour"),
     [(np.uint8, False), (np.uint8, True), (np.uint16, False), (np.uint16, True)],
 )
-def test_undistort_straightens_what_the_map_says(
+def test_undistort_applies_the_exported_map(
     fitted: tuple[Path, dict[str, object]], tmp_path: Path, depth: type, colour: bool
 ) -> None:
     """A smooth ramp: every undistorted pixel holds its own distorted coordinate, so the map can be
@@ -273,7 +273,7 @@ def test_wrong_usage_exits_with_2(
     assert says in capsys.readouterr().err
 
 
-def test_undistort_refuses_what_would_overwrite_or_does_not_fit(
+def test_undistort_refuses_existing_outputs_and_pictures_of_another_size(
     fitted: tuple[Path, dict[str, object]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = str(fitted[0] / "calibration")
@@ -421,7 +421,7 @@ def test_a_result_that_cannot_be_printed_is_one_sentence(
     )
 
 
-def test_interrupted_says_no_more_than_that(
+def test_an_interrupted_command_prints_only_that(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupt(_: Path) -> None:

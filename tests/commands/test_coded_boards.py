@@ -132,7 +132,7 @@ def test_a_point_on_a_board_that_is_partly_seen(
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_diagnosis_finds_nothing_where_nothing_is(
+def test_a_diagnosis_of_a_true_model_finds_no_effect(
     fitted: tuple[Kind, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, folder = fitted

@@ -36,7 +36,7 @@ def plain() -> Calibration:
     return known(scene(1, views=1), WIDTH, HEIGHT)
 
 
-def test_it_is_no_wider_and_every_effect_stands_under_what_became_of_it(
+def test_the_table_is_narrow_and_lists_effects_by_outcome(
     plain: Calibration, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")

@@ -72,7 +72,7 @@ def calibrations(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_command_takes_it(
+def test_every_command_accepts_the_calibration(
     calibrations: dict[str, Path], kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     estimate, session = str(calibrations[kind]), POOL if kind.startswith("immersed") else SESSION

@@ -179,7 +179,7 @@ def with_calibration(command: Command, inputs: Path, out: Path) -> Command:
     return command
 
 
-def test_every_command_of_the_help_is_here() -> None:
+def test_every_command_of_the_help_is_tested() -> None:
     modules = [module.__name__.rpartition(".")[2] for module in COMMAND_MODULES]
     assert {name.removesuffix("_command").replace("_", "-") for name in modules} == {*COMMANDS}
 
@@ -246,7 +246,7 @@ def test_a_symbolic_link_in_the_way_is_refused_even_with_the_flag(
         if name != "import"
     ],
 )
-def test_what_is_ours_may_be_replaced_and_what_was_changed_may_not(
+def test_unchanged_outputs_may_be_replaced_and_changed_ones_may_not(
     name: str, inputs: Path, out: Path
 ) -> None:
     command = with_calibration(COMMANDS[name], inputs, out)
@@ -338,7 +338,7 @@ def test_a_recording_keeps_every_file_that_it_did_not_make(inputs: Path, out: Pa
 
 
 @pytest.mark.slow
-def test_the_screen_s_fit_says_what_is_in_its_way(inputs: Path, out: Path) -> None:
+def test_the_screen_s_fit_names_the_file_in_its_way(inputs: Path, out: Path) -> None:
     shutil.copytree(inputs / "session", out)
     initial = fill(out / "calibration", ["calibration.yaml", "map_1m.npz"])
     with pytest.raises(InputError, match="not calib's own: move it to another folder, and try"):

@@ -47,7 +47,7 @@ def test_points_are_the_sheets_corners(kind: Kind) -> None:
 
 
 @each_kind
-def test_markers_are_where_the_board_says(kind: Kind) -> None:
+def test_markers_lie_where_the_board_declares(kind: Kind) -> None:
     """Oracle: OpenCV reads the rendered sheet, seen straight, 2 px to a mm.
 
     Its outlines are half a pixel inside.
@@ -69,7 +69,7 @@ def test_markers_are_where_the_board_says(kind: Kind) -> None:
 
 @each_kind
 @pytest.mark.parametrize("pose", [WHOLE, PARTIAL], ids=["whole", "partial"])
-def test_corners_are_measured_where_they_are(kind: Kind, pose: NDArray) -> None:
+def test_corners_are_measured_at_their_true_places(kind: Kind, pose: NDArray) -> None:
     """At 1.5 grey levels of noise the bound of the pixels is some thousandths of a pixel.
 
     Nothing outside of the picture is made up.
@@ -121,7 +121,7 @@ def test_edges_bend_as_the_lens_bends_them(kind: Kind) -> None:
 
 
 @each_kind
-def test_a_hidden_part_is_not_made_up(kind: Kind) -> None:
+def test_hidden_corners_are_not_invented(kind: Kind) -> None:
     """A grey hand over the middle: what it covers is NaN, what is around it is where it is."""
     drawn = kind.view(WHOLE)
     picture = drawn.picture.copy()
@@ -170,7 +170,7 @@ def _homography(kind: Kind, corners: NDArray) -> NDArray:
     return np.asarray(cv2.findHomography(kind.board.points(), corners)[0])
 
 
-def test_two_boards_and_a_marker_twice() -> None:
+def test_two_boards_and_a_repeated_marker_are_refused() -> None:
     pose = np.array([0, 0, 0, 0, 0, 0.5])
     picture = np.hstack([CHARUCO.view(pose).picture, CHARUCO.view(pose, seed=2).picture])
     assert "is seen twice: show one board alone" in refused(picture, CHARUCO.board)
@@ -276,7 +276,7 @@ def test_sixteen_bits_are_measured_as_such() -> None:
     assert np.abs(fine.corners - coarse.corners).max() < 0.02
 
 
-def test_an_opencv_without_aruco_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_opencv_without_aruco_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(cv2, "aruco")
     with pytest.raises(InputError, match="has no aruco module"):
         check_aruco()

@@ -128,7 +128,7 @@ def test_sixteen_bits_of_one_grey_are_eight_bits_of_one_grey() -> None:
     assert not eight_bits(np.full((20, 30), 5000, np.uint16)).any()
 
 
-def test_a_board_whose_saddles_are_no_grid_is_left_to_the_sector_detector(no_saddles: None) -> None:
+def test_the_sector_detector_takes_over_if_the_saddles_form_no_grid(no_saddles: None) -> None:
     del no_saddles
     picture, truth = Scene().draw()
     detection = find_corners(picture, BOARD)
@@ -137,7 +137,7 @@ def test_a_board_whose_saddles_are_no_grid_is_left_to_the_sector_detector(no_sad
     assert rms(detection.corners, truth) < 0.08
 
 
-def test_a_board_that_the_sector_detector_misses_is_left_to_the_classic_one(
+def test_the_classic_detector_takes_over_if_the_sector_detector_fails(
     monkeypatch: pytest.MonkeyPatch, no_saddles: None
 ) -> None:
     del no_saddles
@@ -222,7 +222,7 @@ def test_corners_that_are_found_some_pixels_off_are_mended(
 
 
 @pytest.mark.parametrize("shape", [(480, 640), (8, 8), (1, 1), (900, 10)], ids=str)
-def test_nothing_is_found_where_nothing_is(shape: tuple[int, int]) -> None:
+def test_no_board_is_found_in_pictures_without_one(shape: tuple[int, int]) -> None:
     noise = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
     assert find_corners(noise, BOARD) is None
     assert find_corners(np.zeros(shape, np.uint8), BOARD) is None

@@ -81,7 +81,9 @@ def test_every_picture_is_found_or_rejected_in_order(tmp_path: Path) -> None:
         assert view.weight.min() > 0.5
 
 
-def test_a_second_run_looks_at_nothing_and_says_the_same(tmp_path: Path, looks: list[int]) -> None:
+def test_a_second_run_reads_no_picture_and_gives_the_same_result(
+    tmp_path: Path, looks: list[int]
+) -> None:
     paths = write(tmp_path, [*views(3), None])
     first = detect(paths, BOARD)
     assert len(looks) == 4
@@ -139,7 +141,7 @@ def test_changed_settings_look_again(
     assert len(looks) == 6
 
 
-def test_the_size_of_a_square_does_not_matter_to_what_is_kept(
+def test_saved_detections_are_valid_for_any_size_of_the_squares(
     tmp_path: Path, looks: list[int]
 ) -> None:
     paths = write(tmp_path, views(3))
@@ -192,7 +194,9 @@ def test_a_corrupt_store_is_ignored_and_written_anew_if_it_is_ours(
     assert stored.read_bytes() == (content if is_ours else changed)
 
 
-def test_a_folder_that_cannot_be_written_does_without(tmp_path: Path, looks: list[int]) -> None:
+def test_a_folder_that_cannot_be_written_gets_no_saved_detections(
+    tmp_path: Path, looks: list[int]
+) -> None:
     paths = write(tmp_path, views(3))
     (tmp_path / DETECTIONS_FILE).mkdir()  # even root cannot write a file there
     for _ in range(2):
@@ -249,7 +253,7 @@ def test_one_good_picture_alone_is_enough_where_one_was_asked_for(tmp_path: Path
     assert len(detect(write(tmp_path, views(1)), BOARD).views) == 1
 
 
-def test_no_picture_at_all_is_said() -> None:
+def test_a_session_without_pictures_is_reported() -> None:
     with pytest.raises(NotEnoughDataError, match="there is no picture"):
         detect([], BOARD)
 

@@ -48,7 +48,7 @@ def test_growth_is_found_and_taken_off(grown: int) -> None:
     assert (np.linalg.eigvalsh(corrected.covariances[0] - outlines.covariances[0]) > -1e-12).all()
 
 
-def test_a_turned_tag_tells_the_same() -> None:
+def test_a_turned_tag_gives_the_same_ink_spread() -> None:
     """Each edge is looked at from its own black to its own white, whichever way the tag lies in the
     picture.
     """
@@ -61,7 +61,7 @@ def test_a_turned_tag_tells_the_same() -> None:
         assert growth.px == pytest.approx(2 / STRATA, abs=0.02)
 
 
-def test_what_is_no_such_tag_says_nothing() -> None:
+def test_other_outlines_give_no_ink_spread() -> None:
     plain = np.full((170, 170), 128, np.uint8)
     assert (
         measure_ink_spread(plain, CORNERS[None], [black_cells(DICTIONARY, 5, 1)]) == NO_INK_SPREAD

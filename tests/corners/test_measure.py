@@ -35,7 +35,7 @@ CASES: dict[str, tuple[Scene, float]] = {
 
 
 @pytest.mark.parametrize(("scene", "over"), CASES.values(), ids=CASES.keys())
-def test_errors_are_the_bound_s_and_the_covariances_true(scene: Scene, over: float) -> None:
+def test_errors_reach_the_bound_and_agree_with_the_covariances(scene: Scene, over: float) -> None:
     """420 corners: a ratio of variances strays by 0.05, a mean by 0.05 of a corner's error; 1.05 to
     1.24 times the bound was measured.
     """
@@ -47,7 +47,7 @@ def test_errors_are_the_bound_s_and_the_covariances_true(scene: Scene, over: flo
 
 
 @pytest.mark.slow
-def test_few_corners_of_large_squares_are_as_sure_as_they_say() -> None:
+def test_few_corners_of_large_squares_have_true_covariances() -> None:
     """160 corners, whose own errors would come back to them in the bends of straight edges: 1.4
     times as large as predicted, then.
     """
@@ -159,7 +159,7 @@ def _bent(
     return np.asarray(middle + offset * (1 + strength * (offset**2).sum(-1, keepdims=True)))
 
 
-def test_covered_corners_are_told() -> None:
+def test_covered_corners_are_recognised() -> None:
     made = draw(REFERENCE, np.random.default_rng(7))
     picture = made.picture.copy()
     hidden = [8, 23]

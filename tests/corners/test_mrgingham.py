@@ -34,7 +34,7 @@ def test_no_board_is_none(tmp_path: Path) -> None:
     assert read(tmp_path / "corners.vnl", BOARD) is None
 
 
-def test_only_square_boards_are_asked_of_it() -> None:
+def test_mrgingham_is_used_for_square_boards_only() -> None:
     assert not can_find(Board(9, 6, 0.025))
 
 

@@ -52,7 +52,7 @@ def test_an_order_is_never_mirrored(board: Board, roll: int) -> None:
         assert x[0] * y[1] - x[1] * y[0] > 0
 
 
-def test_colours_are_told_under_a_lamp_at_one_side_and_a_highlight() -> None:
+def test_colours_are_recognised_under_a_side_lamp_and_a_highlight() -> None:
     board = Board(9, 6, 1.0)
     picture, truth = Scene(board=board).draw()
     lamp = np.linspace(0.1, 1.0, picture.shape[1])

@@ -91,7 +91,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_the_pictures_show_is_said(
+def test_the_target_in_the_pictures_is_named(
     case: tuple[str, Kind, Callable[[Board], Board], str], tmp_path: Path
 ) -> None:
     name, kind, change, says = case
@@ -100,7 +100,7 @@ def test_what_the_pictures_show_is_said(
 
 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
-def test_mirrored_pictures_are_told(name: str, tmp_path: Path) -> None:
+def test_mirrored_pictures_are_reported(name: str, tmp_path: Path) -> None:
     flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures(name)]
     with pytest.raises(
         NotEnoughDataError, match="can be read only in a mirror: turn the pictures' mirroring off"

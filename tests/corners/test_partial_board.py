@@ -37,7 +37,7 @@ def off(found: Detection, truth: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @pytest.mark.slow
-def test_a_covered_corner_in_the_middle_leaves_a_part_that_is_known() -> None:
+def test_a_board_with_a_covered_middle_corner_is_located() -> None:
     """The sector detector goes astray around some discs; then there is no part."""
     partial_count = 0
     for roll in (0.2, 1.0, -1.2):
@@ -58,7 +58,7 @@ def test_a_covered_corner_in_the_middle_leaves_a_part_that_is_known() -> None:
     assert partial_count >= 5
 
 
-def test_what_is_found_does_not_hang_on_what_was_looked_for_before() -> None:
+def test_a_detection_does_not_depend_on_earlier_ones() -> None:
     """OpenCV's detector draws random numbers, which go on from picture to picture; with this
     picture it shows.
     """
@@ -76,7 +76,7 @@ def test_what_is_found_does_not_hang_on_what_was_looked_for_before() -> None:
     assert all(np.array_equal(found(seed), found(0)) for seed in range(1, 12))
 
 
-def test_a_picture_that_cuts_off_one_end_leaves_a_part_that_is_known() -> None:
+def test_a_board_with_one_end_cut_off_is_located() -> None:
     """Both long sides and one short one are seen: the columns run along the long ones."""
     picture, truth = SCENE.draw()
     edge = int(truth[:, 0].min() * 0.25 + truth[:, 0].max() * 0.75)
@@ -86,7 +86,7 @@ def test_a_picture_that_cuts_off_one_end_leaves_a_part_that_is_known() -> None:
     assert off(detection, truth).max() < 0.2
 
 
-def test_two_sides_tell_a_square_board_and_not_another() -> None:
+def test_two_sides_locate_a_part_of_a_square_board_only() -> None:
     for board, is_located in ((SQUARE, True), (Board(9, 7, 0.02), False)):
         picture, truth = Scene(
             board=board, size=(960, 720), focal=750.0, tilt=(0.2, 0.1), roll=0.1
@@ -131,13 +131,13 @@ def test_a_part_without_an_outline_is_refused_with_the_reason() -> None:
     assert "and not which" in detection.reason
 
 
-def test_a_whole_board_of_another_size_is_no_part() -> None:
+def test_a_complete_board_of_another_size_is_not_taken_for_a_part() -> None:
     """The board's margin is visible all around, where the declared board would go on."""
     picture, _ = Scene(board=Board(7, 5, 0.025), size=(960, 720), focal=750.0).draw()
     assert isinstance(find_board(picture, BOARD), NotFound)
 
 
-def test_a_larger_board_is_no_part_either() -> None:
+def test_a_larger_board_is_not_taken_for_a_part() -> None:
     board = Board(11, 8, 0.025)
     picture, truth = Scene(board=board, size=(960, 720), focal=750.0, distance=18.0).draw()
     hidden = np.asarray(

@@ -22,12 +22,12 @@ def noise(size: int) -> np.ndarray:
     return np.random.default_rng(0).integers(0, 255, (size, size), np.uint8)
 
 
-def test_more_than_opencv_looks_at_in_one_call_are_found() -> None:
+def test_more_saddles_than_one_call_of_opencv_handles_are_found() -> None:
     """32,767 peaks and more, of which some have edges that cross."""
     assert len(find_saddles(noise(960), 10**6).points) > 20_000
 
 
-def test_nothing_hangs_on_how_many_are_looked_at_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_size_of_a_batch_changes_no_saddle(monkeypatch: pytest.MonkeyPatch) -> None:
     one_band = find_saddles(noise(120), 1000)
     monkeypatch.setattr(saddles, "RING_BATCH", 7)
     many_bands = find_saddles(noise(120), 1000)
@@ -65,7 +65,7 @@ def beside(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return wide
 
 
-def test_two_boards_in_one_picture_are_told() -> None:
+def test_two_boards_in_one_picture_are_reported() -> None:
     """Both finders tell two boards from one, and take neither another kind of board nor half of a
     second one for two.
     """

@@ -59,7 +59,7 @@ def test_corners_are_where_the_edges_meet(blur: float) -> None:
     )  # rounding, and the sampling of 16 points across a pixel
 
 
-def test_16_bits_say_the_same() -> None:
+def test_pictures_of_16_bits_give_the_same_result() -> None:
     picture = drawn()
     low_bits = measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS)
     many = measure_outlines(picture.astype(np.uint16) * 257, (CORNERS + ROUGH)[None], CELLS)
@@ -67,7 +67,7 @@ def test_16_bits_say_the_same() -> None:
     assert np.allclose(low_bits.covariances, many.covariances, rtol=1e-6)
 
 
-def test_a_bend_that_is_known_does_no_harm_and_one_that_is_not_does() -> None:
+def test_a_known_bend_is_corrected_and_an_unknown_one_biases_the_corners() -> None:
     bends = (0.3, -0.2, 0.25, 0.3)
     picture = drawn(bends)
     corrected = measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS, np.array([bends]))
@@ -78,7 +78,7 @@ def test_a_bend_that_is_known_does_no_harm_and_one_that_is_not_does() -> None:
     )  # about two thirds of the bend, of each edge
 
 
-def test_covariance_is_what_repeated_noise_shows() -> None:
+def test_covariance_equals_the_scatter_over_repeated_noise() -> None:
     pictures = [drawn(noise=4.0, seed=seed) for seed in range(60)]
     outlines = [measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS) for picture in pictures]
     error = np.array([item.corners[0].ravel() for item in outlines])
@@ -94,7 +94,7 @@ def test_covariance_is_what_repeated_noise_shows() -> None:
 
 
 @pytest.mark.parametrize("spoilt", ["flat", "negative", "outside"])
-def test_what_is_no_black_square_is_said_to_be_none(spoilt: str) -> None:
+def test_an_outline_that_is_no_black_square_is_rejected(spoilt: str) -> None:
     picture = drawn()
     if spoilt == "flat":
         picture[:] = 128

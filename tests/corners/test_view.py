@@ -23,7 +23,7 @@ def test_views_of_a_burst_share_a_pose_and_others_have_their_own() -> None:
     assert pose_labels([]).tolist() == []
 
 
-def test_a_label_is_no_place_in_the_list() -> None:
+def test_a_view_without_a_label_does_not_share_the_label_of_its_index() -> None:
     """A view without a label is not taken for one of the burst that is called after its place."""
     assert pose_labels(views((None, "1"), (None, None), (None, "1"))).tolist() == [0, 1, 0]
 

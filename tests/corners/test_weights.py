@@ -6,7 +6,7 @@ from calib.corners.view import View
 from calib.corners.weights import weigh_views
 
 
-def test_the_better_half_weighs_one_and_the_rest_by_their_spread() -> None:
+def test_the_better_half_has_weight_one_and_the_others_by_their_spread() -> None:
     spread = np.array([0.01, 0.02, 0.03, 0.04, 0.06])
     covariance = spread[:, None, None] ** 2 * np.eye(2)
     measured = View("a", np.zeros((5, 2)), np.ones(5), covariance=covariance)

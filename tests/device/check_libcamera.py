@@ -42,7 +42,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_it_records(shared: Path) -> None:
+def test_the_guest_records_a_session(shared: Path) -> None:
     result = json.loads((shared / "result.json").read_text())
     assert result["code"] == 0, result["stderr"]
     assert len(result["pictures"]) == 24

@@ -33,7 +33,7 @@ def steps(shared: Path) -> dict[str, Any]:
     return result
 
 
-def test_unplugging_is_told_within_two_seconds(steps: dict[str, Any]) -> None:
+def test_unplugging_is_reported_within_two_seconds(steps: dict[str, Any]) -> None:
     step = steps["unplugged"]
     assert step["code"] == 4
     assert (

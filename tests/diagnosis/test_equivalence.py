@@ -69,7 +69,7 @@ def test_a_window_and_a_moving_pupil_are_a_family(window: Diagnosis) -> None:
 @pytest.mark.parametrize(
     ("odds", "chances"), [(0.09, (0.991, 0.009)), (1.0, (0.909, 0.091)), (0.04, None)]
 )
-def test_odds_beforehand_order_a_family_and_name_nothing_alone(
+def test_prior_odds_order_a_family_and_name_no_member_alone(
     monkeypatch: pytest.MonkeyPatch, odds: float, chances: tuple[float, float] | None
 ) -> None:
     """A window that the views alone find one time in twelve is named, however rare windows are."""
@@ -103,7 +103,7 @@ def test_a_pupil_that_moves_far_is_named_alone() -> None:
     assert not finding.families
 
 
-def test_structure_of_no_cause_gets_no_name() -> None:
+def test_structure_without_a_known_cause_gets_no_name() -> None:
     """In each view another smooth wave over the board: a motion or a board that flexes follows it,
     and neither is what it is.
     """

@@ -11,9 +11,7 @@ from tests.diagnosis.hide import without_cover
 
 
 @pytest.mark.parametrize(("third", "degree"), [(0.0, 2), (5e-5, 3)])
-def test_one_fit_says_how_probable_the_forms_with_fewer_parameters_are(
-    third: float, degree: int
-) -> None:
+def test_one_fit_gives_the_evidence_of_the_smaller_forms(third: float, degree: int) -> None:
     """Against the evidence of fits of their own: to a unit of the logarithm or a fifth of it, as
     these estimate the noise anew.
     """

@@ -56,7 +56,7 @@ def compare(found: Calibration, truth: dict[str, float]) -> None:
         pytest.param(-3e-3, 3e-3, marks=pytest.mark.slow),
     ],
 )
-def test_whether_a_print_is_sheared_the_evidence_chooses(stretch: float, shear: float) -> None:
+def test_the_evidence_decides_whether_a_print_is_sheared(stretch: float, shear: float) -> None:
     points = scene(3, views=15).board.points() @ [
         [1 + stretch / 2, shear / 2],
         [shear / 2, 1 - stretch / 2],
@@ -71,7 +71,7 @@ def test_whether_a_print_is_sheared_the_evidence_chooses(stretch: float, shear: 
 
 
 @pytest.mark.slow
-def test_a_print_that_is_drawn_out_more_and_more_down_the_sheet_has_its_terms() -> None:
+def test_a_print_stretched_increasingly_down_the_sheet_has_its_terms() -> None:
     """Rows grow longer by 0.3 % from the middle to the last, and lie a tenth of a millimetre too
     low there.
     """

@@ -28,7 +28,7 @@ FIELDS = {
 
 
 @pytest.mark.parametrize("words", FIELDS)
-def test_a_field_of_one_formula_is_told_by_it(words: str) -> None:
+def test_a_field_of_one_formula_is_identified(words: str) -> None:
     noise = np.random.default_rng(0).normal(0, NOISE, POINTS.shape)
     best, *alternatives = closed_forms(
         POINTS, SIZE * np.column_stack(FIELDS[words]) + noise, SPACING
@@ -42,7 +42,7 @@ def test_a_field_of_one_formula_is_told_by_it(words: str) -> None:
     assert all(alternative.explains < best.explains for alternative in alternatives)
 
 
-def test_what_a_pose_does_is_no_formula_s() -> None:
+def test_shifts_by_a_pose_belong_to_no_formula() -> None:
     """The same field on a board that is elsewhere, turned and nearer."""
     wave = SIZE * np.column_stack(FIELDS["a wave of 75 mm along y"])
     posed = wave + 1e-3 + 0.01 * POINTS + 0.02 * np.column_stack([-Y, X])

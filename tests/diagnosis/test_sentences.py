@@ -51,7 +51,7 @@ def state_without_window() -> SearchState:
     return replace(state, confounded={"detector_bias": frozenset({"cover_tilt"})})
 
 
-def test_an_effect_on_a_window_that_was_dropped_is_not_asked_about() -> None:
+def test_effects_on_a_dropped_window_cause_no_remark() -> None:
     """Nothing reads the parameters of such an effect: the information on them has fewer rows than
     their prior, and no sentence can be true.
     """
@@ -61,7 +61,7 @@ def test_an_effect_on_a_window_that_was_dropped_is_not_asked_about() -> None:
     assert "cover_tilt" not in sentences[0]
 
 
-def test_a_window_takes_what_is_on_it_along() -> None:
+def test_without_the_window_its_effects_are_dropped_as_well() -> None:
     base = state_without_window().problem.base
     assert [e.name for e in base.with_effects([FlatPort("air"), TILT]).effects] == [
         "flat_port",

@@ -12,7 +12,7 @@ from tests.diagnosis.hide import without_cover
 
 
 @pytest.mark.parametrize("third", [0.0, 1e-4])
-def test_effects_are_left_in_the_simplest_form_that_the_corners_ask_for(third: float) -> None:
+def test_effects_end_in_the_simplest_form_that_the_corners_support(third: float) -> None:
     """A print and a board of more terms than they have, but for those of degree 3 of the one board
     that has such a term.
     """

@@ -164,12 +164,12 @@ def test_works_without_shared_parameters() -> None:
     assert (solution.blocks - problem.own).abs().max() < 1e-6
 
 
-def test_says_that_its_steps_are_used_up() -> None:
+def test_reports_that_its_steps_are_used_up() -> None:
     problem = Curves(0, blocks=7, noise=0.0)
     assert minimise(problem, *start(problem), steps=2).outcome is Outcome.STEPS_USED_UP
 
 
-def test_refuses_a_step_into_what_is_not_finite_and_says_that_it_is_stuck() -> None:
+def test_refuses_a_step_to_a_cost_that_is_not_finite_and_reports_stuck() -> None:
     class Cliff(Curves):
         steps = 0
 
@@ -190,7 +190,7 @@ def test_a_start_whose_cost_is_not_a_number_is_refused() -> None:
         minimise(problem, *start(problem))
 
 
-def test_a_prior_pulls_as_its_precision_says() -> None:
+def test_a_prior_pulls_in_proportion_to_its_precision() -> None:
     """One shared number seen once at 1 with unit noise, prior precision 3 around 0: the answer is 1
     / (1 + 3).
     """
@@ -267,7 +267,7 @@ class Ruined(Curves):
         return pieces
 
 
-def test_a_jacobian_that_is_not_finite_ends_the_fit_where_it_is() -> None:
+def test_a_jacobian_that_is_not_finite_ends_the_fit_at_once() -> None:
     problem = Ruined(sound=0)
     solution = minimise(problem, *start(problem))
     assert solution.outcome is Outcome.NOT_FINITE
@@ -280,7 +280,7 @@ def test_a_jacobian_that_is_not_finite_ends_the_fit_where_it_is() -> None:
 
 
 @pytest.mark.parametrize("steps", [50, 1])
-def test_a_jacobian_that_is_not_finite_after_a_step_keeps_what_the_step_gained(steps: int) -> None:
+def test_a_jacobian_that_is_not_finite_after_a_step_keeps_the_step(steps: int) -> None:
     """The solver sees it after one step only when its steps are used up."""
     problem = Ruined(sound=1)
     solution = minimise(problem, *start(problem), steps=steps)
@@ -384,7 +384,7 @@ class Straight(Curves):
         return [LinearisedBlocks(self.starts, self.residual(shared, blocks), by_block, by_shared)]
 
 
-def test_singular_blocks_are_fitted_as_far_as_the_rows_say() -> None:
+def test_singular_blocks_are_fitted_where_the_rows_determine_them() -> None:
     """One block's two parameters do the same, another's do nothing: the oracle is the least-norm
     solution of the dense equations.
     """

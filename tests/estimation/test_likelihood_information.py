@@ -16,7 +16,7 @@ def a_prior(rng: np.random.Generator) -> tuple[Array, Array]:
     return rng.normal(size=SIZE), root @ root.T
 
 
-def test_what_turned_a_prior_into_a_posterior_is_the_likelihood() -> None:
+def test_the_likelihood_between_prior_and_posterior_is_recovered() -> None:
     """The oracle multiplies a prior by a likelihood that leaves two directions open."""
     rng = np.random.default_rng(1)
     mean, prior = a_prior(rng)
@@ -29,7 +29,7 @@ def test_what_turned_a_prior_into_a_posterior_is_the_likelihood() -> None:
     assert likelihood.score == pytest.approx(rows.T @ measured, abs=1e-8)
 
 
-def test_a_posterior_that_is_the_prior_says_nothing() -> None:
+def test_a_posterior_equal_to_the_prior_carries_no_information() -> None:
     mean, prior = a_prior(np.random.default_rng(2))
     likelihood = LikelihoodInformation.between(mean, prior, mean, prior)
     assert likelihood.information == pytest.approx(np.zeros((SIZE, SIZE)), abs=1e-9)
@@ -55,7 +55,7 @@ def surprises(shift: float) -> np.ndarray:
     return np.array(results).T
 
 
-def test_a_camera_of_the_fleet_is_no_surprise() -> None:
+def test_a_camera_of_the_fleet_does_not_conflict_with_the_prior() -> None:
     """The square per direction is one, within four of its standard errors (2 / directions /
     cameras); and p-values are even.
     """
@@ -64,12 +64,12 @@ def test_a_camera_of_the_fleet_is_no_surprise() -> None:
     assert (p_values < 0.1).mean() == pytest.approx(0.1, abs=4 * (0.09 / CAMERAS) ** 0.5)
 
 
-def test_another_camera_is_a_surprise() -> None:
+def test_another_camera_conflicts_with_the_prior() -> None:
     _, p_values = surprises(12.0)
     assert np.median(p_values) < 1e-3
 
 
-def test_pulls_name_the_number_that_is_off() -> None:
+def test_the_largest_deviation_names_the_wrong_number() -> None:
     mean, prior = np.zeros(SIZE), np.eye(SIZE)
     likelihood = LikelihoodInformation(
         np.diag([100.0] * 5 + [0.0]), 100.0 * np.array([0, 0, 5.0, 0, 0, 0])

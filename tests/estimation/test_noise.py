@@ -30,14 +30,14 @@ def noise(views: int, board: Board = BOARD) -> np.ndarray:
 
 
 @pytest.mark.parametrize("board", [BOARD, GRID], ids=str)
-def test_the_short_scale_part_is_the_noise_whatever_is_smooth(board: Board) -> None:
+def test_the_short_scale_part_is_the_noise_for_any_smooth_error(board: Board) -> None:
     result = short_scale_noise(smooth(20, board) + noise(20, board), board)
     assert result == pytest.approx(
         2**0.5 * SIGMA, rel=0.06
     )  # three sigma of what 2000 differences tell
 
 
-def test_what_differs_within_a_burst_is_the_noise_whatever_the_model_leaves() -> None:
+def test_differences_within_a_burst_are_the_noise_for_any_model_error() -> None:
     """Half of the corners are off by 1 px, as of a bad print, alike in all pictures of a burst;
     some were not seen in one of them.
     """
@@ -52,7 +52,7 @@ def test_what_differs_within_a_burst_is_the_noise_whatever_the_model_leaves() ->
     assert short_scale_noise(residuals, BOARD) > 5 * result
 
 
-def test_pictures_of_different_poses_tell_no_noise() -> None:
+def test_pictures_of_different_poses_give_no_noise() -> None:
     assert np.isnan(burst_noise(noise(20), list(range(20))))
 
 

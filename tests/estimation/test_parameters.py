@@ -90,7 +90,7 @@ def known_glass(path: Path) -> Glass:
     )
 
 
-def test_a_figure_that_is_known_goes_with_the_numbers(model: tuple[Path, Values]) -> None:
+def test_a_known_figure_is_correlated_with_the_numbers(model: tuple[Path, Values]) -> None:
     """Oracle: heights drawn from texture, what is finer than the figure, and the figure, whose
     coefficients go with the focal length.
     """
@@ -123,7 +123,7 @@ def test_a_figure_that_is_known_goes_with_the_numbers(model: tuple[Path, Values]
     assert relief_basis(path.relief) @ amplitudes == pytest.approx(waves @ glass.mean, rel=1e-9)
 
 
-def test_parameters_of_effects_stand_beside_it(model: tuple[Path, Values]) -> None:
+def test_parameters_of_effects_are_independent_of_the_glass(model: tuple[Path, Values]) -> None:
     """The parameters of effects are independent, entry by entry, wherever they stand."""
     path, values = model
     sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
@@ -137,7 +137,7 @@ def test_parameters_of_effects_stand_beside_it(model: tuple[Path, Values]) -> No
     assert np.allclose(precision[2:, 2:] @ covariance_of(alone), np.eye(4), atol=1e-10)
 
 
-def test_entries_that_are_correlated_among_themselves(model: tuple[Path, Values]) -> None:
+def test_entries_may_be_correlated_among_themselves(model: tuple[Path, Values]) -> None:
     """The entries have the given covariance, and are independent of all other parameters."""
     path, values = model
     sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}

@@ -57,7 +57,7 @@ def test_each_pair_has_its_names() -> None:
     assert len(priors.correlations) == 9 * 8 / 2
 
 
-def test_freeing_the_rest_leaves_them() -> None:
+def test_freeing_the_other_numbers_keeps_correlations() -> None:
     intrinsics, cover = free_parameters(FOUND, COVER, ("all",))
     assert intrinsics == FOUND
     assert cover.parameters["thickness"].sigma > 0
@@ -85,7 +85,7 @@ def test_a_doubted_number_makes_the_prior_looser_in_every_direction(name: str) -
     )
 
 
-def test_a_doubted_number_of_the_cover_leaves_the_camera() -> None:
+def test_a_doubted_number_of_the_cover_does_not_change_the_camera() -> None:
     cover = replace(COVER, parameters={**COVER.parameters, "thickness": Number(0.003, 1e-4)})
     intrinsics, wider = widen_prior(FOUND, cover, "cover.thickness", 10.0)
     assert intrinsics == FOUND

@@ -117,7 +117,7 @@ def test_the_rays_nearly_intersect_where_the_model_stands(covered: Calibration) 
     assert passing(best) < 0.5 * passing(np.zeros(3))
 
 
-def test_more_coefficients_are_taken_only_where_they_are_worth_it(covered: Calibration) -> None:
+def test_more_coefficients_are_used_only_if_they_reduce_the_misfit(covered: Calibration) -> None:
     models = {lens.name: best_central(covered, 0.5, [lens]) for lens in OPENCV}
     errors = [models[name].misfit_at_depth.rms_px for name in ("4", "5", "8", "12")]
     assert all(extra < smaller / 0.98 for smaller, extra in pairwise(errors))
@@ -133,7 +133,7 @@ def test_more_coefficients_are_taken_only_where_they_are_worth_it(covered: Calib
 @pytest.mark.parametrize(
     "lens", [lens for form in FORMATS for lens in form.lenses], ids=lambda lens: lens.name
 )
-def test_every_lens_has_the_coefficients_that_it_says(
+def test_every_lens_has_its_stated_number_of_coefficients(
     covered: Calibration, lens: ExportLens
 ) -> None:
     model = best_central(covered, 0.5, [lens])
@@ -190,7 +190,7 @@ def test_remarks_name_the_depth_where_the_model_goes_wrong(covered: Calibration)
     assert f"differ by up to {model.misfit_at_half_depth.drift_px:.2f} px at 0.1 m" in remark
 
 
-def test_no_remark_where_depth_hardly_matters(covered: Calibration) -> None:
+def test_no_remark_is_made_if_depth_hardly_matters(covered: Calibration) -> None:
     model = best_central(covered, 20.0, [SPLINED])
     assert max(model.misfit_at_half_depth.drift_px, model.misfit_at_double_depth.drift_px) < 0.5
     assert list(model.remarks()) == []

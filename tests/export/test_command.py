@@ -101,7 +101,7 @@ def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(
     )
 
 
-def test_what_lies_beside_from_an_earlier_fit_is_named(
+def test_outputs_of_an_earlier_fit_are_named(
     small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     saved, out = tmp_path / "saved", tmp_path / "out"

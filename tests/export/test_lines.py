@@ -35,7 +35,7 @@ def at(depth: float, origins: Array, directions: Array) -> Array:
 
 
 @pytest.mark.parametrize("axes", ["opencv", "opengl"])
-def test_a_ray_image_hits_what_its_pixels_see(
+def test_a_ray_image_hits_the_points_that_its_pixels_see(
     small: Calibration, tmp_path: Path, axes: str
 ) -> None:
     """OpenGL's camera is OpenCV's, turned by half a turn about x, and so looks along -z."""

@@ -123,7 +123,7 @@ def _number(value: float) -> tuple[Array, Array]:
     return np.array(value), np.array(0.0)
 
 
-def test_what_the_diagnosis_found_of_a_port_is_in_it(tmp_path: Path, flat: Calibration) -> None:
+def test_an_exported_port_includes_the_diagnosed_effects(tmp_path: Path, flat: Calibration) -> None:
     moved = replace(
         flat,
         effects=(
@@ -153,7 +153,7 @@ def test_a_window_that_nobody_declared_is_a_port(tmp_path: Path, flat: Calibrati
 
 
 @pytest.mark.parametrize("what", ["relief", "wedge"])
-def test_what_a_port_has_no_place_for_is_said(
+def test_numbers_that_a_port_cannot_hold_are_reported(
     what: str, tmp_path: Path, flat: Calibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if what == "relief":

@@ -80,7 +80,7 @@ def test_undistort_and_redistort_are_the_rays(small: Calibration, maps: Path, fo
 
 
 @FORMATS
-def test_alpha_is_1_where_the_camera_sees_and_all_is_0_elsewhere(
+def test_alpha_is_1_inside_the_camera_s_view_and_all_is_0_outside(
     small: Calibration, maps: Path, form: str
 ) -> None:
     stored = read(maps, "undistort", form)

@@ -7,7 +7,7 @@ from calib.progress import Silent
 from fixtures.degenerate import bare_session
 
 
-def test_a_lens_that_the_views_hardly_tell_is_the_same_every_time() -> None:
+def test_a_poorly_determined_lens_is_the_same_in_every_run() -> None:
     """Steps that differ by what is rounded end at other focal lengths: threads of
     cv2.calibrateCamera add up as they come.
     """

@@ -60,7 +60,7 @@ def local_children() -> list[psutil.Process]:
 
 
 @pytest.mark.slow
-def test_a_camera_of_which_workers_die_is_given_up_and_the_others_go_on(
+def test_a_camera_that_kills_its_workers_is_given_up_and_the_others_continue(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(local, "KILLED_ATTEMPTS", 2)
@@ -86,7 +86,7 @@ def test_a_camera_of_which_workers_die_is_given_up_and_the_others_go_on(
     )
 
 
-def test_where_no_worker_can_start_it_says_why_and_ends(
+def test_a_run_without_workers_names_the_cause_and_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(local, "START_ATTEMPTS", 2)
@@ -122,7 +122,7 @@ def test_a_worker_that_dies_while_it_starts_is_replaced(
     ]
 
 
-def test_it_says_what_it_waits_for_and_closing_it_ends_the_workers(
+def test_a_run_names_what_it_waits_for_and_its_end_ends_the_workers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("calib.fleet.heartbeat.HEARTBEAT_S", 0.0)
@@ -139,7 +139,7 @@ def test_it_says_what_it_waits_for_and_closing_it_ends_the_workers(
     assert f"{start} at a, 7 cameras waiting (memory, b, c, d, e and 2 more)." in lines
 
 
-def test_workers_are_one_a_core_as_far_as_the_memory_reaches(
+def test_one_worker_per_core_is_started_within_the_memory(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(local, "core_count", lambda: 8)

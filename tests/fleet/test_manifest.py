@@ -16,7 +16,7 @@ def table(tmp_path: Path, text: str, name: str = "fleet.csv") -> tuple[Entry, ..
     return read_manifest([str(tmp_path / name)])
 
 
-def test_a_csv_has_cameras_with_places_beside_it(tmp_path: Path) -> None:
+def test_paths_of_a_csv_are_relative_to_it(tmp_path: Path) -> None:
     entries = table(
         tmp_path,
         "\ufeffid,session,serial,prior,fixture,date,held_out_px.max,camera.fx.min,camera.fx.max\n"
@@ -36,7 +36,7 @@ def test_a_csv_has_cameras_with_places_beside_it(tmp_path: Path) -> None:
     assert second == Entry("A2", "/data/A2", limits=(Limit("camera.fx", -math.inf, 1300),))
 
 
-def test_a_yaml_has_limits_for_all_that_a_camera_may_have_its_own_of(tmp_path: Path) -> None:
+def test_a_camera_s_limits_override_those_of_the_yaml(tmp_path: Path) -> None:
     first_entry, second_entry = table(
         tmp_path,
         "limits: {noise_px: {max: 0.2}, cover.thickness: {min: 2.9, max: 3.1}}\ncameras:\n- {id: a,"
@@ -76,7 +76,7 @@ def test_a_yaml_has_limits_for_all_that_a_camera_may_have_its_own_of(tmp_path: P
         ("", "has no column id"),
     ],
 )
-def test_what_is_wrong_in_a_csv(tmp_path: Path, text: str, message: str) -> None:
+def test_errors_of_a_csv_get_a_sentence(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=r"^[^\n]*$") as caught:
         table(tmp_path, text)
     assert message in str(caught.value)
@@ -100,7 +100,7 @@ def test_what_is_wrong_in_a_csv(tmp_path: Path, text: str, message: str) -> None
         ("camera: []\n", "did you mean cameras?"),
     ],
 )
-def test_what_is_wrong_in_a_yaml(tmp_path: Path, text: str, message: str) -> None:
+def test_errors_of_a_yaml_get_a_sentence(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
         table(tmp_path, text, "fleet.yaml")
     assert message in str(caught.value)
@@ -135,7 +135,9 @@ def test_a_glob_and_folders_are_named_by_their_sessions(tmp_path: Path) -> None:
         ("missing.csv", "cannot be read"),
     ],
 )
-def test_what_is_no_manifest(tmp_path: Path, place: str, message: str) -> None:
+def test_a_file_that_is_no_manifest_gets_a_sentence(
+    tmp_path: Path, place: str, message: str
+) -> None:
     (tmp_path / "notes.txt").write_text("")
     with pytest.raises(InputError) as caught:
         read_manifest([str(tmp_path / place)])

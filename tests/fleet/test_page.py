@@ -71,7 +71,7 @@ def fleet() -> Fleet:
     return made(60, {camera: item for camera, (item, _) in WAYS.items()})
 
 
-def test_every_way_to_be_broken_is_told_in_words_and_nothing_else_is(fleet: Fleet) -> None:
+def test_every_fault_is_described_and_nothing_else(fleet: Fleet) -> None:
     assert set(fleet.outliers) == set(WAYS)
     for camera, (_, message) in WAYS.items():
         assert message in fleet.findings[camera][0].sentence, camera
@@ -79,18 +79,18 @@ def test_every_way_to_be_broken_is_told_in_words_and_nothing_else_is(fleet: Flee
     assert headline(fleet) == "8 of 60 cameras stand out"
 
 
-def test_a_fleet_without_a_fault_says_so() -> None:
+def test_a_fleet_without_a_fault_is_reported_so() -> None:
     whole = made(30)
     assert headline(whole) == "None of 30 cameras stands out"
     assert 'class="good"' in fleet_page(whole, "line 3")
 
 
-def test_false_alarms_over_charts_priors_and_moves_are_as_rare_as_is_said() -> None:
+def test_false_alarms_over_charts_priors_and_shifts_have_the_stated_rate() -> None:
     alarms = sum(bool(made(30, seed=seed).findings) for seed in range(100))
     assert alarms <= 100 * ALPHA + 3 * (100 * ALPHA * (1 - ALPHA)) ** 0.5
 
 
-def test_an_effect_that_many_have_is_the_fleets_way_to_be() -> None:
+def test_an_effect_that_many_cameras_have_is_no_outlier() -> None:
     shared = {
         f"c{number}": plain(f"c{number}", effects=("rolling_shutter",)) for number in range(12)
     }
@@ -98,7 +98,7 @@ def test_an_effect_that_many_have_is_the_fleets_way_to_be() -> None:
     assert "<b>rolling_shutter</b>" in fleet_page(made(60, shared), "x")
 
 
-def test_limits_of_its_own() -> None:
+def test_a_camera_may_have_a_limit_of_its_own() -> None:
     whole = made(30)
     entries = [
         replace(entry, limits=(Limit("cover.thickness", high=99.0),)) if entry.id == "c4" else entry

@@ -50,17 +50,17 @@ def squares(cameras: int, noise: float) -> float:
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.3])
-def test_the_next_camera_is_as_far_off_as_predicted(noise: float) -> None:
+def test_the_next_camera_deviates_as_predicted(noise: float) -> None:
     """The square of many cameras is one; 12 fleets of 5 numbers leave it uncertain by a tenth."""
     assert 0.7 < squares(40, noise) < 1.2
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.3])
-def test_few_cameras_promise_less_than_they_could_and_never_more(noise: float) -> None:
+def test_few_cameras_give_a_cautious_expectation(noise: float) -> None:
     assert squares(4, noise) < 1.1
 
 
-def test_a_camera_that_hardly_knows_its_numbers_does_not_spread_the_fleet() -> None:
+def test_an_uncertain_camera_does_not_widen_the_fleet() -> None:
     """Control: estimates scatter by the noise and the spread together, which is what a plain
     covariance of them would say.
     """
@@ -69,7 +69,7 @@ def test_a_camera_that_hardly_knows_its_numbers_does_not_spread_the_fleet() -> N
 
 
 @pytest.mark.parametrize("cameras", [4, 10, 40])
-def test_cameras_of_the_fleet_are_hardly_ever_taken_for_others(cameras: int) -> None:
+def test_cameras_of_the_fleet_rarely_conflict_with_its_expectation(cameras: int) -> None:
     """One of a hundred would be; of 240, more than eight come once in a thousand tries."""
     alarms = 0
     for seed in range(FLEETS):
@@ -80,20 +80,20 @@ def test_cameras_of_the_fleet_are_hardly_ever_taken_for_others(cameras: int) -> 
     assert alarms <= 8
 
 
-def test_more_cameras_know_more() -> None:
+def test_more_cameras_give_a_narrower_expectation() -> None:
     of_few = np.sqrt(fleet(1, 4, 0.1)[0].covariance.diagonal())
     many = np.sqrt(fleet(1, 40, 0.1)[0].covariance.diagonal())
     assert (many < of_few).all()
 
 
-def test_what_nobody_tells_stays_as_it_is_declared() -> None:
+def test_numbers_that_no_camera_determines_keep_their_tolerance() -> None:
     blind = [LikelihoodInformation(np.diag([1e4] * 4 + [0.0]), np.zeros(SIZE))] * 10
     expected = population(blind, np.zeros(SIZE), np.eye(SIZE))
     assert expected.covariance[4, 4] == pytest.approx(1.0, rel=0.1)
     assert expected.covariance[0, 0] < 0.01
 
 
-def test_it_is_the_same_every_time() -> None:
+def test_the_sampler_is_deterministic() -> None:
     item = fleet(2, 6, 0.1)[0]
     two = fleet(2, 6, 0.1)[0]
     assert (item.mean == two.mean).all()

@@ -67,7 +67,7 @@ def test_every_camera_has_its_result(client: Client, recorded: Path, tmp_path: P
 
 
 @pytest.mark.slow
-def test_a_camera_of_which_workers_die_does_not_stop_the_others(
+def test_a_camera_that_kills_its_workers_does_not_stop_the_others(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("calib.fleet.run.run_job", behave)
@@ -242,7 +242,7 @@ def queue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("queue")
-def test_jobs_of_a_queue(
+def test_workers_run_as_jobs_of_a_queue(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ("--jobqueue", "slurm", "--workers", "1", *OPTIONS, "--json")
@@ -251,7 +251,7 @@ def test_jobs_of_a_queue(
     assert not list((tmp_path / "fleet").glob(".keys-*"))
 
 
-def test_a_queue_that_is_not_there(
+def test_a_missing_queue_gets_a_sentence(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ("--jobqueue", "slurm", *OPTIONS)
@@ -327,7 +327,7 @@ def test_a_second_command_on_the_same_fleet_is_refused(
         (("--jobqueue", "slurm", "--scheduler", "tcp://a:1"), "not allowed with argument"),
     ],
 )
-def test_what_is_wrong_on_the_command_line(
+def test_wrong_options_get_a_sentence(
     recorded: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -346,7 +346,7 @@ def test_what_is_wrong_on_the_command_line(
     assert "Traceback" not in error
 
 
-def test_without_dask_it_says_what_to_install(
+def test_a_run_without_dask_names_the_package_to_install(
     recorded: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

@@ -32,7 +32,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     return Bench(tmp_path_factory.mktemp("fuzz"))
 
 
-def test_whatever_is_spoilt_is_said_in_a_sentence(bench: Bench) -> None:
+def test_every_spoilt_input_gets_a_sentence(bench: Bench) -> None:
     def check(kind: Kind, value: Any) -> None:
         with warnings.catch_warnings(action="error"):
             spoil(kind, value)
@@ -51,7 +51,7 @@ def test_foreign_text_is_one_line_that_can_be_shown(text: str, most: int) -> Non
     assert len(harmless(text)) >= len(text)
 
 
-def test_what_is_escaped() -> None:
+def test_control_characters_are_escaped() -> None:
     assert harmless("a\x1b[2J\ncalib: all is well") == r"a\x1b[2J\ncalib: all is well"
     assert harmless("caf\udce9.png") == r"caf\xe9.png"
     assert harmless("gnp\u202e.exe\u2028\ufeff") == r"gnp\u202e.exe\u2028\ufeff"
@@ -106,7 +106,7 @@ def test_a_busy_machine_is_no_hang(limits: Limits) -> None:
         time.sleep(2 * limits.work_s)
 
 
-def test_what_goes_wrong_is_counted_and_can_be_repeated(limits: Limits) -> None:
+def test_wrong_outcomes_are_counted_and_can_be_repeated(limits: Limits) -> None:
     """Every kind of wrong, among cases that are right."""
 
     def run(value: int) -> object:

@@ -20,7 +20,7 @@ COMMAND = "mrcal-calibrate-cameras"
     shutil.which(COMMAND) is None,
     reason="mrcal is not installed (apt-get install mrcal): no file of its own was imported",
 )
-def test_what_mrcal_calibrated_comes_back(tmp_path: Path) -> None:
+def test_mrcal_s_calibration_is_imported(tmp_path: Path) -> None:
     """The import keeps mrcal's corners, in its order, with those that it rejected as outliers
     marked as not seen.
     """

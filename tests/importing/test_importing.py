@@ -131,7 +131,7 @@ def test_pictures_of_a_board_with_markers(source: str, tmp_path: Path) -> None:
     )
 
 
-def test_a_board_given_wins_over_kalibr_s_target(tmp_path: Path) -> None:
+def test_a_board_option_overrides_kalibr_s_target(tmp_path: Path) -> None:
     session = imported(
         ["kalibr", str(recordings.kalibr(tmp_path / "k")), "--board", "7x6", "--square-mm", "30"],
         tmp_path / "s",
@@ -140,7 +140,7 @@ def test_a_board_given_wins_over_kalibr_s_target(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_either_camera_of_a_stereo_tar(side: str, tmp_path: Path) -> None:
+def test_each_camera_of_a_stereo_tar_can_be_imported(side: str, tmp_path: Path) -> None:
     archive = recordings.stereo_tar(tmp_path / "calibrationdata.tar.gz")
     session = imported(["ros", str(archive), *AND_BOARD, "--camera", side], tmp_path / "s")
     assert session.camera.model == f"narrow_stereo/{side}"
@@ -151,7 +151,7 @@ def test_either_camera_of_a_stereo_tar(side: str, tmp_path: Path) -> None:
     assert np.array_equal(picture, first if side == "left" else first[::-1, ::-1])
 
 
-def test_either_camera_of_a_kalibr_chain(tmp_path: Path) -> None:
+def test_each_camera_of_a_kalibr_chain_can_be_imported(tmp_path: Path) -> None:
     folder = recordings.kalibr(
         tmp_path / "k", chain=CAMCHAIN + SECOND.replace("[640, 480]", "[320, 240]")
     )
@@ -165,7 +165,7 @@ def test_either_camera_of_a_kalibr_chain(tmp_path: Path) -> None:
     )
 
 
-def test_the_picture_s_names_in_a_tar_lead_nowhere_else(tmp_path: Path) -> None:
+def test_names_of_pictures_in_a_tar_cannot_leave_the_folder(tmp_path: Path) -> None:
     archive = recordings.tar(
         tmp_path / "c.tar.gz", extra=("../../evil.png", "rear-0001.png", "../left-9999.txt")
     )

@@ -307,7 +307,7 @@ REFUSED = (
 
 
 @pytest.mark.parametrize("case", REFUSED, ids=lambda case: case.name)
-def test_one_sentence_and_nothing_left_behind(
+def test_a_refused_import_gets_one_sentence_and_leaves_no_file(
     case: Refused, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "in").mkdir()

@@ -51,7 +51,7 @@ def apart(at: FittedModel, estimate: Estimate, reference: Estimate) -> float:
     return float(((vectors[0] - vectors[1]) / reference.covariance.diagonal().sqrt()).abs().max())
 
 
-def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: FittedModel) -> None:
+def test_one_step_reaches_the_fit_of_the_remaining_views(optimum: FittedModel) -> None:
     for index, without in enumerate(fits_without(optimum, cost_of(optimum), PARTS)):
         fit, out = without.joint, torch.from_numpy(index == PARTS)
         refit = optimum.model.fit(
@@ -65,9 +65,7 @@ def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: FittedModel) -> No
 
 
 @pytest.mark.parametrize("interval", [1, 2])
-def test_views_that_were_left_out_follow_by_a_step_of_their_own(
-    optimum: FittedModel, interval: int
-) -> None:
+def test_poses_of_held_out_views_follow_by_one_step(optimum: FittedModel, interval: int) -> None:
     """The residual of held-out views by the equations is that of fits of their poses to all of
     their corners, or to every other corner.
     """
@@ -87,7 +85,9 @@ def test_views_that_were_left_out_follow_by_a_step_of_their_own(
         assert error < 0.25 * control
 
 
-def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: FittedModel) -> None:
+def test_the_prediction_variance_equals_the_scatter_over_drawn_parameters(
+    optimum: FittedModel,
+) -> None:
     """The parameters are drawn from their covariance, and the views' poses follow."""
     fit = fits_without(optimum, cost_of(optimum), PARTS)[0]
     out = torch.from_numpy(PARTS == 0)
@@ -114,7 +114,7 @@ def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: FittedModel) -> 
     )
 
 
-def test_where_a_step_fails_the_others_are_fitted(
+def test_the_remaining_views_are_fitted_if_a_step_fails(
     optimum: FittedModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From boards that are turned by 30 degrees, equations say little of where the fit ends."""

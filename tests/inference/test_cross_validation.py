@@ -16,7 +16,7 @@ from tests.diagnosis.hide import fitted, hidden
 POSES = [0, 0, 0, 1, 1, 2, 3, 4, 5, 5, 6, 7]
 
 
-def test_a_burst_is_held_out_as_a_whole() -> None:
+def test_all_views_of_a_burst_are_held_out_together() -> None:
     split = fold_split(POSES)
     assert split.group.tolist() == [0, 0, 0, 1, 1, 2, 3, 4, 0, 0, 1, 2]
     assert split.pose.tolist() == POSES
@@ -56,7 +56,7 @@ def test_a_burst_counts_as_one_view() -> None:
     assert finding.remarks[0].startswith("With 5 views nothing can be confirmed")
 
 
-def test_what_the_fit_hardly_predicts_counts_as_much_less() -> None:
+def test_corners_that_are_hardly_predicted_have_less_weight() -> None:
     """Corners that the folds' fits extrapolate to are off by more than the noise, by as much as
     their weights say.
     """

@@ -26,7 +26,7 @@ def _p_value(size: float, seed: int, *, silent: int = 0, bad: int = 0) -> float:
     )
 
 
-def test_it_is_seen_though_some_views_say_nothing_and_some_are_bad() -> None:
+def test_an_effect_is_detected_beside_uninformative_and_bad_views() -> None:
     """Nine or ten views of twelve agree: flips of their signs alone are as one-sided once in 2^9
     times, twice that for two tests.
     """
@@ -35,6 +35,6 @@ def test_it_is_seen_though_some_views_say_nothing_and_some_are_bad() -> None:
     assert _p_value(1.0, 0, bad=2) < 0.01
 
 
-def test_noise_passes_no_more_often_than_it_says() -> None:
+def test_noise_passes_at_most_at_the_stated_rate() -> None:
     p_values = np.array([_p_value(0.0, seed) for seed in range(100)])
     assert (p_values < 0.05).sum() <= 10  # 5 are expected at most, their standard deviation is 2.2

@@ -17,7 +17,7 @@ from calib.inference.laplace_evidence import LaplaceEvidence
 from fixtures.synthetic import scene
 
 
-def test_sizes_of_what_views_have_for_themselves_are_as_probable_as_fits_say() -> None:
+def test_the_evidence_of_per_view_sizes_agrees_with_fits() -> None:
     """Boards that bend by 0.2 mm in each view, in a curve that is no parabola: every size from one
     fit, and from each of them.
     """

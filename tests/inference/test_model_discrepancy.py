@@ -42,7 +42,7 @@ def test_a_large_board_has_few_modes() -> None:
     assert board_modes(np.column_stack([x.ravel(), y.ravel()]))[0].shape[1] < 64
 
 
-def test_the_likelihood_is_the_dense_one() -> None:
+def test_the_likelihood_agrees_with_a_dense_one() -> None:
     """The test has three views with two own parameters, one of which has a prior, and two shared
     ones. Their dense covariance is written out, with a very wide prior for a flat one. The results
     differ by constants of the priors.
@@ -114,7 +114,7 @@ def optimum(made: Scene, shift: np.ndarray) -> FittedModel:
     return FittedModel(model, moved, joint)
 
 
-def test_noise_has_no_structure_and_a_bend_of_its_own_in_each_view_has() -> None:
+def test_a_bend_in_each_view_raises_the_evidence_and_noise_does_not() -> None:
     made = scene(5, views=12, grid=(4, 4), noise=0.1)
     corners, view = made.observations.corners.numpy(), made.observations.view.numpy()
     assert abs(discrepancy_gain(optimum(made, np.zeros((len(corners), 2))))) < 0.1

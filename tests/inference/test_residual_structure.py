@@ -145,12 +145,12 @@ field is, and share some of it.
 """
 
 
-def test_every_organiser_is_planted() -> None:
+def test_every_variable_is_planted_once() -> None:
     assert set(PLANTED) == set(UNTOUCHED) == set(ORGANISERS)
 
 
 @pytest.mark.parametrize("name", PLANTED)
-def test_what_is_planted_is_named_first_and_what_is_not_is_not(name: str) -> None:
+def test_a_planted_variable_is_named_first_and_no_untouched_one(name: str) -> None:
     """The planted field is as large as the noise. A diagnosis reports p-values below 0.001."""
     plant, minimum = PLANTED[name]
     field = plant()
@@ -218,13 +218,13 @@ def test_a_residual_that_repeats_in_every_view_is_organised_by_the_board() -> No
     assert first.fraction == pytest.approx(1.0)
 
 
-def test_no_residual_is_organised_by_nothing() -> None:
+def test_a_zero_residual_has_no_structure() -> None:
     shares = unmoved().split()
     assert {share.organised_by for share in shares} == set(ORGANISERS)
     assert all(share.fraction == 0.0 and share.p_value == 1.0 for share in shares)
 
 
-def test_columns_that_leave_no_freedom_tell_nothing() -> None:
+def test_columns_without_remaining_freedom_give_no_test() -> None:
     """One picture of five corners: a mean for each corner explains all, by chance as well."""
     whole = unmoved()
     residual = np.random.default_rng(2).normal(0, SIGMA, (5, 2))

@@ -12,7 +12,7 @@ from calib.inference.warm_start import start_without_effects
 from tests.diagnosis.hide import without_cover
 
 
-def test_what_stays_starts_where_a_fit_without_the_effect_ends() -> None:
+def test_the_start_without_an_effect_is_near_the_end_of_its_fit() -> None:
     """A pupil beside a lens, each of which does much of what the other does: without the pupil the
     lens's first coefficient is another by many of its sigmas, and nine tenths of that are there
     from the start.

@@ -35,7 +35,7 @@ def fitted() -> Fitted:
     return model, observations, model.fit(observations, torch.from_numpy(calibration.poses))
 
 
-def test_poses_are_begun_anew_behind_a_port(fitted: Fitted) -> None:
+def test_poses_start_anew_behind_a_port(fitted: Fitted) -> None:
     model, observations, joint = fitted
     wider = model.with_effect(FlatPort("water"))
     start = start_with_effect(wider, observations, joint)
@@ -48,7 +48,7 @@ def test_poses_are_begun_anew_behind_a_port(fitted: Fitted) -> None:
     )
 
 
-def test_a_focal_length_that_made_up_for_water_is_begun_near_its_own() -> None:
+def test_a_focal_length_that_compensated_for_water_starts_near_its_true_value() -> None:
     """From where the fit without a port left it, the window ends without thickness and the error
     ten times as large.
     """
@@ -69,7 +69,7 @@ def test_a_focal_length_that_made_up_for_water_is_begun_near_its_own() -> None:
     assert all(abs(float(fit.values[name]) / true[name] - 1) < 0.001 for name in FREE)
 
 
-def test_what_begins_with_doing_nothing_stays_where_it_is(fitted: Fitted) -> None:
+def test_an_effect_that_starts_neutral_keeps_the_earlier_fit(fitted: Fitted) -> None:
     model, observations, joint = fitted
     assert start_with_effect(model.with_effect(EntrancePupil()), observations, joint) is joint
     wider = model.with_effect(FlatPort("water"))

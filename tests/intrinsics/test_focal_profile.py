@@ -67,7 +67,7 @@ def test_a_better_minimum_is_found() -> None:
     assert best.rms == 0.09
 
 
-def test_it_ends_where_nothing_fits() -> None:
+def test_the_profile_is_closed_if_no_other_focal_length_fits() -> None:
     interval, _ = profile_focal_length(Left(0.1), lambda _: Left(np.inf), FREEDOM, 0.01)
     assert interval.closed
     assert 1 / MAX_RATIO < interval.low < 1 < interval.high < MAX_RATIO

@@ -63,7 +63,7 @@ def test_a_socket_is_no_file(tmp_path: Path) -> None:
             read_file(tmp_path / "s")
 
 
-def test_a_file_that_is_too_large_says_what_it_may_have(tmp_path: Path) -> None:
+def test_a_file_that_is_too_large_gets_the_limit_in_its_sentence(tmp_path: Path) -> None:
     path = tmp_path / "a"
     with path.open("wb") as file:
         file.truncate((1 << 20) + 1)  # sparse: it takes no room
@@ -147,7 +147,7 @@ def test_a_sigma_that_cannot_be_squared_is_refused(sigma: str, tmp_path: Path) -
         "",
     ],
 )
-def test_a_header_that_says_more_than_is_there(header: str) -> None:
+def test_a_header_that_declares_too_much_data_is_refused(header: str) -> None:
     data = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() + bytes(64)
     with pytest.raises(ValueError, match=r"\w"):
         decode_npy(data)
@@ -165,7 +165,7 @@ def test_a_zip_is_no_npy_and_a_bomb_no_npz(tmp_path: Path, monkeypatch: pytest.M
         decode_npz(packed)
 
 
-def test_an_archive_whose_member_says_it_has_a_tebibyte(tmp_path: Path) -> None:
+def test_an_archive_with_a_declared_tebibyte_is_refused(tmp_path: Path) -> None:
     archive, claimed = tars(b"picture")
     assert [
         data
@@ -177,7 +177,7 @@ def test_an_archive_whose_member_says_it_has_a_tebibyte(tmp_path: Path) -> None:
         from_ros_archive(put(tmp_path / "claimed.tar", claimed), BOARD, None)
 
 
-def test_a_jpeg_that_ends_in_erased_flash_is_told_at_once(tmp_path: Path) -> None:
+def test_a_jpeg_that_ends_in_erased_flash_is_refused_at_once(tmp_path: Path) -> None:
     path = put(tmp_path / "a.jpg", b"\xff\xd8\xff\xe0\x00\x04ab" + b"\xff" * 3_000_000)
     start_time = time.process_time()
     with pytest.raises(InputError, match="truncated or damaged"):
@@ -202,11 +202,13 @@ def test_a_jpeg_that_ends_in_erased_flash_is_told_at_once(tmp_path: Path) -> Non
         ("a: " + "x" * 3_000_000, "larger than the 2 MB"),
     ],
 )
-def test_yaml_that_would_take_minutes_or_gigabytes(text: str, says: str, tmp_path: Path) -> None:
+def test_yaml_that_would_take_minutes_or_gigabytes_is_refused(
+    text: str, says: str, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match=says):
         read_yaml(put(tmp_path / "a.yaml", text))
 
 
-def test_a_cell_beyond_what_csv_takes(tmp_path: Path) -> None:
+def test_a_cell_beyond_the_limit_of_csv_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not a CSV table"):
         read_points(put(tmp_path / "points.csv", f"x,y\n1,{'2' * 200_000}\n"))

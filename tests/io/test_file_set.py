@@ -100,7 +100,7 @@ def test_a_writer_killed_at_any_change_leaves_the_old_set_or_the_new_one(
     assert len(results) - turned >= 5, "and as many after it"
 
 
-def test_what_is_not_put_in_force_changes_nothing(tmp_path: Path) -> None:
+def test_a_set_that_is_not_committed_changes_nothing(tmp_path: Path) -> None:
     folder = fill(tmp_path / "out")
     with FileSet(folder) as files:
         for number in range(MAX_OPEN_FILES + 20):
@@ -109,7 +109,7 @@ def test_what_is_not_put_in_force_changes_nothing(tmp_path: Path) -> None:
     assert contents(folder) == OLD
 
 
-def test_more_files_than_may_be_open(tmp_path: Path) -> None:
+def test_a_set_may_have_more_files_than_may_be_open(tmp_path: Path) -> None:
     names = {str(number) for number in range(2 * MAX_OPEN_FILES + 1)}
     with FileSet(tmp_path) as files:
         for name in names:
@@ -121,7 +121,7 @@ def test_more_files_than_may_be_open(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("without", ["O_TMPFILE", "proc"])
-def test_a_disk_without_unnamed_files(
+def test_a_disk_without_unnamed_files_is_written_to(
     without: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if without == "proc":

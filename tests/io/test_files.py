@@ -90,7 +90,7 @@ def test_a_small_file_is_read_in_little_memory(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("limit", [0, 1, READ_SIZE, READ_SIZE + 1, 2 * READ_SIZE])
-def test_a_file_may_be_as_large_as_was_said_and_no_larger(tmp_path: Path, limit: int) -> None:
+def test_a_file_may_be_as_large_as_the_limit_and_no_larger(tmp_path: Path, limit: int) -> None:
     path = tmp_path / "file"
     path.write_bytes(b"x" * limit)
     assert len(read_file(path, limit)) == limit

@@ -171,7 +171,7 @@ BOMBS: Mapping[str, tuple[Callable[[], bytes], str]] = {
 }
 
 
-def test_what_would_fill_the_memory_is_refused_before_it_does(tmp_path: Path) -> None:
+def test_files_that_would_fill_the_memory_are_refused_early(tmp_path: Path) -> None:
     for name, (made, _) in BOMBS.items():
         (tmp_path / name).write_bytes(made())
         assert (tmp_path / name).stat().st_size < 5 << 20
@@ -182,7 +182,7 @@ def test_what_would_fill_the_memory_is_refused_before_it_does(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_the_largest_that_is_taken_takes_no_more_than_itself(tmp_path: Path) -> None:
+def test_the_largest_accepted_file_takes_only_its_own_memory(tmp_path: Path) -> None:
     """Half of the limit: what is read is not held twice."""
     size = MAX_DECODED_BYTES // 2
     head = npy_header(size)

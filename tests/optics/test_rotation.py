@@ -64,7 +64,7 @@ def test_the_derivative_is_that_of_central_differences(rotvec: np.ndarray) -> No
 
 
 @given(directions, st.floats(-12, -2))
-def test_both_pass_through_zero_smoothly(
+def test_both_functions_are_smooth_at_zero(
     direction: tuple[float, float, float], power: float
 ) -> None:
     """A turn and the same turn back are none, and the derivative's second difference across zero is
@@ -82,7 +82,7 @@ def test_both_pass_through_zero_smoothly(
     ) + 1e-15
 
 
-def test_many_are_turned_as_each_alone() -> None:
+def test_many_vectors_are_turned_as_each_alone() -> None:
     many = torch.from_numpy(np.random.default_rng(0).normal(size=(4, 3, 3)))
     turns = rotation.matrix(many)
     alone = torch.stack([rotation.matrix(vector) for vector in many.reshape(-1, 3)])

@@ -98,7 +98,7 @@ WRONG: list[tuple[dict[str, object], str]] = [
 
 
 @pytest.mark.parametrize(("written", "says"), WRONG, ids=range(len(WRONG)))
-def test_what_is_wrong_is_said(written: dict[str, object], says: str) -> None:
+def test_errors_of_the_board_section_get_a_sentence(written: dict[str, object], says: str) -> None:
     with pytest.raises(InputError) as caught:
         read_board(Section(written, "session.yaml", "board"))
     assert says in str(caught.value), caught.value

@@ -91,7 +91,7 @@ def told(intrinsics: Intrinsics, cover: Cover) -> np.ndarray:
     return np.block([[matrix, cross_covariance.T], [cross_covariance, glass.covariance]])
 
 
-def test_it_comes_back_from_its_file(prior: FleetPrior, tmp_path: Path) -> None:
+def test_a_prior_is_read_as_it_was_written(prior: FleetPrior, tmp_path: Path) -> None:
     file = tmp_path / "prior.yaml"
     file.write_text(fleet_prior_yaml(prior, "0"))
     read = read_fleet_prior(file)
@@ -114,7 +114,7 @@ def with_thickness(number: Number) -> Cover:
     return replace(CONE, parameters={**CONE.parameters, "thickness": number})
 
 
-def test_a_measurement_of_this_camera_is_one_more(prior: FleetPrior) -> None:
+def test_a_measurement_of_this_camera_is_combined_with_the_prior(prior: FleetPrior) -> None:
     """Oracle: information adds."""
     sigma = float(np.sqrt(covariance()[THICKNESS, THICKNESS]))
     combined = combine_with_prior(
@@ -139,7 +139,7 @@ def test_a_measurement_of_this_camera_is_one_more(prior: FleetPrior) -> None:
     )
 
 
-def test_what_the_fleet_declared_with_the_same_sigma_is_not_counted_twice(
+def test_numbers_that_the_fleet_declared_are_not_counted_twice(
     prior: FleetPrior,
 ) -> None:
     same = with_thickness(DECLARED[1].parameters["thickness"])
@@ -148,7 +148,7 @@ def test_what_the_fleet_declared_with_the_same_sigma_is_not_counted_twice(
     )
 
 
-def test_an_exact_number_is_held_and_tells_the_others(prior: FleetPrior) -> None:
+def test_an_exact_number_is_held_and_shifts_correlated_ones(prior: FleetPrior) -> None:
     sigma = float(np.sqrt(covariance()[THICKNESS, THICKNESS]))
     exact = Number(CONE.parameters["thickness"].value + sigma, exact=True)
     intrinsics, cover = combine_with_prior(prior, INTRINSICS, with_thickness(exact), "session.yaml")
@@ -240,7 +240,7 @@ def test_a_session_names_it_from_its_own_folder_on(prior: FleetPrior, tmp_path: 
         ({"declared": {}}, "declared.cover is missing"),
     ],
 )
-def test_a_file_that_is_none_is_refused(
+def test_a_file_that_is_no_prior_is_refused(
     prior: FleetPrior, tmp_path: Path, spoil: dict[str, object] | None, document: str
 ) -> None:
     if spoil is not None:
@@ -264,7 +264,7 @@ def test_a_file_that_is_none_is_refused(
         ("degree", 99, "degree is 99: write a whole number from 0 to 10"),
     ],
 )
-def test_glass_that_cannot_be_is_refused(
+def test_impossible_glass_is_refused(
     prior: FleetPrior, tmp_path: Path, key: str, value: object, message: str
 ) -> None:
     written = yaml.safe_load(fleet_prior_yaml(prior, "0"))
@@ -286,7 +286,7 @@ def test_glass_that_cannot_be_is_refused(
         ([["cover.thickness", "camera.fx", 1.0]], "positive definite"),
     ],
 )
-def test_correlations_of_a_cover_that_cannot_be_are_refused(
+def test_impossible_correlations_of_a_cover_are_refused(
     tmp_path: Path, pairs: object, message: str
 ) -> None:
     folder = session(tmp_path)

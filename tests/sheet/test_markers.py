@@ -139,7 +139,7 @@ def test_tags_have_kalibr_s_bits() -> None:
 @pytest.mark.parametrize(
     "board", [CharucoPattern(11, 11, dictionary="DICT_4X4_50"), AprilGridPattern(25, 24)]
 )
-def test_more_markers_than_there_are(board: Pattern) -> None:
+def test_more_markers_than_the_dictionary_has_are_refused(board: Pattern) -> None:
     with pytest.raises(
         InputError,
         match=(

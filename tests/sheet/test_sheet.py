@@ -144,7 +144,7 @@ def test_words_are_text_inside_the_page_and_off_the_board(
     assert is_beside.all()
 
 
-def test_both_files_say_the_same() -> None:
+def test_both_files_have_the_same_words() -> None:
     sheet = made("A4")
     drawn = [text.text for text in ElementTree.fromstring(to_svg(sheet)).iter(f"{SVG}text")]
     shown = re.findall(rb"\((.*)\) Tj", to_pdf(sheet))
@@ -153,7 +153,7 @@ def test_both_files_say_the_same() -> None:
 
 
 @each_sheet
-def test_rulers_are_as_long_as_they_say(
+def test_rulers_have_their_stated_length(
     paper: str, columns: int, rows: int, side: float | None
 ) -> None:
     """Along each ruler: a tick every millimetre from 0 to its length, all off the board, and each
@@ -242,7 +242,7 @@ def test_the_white_is_as_wide_as_the_sheet_says() -> None:
         ),
     ],
 )
-def test_a_board_that_does_not_fit_says_what_does(
+def test_a_board_that_does_not_fit_gets_a_fitting_size(
     paper: str, side: float | None, says: str
 ) -> None:
     with pytest.raises(InputError) as refused:

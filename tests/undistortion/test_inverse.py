@@ -104,7 +104,7 @@ def test_the_jacobian_agrees_with_central_differences() -> None:
         assert np.abs((ahead - behind) / (2 * step) - jacobian[..., axis]).max() < 1e-9
 
 
-def test_no_points_give_none() -> None:
+def test_no_points_give_an_empty_result() -> None:
     projected, is_visible = some_field(np.zeros((2, 2, WAVES, WAVES))).distort_pixels(
         np.empty((0, 2)), 1.0
     )

@@ -101,7 +101,7 @@ def test_points_are_seen_where_tracing_sees_them(
     assert np.abs(through - traced)[~invalid].max() < SURE
 
 
-def test_a_camera_that_sees_nothing_says_so_of_many_as_of_few(
+def test_a_camera_that_sees_nothing_is_refused_for_any_number_of_points(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The window of this camera stands behind it."""

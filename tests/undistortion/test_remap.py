@@ -47,14 +47,14 @@ def test_parts_join_to_the_whole(
     assert np.abs(np.int16(into) - at_once).max() <= (kind == cv2.INTER_LANCZOS4)
 
 
-def test_opencv_s_limit_is_where_it_is_said() -> None:
+def test_opencv_s_limit_has_its_stated_value() -> None:
     many = np.zeros((MAX_SIDE + 1, 1), np.float32)
     with pytest.raises(cv2.error, match="SHRT_MAX"):
         cv2.remap(np.zeros((2, 2), np.uint8), many, many, cv2.INTER_LINEAR)
 
 
 @pytest.mark.parametrize("rows", [MAX_SIDE, MAX_SIDE + 1, 100_000])
-def test_as_many_points_as_are_asked(rows: int) -> None:
+def test_any_number_of_points_is_interpolated(rows: int) -> None:
     table = np.arange(12, dtype=np.float32).reshape(3, 4)  # linear in both: 4 y + x
     x, y = np.random.default_rng(2).uniform(0, 2, (2, rows, 1)).astype(np.float32)
     assert (

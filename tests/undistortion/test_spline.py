@@ -85,7 +85,7 @@ def test_any_node_values_give_scipys_spline(values: Array) -> None:
 
 @each_time
 @given(node_values)
-def test_it_takes_its_values_at_the_nodes(values: Array) -> None:
+def test_a_spline_takes_its_values_at_the_nodes(values: Array) -> None:
     nodes = np.stack(np.meshgrid(NODES_X, NODES_Y), -1).reshape(-1, 2)
     spline = Spline.through(NODES_X, NODES_Y, values)
     for result in (spline.at(nodes)[0].reshape(values.shape), spline.on_grid(NODES_X, NODES_Y)):
@@ -121,7 +121,7 @@ def test_many_points_are_evaluated_like_few(count: int) -> None:
         assert (derivatives[i] == derivative[0]).all()
 
 
-def test_beyond_the_nodes_it_goes_on_as_the_tangent_plane_at_their_border() -> None:
+def test_a_spline_continues_as_the_tangent_plane_beyond_the_nodes() -> None:
     spline, values = Spline.through(NODES_X, NODES_Y, some_values()), some_values()
     points = np.array(
         [[-50.0, 30.0], [200.0, 30.0], [60.0, -40.0], [60.0, 300.0], [-50.0, -40.0], [200.0, 300.0]]

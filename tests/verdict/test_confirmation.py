@@ -67,7 +67,7 @@ def test_parallel_boards_confirm_no_focal_length(tmp_path: Path, times: float) -
         assert judge(estimate).word is Trust.CARE
 
 
-def test_tilted_boards_confirm_the_right_one(tmp_path: Path) -> None:
+def test_tilted_boards_confirm_the_right_focal_length(tmp_path: Path) -> None:
     views = bare_views(1, 16, 0.1)
     for index, focal in enumerate(declared(1.0)):
         estimate = bare(tmp_path / str(index), views, focal)
@@ -77,7 +77,7 @@ def test_tilted_boards_confirm_the_right_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("times", [1.02, 1.1])
-def test_tilted_boards_contradict_a_wrong_one(tmp_path: Path, times: float) -> None:
+def test_tilted_boards_contradict_a_wrong_focal_length(tmp_path: Path, times: float) -> None:
     """The reason names the value that the views ask for, to a tenth of the error, and the change of
     lengths.
     """
@@ -95,7 +95,7 @@ def test_tilted_boards_contradict_a_wrong_one(tmp_path: Path, times: float) -> N
         assert judge(estimate).suspects[:2] == NAMES
 
 
-def test_an_exact_number_that_is_off_within_what_is_noticed(tmp_path: Path) -> None:
+def test_an_exact_number_with_a_small_error_is_not_contradicted(tmp_path: Path) -> None:
     """The change of depth is 0.2 %, which is less than any reason mentions."""
     estimate = bare(tmp_path / "near", bare_views(1, 16, 0.1), Number(1.002 * FOCAL, exact=True))
     assert scale_evidence(estimate).change == pytest.approx(0.002, rel=0.1)
@@ -111,7 +111,9 @@ def test_copies_of_pictures_are_no_further_evidence(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("exact", [False, True])
-def test_parallel_boards_behind_a_cone(tmp_path: Path, exact: bool) -> None:
+def test_parallel_boards_behind_a_cone_leave_only_the_focal_length_unconfirmed(
+    tmp_path: Path, exact: bool
+) -> None:
     """The cover does not tell it either, and its own numbers are not what depth rests on."""
     glass = paper_cone(0.00115)
     parameters = {name: replace(item, exact=exact) for name, item in glass.parameters.items()}
@@ -130,7 +132,7 @@ def test_a_good_cone_is_confirmed_by_a_wide_margin(good: Calibration, freed: Cal
         assert evidence.change_sigma < evidence.sigma * 1.5
 
 
-def test_the_scale_is_known_as_well_as_it_says(tmp_path: Path) -> None:
+def test_the_sigma_of_the_scale_equals_the_scatter(tmp_path: Path) -> None:
     """The views ask, if every declared number is true, for a change as large as its standard
     deviation: by the root mean square over ten sessions, to three standard deviations of that.
     """
