@@ -177,9 +177,9 @@ def main() -> None:
     report(results, cameras)
 
 
-def report(found: Sequence[Outcome], cameras: int) -> None:
+def report(outcomes: Sequence[Outcome], cameras: int) -> None:
     console = Console(width=170, highlight=False)
-    unchanged = [item for item in found if not item.kind]
+    unchanged = [item for item in outcomes if not item.kind]
     alarms = [item for item in unchanged if item.word != "valid"]
     rate = 100 * len(alarms) / len(unchanged)
     below = ", ".join(
@@ -197,20 +197,20 @@ def report(found: Sequence[Outcome], cameras: int) -> None:
         + "---|" * len(SIZES),
         markup=False,
     )
-    for kind in dict.fromkeys(item.kind for item in found if item.size):
+    for kind in dict.fromkeys(item.kind for item in outcomes if item.size):
         cells = [
-            _cell([item for item in found if item.kind == kind and item.size == size])
+            _cell([item for item in outcomes if item.kind == kind and item.size == size])
             for size in SIZES
         ]
         console.print(f"| {kind} | " + " | ".join(cells) + " |", markup=False)
-    cells = [_cell([item for item in found if item.size == size]) for size in SIZES]
+    cells = [_cell([item for item in outcomes if item.size == size]) for size in SIZES]
     console.print("| all | " + " | ".join(cells) + " |", markup=False)
     console.print("\nright/wrong/not noticed of those that are judged (not judged)\n", markup=False)
     for kind, words in GROSS.items():
-        matching = [item for item in found if item.kind == kind]
+        matching = [item for item in outcomes if item.kind == kind]
         console.print(f"{words}: {sum(item.right for item in matching)} of {len(matching)} named.")
     for size in SIZES:
-        judged = [item for item in found if item.size == size and item.judged]
+        judged = [item for item in outcomes if item.size == size and item.judged]
         right, alone = (
             sum(item.right for item in judged),
             sum(item.right and len(item.names) == 1 for item in judged),
@@ -224,14 +224,14 @@ def report(found: Sequence[Outcome], cameras: int) -> None:
         )
     wrong = Counter(
         (item.shape, item.kind, item.names)
-        for item in found
+        for item in outcomes
         if item.size == SIZES[-1] and item.judged and not item.right
     )
     for (shape, kind, names), count in wrong.items():
         console.print(
             f"not right at {SIZES[-1]} x: {shape} {kind}: {', '.join(names) or 'nothing'} ({count})"
         )
-    spent = [item.seconds for item in found if item.word]
+    spent = [item.seconds for item in outcomes if item.word]
     console.print(f"A check took {np.median(spent):.2f} s, at most {max(spent):.1f} s.")
 
 

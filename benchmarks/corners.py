@@ -54,7 +54,7 @@ GRID: dict[str, Scene] = {
         for square in (80.0, 120.0)
     },
     **{f"JPEG {quality}": replace(REFERENCE, jpeg=quality) for quality in (100, 95, 90, 80)},
-    **{f"sharpened by {part:g}": replace(REFERENCE, sharpening=part) for part in (0.7, 1.5)},
+    **{f"sharpened by {amount:g}": replace(REFERENCE, sharpening=amount) for amount in (0.7, 1.5)},
     "sharpened by 1, JPEG 90": replace(REFERENCE, sharpening=1.0, jpeg=90),
     **{
         f"light uneven by {part:g}": replace(REFERENCE, contrast=120.0, uneven=part)
@@ -88,9 +88,9 @@ def _sectors(drawn: Drawn, board: Board, flags: int) -> Floats | None:
     return _near(np.asarray(corners, np.float64).reshape(-1, 2), drawn) if is_found else None
 
 
-def _near(found: Floats | None, drawn: Drawn) -> Floats | None:
+def _near(estimate: Floats | None, drawn: Drawn) -> Floats | None:
     """(count, 2) px in the order of the truth; None where a corner has none."""
-    expected = None if found is None else mrgingham.nearest(found, drawn.corners)
+    expected = None if estimate is None else mrgingham.nearest(estimate, drawn.corners)
     return (
         expected
         if expected is not None and np.linalg.norm(expected - drawn.corners, axis=1).max() < LIMIT
@@ -124,14 +124,14 @@ def main(pictures: int = 6) -> None:
         expected = ours(scene, shown)
         scores = [_scored(measured, shown, bounds) for _, measured in _others(scene)]
         bound = float(np.sqrt(np.trace(bounds, axis1=2, axis2=3).mean()))
-        others = [_said(*other, pictures) for other in scores]
+        cells = [_said(*other_score, pictures) for other_score in scores]
         table.add_row(
             name,
             f"{bound:.4f}",
             f"{expected.over_bound:.2f}",
             f"{expected.bias:.4f}",
             f"{expected.over_predicted:.2f}",
-            *others,
+            *cells,
         )
         all_ours.append(expected)
         best.append(np.nanmin([over for over, _ in scores[1:]]))
@@ -171,10 +171,10 @@ def _scored(
     ), len(errors)
 
 
-def _said(over: float, found: int, pictures: int) -> str:
+def _said(over: float, count: int, pictures: int) -> str:
     return (
-        f"{over:.2f}" + (f" ({found} of {pictures})" if found < pictures else "")
-        if found
+        f"{over:.2f}" + (f" ({count} of {pictures})" if count < pictures else "")
+        if count
         else "not found"
     )
 

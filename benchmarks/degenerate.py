@@ -38,20 +38,20 @@ class Outcome:
     seed: int
     word: str
     """The verdict's; "refused", "crashed" or "unreadable"."""
-    off: float
+    deviation: float
     """Standard deviations from the truth; NaN where there is no calibration."""
-    said: str
+    remarks: str
     """Reasons, or the error."""
 
     @property
     def wrong(self) -> bool:
         """Also where the sigma is not a number."""
-        return self.word not in ("refused", "crashed") and not self.off <= WRONG
+        return self.word not in ("refused", "crashed") and not self.deviation <= WRONG
 
 
-def bare_errors(shown: Shown, found: Calibration) -> float:
+def bare_errors(shown: Shown, result: Calibration) -> float:
     """The largest error of fx, fy, cx and cy, in standard deviations."""
-    k = found.camera.intrinsics
+    k = result.camera.intrinsics
     assert k
     return max(
         abs(n.value - true) / n.sigma
@@ -59,10 +59,10 @@ def bare_errors(shown: Shown, found: Calibration) -> float:
     )
 
 
-def covered_errors(shown: Shown, found: Calibration) -> float:
+def covered_errors(shown: Shown, result: Calibration) -> float:
     """The maps' error over their sigma."""
     assert shown.scene
-    ratios = [np.mean(error**2) / np.mean(sigma**2) for error, sigma in errors(shown.scene, found)]
+    ratios = [np.mean(error**2) / np.mean(sigma**2) for error, sigma in errors(shown.scene, result)]
     return float(np.sqrt(np.mean(ratios)))
 
 
@@ -84,7 +84,7 @@ def outcome(kind: str, seed: int, covered: bool) -> Outcome:
     return Outcome(kind, seed, verdict.word.value, deviation, " | ".join(verdict.sentences[1:]))
 
 
-def tabulated(found: list[Outcome], title: str) -> Table:
+def tabulated(result: list[Outcome], title: str) -> Table:
     table = Table(
         "kind",
         "sessions",
@@ -97,7 +97,7 @@ def tabulated(found: list[Outcome], title: str) -> Table:
         title=title,
     )
     for kind in (*KINDS, "all"):
-        matching = [item for item in found if kind in ("all", item.kind)]
+        matching = [item for item in result if kind in ("all", item.kind)]
         counts = (
             len(matching),
             sum(item.word == "refused" for item in matching),
@@ -138,7 +138,7 @@ def main() -> None:
                 results.append(item)
                 if item.word in ("crashed", "unreadable") or (options.all and item.wrong):
                     console.print(
-                        f"{item.kind} {item.seed}: {item.word}, {item.off:.1f}: {item.said[:300]}",
+                        f"{item.kind} {item.seed}: {item.word}, {item.deviation:.1f}: {item.remarks[:300]}",
                         markup=False,
                     )
         console.print(tabulated(results, title))

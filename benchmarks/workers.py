@@ -58,7 +58,7 @@ class Workers:
 
     submit_one: Submit
     count: Callable[[], int]
-    begun: float = field(default_factory=time.monotonic)
+    start_time: float = field(default_factory=time.monotonic)
     spent: list[float] = field(default_factory=list)
     """s that each session took where it ran."""
 
@@ -75,7 +75,7 @@ class Workers:
 
     @property
     def scaled(self) -> str:
-        wall, work, count = time.monotonic() - self.begun, sum(self.spent), self.count()
+        wall, work, count = time.monotonic() - self.start_time, sum(self.spent), self.count()
         workers = f"{count} worker{'s' * (count != 1)}"
         longest = max(self.spent, default=0.0)
         return (

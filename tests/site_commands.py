@@ -54,10 +54,10 @@ def commands() -> Iterator[Typed]:
             for line in block.splitlines() if not language else ():
                 if TYPED.match(line):
                     command = re.sub(r"\s+#.*$", "", line)
-                    parts = [command] if "sha256sum" in command else command.split(" && ")
+                    command_parts = [command] if "sha256sum" in command else command.split(" && ")
                     yield from (
                         Typed(page.relative_to(ROOT).as_posix(), command_part)
-                        for command_part in parts
+                        for command_part in command_parts
                     )
 
 

@@ -171,11 +171,11 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("page", dict.fromkeys(typed.page for typed in RUN))
 def test_each_command_line_runs(page: str, world: Path, tmp_path: Path) -> None:
     """A page's commands in their order, each with what the ones before it left."""
-    here = shutil.copytree(world, tmp_path / "world", symlinks=True)
+    copied_world = shutil.copytree(world, tmp_path / "world", symlinks=True)
     lines = [typed.line for typed in RUN if typed.page == page]
     for line in lines:
-        with _without_what_it_makes(here, line):
-            _bash(here, line)
+        with _without_what_it_makes(copied_world, line):
+            _bash(copied_world, line)
     print(f"{page}: {len(lines)} of {sum(typed.page == page for typed in ALL)} commands ran")
 
 

@@ -93,7 +93,7 @@ def _detection_error(views: Sequence[View], truth: np.ndarray) -> float:
     """
     pairs = [(view.corners, truth[int(view.name.split(".")[0])]) for view in views]
     errors = [
-        min(float(((seen - t) ** 2).sum(-1).mean()) for t in (true, true[::-1]))
-        for seen, true in pairs
+        min(float(((fitted - t) ** 2).sum(-1).mean()) for t in (true, true[::-1]))
+        for fitted, true in pairs
     ]
     return float(np.mean(errors) ** 0.5)

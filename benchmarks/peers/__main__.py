@@ -96,14 +96,14 @@ def main() -> None:
             ("refracal joint fit, 12x12, on the GPU", sys.executable, "refracal", "joint 12 cuda")
         )
     if options.opencv:
-        other = shutil.which(options.opencv)
-        if not other:
+        program = shutil.which(options.opencv)
+        if not program:
             parser.error(
                 f"--opencv: {options.opencv} is not a program; give the path of a Python"
                 " interpreter"
             )
         peers += [
-            (f"the other {name}", str(Path(other).absolute()), module, which)
+            (f"the other {name}", str(Path(program).absolute()), module, which)
             for name, module, which in PEERS
             if module == "opencv"
         ]

@@ -67,15 +67,15 @@ def fit(case: Case, which: str) -> Fitted:
             "--object-height-n": [str(BOARD.rows)],
             "--outdir": [folder],
         }
-        asked = [
+        command_line = [
             command,
             *(word for name, words in options.items() for word in (name, *words)),
             "view*.png",
         ]
         if switches:
-            used = run(asked)
+            used = run(command_line)
         else:
-            _run_here(asked, clock)
+            _run_here(command_line, clock)
         camera = mrcal.cameramodel(str(Path(folder, "camera-0.cameramodel")))
 
     version = subprocess.run(

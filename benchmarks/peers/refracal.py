@@ -32,10 +32,10 @@ def fit(case: Case, which: str) -> Fitted:
     values["relief.amplitudes"] = torch.zeros(grid, dtype=torch.float64)
     if method == "joint":
         device_values = {name: value.to(device) for name, value in values.items()}
-        found = fit_joint(path, device_values, observations.to(device), poses.to(device))
+        fitted = fit_joint(path, device_values, observations.to(device), poses.to(device))
         values, iterations = (
-            {name: value.cpu() for name, value in found.values.items()},
-            found.iterations,
+            {name: value.cpu() for name, value in fitted.values.items()},
+            fitted.iterations,
         )
     else:
         values["relief.amplitudes"] = descend(path, values, observations, poses, steps=STEPS)

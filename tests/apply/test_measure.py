@@ -112,8 +112,12 @@ def test_sigma_equals_the_scatter_over_repeated_noise(how: str) -> None:
 
     def once() -> tuple[MeasuredPoints, np.ndarray]:
         if how == "views":
-            both = noisy(np.concatenate([seen(calibration, pose, on + error) for pose in POSES]))
-            return measurer.triangulate(both, boards(2), [0, 0, 1, 1], [0, 1, 0, 1]), on + error
+            board_pixels = noisy(
+                np.concatenate([seen(calibration, pose, on + error) for pose in POSES])
+            )
+            return measurer.triangulate(
+                board_pixels, boards(2), [0, 0, 1, 1], [0, 1, 0, 1]
+            ), on + error
         if how == "boards":
             return measurer.on_planes(
                 noisy(seen(calibration, POSES[0], on)), boards(1), [0, 0]
@@ -125,18 +129,18 @@ def test_sigma_equals_the_scatter_over_repeated_noise(how: str) -> None:
             sideways,
         )
 
-    errors, said, separation, said_apart = [], [], [], []
+    errors, sigmas, separation, separation_sigmas = [], [], [], []
     for _ in range(REPEATS):
         measured, true = once()
         errors.append(measured.points - true)
-        said.append(measured.sigma)
+        sigmas.append(measured.sigma)
         metres, sigma = measured.distance(0, 1)
         separation.append(metres - np.linalg.norm(true[1] - true[0]))
-        said_apart.append(sigma)
-    counted = np.mean(said, 0) > 0
-    ratio = np.sqrt(np.mean(np.square(errors), 0))[counted] / np.mean(said, 0)[counted]
+        separation_sigmas.append(sigma)
+    counted = np.mean(sigmas, 0) > 0
+    ratio = np.sqrt(np.mean(np.square(errors), 0))[counted] / np.mean(sigmas, 0)[counted]
     assert ratio.mean() == pytest.approx(1, abs=0.25)  # 16 % standard error each
-    assert np.sqrt(np.mean(np.square(separation))) / np.mean(said_apart) == pytest.approx(
+    assert np.sqrt(np.mean(np.square(separation))) / np.mean(separation_sigmas) == pytest.approx(
         1, abs=0.4
     )
 
@@ -168,12 +172,12 @@ def test_the_sigma_of_the_squares_enters_every_measurement(
             results.append(measurer.triangulate(pixels, poses, [0, 0, 1, 1], [0, 1, 0, 1]))
         else:
             results.append(measurer.on_planes(pixels, poses, [0, 0, 1, 1]))
-    unmoved, moved, said = results
+    unmoved, moved, uncertain = results
     change = np.abs(moved.points - unmoved.points)
-    assert said.sigma == pytest.approx(
+    assert uncertain.sigma == pytest.approx(
         change, abs=0.02 * change.max()
     )  # rays that do not start at one point: 1 %
-    assert said.distance(0, 1)[1] == pytest.approx(0.001 * unmoved.distance(0, 1)[0], rel=0.02)
+    assert uncertain.distance(0, 1)[1] == pytest.approx(0.001 * unmoved.distance(0, 1)[0], rel=0.02)
 
 
 def test_a_view_that_is_turned_keeps_each_corner_s_weight(calibration: Calibration) -> None:
@@ -207,9 +211,9 @@ def test_uncertain_glass_shows_in_sigma(made: Scene) -> None:
         )
     pairs = [(i, j) for i in range(6) for j in range(6, 12)]
     distances = [[corners.distance(i, j) for i, j in pairs] for corners in results]
-    unmoved, moved, said = distances
+    unmoved, moved, uncertain = distances
     change = np.abs(np.array(moved) - np.array(unmoved))[:, 0]
-    sigma = np.array(said)[:, 1]
+    sigma = np.array(uncertain)[:, 1]
     assert change.max() > 1e-6
     assert sigma == pytest.approx(change, abs=0.03 * change.max())
 
@@ -472,8 +476,11 @@ def test_input_that_cannot_be_measured_gets_a_sentence(
     (folder / "wrong.csv").write_text(points)
     cv2.imwrite(str(folder / "blank.png"), np.full((616, 820), 128, np.uint8))
     cv2.imwrite(str(folder / "small.png"), np.full((40, 50), 128, np.uint8))
-    given = [str(folder / word) if word.endswith(".csv") else word for word in arguments]
-    assert main(["measure", str(folder / "calibration"), str(folder / "wrong.csv"), *given]) == code
+    command_words = [str(folder / word) if word.endswith(".csv") else word for word in arguments]
+    assert (
+        main(["measure", str(folder / "calibration"), str(folder / "wrong.csv"), *command_words])
+        == code
+    )
     assert says in capsys.readouterr().err
 
 

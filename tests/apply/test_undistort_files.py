@@ -76,16 +76,16 @@ def test_a_video_is_straightened_frame_by_frame(
 def test_a_folder_may_hold_videos_and_pictures(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    both = tmp_path / "in"
-    both.mkdir()
-    cv2.imwrite(str(both / "a.png"), ramp(0))
-    writer = cv2.VideoWriter(str(both / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (W, H))
+    inputs = tmp_path / "in"
+    inputs.mkdir()
+    cv2.imwrite(str(inputs / "a.png"), ramp(0))
+    writer = cv2.VideoWriter(str(inputs / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (W, H))
     writer.write(ramp(0))
     writer.release()
     assert (
         run(
             folder,
-            both,
+            inputs,
             "--depth",
             "0.5",
             "--crop",

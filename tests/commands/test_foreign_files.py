@@ -46,7 +46,7 @@ class Command:
     words: tuple[str, ...]
     writes: tuple[str, ...] = ()
     """Names in OUT; none where the command writes no file."""
-    again: bool = True
+    repeatable: bool = True
     """A second run may replace what the first one wrote."""
     slow: bool = False
     """The command's own work takes seconds; a refusal never does."""
@@ -94,10 +94,10 @@ COMMANDS = {
     "import": Command(
         ("import", "images", "pictures", "--board", "9x6", "--square-mm", "20", "-o", "OUT"),
         ("session.yaml", "frames/0.png", "frames/1.png"),
-        again=False,
+        repeatable=False,
     ),
     "board": Command(
-        ("board", "-o", "OUT"), ("session.yaml", "board.pdf", "board.svg"), again=False
+        ("board", "-o", "OUT"), ("session.yaml", "board.pdf", "board.svg"), repeatable=False
     ),
 }
 WRITERS = [name for name, command in COMMANDS.items() if command.writes]
@@ -255,7 +255,7 @@ def test_unchanged_outputs_may_be_replaced_and_changed_ones_may_not(
     done = (0, 5)
     assert run(command, out)[0] in done
     assert visible(out) - saved - {*BYSTANDERS} == {*command.writes}
-    assert run(command, out)[0] in (done if command.again else (2,))
+    assert run(command, out)[0] in (done if command.repeatable else (2,))
     edited = out / command.writes[0]
     edited.write_text("edited by hand")
     code, message = run(command, out)

@@ -50,11 +50,11 @@ def test_a_program_that_the_shell_finds_is_named_without_path(
 def test_the_path_is_named_if_the_shell_finds_another_program(
     installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    other = tmp_path / "other" / "calib"
-    other.parent.mkdir()
-    other.write_text("#!/bin/sh\n")
-    other.chmod(0o755)
-    monkeypatch.setenv("PATH", str(other.parent))
+    namesake = tmp_path / "other" / "calib"
+    namesake.parent.mkdir()
+    namesake.write_text("#!/bin/sh\n")
+    namesake.chmod(0o755)
+    monkeypatch.setenv("PATH", str(namesake.parent))
     assert runnable_command("calib fit s") == f"'{installed}/calib' fit s"
 
 

@@ -29,10 +29,10 @@ def covered(
     return np.asarray(cv2.fillPoly(picture.copy(), [hull], light), np.uint8)
 
 
-def off(found: Detection, truth: NDArray[np.float64]) -> NDArray[np.float64]:
+def off(detection: Detection, truth: NDArray[np.float64]) -> NDArray[np.float64]:
     """px, of the corners that were found."""
     return np.asarray(
-        np.linalg.norm(found.corners - truth, axis=1)[np.isfinite(found.corners[:, 0])]
+        np.linalg.norm(detection.corners - truth, axis=1)[np.isfinite(detection.corners[:, 0])]
     )
 
 

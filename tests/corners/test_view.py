@@ -9,10 +9,10 @@ import numpy as np
 from calib.corners.view import View, are_timed, capture_times, pose_labels
 
 
-def views(*said: tuple[float | None, str | None]) -> list[View]:
+def views(*rows: tuple[float | None, str | None]) -> list[View]:
     return [
         View(f"{index}.png", np.full((4, 2), index), np.ones(4), time_s, pose)
-        for index, (time_s, pose) in enumerate(said)
+        for index, (time_s, pose) in enumerate(rows)
     ]
 
 

@@ -50,16 +50,16 @@ def initramfs(
     )
 
 
-def _add(name: str, found: Mapping[str, Path], loaded: dict[str, bytes]) -> None:
+def _add(name: str, modules: Mapping[str, Path], loaded: dict[str, bytes]) -> None:
     """Add the dependencies of a module, then the module; nothing if it is built into the kernel."""
-    if name in loaded or name not in found:
+    if name in loaded or name not in modules:
         return
-    module = found[name].read_bytes()
-    if found[name].suffix == ".xz":
+    module = modules[name].read_bytes()
+    if modules[name].suffix == ".xz":
         module = lzma.decompress(module)
     depends = DEPENDS.search(module)
     for dependency in depends[1].decode().split(",") if depends else ():
-        _add(dependency.replace("-", "_"), found, loaded)
+        _add(dependency.replace("-", "_"), modules, loaded)
     loaded[name] = module
 
 

@@ -80,7 +80,7 @@ PARTS: dict[str, Callable[[], Path]] = {
 
 if __name__ == "__main__":
     try:
-        print(*(PARTS[part]() for part in sys.argv[1:] or PARTS))
+        print(*(PARTS[name]() for name in sys.argv[1:] or PARTS))
     except MissingError as error:
         print(f"SKIPPED: {error}", file=sys.stderr)
         sys.exit(SKIPPED)

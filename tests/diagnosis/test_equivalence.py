@@ -63,7 +63,7 @@ def test_a_window_and_a_moving_pupil_are_a_family(window: Diagnosis) -> None:
     assert family.experiment.startswith("To separate them, ")
     assert str(family) in window.remarks
     families = window.as_json()["families"]
-    assert [one.keys() for one in families] == [{"name", "members", "experiment"}]
+    assert [entry.keys() for entry in families] == [{"name", "members", "experiment"}]
 
 
 @pytest.mark.parametrize(

@@ -39,9 +39,9 @@ def diagnosed(points: NDArray[np.float64]) -> tuple[Calibration, Diagnosis]:
     return diagnose(replace(estimate, views=views, poses=made.poses.numpy()), Silent())
 
 
-def compare(found: Calibration, truth: dict[str, float]) -> None:
+def compare(calibration: Calibration, truth: dict[str, float]) -> None:
     numbers = {
-        name: number for effect in found.effects for name, number in effect.parameters.items()
+        name: number for effect in calibration.effects for name, number in effect.parameters.items()
     }
     for name, (value, sigma) in numbers.items():
         assert value == pytest.approx(truth.get(name, 0.0), abs=4 * sigma), name

@@ -56,15 +56,15 @@ class Glass:
         return np.asarray((point - self.example.origin(self.parameters)) @ tilt)
 
     def _inner(self, point: Array) -> float:
-        own = self._own(point)
-        return self.example.height(own, self.parameters) - self.inner(*self.example.chart(own))
+        local = self._own(point)
+        return self.example.height(local, self.parameters) - self.inner(*self.example.chart(local))
 
     def _outer(self, point: Array) -> float:
-        own = self._own(point) @ Rotation.from_rotvec(self.wedge).as_matrix()
+        local = self._own(point) @ Rotation.from_rotvec(self.wedge).as_matrix()
         return (
-            self.example.height(own, self.parameters)
+            self.example.height(local, self.parameters)
             - self.parameters["thickness"]
-            - self.outer(*self.example.chart(own))
+            - self.outer(*self.example.chart(local))
         )
 
 

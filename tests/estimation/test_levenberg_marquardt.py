@@ -208,13 +208,13 @@ def test_a_prior_pulls_in_proportion_to_its_precision() -> None:
 
         def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
             del blocks
-            one = torch.ones(1, 1, 1, dtype=torch.float64)
+            unit = torch.ones(1, 1, 1, dtype=torch.float64)
             return [
                 LinearisedBlocks(
                     torch.tensor([0, 1]),
                     (shared - 1).reshape(1, 1),
                     torch.zeros(1, 1, 0, dtype=torch.float64),
-                    one,
+                    unit,
                 )
             ]
 
@@ -331,8 +331,8 @@ def test_a_curved_valley_is_followed() -> None:
     at the minimum.
     """
     initial = torch.tensor([-1.2], dtype=torch.float64), torch.tensor([[1.0]], dtype=torch.float64)
-    there = torch.tensor([1.0], dtype=torch.float64), torch.tensor([[-3.84]], dtype=torch.float64)
-    assert Valley().cost(*there) > 90 * Valley().cost(*initial)
+    minimum = torch.tensor([1.0], dtype=torch.float64), torch.tensor([[-3.84]], dtype=torch.float64)
+    assert Valley().cost(*minimum) > 90 * Valley().cost(*initial)
     solution = minimise(Valley(), *initial)
     assert solution.outcome is Outcome.CONVERGED
     assert solution.iterations <= 4  # the damping leaves a little
@@ -371,12 +371,12 @@ class Straight(Curves):
         self.jacobians = jacobian_block, jacobian_shared
 
     def curve(self, shared: Tensor, blocks: Tensor) -> Tensor:
-        block, whole = (
+        block, by_shared = (
             self.jacobians
             if hasattr(self, "jacobians")
             else (torch.ones(36, 2, dtype=torch.float64),) * 2
         )
-        return (block * blocks[self.block]).sum(-1) + whole[:, 0] * shared
+        return (block * blocks[self.block]).sum(-1) + by_shared[:, 0] * shared
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
         by_block = self.jacobians[0].unsqueeze(1)

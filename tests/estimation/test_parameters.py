@@ -117,8 +117,10 @@ def test_a_known_figure_is_correlated_with_the_numbers(model: tuple[Path, Values
     assert covariance[:heights, heights + place] == pytest.approx(cross_block, rel=1e-9, abs=1e-20)
     assert not np.delete(covariance[:heights, heights:], place, 1).any()
     assert covariance[heights:, heights:] == pytest.approx(covariance_of(parameters), rel=1e-9)
-    precision, whole = parameters.prior_precision(SMOOTH), parameters.prior_root(SMOOTH)
-    assert np.abs(whole.T @ precision @ whole - np.eye(len(whole))).max() < 1e-3, "as above"
+    precision, prior_root = parameters.prior_precision(SMOOTH), parameters.prior_root(SMOOTH)
+    assert np.abs(prior_root.T @ precision @ prior_root - np.eye(len(prior_root))).max() < 1e-3, (
+        "as above"
+    )
     amplitudes = expected_amplitudes(path.relief, glass).ravel()
     assert relief_basis(path.relief) @ amplitudes == pytest.approx(waves @ glass.mean, rel=1e-9)
 

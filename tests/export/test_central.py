@@ -33,8 +33,8 @@ def test_a_lens_comes_back_from_its_own_picture(lens: ExportLens, written_out: o
     assert callable(written_out)
     coefficients = [-0.21, 0.11, 0.003, -0.002, 0.01, 0.05, 0.02, -0.01][: lens.coefficients]
     pixels = written_out(TANGENTS, coefficients) * [900, 910] + [640, 480]
-    found = fit_export_lens(TANGENTS, pixels, [800.0, 800.0, 600.0, 500.0], lens)
-    assert np.abs(project_slopes(found, TANGENTS, lens.fisheye)[0] - pixels).max() < 0.01
+    fitted = fit_export_lens(TANGENTS, pixels, [800.0, 800.0, 600.0, 500.0], lens)
+    assert np.abs(project_slopes(fitted, TANGENTS, lens.fisheye)[0] - pixels).max() < 0.01
 
 
 @pytest.mark.parametrize("lens", [FOUR, TWELVE, FISHEYE])

@@ -305,11 +305,11 @@ def test_depthai(small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixtu
     (path,) = (tmp_path / "out").glob("mesh_*")
     width, height = small.camera.width, small.camera.height
     assert path.name == "mesh_0.4m_10x14.calib"
-    columns, down = 10, 14
-    assert (width % columns, height % down) == (0, 0)
-    points = np.fromfile(path, np.float32).reshape(height // down + 1, width // columns + 1, 2)
+    columns, row_step = 10, 14
+    assert (width % columns, height % row_step) == (0, 0)
+    points = np.fromfile(path, np.float32).reshape(height // row_step + 1, width // columns + 1, 2)
     at = np.random.default_rng(2).uniform(30, [width - 30, height - 30], (500, 2))
-    axes = np.arange(0, height + down, down), np.arange(0, width + columns, columns)
+    axes = np.arange(0, height + row_step, row_step), np.arange(0, width + columns, columns)
     sampled = RegularGridInterpolator(axes, points)(at[:, ::-1])[:, ::-1]
     k = small.camera.intrinsics
     assert k

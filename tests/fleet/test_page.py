@@ -80,9 +80,9 @@ def test_every_fault_is_described_and_nothing_else(fleet: Fleet) -> None:
 
 
 def test_a_fleet_without_a_fault_is_reported_so() -> None:
-    whole = made(30)
-    assert headline(whole) == "None of 30 cameras stands out"
-    assert 'class="good"' in fleet_page(whole, "line 3")
+    judged = made(30)
+    assert headline(judged) == "None of 30 cameras stands out"
+    assert 'class="good"' in fleet_page(judged, "line 3")
 
 
 def test_false_alarms_over_charts_priors_and_shifts_have_the_stated_rate() -> None:
@@ -99,12 +99,12 @@ def test_an_effect_that_many_cameras_have_is_no_outlier() -> None:
 
 
 def test_a_camera_may_have_a_limit_of_its_own() -> None:
-    whole = made(30)
+    judged = made(30)
     entries = [
         replace(entry, limits=(Limit("cover.thickness", high=99.0),)) if entry.id == "c4" else entry
-        for entry in whole.entries
+        for entry in judged.entries
     ]
-    results = {item.id: item for item in whole.results}
+    results = {item.id: item for item in judged.results}
     results["c4"] = replace(
         results["c4"],
         numbers={**results["c4"].numbers, "cover.thickness": FleetNumber(100.1, 0.3, "mm")},

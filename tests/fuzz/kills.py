@@ -50,7 +50,7 @@ class Command:
 
     name: str
     arguments: Sequence[str]
-    before: Path
+    initial_folder: Path
     digest: str
     """The digest of the calibration whose files it writes; empty if the command makes the
     calibration.
@@ -150,7 +150,7 @@ def contents(folder: Path) -> Contents:
 
 def measured(command: Command, place: Path) -> Whole:
     out = place / "whole"
-    shutil.copytree(command.before, out)
+    shutil.copytree(command.initial_folder, out)
     tally = place / "tally"
     _, status, used = os.wait4(_fork([*command.arguments, str(out)], counted=tally), 0)
     code = os.waitstatus_to_exitcode(status)
@@ -168,7 +168,7 @@ def measured(command: Command, place: Path) -> Whole:
 
 
 def written(folder: Path, command: Command) -> frozenset[str]:
-    initial = contents(command.before)
+    initial = contents(command.initial_folder)
     return frozenset(name for name, data in contents(folder).items() if data != initial.get(name))
 
 
@@ -202,7 +202,7 @@ def unlike_one_set(folder: Path, complete: Whole, command: Command) -> str:
 
 def judged(out: Path, command: Command, complete: Whole) -> str:
     """Return old, new, or what is wrong."""
-    if contents(out) == contents(command.before):
+    if contents(out) == contents(command.initial_folder):
         return "old"
     return unlike_one_set(out, complete, command) or "new"
 
@@ -249,7 +249,7 @@ def main() -> int:
             command = tried[number % len(tried)]
             complete, turn = wholes[command.name], number // len(tried)
             out = place / "out"
-            shutil.copytree(command.before, out)
+            shutil.copytree(command.initial_folder, out)
             progress = (turn // 2 + draw.random() * (turn % 2)) / -(-args.kills // (2 * len(tried)))
             at = (
                 {"work_s": progress * complete.work_s}

@@ -212,8 +212,8 @@ def corner_views(draw: st.DrawFn, good: NDArray[np.float64]) -> NDArray[np.float
             case 7:  # few are seen
                 corners[selected, draw(st.sampled_from((0, 4, 7, 8, 9, 20))) :] = np.nan
             case 8:  # a grid without perspective, turned towards the camera
-                columns, down = np.meshgrid(np.arange(6.0), np.arange(5.0))
-                corners[selected] = 20 + 30 * np.stack([columns, down], -1).reshape(-1, 2)
+                columns, row_index = np.meshgrid(np.arange(6.0), np.arange(5.0))
+                corners[selected] = 20 + 30 * np.stack([columns, row_index], -1).reshape(-1, 2)
             case _:
                 corners[selected] += draw(st.sampled_from((-100.0, 100.0, 1e4)))
     return corners

@@ -42,8 +42,8 @@ def test_every_spoilt_input_gets_a_sentence(bench: Bench) -> None:
 
 
 @given(st.text(), st.integers(4, 200))
-def test_foreign_text_is_one_line_that_can_be_shown(text: str, most: int) -> None:
-    shown = harmless(text, most)
+def test_foreign_text_is_one_line_that_can_be_shown(text: str, limit: int) -> None:
+    shown = harmless(text, limit)
     assert shown.isprintable()
     shown.encode()
     assert harmless(text) == text or not text.isprintable(), "what does no harm is left as it is"

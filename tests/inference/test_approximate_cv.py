@@ -129,9 +129,9 @@ def test_the_remaining_views_are_fitted_if_a_step_fails(
     ), "the control: the steps alone"
 
 
-def errors(at: FittedModel, found: Sequence[FitWithout]) -> Iterator[float]:
+def errors(at: FittedModel, fits: Sequence[FitWithout]) -> Iterator[float]:
     """Yield the error of each fit on its own views over the error of the fit to all views."""
-    for index, fit in enumerate(found):
+    for index, fit in enumerate(fits):
         out = torch.from_numpy(index == PARTS)
         observations = at.observations.without_views(out)
         rms = residuals(at.model.path, fit.joint.values, observations, fit.joint.poses[~out]).rms_px

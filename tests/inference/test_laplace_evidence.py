@@ -38,7 +38,10 @@ def test_the_evidence_of_per_view_sizes_agrees_with_fits() -> None:
     for form, fit in zip(forms, fits, strict=True):
         around = LaplaceEvidence.of(FittedModel(form, observations, fit))
         result = np.array(
-            [around.max_log_evidence(view_precision(other.path, fit.poses)) for other in forms]
+            [
+                around.max_log_evidence(view_precision(candidate.path, fit.poses))
+                for candidate in forms
+            ]
         )
         assert np.abs(
             (result - result.max()) - (fitted_evidence - fitted_evidence.max())

@@ -53,11 +53,11 @@ def test_the_likelihood_agrees_with_a_dense_one() -> None:
         rng.normal(size=(views, corners, modes)),
         (rng.normal(size=(views, 2 * corners, 2)) for _ in "ab"),
     )
-    left = rng.normal(size=(views, 2 * corners, 1))
+    residuals_of_views = rng.normal(size=(views, 2 * corners, 1))
     roots = rng.normal(size=(2, modes, modes))
     spread = roots @ roots.swapaxes(1, 2)
     own_precision, precision = np.array([0.0, 2.0]), np.diag([3.0, 0.5])
-    columns = torch.from_numpy(np.concatenate([own_jacobian, shared, left], -1))
+    columns = torch.from_numpy(np.concatenate([own_jacobian, shared, residuals_of_views], -1))
     around = LaplaceEvidence(tuple(columns), torch.from_numpy(precision))
     likelihood = DiscrepancyLikelihood(
         around,
@@ -81,7 +81,7 @@ def test_the_likelihood_agrees_with_a_dense_one() -> None:
             )
         stacked = shared.reshape(-1, 2)
         covariance += stacked @ np.linalg.inv(precision) @ stacked.T
-        residual = left.ravel()
+        residual = residuals_of_views.ravel()
         return (
             -float(
                 np.linalg.slogdet(covariance)[1] + residual @ np.linalg.solve(covariance, residual)

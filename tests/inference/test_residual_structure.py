@@ -35,9 +35,9 @@ def unmoved() -> ResidualScene:
         depth = rng.uniform(0.25, 1.0)
         turn = rng.uniform(-0.6, 0.6)
         turned = points @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        seen = turned * 900 / depth
-        room = np.array([WIDTH, HEIGHT]) / 2 - np.abs(seen).max(0)
-        pixels.append(seen + np.array([WIDTH, HEIGHT]) / 2 + rng.uniform(-1, 1, 2) * room)
+        shown = turned * 900 / depth
+        room = np.array([WIDTH, HEIGHT]) / 2 - np.abs(shown).max(0)
+        pixels.append(shown + np.array([WIDTH, HEIGHT]) / 2 + rng.uniform(-1, 1, 2) * room)
         depths.append(depth + 0.3 * turned[:, 0])
     views = tuple(View(f"{v}.png", at, np.ones(BOARD.count)) for v, at in enumerate(pixels))
     x, y = (np.concatenate(pixels) - [WIDTH / 2, HEIGHT / 2]).T / WIDTH
@@ -161,7 +161,7 @@ def test_a_planted_variable_is_named_first_and_no_untouched_one(name: str) -> No
     assert shares[0].fraction - shares[0].chance > minimum
     result = by_name(shares)
     assert result.keys() == ORGANISERS.keys()
-    assert all(result[other].p_value > 1e-3 for other in UNTOUCHED[name]), result
+    assert all(result[untouched].p_value > 1e-3 for untouched in UNTOUCHED[name]), result
 
 
 def test_a_board_s_share_is_the_field_s_part_of_the_variance() -> None:
@@ -226,10 +226,14 @@ def test_a_zero_residual_has_no_structure() -> None:
 
 def test_columns_without_remaining_freedom_give_no_test() -> None:
     """One picture of five corners: a mean for each corner explains all, by chance as well."""
-    whole = unmoved()
+    unmoved_scene = unmoved()
     residual = np.random.default_rng(2).normal(0, SIGMA, (5, 2))
-    item = whole.observations.view_range(range(1)).select_rows(torch.arange(BOARD.count) < 5)
-    scene = ResidualScene(item, residual, whole.distance[:5], whole.incidence[:5], WIDTH, HEIGHT)
+    item = unmoved_scene.observations.view_range(range(1)).select_rows(
+        torch.arange(BOARD.count) < 5
+    )
+    scene = ResidualScene(
+        item, residual, unmoved_scene.distance[:5], unmoved_scene.incidence[:5], WIDTH, HEIGHT
+    )
     board = next(share for share in scene.split() if share.organised_by == "board")
     assert board.fraction == pytest.approx(1.0)
     assert (board.chance, board.p_value) == (1.0, 1.0)

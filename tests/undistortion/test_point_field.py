@@ -56,13 +56,13 @@ EACH = pytest.mark.parametrize(
 
 
 def both(
-    monkeypatch: pytest.MonkeyPatch, found: Callable[[], np.ndarray]
+    monkeypatch: pytest.MonkeyPatch, rays_of: Callable[[], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Through the field, and traced."""
     monkeypatch.setattr(room, "MIN_FIELD_POINTS", 0)
-    through = found()
+    through = rays_of()
     monkeypatch.setattr(room, "MIN_FIELD_POINTS", 10**9)
-    return through, found()
+    return through, rays_of()
 
 
 @EACH
