@@ -138,7 +138,8 @@ def main() -> None:
                 results.append(item)
                 if item.word in ("crashed", "unreadable") or (options.all and item.wrong):
                     console.print(
-                        f"{item.kind} {item.seed}: {item.word}, {item.deviation:.1f}: {item.remarks[:300]}",
+                        f"{item.kind} {item.seed}: {item.word}, {item.deviation:.1f}:"
+                        f" {item.remarks[:300]}",
                         markup=False,
                     )
         console.print(tabulated(results, title))
