@@ -56,14 +56,14 @@ def test_a_wrong_focal_length_is_not_foreseen(made: Scene) -> None:
         k, fx=replace(k.fx, value=1.02 * k.fx.value), fy=replace(k.fy, value=0.98 * k.fy.value)
     )
     setup = Setup(made.board, replace(CAMERA, intrinsics=wrong), wrong, made.cover)
-    found = fit_stages(setup, made.observations, Settings(grid=(8, 8)), Silent())
-    assert found.joint
+    fitted = fit_stages(setup, made.observations, Settings(grid=(8, 8)), Silent())
+    assert fitted.joint
     overconfident = replace(
         calibrate(made, Settings(grid=(8, 8))),
         camera=setup.camera,
-        amplitudes=found.values["relief.amplitudes"].numpy(),
-        poses=found.poses.numpy(),
-        covariance=found.joint.covariance.numpy(),
+        amplitudes=fitted.values["relief.amplitudes"].numpy(),
+        poses=fitted.poses.numpy(),
+        covariance=fitted.joint.covariance.numpy(),
     )
     assert all(
         np.sqrt(np.mean(np.square(error / sigma))) > 1.5
@@ -95,16 +95,20 @@ def test_the_variance_is_what_drawn_parameters_scatter_by(calibration: Calibrati
             **values,
             "relief.amplitudes": torch.from_numpy(drawn.reshape(calibration.amplitudes.shape)),
         }
-        here, there = (rays_of(truth, v, corners) for v in (values, moved))
+        true_rays = rays_of(truth, values, corners)
+        target = rays_of(truth, moved, corners)
         motion = np.linalg.lstsq(
-            motions(*here, depth),
-            (seen_at(*there, depth) - seen_at(*here, depth)).ravel(),
+            motions(*true_rays, depth),
+            (seen_at(*target, depth) - seen_at(*true_rays, depth)).ravel(),
             rcond=None,
         )[0]
-        here, there = (rays_of(truth, v, centre) for v in (values, moved))
+        true_rays = rays_of(truth, values, centre)
+        target = rays_of(truth, moved, centre)
         at = np.full(2, 0.8)
         scatter.append(
-            seen_at(*there, at) - seen_at(*here, at) - (motions(*here, at) @ motion).reshape(-1, 2)
+            seen_at(*target, at)
+            - seen_at(*true_rays, at)
+            - (motions(*true_rays, at) @ motion).reshape(-1, 2)
         )
     field = predicted_sigma(calibration)
     assert field
@@ -139,45 +143,46 @@ def test_freed_parameters_are_as_far_off_as_their_sigmas_say() -> None:
 
     Sixteen numbers, two or three of a kind in one fit: 1 within a third or so.
     """
-    off = []
+    deviations = []
     for seed in range(500, 504):
         drawn = scene(seed, 20, (4, 4), 1e-5, 0.1, cover=GLASS)
         rng = np.random.default_rng(seed)
         free, _ = free_parameters(INTRINSICS, GLASS, ("intrinsics",))
         names = ("fx", "fy", "cx", "cy")
-        fx, fy, cx, cy = (
-            Number(rng.normal(n.value, n.sigma), n.sigma)
-            for n in (free.fx, free.fy, free.cx, free.cy)
-        )
+        fx = Number(rng.normal(free.fx.value, free.fx.sigma), free.fx.sigma)
+        fy = Number(rng.normal(free.fy.value, free.fy.sigma), free.fy.sigma)
+        cx = Number(rng.normal(free.cx.value, free.cx.sigma), free.cx.sigma)
+        cy = Number(rng.normal(free.cy.value, free.cy.sigma), free.cy.sigma)
         intrinsics = replace(free, fx=fx, fy=fy, cx=cx, cy=cy)
         setup = Setup(drawn.board, replace(CAMERA, intrinsics=intrinsics), intrinsics, GLASS)
-        found = fit_stages(setup, drawn.observations, Settings(grid=(8, 8)), Silent())
-        assert found.joint
-        ended = found.joint.estimates()
-        off += [
+        result = fit_stages(setup, drawn.observations, Settings(grid=(8, 8)), Silent())
+        assert result.joint
+        ended = result.joint.estimates()
+        deviations += [
             (ended[f"camera.{name}"].value - getattr(INTRINSICS, name).value)
             / ended[f"camera.{name}"].sigma
             for name in names
         ]
-    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.6
+    assert 0.5 < np.sqrt(np.mean(np.square(deviations))) < 1.6
 
 
 def test_a_freed_index_makes_maps_less_sure(made: Scene, calibration: Calibration) -> None:
     intrinsics, cover = free_parameters(INTRINSICS, made.cover, ("index", "intrinsics"))
-    found = fit_stages(
+    result = fit_stages(
         Setup(made.board, CAMERA, intrinsics, cover),
         made.observations,
         Settings(grid=(8, 8)),
         Silent(),
     )
-    assert found.joint
+    assert result.joint
     free = replace(
         calibration,
         camera=replace(CAMERA, intrinsics=intrinsics),
         cover=cover,
-        covariance=found.joint.covariance.numpy(),
+        covariance=result.joint.covariance.numpy(),
     )
-    sure, less = (predicted_sigma(c) for c in (calibration, free))
+    sure = predicted_sigma(calibration)
+    less = predicted_sigma(free)
     assert sure
     assert less
     x, y = np.full((1, 1), 1600.0), np.full((1, 1), 1200.0)

@@ -31,8 +31,8 @@ def calibration() -> Calibration:
     return fitted(hidden(None, {}, views=10))
 
 
-def optimum(model: CameraModel, seen: Observations, poses: np.ndarray) -> FittedModel:
-    return FittedModel(model, seen, model.fit(seen, torch.from_numpy(poses)))
+def optimum(model: CameraModel, observations: Observations, poses: np.ndarray) -> FittedModel:
+    return FittedModel(model, observations, model.fit(observations, torch.from_numpy(poses)))
 
 
 def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Calibration) -> None:
@@ -45,21 +45,21 @@ def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Ca
     points = at.model.path.place(
         torch.from_numpy(calibration.board.points()), at.joint.values, torch.from_numpy(view.pose)
     )
-    seen = project(at.model.path, at.joint.values, points)
-    assert np.allclose(seen.numpy(), view.corners)
-    both = model.with_effect(focal)
-    more = View("more", view.corners, np.ones(calibration.board.count))
+    corners = project(at.model.path, at.joint.values, points)
+    assert np.allclose(corners.numpy(), view.corners)
+    wider = model.with_effect(focal)
+    added_view = View("more", view.corners, np.ones(calibration.board.count))
     taken = (
         (calibration.views, calibration.poses),
         (
-            (*calibration.views, more),
+            (*calibration.views, added_view),
             np.vstack([calibration.poses, view.pose]),
         ),
     )
     sigmas = []
     for views, poses in taken:
-        found = optimum(both, Observations.of(views, calibration.board), poses).joint
-        sigmas.append(float(found.sigma_of("board_scale.x_over_y") / found.sigma))
+        refitted = optimum(wider, Observations.of(views, calibration.board), poses).joint
+        sigmas.append(float(refitted.sigma_of("board_scale.x_over_y") / refitted.sigma))
     assert view.sigma_factor > 1.05
     assert sigmas[0] / sigmas[1] == pytest.approx(
         view.sigma_factor, rel=0.1

@@ -34,8 +34,8 @@ class Settling:
     ) -> list[Tensor]:
         near, size = 1e-3, [len(at.residual) for at in pieces]
         ahead = self.residual(shared + near * move[0], blocks + near * move[1])
-        middle = self.residual(shared + 0.0 * move[0], blocks + 0.0 * move[1])
-        behind = self.residual(shared + -near * move[0], blocks + -near * move[1])
+        middle = self.residual(shared, blocks)
+        behind = self.residual(shared - near * move[0], blocks - near * move[1])
         return list(
             torch.split(((ahead - 2 * middle + behind) / near**2).reshape(sum(size), -1), size)
         )

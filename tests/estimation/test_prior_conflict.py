@@ -17,18 +17,20 @@ def made() -> Scene:
 
 def test_a_number_that_is_told_wrong_is_found(made: Scene) -> None:
     wrong = replace(made.cover, parameters={**made.cover.parameters, "thickness": Number(0.006)})
-    found = tolerant(made, Setup(made.board, CAMERA, INTRINSICS, wrong), Settings(grid=(6, 6)))
-    assert found.declared.doubted == ("cover.thickness",)
-    assert found.declared.cover.parameters["thickness"] == Number(0.006, 5e-4), (
+    resolved = tolerant(made, Setup(made.board, CAMERA, INTRINSICS, wrong), Settings(grid=(6, 6)))
+    assert resolved.declared.doubted == ("cover.thickness",)
+    assert resolved.declared.cover.parameters["thickness"] == Number(0.006, 5e-4), (
         "what was declared is kept"
     )
-    estimate = found.cover.parameters["thickness"]
+    estimate = resolved.cover.parameters["thickness"]
     assert abs(estimate.value - 0.003) < 3 * estimate.sigma
     assert estimate.sigma < 5e-4, "it is the views that tell"
 
 
 def test_true_numbers_are_believed(made: Scene) -> None:
-    found = tolerant(made, Setup(made.board, CAMERA, INTRINSICS, made.cover), Settings(grid=(6, 6)))
-    assert found.declared.doubted == ()
-    for name, number in found.cover.parameters.items():
+    resolved = tolerant(
+        made, Setup(made.board, CAMERA, INTRINSICS, made.cover), Settings(grid=(6, 6))
+    )
+    assert resolved.declared.doubted == ()
+    for name, number in resolved.cover.parameters.items():
         assert abs(number.value - made.cover.parameters[name].value) <= 3.5 * number.sigma, name

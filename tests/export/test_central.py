@@ -46,8 +46,8 @@ def test_derivatives_are_central_differences(lens: ExportLens) -> None:
     for i, size in enumerate([1.0] * 4 + [1e-4] * lens.coefficients):
         step = np.zeros(len(parameters))
         step[i] = size
-        forward = project_slopes(parameters + 1 * step, TANGENTS, lens.fisheye)[0]
-        backward = project_slopes(parameters + -1 * step, TANGENTS, lens.fisheye)[0]
+        forward = project_slopes(parameters + step, TANGENTS, lens.fisheye)[0]
+        backward = project_slopes(parameters - step, TANGENTS, lens.fisheye)[0]
         assert (
             np.abs((forward - backward).ravel() / (2 * size) - exact[:, i]).max()
             < 1e-5 * np.abs(exact[:, i]).max()

@@ -87,8 +87,8 @@ def test_hidden_boards_are_used_with_all_corners_that_can_be_seen(
         sum(look["found"] for look in looks.values()) >= 3
     )  # 6: the others were found as the picture alone goes on
     for view in hidden_fit.views:
-        off = (view.corners - truth[view.name[:4]])[view.seen]
-        assert np.sqrt((off**2).sum(1).mean()) < 0.03, (
+        error = (view.corners - truth[view.name[:4]])[view.seen]
+        assert np.sqrt((error**2).sum(1).mean()) < 0.03, (
             view.name
         )  # 0.017 and less were measured, 0.0276 with a corner that is touched
         if view.name not in HIDDEN:

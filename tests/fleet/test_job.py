@@ -29,8 +29,10 @@ def session(recorded: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(recorded / LINE.name(0), tmp_path / "session"))
 
 
-def job(session: Path | str, tmp_path: Path, asked: FleetOptions = ASKED, prior: str = "") -> Job:
-    return Job(Entry("a", str(session), prior=prior), asked, str(tmp_path / "fleet"))
+def job(
+    session: Path | str, tmp_path: Path, fleet_options: FleetOptions = ASKED, prior: str = ""
+) -> Job:
+    return Job(Entry("a", str(session), prior=prior), fleet_options, str(tmp_path / "fleet"))
 
 
 def test_it_leaves_a_calibration_a_report_exports_and_one_json(
@@ -59,50 +61,50 @@ def test_it_leaves_a_calibration_a_report_exports_and_one_json(
 def test_what_is_done_is_not_done_again_and_what_has_changed_is(
     session: Path, tmp_path: Path
 ) -> None:
-    own = job(session, tmp_path)
+    first_job = job(session, tmp_path)
     written = tmp_path / "fleet" / "cameras" / "a" / "calibration.yaml"
 
-    def again(one: Job) -> bool:
+    def again(item: Job) -> bool:
         """Whether it is fitted anew."""
-        before = written.stat().st_mtime_ns
-        assert run_job(one).state is JobState.CALIBRATED
-        return written.stat().st_mtime_ns != before
+        modified = written.stat().st_mtime_ns
+        assert run_job(item).state is JobState.CALIBRATED
+        return written.stat().st_mtime_ns != modified
 
-    first = run_job(own)
-    assert not again(own)
+    first = run_job(first_job)
+    assert not again(first_job)
     os.utime(session / "session.yaml", (1, 1))  # copied, with the same contents
-    assert not again(own)
+    assert not again(first_job)
     (session / ".hidden").write_text("")
     (session / "calibration").mkdir()
     (session / "calibration" / "calibration.yaml").write_text("")
-    assert not again(own)
-    assert run_job(own) == replace(first, identity=run_job(own).identity)
-    assert again(replace(own, options=FleetOptions(replace(QUICK, grid=(4, 4)))))
+    assert not again(first_job)
+    assert run_job(first_job) == replace(first, identity=run_job(first_job).identity)
+    assert again(replace(first_job, options=FleetOptions(replace(QUICK, grid=(4, 4)))))
     lines = (session / "corners.vnl").read_text().splitlines(keepends=True)
     (session / "corners.vnl").write_text("".join(lines[:-36]))
-    assert again(replace(own, options=FleetOptions(replace(QUICK, grid=(4, 4)))))
+    assert again(replace(first_job, options=FleetOptions(replace(QUICK, grid=(4, 4)))))
     (tmp_path / "fleet" / "cameras" / "a" / "report.html").unlink()
-    assert again(replace(own, options=FleetOptions(replace(QUICK, grid=(4, 4)))))
+    assert again(replace(first_job, options=FleetOptions(replace(QUICK, grid=(4, 4)))))
 
 
 def test_a_json_that_was_cut_short_is_no_result(session: Path, tmp_path: Path) -> None:
-    own = job(session, tmp_path)
-    run_job(own)
+    first_job = job(session, tmp_path)
+    run_job(first_job)
     place = place_of(tmp_path / "fleet", "a")
-    whole = place.read_text()
+    complete_text = place.read_text()
     for text in (
-        whole[: len(whole) // 2],
+        complete_text[: len(complete_text) // 2],
         "[]",
         '{"format": 1}',
-        whole.replace('"numbers": {', '"numbers": {"x": 1, ', 1),
+        complete_text.replace('"numbers": {', '"numbers": {"x": 1, ', 1),
     ):
         place.write_text(text)
         assert read_result(tmp_path / "fleet", "a") is None
-    refused = run_job(own)
+    refused = run_job(first_job)
     assert refused.state is JobState.FAILED
     assert "cameras/a.json has changed since calib wrote it" in refused.sentence
     assert place.read_text() == text
-    assert run_job(replace(own, overwrite=True)).state is JobState.CALIBRATED
+    assert run_job(replace(first_job, overwrite=True)).state is JobState.CALIBRATED
     assert read_result(tmp_path / "fleet", "a") is not None
 
 
@@ -118,15 +120,15 @@ def test_a_worker_that_is_killed_after_its_fit_leaves_it_to_the_next(
             run_job(job(session, tmp_path))
     assert read_result(tmp_path / "fleet", "a") is None
     written = tmp_path / "fleet" / "cameras" / "a" / "calibration.yaml"
-    before = written.stat().st_mtime_ns
+    modified = written.stat().st_mtime_ns
     assert run_job(job(session, tmp_path)).state is JobState.CALIBRATED
-    assert written.stat().st_mtime_ns == before
+    assert written.stat().st_mtime_ns == modified
     place_of(tmp_path / "fleet", "a").unlink()
     assert (
         run_job(job(session, tmp_path, FleetOptions(replace(QUICK, grid=(4, 4))))).state
         is JobState.CALIBRATED
     )
-    assert written.stat().st_mtime_ns != before
+    assert written.stat().st_mtime_ns != modified
 
 
 def test_too_little_data_is_a_result_that_stays(session: Path, tmp_path: Path) -> None:
@@ -136,13 +138,13 @@ def test_too_little_data_is_a_result_that_stays(session: Path, tmp_path: Path) -
     assert result.state is JobState.TOO_LITTLE
     assert result.sentence.startswith("A fit needs 3 usable views and there are 2")
     place = place_of(tmp_path / "fleet", "a")
-    before = place.stat().st_mtime_ns
+    modified = place.stat().st_mtime_ns
     assert run_job(job(session, tmp_path)) == result
-    assert place.stat().st_mtime_ns == before
+    assert place.stat().st_mtime_ns == modified
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "message"),
     [
         ("truncated", "line 91 has 3 columns"),
         ("missing", "is not a folder"),
@@ -150,9 +152,9 @@ def test_too_little_data_is_a_result_that_stays(session: Path, tmp_path: Path) -
     ],
 )
 def test_what_cannot_be_read_is_a_result_that_is_tried_again(
-    session: Path, tmp_path: Path, damage: str, said: str
+    session: Path, tmp_path: Path, damage: str, message: str
 ) -> None:
-    kept = Path(shutil.copytree(session, tmp_path / "kept"))
+    damaged = Path(shutil.copytree(session, tmp_path / "kept"))
     if damage == "truncated":
         lines = (session / "corners.vnl").read_text().splitlines(keepends=True)
         (session / "corners.vnl").write_text("".join(lines[:90]) + lines[90].rpartition(" ")[0])
@@ -162,9 +164,9 @@ def test_what_cannot_be_read_is_a_result_that_is_tried_again(
             session.mkdir()
     result = run_job(job(session, tmp_path))
     assert result.state is JobState.FAILED
-    assert said in result.sentence
+    assert message in result.sentence
     shutil.rmtree(session, ignore_errors=True)
-    kept.rename(session)
+    damaged.rename(session)
     assert run_job(job(session, tmp_path)).state is JobState.CALIBRATED
 
 
@@ -185,20 +187,20 @@ def test_a_bug_is_a_result_too(
 
 def test_a_camera_is_checked_against_its_prior(recorded: Path, tmp_path: Path) -> None:
     """Its own session of another day holds; another camera's, with the lens bumped, does not."""
-    for again, fleet in ((1, "before"), (2, "now")):
-        write_session(tmp_path / fleet / "session", replace(LINE, views=8), 0, attempt=again)
+    for attempt, fleet in ((1, "before"), (2, "now")):
+        write_session(tmp_path / fleet / "session", replace(LINE, views=8), 0, attempt=attempt)
     run_job(job(tmp_path / "before" / "session", tmp_path / "before"))
     prior = str(tmp_path / "before" / "fleet" / "cameras" / "a")
     same = run_job(job(tmp_path / "now" / "session", tmp_path / "now", prior=prior))
     assert same.check["answer"] == "valid"
-    other = run_job(job(recorded / LINE.name(1), tmp_path / "other", prior=prior))
-    assert other.check["answer"] != "valid"
-    assert other.check["changes"]
-    lost = run_job(
+    other_camera = run_job(job(recorded / LINE.name(1), tmp_path / "other", prior=prior))
+    assert other_camera.check["answer"] != "valid"
+    assert other_camera.check["changes"]
+    without_prior = run_job(
         job(tmp_path / "now" / "session", tmp_path / "lost", prior=str(tmp_path / "nowhere"))
     )
-    assert lost.state is JobState.CALIBRATED
-    (remark,) = lost.remarks
+    assert without_prior.state is JobState.CALIBRATED
+    (remark,) = without_prior.remarks
     assert remark.startswith("Its prior could not be checked: ")
     assert "does not exist" in remark
 
@@ -231,14 +233,14 @@ def test_it_waits_for_another_that_works_on_the_same_camera(
 def test_a_session_at_an_address_is_read_where_the_job_runs(session: Path, tmp_path: Path) -> None:
     files = fsspec.filesystem("memory")
     files.put(str(session), "/line/a", recursive=True)
-    own = job("memory://line/a", tmp_path)
-    result = run_job(own)
+    remote_job = job("memory://line/a", tmp_path)
+    result = run_job(remote_job)
     assert result.state is JobState.CALIBRATED
     assert (
         Calibration.load(tmp_path / "fleet" / "cameras" / "a").settings["made_by"]["session"]
         == "memory://line/a"
     )
-    assert run_job(own) == result
+    assert run_job(remote_job) == result
     files.pipe("/line/a/corners.vnl", files.cat("/line/a/corners.vnl") + b"\n")
-    assert run_job(own) != result
+    assert run_job(remote_job) != result
     assert "cannot be read" in run_job(job("nowhere://a", tmp_path / "else")).sentence

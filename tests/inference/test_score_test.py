@@ -45,14 +45,14 @@ def test_what_a_fit_left_to_do_is_not_credited_to_an_effect_that_its_parameters_
     """A tenth of a standard deviation beside the optimum in each parameter of the camera; a score
     of noise alone is about 5.
     """
-    there = score_test(ended, LensEffect())
-    assert there.absorbed > 0.99
-    assert there.chi2 < 20  # of five parameters: beyond it by chance once in a thousand times
+    at_end = score_test(ended, LensEffect())
+    assert at_end.absorbed > 0.99
+    assert at_end.chi2 < 20  # of five parameters: beyond it by chance once in a thousand times
     parameters = ended.parameters()
     equations = sum(ended.information())
     sigmas = np.sqrt(np.diag(np.linalg.inv(equations + ended.prior_precision())))
     for entry in range(parameters.count):
         step = torch.zeros(parameters.count, dtype=torch.float64)
         step[entry] = 0.1 * sigmas[entry]
-        beside = replace(ended, joint=replace(ended.joint, values=parameters.values(step)))
-        assert score_test(beside, LensEffect()).chi2 == pytest.approx(there.chi2, abs=1.0)
+        displaced = replace(ended, joint=replace(ended.joint, values=parameters.values(step)))
+        assert score_test(displaced, LensEffect()).chi2 == pytest.approx(at_end.chi2, abs=1.0)

@@ -34,7 +34,7 @@ def gradient(function: Callable[[Vec], float], point: Vec, size: float = 1e-5) -
     """Fourth-order central differences."""
     gradient = np.empty(3)
     for axis, step in enumerate(np.eye(3) * size):
-        near = function(point + 1 * step) - function(point - 1 * step)
+        near = function(point + step) - function(point - step)
         far = function(point + 2 * step) - function(point - 2 * step)
         gradient[axis] = (8 * near - far) / (12 * size)
     return gradient

@@ -111,17 +111,17 @@ def test_lens_derivatives_agree_with_central_differences() -> None:
             [torch.autograd.grad(row, value, retain_graph=True)[0] for row in rows]
         )
         size = 1e-3 * param.scale
-        up = (
-            LensModel(14)(pixels, {**values, param.name: value.detach() + 1 * size})
+        forward = (
+            LensModel(14)(pixels, {**values, param.name: value.detach() + size})
             .direction.stacked()
             .reshape(-1)
         )
-        downwards = (
-            LensModel(14)(pixels, {**values, param.name: value.detach() + -1 * size})
+        backward = (
+            LensModel(14)(pixels, {**values, param.name: value.detach() - size})
             .direction.stacked()
             .reshape(-1)
         )
-        numeric = (up - downwards) / (2 * size)
+        numeric = (forward - backward) / (2 * size)
         assert (analytic - numeric).abs().max() < 1e-6 * numeric.abs().max(), param.name
 
 

@@ -58,8 +58,8 @@ def test_the_derivative_is_that_of_central_differences(rotvec: np.ndarray) -> No
     vector = torch.from_numpy(rotvec)
     derivatives = rotation.derivatives(vector, rotation.matrix(vector)).numpy()
     for axis, step in enumerate(STEP * np.eye(3)):
-        forward = Rotation.from_rotvec(rotvec + 1 * step).as_matrix()
-        back = Rotation.from_rotvec(rotvec + -1 * step).as_matrix()
+        forward = Rotation.from_rotvec(rotvec + step).as_matrix()
+        back = Rotation.from_rotvec(rotvec - step).as_matrix()
         assert np.abs(derivatives[axis] - (forward - back) / (2 * STEP)).max() < 2e-10
 
 

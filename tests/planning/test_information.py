@@ -62,8 +62,8 @@ def some_poses() -> np.ndarray:
 def test_the_jacobian_is_central_differences_of_rays(few: PlanningFit) -> None:
     model = few.model
     pixels = np.array([[300.0, 200], [1600, 1200], [3000, 2300]])
-    jacobian, motions, lost = undistorted_jacobian(model.path, model.parameters, pixels)
-    assert not lost.any()
+    jacobian, motions, failed = undistorted_jacobian(model.path, model.parameters, pixels)
+    assert not failed.any()
     places = model.parameters.slices()
     assert {"cover.thickness", "camera.fx"} <= set(places)
 
@@ -76,9 +76,9 @@ def test_the_jacobian_is_central_differences_of_rays(few: PlanningFit) -> None:
             origin + np.cross(turn, origin) + shift,
             direction + np.cross(turn, direction),
         )
-        across = direction[:, :2] / direction[:, 2:]
-        parts = across, origin[:, :2] - across * origin[:, 2:]
-        return np.asarray(INTRINSICS.fx.value * np.stack(parts, 1))
+        slopes = direction[:, :2] / direction[:, 2:]
+        coefficients = slopes, origin[:, :2] - slopes * origin[:, 2:]
+        return np.asarray(INTRINSICS.fx.value * np.stack(coefficients, 1))
 
     def difference(change: dict[str, torch.Tensor], size: float) -> np.ndarray:
         ends = [
@@ -118,18 +118,18 @@ ZERO = np.zeros(3)
 
 def test_a_views_information_is_what_elimination_leaves(few: PlanningFit) -> None:
     """Oracle: the solver's own normal equations, each view by itself; and that they add up."""
-    model, seen = few.model, few.observations
-    weights = pixel_weights(model.path, model.means, seen, few.poses, 1.0)
-    ours = view_information(model, seen, few.poses)
-    pieces = make_residual_blocks(model.path, model.parameters, seen, weights)
+    model, observations = few.model, few.observations
+    weights = pixel_weights(model.path, model.means, observations, few.poses, 1.0)
+    ours = view_information(model, observations, few.poses)
+    pieces = make_residual_blocks(model.path, model.parameters, observations, weights)
     equations = normal_equations(piece.linearise(model.means, few.poses) for piece in pieces)
-    whole = equations.eliminate_blocks().hessian
-    assert ours.shape == (2, *whole.shape)
+    total = equations.eliminate_blocks().hessian
+    assert ours.shape == (2, *total.shape)
     assert ours.sum(0) == pytest.approx(
-        whole.numpy(), rel=1e-6, abs=1e-6 * float(whole.abs().max())
+        total.numpy(), rel=1e-6, abs=1e-6 * float(total.abs().max())
     )
-    for one in ours:
-        assert np.linalg.eigvalsh(one).min() > -1e-9 * np.abs(one).max()
+    for item in ours:
+        assert np.linalg.eigvalsh(item).min() > -1e-9 * np.abs(item).max()
 
 
 def test_the_predicted_sigma_is_the_calibrations_own(made: Scene) -> None:
@@ -171,12 +171,10 @@ def test_modes_that_are_left_out_change_nothing(few: PlanningFit, setup: Setup) 
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     jacobian, motions, _ = undistorted_jacobian(model.path, model.parameters, pixels)
     at = np.stack([np.ones_like(DEPTHS), 1 / DEPTHS])
-    changed, moved = (
-        np.einsum("nabs,ad->ndbs", part, at).reshape(-1, part.shape[-1])
-        for part in (jacobian, motions)
-    )
-    left = changed - moved @ np.linalg.lstsq(moved, changed, rcond=None)[0]
-    variance = np.einsum("ns,st,nt->n", left, covariance, left).mean() * 2
+    changed = np.einsum("nabs,ad->ndbs", jacobian, at).reshape(-1, jacobian.shape[-1])
+    moved = np.einsum("nabs,ad->ndbs", motions, at).reshape(-1, motions.shape[-1])
+    remainder = changed - moved @ np.linalg.lstsq(moved, changed, rcond=None)[0]
+    variance = np.einsum("ns,st,nt->n", remainder, covariance, remainder).mean() * 2
     assert surveyed_design.sigma(surveyed_design.precision()) == pytest.approx(
         np.sqrt(variance), rel=0.02
     )
@@ -198,7 +196,7 @@ def test_of_a_board_with_markers_what_is_seen_counts(few: PlanningFit, made: Sce
     """
     board = replace(made.board, coding=Charuco(0.75 * made.board.square, "DICT_4X4_250"))
     half_out, far_out = np.array([0.1, -0.2, 0, 0.5, 0, 0.8]), np.array([0, 0, 0, 0.62, 0.46, 0.8])
-    found = survey(few.model, board, CAMERA, np.array([half_out, far_out]), COVERAGE_CELLS, DEPTHS)
+    result = survey(few.model, board, CAMERA, np.array([half_out, far_out]), COVERAGE_CELLS, DEPTHS)
     assert (
         len(
             survey(
@@ -207,15 +205,15 @@ def test_of_a_board_with_markers_what_is_seen_counts(few: PlanningFit, made: Sce
         )
         == 0
     )
-    assert found.poses == pytest.approx(half_out[None])
-    seen = np.isfinite(found.corners[0, :, 0])
-    assert 0.4 <= seen.mean() < 0.9
-    assert (found.corners[0, seen] < [CAMERA.width - 1, CAMERA.height - 1]).all()
-    view = View("", found.corners[0], seen.astype(float))
-    whole = Observations.of((view,), made.board)
-    assert len(whole.pixels) == seen.sum()
-    assert found.information == pytest.approx(
-        view_information(few.model, whole, torch.from_numpy(half_out[None])), rel=1e-6
+    assert result.poses == pytest.approx(half_out[None])
+    visible = np.isfinite(result.corners[0, :, 0])
+    assert 0.4 <= visible.mean() < 0.9
+    assert (result.corners[0, visible] < [CAMERA.width - 1, CAMERA.height - 1]).all()
+    view = View("", result.corners[0], visible.astype(float))
+    full = Observations.of((view,), made.board)
+    assert len(full.pixels) == visible.sum()
+    assert result.information == pytest.approx(
+        view_information(few.model, full, torch.from_numpy(half_out[None])), rel=1e-6
     )
 
 
@@ -239,13 +237,13 @@ def test_planned_views_beat_others(setup: Setup) -> None:
     planned = design.plan(design.precision(), np.zeros(len(design.poses), bool), 0.0, limit=8)
     best = design.sigma(design.precision(design.information[planned].sum(0)))
     rng = np.random.default_rng(0)
-    others = [
+    alternatives = [
         design.sigma(
             design.precision(design.information[rng.permutation(len(design.poses))[:8]].sum(0))
         )
         for _ in range(20)
     ]
-    assert best < min(others)
+    assert best < min(alternatives)
 
 
 def test_a_rougher_prior_and_more_noise_make_maps_less_sure(few: PlanningFit, setup: Setup) -> None:
@@ -262,24 +260,24 @@ def test_a_rougher_prior_and_more_noise_make_maps_less_sure(few: PlanningFit, se
 
 def test_enough_views_are_fitted(made: Scene) -> None:
     setup = Setup(made.board, CAMERA, INTRINSICS, GLASS)
-    known = estimate(setup, made.views, GRID)
-    assert known.sigma == pytest.approx(0.1, rel=0.1)
-    assert float(known.model.means["relief.amplitudes"].abs().max()) > 1e-7
+    reference = estimate(setup, made.views, GRID)
+    assert reference.sigma == pytest.approx(0.1, rel=0.1)
+    assert float(reference.model.means["relief.amplitudes"].abs().max()) > 1e-7
 
 
 def test_parameters_without_a_sigma_are_not_estimated(made: Scene, setup: Setup) -> None:
-    known = estimate(Setup(made.board, CAMERA, INTRINSICS, GLASS), (), GRID)
-    assert known.model.parameters.free == ()
+    reference = estimate(Setup(made.board, CAMERA, INTRINSICS, GLASS), (), GRID)
+    assert reference.model.parameters.free == ()
     assert {param.name for param in estimate(setup, (), GRID).model.parameters.free} == set(
-        priors_of(setup.intrinsics, setup.cover, known.model.path).sigmas
+        priors_of(setup.intrinsics, setup.cover, reference.model.path).sigmas
     )
 
 
 @pytest.fixture
 def guidance(made: Scene) -> Iterator[Guidance]:
-    asked = Guidance(made.board, CAMERA, GLASS, REACH, target_px=20.0)
-    yield asked
-    asked.close()
+    requested = Guidance(made.board, CAMERA, GLASS, REACH, target_px=20.0)
+    yield requested
+    requested.close()
 
 
 @pytest.mark.slow

@@ -99,8 +99,8 @@ def test_the_jacobian_agrees_with_central_differences() -> None:
     depth = np.random.default_rng(2).uniform(NEAR, 1.0, len(pixels))
     _, jacobian = field._undistort_with_jacobian(pixels, depth)
     for axis in range(2):
-        ahead = field.undistort_pixels(pixels + 1 * step * np.eye(2)[axis], depth)
-        behind = field.undistort_pixels(pixels + -1 * step * np.eye(2)[axis], depth)
+        ahead = field.undistort_pixels(pixels + step * np.eye(2)[axis], depth)
+        behind = field.undistort_pixels(pixels - step * np.eye(2)[axis], depth)
         assert np.abs((ahead - behind) / (2 * step) - jacobian[..., axis]).max() < 1e-9
 
 

@@ -21,7 +21,7 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
     ]
     assert commands.evaluate() == "calib evaluate 'my session/calibration' HOLDOUT"
     out = "my session/calibration"
-    asked = [
+    words = [
         "calib",
         "undistort",
         out,
@@ -31,7 +31,7 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
         "-o",
         f"{out}/undistorted",
     ]
-    assert shlex.split(commands.undistort(0.5)) == asked
+    assert shlex.split(commands.undistort(0.5)) == words
 
 
 def test_a_fit_is_asked_for_again_as_it_was() -> None:
