@@ -1,5 +1,5 @@
-"""What the diagnosis names when an effect of known size is hidden: `python -m benchmarks.diagnosis
-[--views 20] [--seeds 3] [--clean 40]`.
+"""The answers of the diagnosis when an effect of known size is hidden: `python -m
+benchmarks.diagnosis [--views 20] [--seeds 3] [--clean 40]`.
 
 Each session has so many views of 81 corners, 0.1 px noise per axis, uneven glass of 1.15 mm (none
 for flat_port, entrance_pupil), and one effect at once, three and ten times the smallest size that
@@ -41,7 +41,7 @@ ABSORBED = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one hidden effect."""
+    """The outcome of one hidden effect."""
 
     said: str
     """right, by name or by a family that the truth is in, wrong, missed, or
@@ -84,7 +84,7 @@ class Row:
 
 
 def finding_of(fit: Calibration) -> Diagnosis:
-    """What a person would be told."""
+    """Return the finding that a person would read."""
     return diagnose(fit, Silent())[1]
 
 
@@ -122,7 +122,7 @@ def port(seed: int, views: int) -> Outcome:
 
 
 def alarm(seed: int, views: int) -> str:
-    """What is found in a session without any effect."""
+    """Return the finding in a session without any effect."""
     with single_thread():
         made = scene(2000 + seed, views, (4, 4), 1e-5, NOISE, cover=GLASS)
         return "+".join(finding_of(calibrate(made, Settings())).accepted) or "none"

@@ -82,11 +82,11 @@ class Example:
     name: str
     cover: Cover
     parameters: dict[str, float]
-    """By name; of reliefs and fields, the standard deviation of random ones."""
+    """The values by name; for reliefs and fields, the standard deviation of random ones."""
     panels: tuple[str, str]
-    """Of PANELS."""
+    """The names of the panels, from PANELS."""
     choice: str = ""
-    """Which of the effect's forms."""
+    """The name of the effect's form; empty for the only one."""
     farther: float = 1.0
     """The boards' distance, over the others': water magnifies."""
 
@@ -223,7 +223,7 @@ def seen(model: CameraModel, values: dict[str, Tensor], poses: Array) -> Observa
 
 @dataclass(frozen=True)
 class Left:
-    """What is left of the corners when only poses are fitted, without the effect."""
+    """The residual of the corners when only poses are fitted, without the effect."""
 
     observations: Observations
     errors: Array
@@ -332,7 +332,7 @@ def _row(panel: Axes, remaining: Left) -> None:
 
 
 def _time(panel: Axes, remaining: Left) -> None:
-    """How much of the pattern of a longer focal length each view shows."""
+    """Draw the part of the pattern of a longer focal length that each view shows."""
     constant = next(example for example in EXAMPLES if example.name == "focal")
     pattern = Left.of(constant).errors
     shown = [
@@ -412,7 +412,7 @@ def _picture(panel: Axes) -> None:
 
 
 def _print_alike() -> None:
-    """What clean sessions of 20 views with 0.1 px of noise say of effects that they do not have."""
+    """Print which effects are alike in clean sessions of 20 views with 0.1 px of noise."""
     for cover in (BARE, CONE):
         model = base(cover)
         if cover is BARE:  # as a fit whose intrinsics come from the same views

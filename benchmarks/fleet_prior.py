@@ -1,5 +1,5 @@
-"""What a fleet's own prior saves: how many views a new camera takes until its maps are right, with
-the prior and without.
+"""The benefit of a fleet's own prior: how many views a new camera takes until its maps are right,
+with the prior and without.
 
 `python -m benchmarks.fleet_prior [--fleet 12] [--cameras 8] [--seed 1] [--first 100]` calibrates a
 fleet of simulated cameras behind the paper's cone, 16 views each, makes its prior, and fits new

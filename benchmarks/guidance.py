@@ -1,4 +1,4 @@
-"""What following the guide is worth: `python -m benchmarks.guidance [--seeds 20] [--first 2000]
+"""The benefit of following the guide: `python -m benchmarks.guidance [--seeds 20] [--first 2000]
 [--bumps 4]`.
 
 Each seed has its own glass (random bumps that nobody declared), camera noise of 0.1 px per axis,
@@ -69,7 +69,7 @@ class Person:
         self._hold(lambda: pose + self.rng.normal(0, error))
 
     def _anywhere(self) -> Array:
-        """As in fixtures.synthetic."""
+        """Return a random pose, as in fixtures.synthetic."""
         depth = self.rng.uniform(REACH.near, REACH.far)
         sideways = self.rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
         return np.concatenate(
@@ -162,7 +162,7 @@ Judged = dict[str, tuple[float, float]]
 
 
 def ways_of(seed: int, bumps: int) -> Judged:
-    """By each way of taking views: the map's error, and what the guide predicts for it, px."""
+    """Return for each way of taking views the map's error, and the guide's prediction of it, px."""
     with single_thread():
         nominal = design_of(estimate(SETUP, (), RELIEF_GRID))
         methods: dict[str, Callable[[Person], None]] = {

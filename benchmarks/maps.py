@@ -1,4 +1,4 @@
-"""How long a map takes, and what it is worth: `python -m benchmarks.maps`.
+"""The time of a map, and its errors: `python -m benchmarks.maps`.
 
 The 3280x2464 map of one depth from the ray field, against projecting the point behind every pixel
 (of every 64th, scaled up), in the same run. Median of five.

@@ -60,7 +60,7 @@ class Folder:
 
     path: Path
     views: tuple[View, ...]
-    """Whose boards are seen wholly, with our corners."""
+    """The views whose boards are completely visible, with our corners."""
     by: dict[str, list[Floats | None]]
 
 

@@ -1,4 +1,4 @@
-"""What a calibration is worth in millimetres, beside OpenCV and mrcal on the same views: `python -m
+"""The errors of a calibration in millimetres, beside OpenCV and mrcal on the same views: `python -m
 benchmarks.metric`.
 
 The rendered fixtures: calibrated from their 24 training views, tried on 10 held-out ones, whose
@@ -81,7 +81,7 @@ class Score:
     all_mm: float
     band_mm: float
     median_mm: float
-    """Of all."""
+    """The median of all distances."""
     sigma_ratio: float | None = None
     """RMS of the errors over their predicted sigmas."""
 
@@ -161,7 +161,7 @@ def true_glass(calibration: Calibration, folder: Path) -> Calibration:
 
 
 def ours(calibration: Calibration, views: HeldOut) -> Score:
-    """By calib.apply.measure, and points undistorted at the depth at which their rays meet the
+    """Score calib.apply.measure, and points undistorted at the depth at which their rays meet the
     board.
     """
     measurer = Measurer(calibration)

@@ -28,7 +28,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 MAGNIFIED = 25
-"""How much larger bends are drawn, before and after alike: they are of some px."""
+"""The factor by which bends are drawn larger, before and after alike: they are of some px."""
 BENT, STRAIGHT = "#e8833a", "#2f8fdd"
 TITLES = {"pinhole": "camera alone", "cover": "smooth cover", "cover+rbf": "uneven cover"}
 GHOST = np.array([200, 160, 0])
@@ -145,7 +145,7 @@ def _magnified(points: Array, line: Array) -> Array:
 
 
 def _screen() -> NDArray[np.uint8]:
-    """Of the film's pictures, the one with most of the frame that shows where to hold the board."""
+    """Return the picture of the film that shows most of the frame in which to hold the board."""
     with Image.open("docs/tui.gif") as film:
         pictures = []
         for number in range(getattr(film, "n_frames", 1)):

@@ -1,4 +1,4 @@
-"""How exactly tags are placed, over depth: `python -m benchmarks.pose [--sessions 8]`.
+"""The errors of placed tags, over depth: `python -m benchmarks.pose [--sessions 8]`.
 
 The pictures in fixtures/bumps/tags, which Mitsuba rendered through the 3 mm cone of that session:
 tags of 50 and 100 mm at 0.2 to 1.5 m, two families, six tags to a picture. `calib pose` with the
@@ -71,7 +71,7 @@ class Placed:
     """(3,) m"""
     opencv: Array
     own_corners: Array
-    """By OpenCV with its own corners."""
+    """The place by OpenCV with its own corners."""
     exported: Array
 
 
@@ -178,8 +178,8 @@ def by_depth(placed: list[Placed], truth: TagTruth, title: str) -> Table:
 
 
 def distances(placed: list[Placed], depths: Array) -> dict[float, float]:
-    """By depth, the error of the distances between tags of one picture over their sigma, root mean
-    square.
+    """Return for each depth the error of the distances between tags of one picture over their
+    sigma, root mean square.
     """
     ratios: dict[float, list[float]] = {}
     for first_tag, second_tag in combinations(placed, 2):

@@ -43,7 +43,7 @@ They overlap to six times as much: glass that is uneven by 20 um, twice what che
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one session."""
+    """The outcome of one session."""
 
     seed: int
     off: tuple[float, ...]
@@ -89,7 +89,7 @@ def _outcome(seed: int, views: int, wrong: bool, free: str) -> Outcome:
 
 
 def exact(seed: int, bumps: int, amplitude: float) -> list[tuple[float, float, float]]:
-    """By depth: the mean squares of error, predicted sigma and their ratio."""
+    """Return for each depth the mean squares of error, predicted sigma and their ratio."""
     with single_thread():
         made = scene(seed, VIEWS, (bumps, bumps), amplitude, NOISE, cover=GLASS)
         fitted_errors = errors(made, calibrate(made, Settings()))

@@ -1,5 +1,5 @@
-"""What the verdict says of rendered and of synthetic sessions, and how long it takes: the figures
-of docs/verdict.md.
+"""The verdicts on rendered and on synthetic sessions, and their time: the figures of
+docs/verdict.md.
 
 `python -m benchmarks.verdict` for the rendered ones, `python -m benchmarks.verdict synthetic` for
 random ones without any fault.

@@ -88,8 +88,8 @@ def test_what_is_saved_comes_back(calibration: Calibration, tmp_path: Path) -> N
 def test_a_saved_calibration_can_be_fitted_again_from_itself(
     calibration: Calibration, tmp_path: Path
 ) -> None:
-    """It carries its inputs: the same board, camera, cover, corners and settings give the same
-    rays.
+    """A calibration carries its inputs: the same board, camera, cover, corners and settings give
+    the same rays.
     """
     calibration.save(tmp_path)
     back = Calibration.load(tmp_path)
@@ -113,8 +113,8 @@ def test_a_saved_calibration_can_be_fitted_again_from_itself(
 def test_the_priors_of_a_bare_calibration_come_back(
     calibration: Calibration, tmp_path: Path
 ) -> None:
-    """With their correlations, a doubted number's among them; a diagnosis starts from the same
-    ones. A file from before there were any has none.
+    """The correlations come back as well, a doubted number's among them, and a diagnosis starts
+    from the same priors. An older file has none.
     """
     replace(calibration, stated=Declared(BARE, calibration.declared.cover, ("camera.fy",))).save(
         tmp_path
@@ -130,7 +130,7 @@ def test_the_priors_of_a_bare_calibration_come_back(
 
 
 def test_views_that_gave_the_intrinsics_count_once(calibration: Calibration) -> None:
-    """What they said of them is no prior for them."""
+    """Intrinsics from these views are no prior for the same views."""
     made = replace(
         calibration,
         stated=Declared(BARE, calibration.declared.cover),
@@ -397,7 +397,7 @@ def test_a_covariance_may_hold_squares_of_large_numbers(
 
 
 def test_a_new_npz_beside_an_old_yaml_is_refused(calibration: Calibration, tmp_path: Path) -> None:
-    """What a fit leaves that is interrupted between its two files."""
+    """A fit that is interrupted between its two files leaves such a pair."""
     calibration.save(tmp_path)
     replace(calibration, poses=calibration.poses + 1e-3).save(tmp_path / "new")
     (tmp_path / "new" / "calibration.npz").replace(tmp_path / "calibration.npz")

@@ -81,9 +81,8 @@ def by_the_paper(sessions: dict[str, Session]) -> Calibration:
 def test_every_view_is_used_and_the_cover_explains_most_of_the_error(
     fitted: dict[str, Calibration], name: str
 ) -> None:
-    """Of the pinhole's error the cover leaves 0.045, 0.235 and 0.093, and of that the relief 0.78,
-    0.16 and 0.94; a tenth more is allowed, as much as another version of OpenCV's corners may
-    bring.
+    """The cover leaves 0.045, 0.235 and 0.093 of the pinhole's error, and the relief 0.78, 0.16 and
+    0.94 of that. A tenth more is allowed, as much as another version of OpenCV's corners may bring.
     """
     result = fitted[name]
     assert result.rejected == ()
@@ -154,8 +153,8 @@ def test_rays_of_the_clean_session_are_the_renderer_s(
 
 
 def test_rays_behind_a_bare_calibration_are_the_renderer_s(fitted: dict[str, Calibration]) -> None:
-    """As those of the clean session, from twelve views of a quarter of its pixels: an eighth more
-    than was measured is allowed.
+    """The limits are those of the clean session, from twelve views of a quarter of its pixels: an
+    eighth more than was measured.
     """
     error = map_error(fitted["covered-bare"], FIXTURES / "covered-bare" / "truth.npz", near=40.0)
     assert error.pixels > 900

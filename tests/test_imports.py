@@ -155,7 +155,7 @@ def imported(tree: ast.AST) -> set[str]:
 
 @pytest.fixture(scope="module")
 def graph() -> Graph:
-    """Of the files of both packages, their faces left out: which imports which."""
+    """Return the imports of each file of both packages, without the packages' public interfaces."""
     files: dict[str, Path] = {}
     for package in (calib, capture):
         folder = Path(str(package.__file__)).parent
@@ -224,7 +224,7 @@ loaded.
 
 @pytest.fixture(scope="module")
 def loaded() -> dict[str, set[str]]:
-    """What a fresh interpreter has after it imported a module, and what that may load."""
+    """Return the slow libraries that a fresh interpreter has after it imported each module."""
     loads: dict[str, set[str]] = {}
     for allowed in {frozenset(allowed) for allowed in LOADS.values()}:
         modules = " ".join(

@@ -92,7 +92,7 @@ def test_rays_are_those_of_light_that_mitsuba_traced(shape: str, folder: str) ->
 
 @pytest.fixture(scope="module")
 def dry() -> Calibration:
-    """Of a scene in air, its cover and camera near what is stated."""
+    """Return the calibration of a scene in air, with cover and camera near their stated numbers."""
     made = scene(5, views=12, noise=0.1)
     return tolerant(made, Setup(made.board, CAMERA, INTRINSICS, made.cover), Settings(grid=(4, 4)))
 
@@ -145,7 +145,7 @@ def test_the_covariance_goes_with_it_and_comes_back(dry: Calibration) -> None:
 
 
 def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Calibration) -> None:
-    """By tracing: numbers are drawn as the covariance in air has them, put under water, and the
+    """The test traces rays: numbers are drawn from the covariance in air, put under water, and the
     best rigid motion is taken off.
     """
     wet = replace_medium(dry, Number(1.34, 0.001))
@@ -201,8 +201,8 @@ def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Cali
 
 
 def test_what_moves_no_ray_in_air_is_loose_under_water() -> None:
-    """Where a dome's centre is: in air the views hardly care, under water it is what matters most.
-    Stated as surely as was asked for, it is known well enough.
+    """The centre of a dome hardly matters to views in air, and matters most under water. With the
+    requested sigma, it is known well enough.
     """
     session = read_session(FIXTURES / "wet-dome")
 
@@ -383,9 +383,7 @@ def saved(dry: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its calibration has sigma and maps like any other, and says what it is where views are asked
-    for.
-    """
+    """The new calibration has sigma and maps like any other, and refuses uses that need views."""
     assert main(["immerse", str(saved), "--salinity", "35", "--depth", "0.5", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert set(said) == {"outside_index", "maps", "known", "loose", "remarks", "written"}

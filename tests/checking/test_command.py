@@ -203,7 +203,7 @@ def test_pictures_that_do_not_exist_are_refused(
 def test_another_mode_in_the_folder_one_is_in(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of ".", the next session's name is the folder's."""
+    """The next session's name for "." is that of the folder."""
     cv2.imwrite(str(tmp_path / "a.png"), np.full((48, 64), 99, np.uint8))
     monkeypatch.chdir(tmp_path)
     assert main(["check", str(saved), "a.png"]) == 5

@@ -1,5 +1,5 @@
-"""What the command lets a person choose of a fit: --free, --grid auto, --folds, --effects; and
-`calib diagnose`.
+"""The choices of a fit on the command line: --free, --grid auto, --folds, --effects; and `calib
+diagnose`.
 """
 
 import json
@@ -53,7 +53,7 @@ def test_free_estimates_numbers_near_what_the_session_states(
 def test_free_all_estimates_what_is_not_exact(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of the cone's nine numbers and the camera's four, the index outside has no tolerance."""
+    """The cone has nine numbers and the camera four; only the index outside has no tolerance."""
     copy = shutil.copytree(session, tmp_path / "s")
     all_estimated = estimated(fit(copy, tmp_path / "out", "--free", "all", capsys=capsys))
     assert len(all_estimated) == 12

@@ -1,4 +1,4 @@
-"""What a Tab offers, asked of bash and zsh themselves."""
+"""The completions that bash and zsh themselves offer after a Tab."""
 
 import os
 import shutil
@@ -48,7 +48,9 @@ def printed() -> Printed:
 
 @pytest.fixture
 def offered(printed: Printed, tmp_path: Path) -> Callable[..., set[str]]:
-    """What bash offers for the last of some words, in a folder with a session and a table."""
+    """Return the words that bash offers for the last of some words, in a folder with a session and
+    a table.
+    """
     (tmp_path / "session").mkdir()
     (tmp_path / "fleet.csv").touch()
 
@@ -112,7 +114,7 @@ def test_names_are_all_offered(offered: Callable[..., set[str]]) -> None:
 
 
 def test_capture_completes_a_session_without_a_command(printed: Printed) -> None:
-    """Where none of its commands fits, bash itself completes files."""
+    """Bash itself completes files if no command fits."""
     script_text = (
         f"source /dev/stdin <<'END'\n{printed('capture', 'bash')}\nEND\ncomplete -p capture"
     )

@@ -123,7 +123,7 @@ def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(
 
 @pytest.mark.parametrize("spoiled", [0, 2])
 def test_nothing_is_found_where_nothing_is(spoiled: int) -> None:
-    """With two of fifteen views four times as noisy, too."""
+    """The views are alike, or two of fifteen are four times as noisy."""
     _, finding = diagnose(fitted(hidden(None, {}, seed=7, spoiled=spoiled)), Silent())
     assert finding.accepted == ()
     assert finding.final_quality == finding.base_quality
@@ -208,8 +208,8 @@ def test_that_an_effect_is_there_is_told_before_its_gain_is() -> None:
 
 
 def test_an_effect_that_is_not_there_is_present_by_chance_alone() -> None:
-    """What the views of a fold are said to show is independent of them. 9 % of 300 are three
-    standard deviations from 5 %.
+    """The prediction for the views of a fold is independent of them. 9 % of 300 are three standard
+    deviations from 5 %.
     """
     rng = np.random.default_rng(4)
     by_chance = 0
@@ -294,8 +294,8 @@ def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
 def test_maps_of_a_diagnosed_calibration_carry_their_sigma(
     found: tuple[Calibration, Diagnosis],
 ) -> None:
-    """What bends the board moves no ray, but the fit is less sure of the glass for it: a little
-    larger, not smaller.
+    """A bend of the board moves no ray, but makes the fit less certain of the glass: sigma grows a
+    little.
     """
     better, _ = found
     field = predicted_sigma(better)

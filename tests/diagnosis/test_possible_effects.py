@@ -1,4 +1,4 @@
-"""Which effects can be asked for by name is known before a fit."""
+"""The effects that can be requested by name are known before a fit."""
 
 from collections.abc import Mapping
 from pathlib import Path

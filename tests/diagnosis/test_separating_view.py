@@ -36,7 +36,7 @@ def optimum(model: CameraModel, observations: Observations, poses: np.ndarray) -
 
 
 def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Calibration) -> None:
-    """It is taken, and the whole is fitted again, with the other effect free beside the first."""
+    """The view is added, and all views are fitted again with both effects free."""
     stretch, focal = BoardScale(), Focal()
     model = base_model(calibration).with_effect(stretch)
     at = optimum(model, calibration.observations, calibration.poses)
@@ -67,7 +67,7 @@ def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Ca
 
 
 def test_the_name_that_a_field_should_have_had_is_near_it() -> None:
-    """What is hidden is a stretched print, which a field over the board can do; a bow it cannot."""
+    """The hidden effect is a stretched print. A field over the board imitates it, a bow cannot."""
     made = fitted(hidden(BoardScale(), {"board_scale.x_over_y": 2e-2}))
     at = optimum(base_model(made), made.observations, made.poses)
     (field,) = FreeField.propose(effect_context(at, made.board, CAMERA, locate=False))

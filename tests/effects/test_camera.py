@@ -157,8 +157,8 @@ def test_focal_is_a_camera_with_longer_ones() -> None:
     "times", [[0.0, 1.0, 4.0], [7.0, 3.0, 2.0]], ids=["in order", "last first"]
 )
 def test_focal_drift_is_a_camera_for_each_view(times: list[float]) -> None:
-    """Its focal length is as stated at half of the session's time, and the drift is from the first
-    picture to the last.
+    """The focal length is the stated one at half of the session's time, and the drift is from the
+    first picture to the last.
     """
     drift = 5e-3
     middle, span = (min(times) + max(times)) / 2, max(times) - min(times)

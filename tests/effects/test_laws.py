@@ -1,6 +1,6 @@
-"""What holds for every effect, whatever it does.
+"""The laws that hold for every effect.
 
-Being in the registry is what gets an effect tested here.
+Every effect of the registry is tested here.
 """
 
 import re
@@ -80,7 +80,7 @@ def test_neutral_parameters_change_no_landing(form: Form) -> None:
 
 @each_form
 def test_its_parameters_are_read_by_the_path(form: Form) -> None:
-    """What a path does not tell of, no fit estimates."""
+    """A fit estimates only the parameters that a path names."""
     read = {param.name: param for param in form.model.path.params}
     assert form.effect.effect_parameters or form.effect.per_view
     for unknown in form.effect.effect_parameters:
@@ -91,7 +91,7 @@ def test_its_parameters_are_read_by_the_path(form: Form) -> None:
 
 @each_form
 def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
-    """What is shown as declared + increment is what the path takes. Turns about different axes add
+    """The path uses the sum that is shown as declared + increment. Turns about different axes add
     up to first order only: the largest stated tilt, some hundredths of a radian, bounds what is
     left of them.
     """
@@ -134,8 +134,8 @@ def test_the_effects_on_declared_numbers_say_so() -> None:
 
 @each_form
 def test_derivatives_agree_with_central_differences(form: Form) -> None:
-    """As a fit sees them, by every number of the effect and of the views; and every one of them
-    moves some landing.
+    """The derivatives are those of a fit, by every number of the effect and of the views, and every
+    one of these moves some landing point.
     """
     values, poses = form.present()
     landing = _landing(form, values, poses)
@@ -174,7 +174,9 @@ def test_derivatives_agree_with_central_differences(form: Form) -> None:
 
 @each_form
 def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
-    """They go through probes and the chart of the glass, which an effect may move."""
+    """The relief's derivatives go through probes and the chart of the glass, which an effect may
+    move.
+    """
     if not form.there.relief:
         return
     values, poses = form.present()

@@ -1,4 +1,4 @@
-"""What is declared beside what is estimated: increments of effects as values, every figure to the
+"""The declared numbers beside the estimates: increments of effects as values, every figure to the
 second digit of its sigma.
 """
 

@@ -225,7 +225,7 @@ def test_a_number_with_a_sigma_is_estimated(made: Scene, tmp_path: Path) -> None
 def test_a_fit_that_is_not_finite_is_told_and_keeps_no_covariance(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Over a noise of 1e-300 px, the residuals' squares overflow; a reader refuses such a noise, so
+    """The residuals' squares over a noise of 1e-300 px overflow; a reader refuses such a noise, so
     another is written.
     """
     monkeypatch.setattr(joint_fit, "FIRST_SIGMA", 1e-300)

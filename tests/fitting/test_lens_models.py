@@ -123,7 +123,7 @@ def test_auto_takes_a_fisheye_s_own_model_where_opencv_s_predicts_other_views_wo
 
 
 def test_auto_keeps_opencv_s_model_for_a_usual_lens() -> None:
-    """Its tangential part is nothing that a fisheye has."""
+    """A fisheye has no tangential part."""
     views = bare_views(2, 12, NOISE, (-0.05, 0.01, 1e-3, -5e-4, 0.004))
     fitted = calibrate_bare(views, Board(9, 9, 0.020), Camera(WIDTH, HEIGHT, lens=AUTO), Silent())
     assert fitted.intrinsics.model == OPENCV
@@ -147,8 +147,8 @@ def test_a_spline_takes_what_no_formula_says_and_nothing_where_nothing_is() -> N
 
 
 def test_a_splined_lens_is_chosen_saved_and_read(tmp_path: Path) -> None:
-    """By held-out views; a central format without splines fits its own lens and says by how much it
-    is off.
+    """Held-out views choose the lens. A central format without splines fits its own lens and states
+    the misfit.
     """
     folder = session(tmp_path / "session", uneven_views(3, 24, NOISE, 1.0), lens="splined")
     calibration = fit(read_session(folder), Settings(), Silent())

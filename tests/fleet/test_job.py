@@ -186,7 +186,9 @@ def test_a_bug_is_a_result_too(
 
 
 def test_a_camera_is_checked_against_its_prior(recorded: Path, tmp_path: Path) -> None:
-    """Its own session of another day holds; another camera's, with the lens bumped, does not."""
+    """The camera's session of another day agrees with the prior; that of another camera, with a
+    bumped lens, does not.
+    """
     for attempt, fleet in ((1, "before"), (2, "now")):
         write_session(tmp_path / fleet / "session", replace(LINE, views=8), 0, attempt=attempt)
     run_job(job(tmp_path / "before" / "session", tmp_path / "before"))

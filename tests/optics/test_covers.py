@@ -1,6 +1,4 @@
-"""What every textbook says of windows and domes, and what happens where a ray cannot meet a
-cover.
-"""
+"""The laws of windows and domes from textbooks, and the rays that cannot meet a cover."""
 
 import numpy as np
 import pytest

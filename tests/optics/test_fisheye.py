@@ -67,8 +67,8 @@ def test_it_is_opencv_s() -> None:
 
 @pytest.mark.parametrize("degrees", [0.0, 1e-7, 30, 89.9999, 90, 120, 170])
 def test_it_sees_beside_and_behind_itself(degrees: float) -> None:
-    """As far from the principal point as the polynomial says, and back; through a path's
-    projection, too.
+    """A ray's distance from the principal point is that of the polynomial, also through a path's
+    projection and back.
     """
     directions = around(degrees)
     pixels = Fisheye().project(directions, values())
@@ -222,7 +222,7 @@ def test_projection_and_rays_have_inverse_derivatives() -> None:
 
 
 def test_each_pixel_can_have_a_lens_of_its_own() -> None:
-    """As the derivatives by row ask for."""
+    """The derivatives by row need this."""
     pixels = torch.tensor([[100.0, 80.0], [600.0, 700.0], [420.0, 200.0]], dtype=torch.float64)
     alternative = {name: 1.1 * value for name, value in values().items()}
     mixed = {

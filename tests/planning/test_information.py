@@ -1,4 +1,4 @@
-"""What views tell of the numbers they share, against oracles that are built otherwise; and the
+"""The information of views about the shared parameters, compared with independent oracles; and the
 process that computes it.
 """
 
@@ -324,7 +324,7 @@ def test_folds_are_tried_once_the_maps_are_sure_enough(
 
 
 def guidance_of(made: Scene, count: int, target: float) -> list[InformedGuide]:
-    """What the process answers, computed here."""
+    """Return the answer of the process, computed here."""
     request = Request(
         made.board, CAMERA, GLASS, REACH, tuple(view.corners for view in made.views[:count]), target
     )

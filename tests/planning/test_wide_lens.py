@@ -16,8 +16,8 @@ CAMERA_WIDE = replace(CAMERA, intrinsics=INTRINSICS)
 
 @pytest.mark.parametrize("focal", [300.0, 150.0])
 def test_its_poses_are_in_the_picture_where_the_ray_path_has_them(focal: float) -> None:
-    """Of a lens that sees 170 degrees across the diagonal, and of one that sees more than 180
-    degrees from side to side.
+    """One lens sees 170 degrees across the diagonal, another one more than 180 degrees from side to
+    side.
     """
     lens = replace(
         INTRINSICS, fx=replace(INTRINSICS.fx, value=focal), fy=replace(INTRINSICS.fy, value=focal)

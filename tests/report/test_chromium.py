@@ -190,8 +190,8 @@ def on_a_phone(html: str, folder: Path) -> dict[str, Any]:
 def pages(
     reported: Reported, few: Calibration, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, str]:
-    """Of a fit, of a diagnosed calibration whose session is gone, and of a camera without a
-    cover.
+    """Return the pages of a fit, of a diagnosed calibration whose session is gone, and of a camera
+    without a cover.
     """
     folder = tmp_path_factory.mktemp("pages")
     found: list[dict[str, object]] = [

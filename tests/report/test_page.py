@@ -1,5 +1,5 @@
-"""What report.html holds: one file, nothing from outside, every section, and nothing of a file's
-text taken for HTML.
+"""The content of report.html: one file, nothing from outside, every section, and no text of a file
+that counts as HTML.
 """
 
 import re

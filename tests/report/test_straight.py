@@ -21,7 +21,7 @@ Lines = list[np.ndarray]
 
 
 def paths(html: str, kind: str) -> list[Lines]:
-    """Of each panel its lines, (n, 2) px."""
+    """Return the lines of each panel, (n, 2) px."""
     outlines = re.findall(rf'<path class="{kind}" d="([^"]*)"', html)
     return [
         [np.array([at.split() for at in line.split("L")], float) for line in path.split("M")[1:]]

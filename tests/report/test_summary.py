@@ -23,7 +23,7 @@ FAST = Settings(grid=(5, 5), free=("none",))
 
 
 class Misprinted(Board):
-    """Its corners are up to 0.1 mm beside their places, smoothly over the board."""
+    """A board whose corners are up to 0.1 mm beside their places, smoothly over the board."""
 
     def points(self) -> NDArray[np.float64]:
         flat = super().points()

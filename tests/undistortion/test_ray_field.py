@@ -117,8 +117,8 @@ def test_a_depth_inside_the_lens_is_refused(field: RayField, depth: float) -> No
 def off_projection(
     path: Path, values: Values, made: DepthMap, every: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every so many pixels: how far (px) the map is from projecting, whether projecting lands on
-    the image, whether the map is valid.
+    """Return for every so many pixels the distance (px) between map and projection, whether the
+    projection lies in the picture, and whether the map is valid.
     """
     height, width = made.valid.shape
     rows, columns = (grid.ravel() for grid in np.mgrid[0:height:every, 0:width:every])

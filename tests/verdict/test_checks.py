@@ -341,7 +341,9 @@ def test_maps_that_are_hardly_known(good: Calibration) -> None:
 def test_a_focal_length_that_is_hardly_known(
     good: Calibration, sigma: float, doubted: bool
 ) -> None:
-    """Of a camera without a cover, from its own views: 1000 px within that."""
+    """The sigma is that of a camera without a cover, from its own views, at a focal length of 1000
+    px.
+    """
     k = Intrinsics(
         Number(1000.0, sigma), Number(1000.0, 1.0), Number(1640.0, 5.0), Number(1232.0, 5.0)
     )

@@ -1,4 +1,4 @@
-"""What is to be typed can be typed."""
+"""The next commands can be typed as they are printed."""
 
 import shlex
 from pathlib import Path
