@@ -65,7 +65,7 @@ def test_the_noise_is_found_from_the_residual(calibration: Calibration) -> None:
     )  # 0.05 px in x and in y, from 648 corners
 
 
-def test_what_is_saved_comes_back(calibration: Calibration, tmp_path: Path) -> None:
+def test_a_saved_calibration_is_read_as_it_was(calibration: Calibration, tmp_path: Path) -> None:
     path = calibration.save(tmp_path / "out")
     back = Calibration.load(path)
     pixels = np.random.default_rng(0).uniform(0, [WIDTH, HEIGHT], (200, 2))
@@ -171,7 +171,7 @@ def test_maps_are_the_rays(calibration: Calibration) -> None:
     assert np.abs(calibration.project(at)[0] - [map_x[v, u], map_y[v, u]]).max() < 0.01
 
 
-def test_partly_seen_boards_are_welcome(made: Scene, tmp_path: Path) -> None:
+def test_partly_visible_boards_are_used(made: Scene, tmp_path: Path) -> None:
     views = []
     for i, view in enumerate(made.views):
         hidden = np.zeros(81, dtype=bool)
@@ -202,7 +202,7 @@ def test_a_view_that_disagrees_is_rejected_and_listed(made: Scene, tmp_path: Pat
     assert result.stages[2].rms_px < 0.15
 
 
-def test_too_few_views_say_so(made: Scene, tmp_path: Path) -> None:
+def test_too_few_views_get_a_sentence(made: Scene, tmp_path: Path) -> None:
     with pytest.raises(NotEnoughDataError, match="A fit needs 3 usable views and there are 2"):
         fit(read_session(write_session(tmp_path, made, made.views[:2])), SHORT, Silent())
 
@@ -422,7 +422,7 @@ def test_paths_that_cannot_be_looked_up_get_their_sentence(
         Calibration.load(tmp_path)
 
 
-def test_what_could_not_be_read_back_is_not_written(
+def test_values_that_could_not_be_read_back_are_not_written(
     calibration: Calibration, tmp_path: Path
 ) -> None:
     """A sigma that is not a number, and correlations that no numbers have."""

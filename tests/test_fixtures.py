@@ -307,7 +307,7 @@ def test_pi_underwater_through_its_port(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_a_motion_left_idle_is_no_finding(tmp_path: Path) -> None:
+def test_an_idle_effect_after_a_motion_is_no_finding(tmp_path: Path) -> None:
     """blind-h: the board's scale lowers the held-out error before every view has a motion, and does
     nothing beside it.
     """

@@ -47,7 +47,7 @@ def test_errors_are_as_large_as_predicted() -> None:
     assert 0.8 < np.sqrt(np.mean(squares)) < 1.25
 
 
-def test_a_wrong_focal_length_is_not_foreseen(made: Scene) -> None:
+def test_sigma_does_not_include_a_wrong_focal_length(made: Scene) -> None:
     """The negative control: what the fit is overconfident and does not doubt, its sigma cannot
     know.
     """
@@ -71,7 +71,7 @@ def test_a_wrong_focal_length_is_not_foreseen(made: Scene) -> None:
     )
 
 
-def test_the_variance_is_what_drawn_parameters_scatter_by(calibration: Calibration) -> None:
+def test_the_variance_equals_the_scatter_of_drawn_parameters(calibration: Calibration) -> None:
     """Monte Carlo: draw amplitudes from the covariance, trace their rays, take out the motion as
     the benchmark does.
     """
@@ -138,7 +138,7 @@ def test_maps_carry_their_sigma(calibration: Calibration, tmp_path: Path) -> Non
     assert sigma == pytest.approx(np.sqrt(variance @ [1, 1 / 0.6, 1 / 0.36]), rel=0.1)
 
 
-def test_freed_parameters_are_as_far_off_as_their_sigmas_say() -> None:
+def test_errors_of_freed_parameters_agree_with_their_sigmas() -> None:
     """Priors whose means are drawn around the truth.
 
     Sixteen numbers, two or three of a kind in one fit: 1 within a third or so.
@@ -166,7 +166,7 @@ def test_freed_parameters_are_as_far_off_as_their_sigmas_say() -> None:
     assert 0.5 < np.sqrt(np.mean(np.square(deviations))) < 1.6
 
 
-def test_a_freed_index_makes_maps_less_sure(made: Scene, calibration: Calibration) -> None:
+def test_a_freed_index_makes_maps_less_certain(made: Scene, calibration: Calibration) -> None:
     intrinsics, cover = free_parameters(INTRINSICS, made.cover, ("index", "intrinsics"))
     result = fit_stages(
         Setup(made.board, CAMERA, intrinsics, cover),

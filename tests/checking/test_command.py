@@ -65,7 +65,7 @@ def session(folder: Path, calibration: Calibration, views: tuple[View, ...]) -> 
     return folder
 
 
-def test_valid_exits_with_0(
+def test_a_valid_calibration_exits_with_0(
     cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made, checker = cameras["flat"]
@@ -79,7 +79,7 @@ def test_valid_exits_with_0(
     assert f"Next: calib report {saved}" in output
 
 
-def test_not_valid_exits_with_5_and_says_what_changed(
+def test_an_invalid_calibration_exits_with_5_and_names_the_change(
     cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made, checker = cameras["flat"]
@@ -104,7 +104,7 @@ def test_not_valid_exits_with_5_and_says_what_changed(
     assert not (tmp_path / "out" / "calibration.yaml").exists()
 
 
-def test_an_update_keeps_history_and_is_surer(
+def test_an_update_keeps_the_history_and_is_more_certain(
     cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made, checker = cameras["flat"]
@@ -163,7 +163,7 @@ def test_pictures_of_another_size_come_from_another_mode(
 
 
 @pytest.mark.parametrize("damage", ["truncated", "blank", "none", "missing"])
-def test_what_cannot_be_checked_exits_with_2(
+def test_input_that_cannot_be_checked_exits_with_2(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str
 ) -> None:
     picture = tmp_path / "pictures" / "a.png"

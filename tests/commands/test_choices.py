@@ -50,7 +50,7 @@ def test_free_estimates_numbers_near_what_the_session_states(
     ]
 
 
-def test_free_all_estimates_what_is_not_exact(
+def test_free_all_estimates_every_number_that_is_not_exact(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The cone has nine numbers and the camera four; only the index outside has no tolerance."""
@@ -100,7 +100,7 @@ def test_a_wrong_number_is_corrected_and_contradicted(
     )  # to the second digit of sigma
 
 
-def test_folds_are_said_and_in_the_json(
+def test_folds_are_printed_and_in_the_json(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     answer = json.loads(fit(session, tmp_path / "out", "--folds", "3", "--json", capsys=capsys))
@@ -118,7 +118,7 @@ def test_folds_are_said_and_in_the_json(
     )  # of the noise: 0.99 and 1.05; of 1944 coordinates, chance is 0.016
 
 
-def test_grid_auto_keeps_the_coarsest_that_nothing_beats(
+def test_grid_auto_keeps_the_coarsest_grid_that_no_finer_one_beats(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert (

@@ -100,7 +100,7 @@ def test_every_command_is_offered(
     ],
     ids=lambda given: " ".join(given) if isinstance(given, tuple) else "",
 )
-def test_what_fits_is_offered(
+def test_matching_words_are_offered(
     offered: Callable[..., set[str]], words: tuple[str, ...], expected: set[str]
 ) -> None:
     assert offered("calib", *words) == expected
@@ -146,7 +146,7 @@ def test_zsh_reads_its_script(printed: Printed, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("program", ["calib", "capture"])
-def test_without_shtab_it_says_what_to_install(
+def test_without_shtab_the_package_to_install_is_named(
     program: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)

@@ -50,7 +50,7 @@ def detector_error(name: str, folder: Path) -> float:
 
 
 @pytest.mark.slow
-def test_what_is_hidden_is_found(
+def test_hidden_effects_are_found(
     finding: tuple[str, Calibration, Diagnosis], tmp_path: Path
 ) -> None:
     """Held out, the error ends within a twentieth of the detector's own, against the true corners

@@ -35,7 +35,7 @@ def optimum(model: CameraModel, observations: Observations, poses: np.ndarray) -
     return FittedModel(model, observations, model.fit(observations, torch.from_numpy(poses)))
 
 
-def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Calibration) -> None:
+def test_the_proposed_view_reduces_the_sigma_as_predicted(calibration: Calibration) -> None:
     """The view is added, and all views are fitted again with both effects free."""
     stretch, focal = BoardScale(), Focal()
     model = base_model(calibration).with_effect(stretch)
@@ -66,7 +66,7 @@ def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Ca
     )  # noise, prior and weights are estimated anew
 
 
-def test_the_name_that_a_field_should_have_had_is_near_it() -> None:
+def test_the_true_effect_is_named_as_nearest_to_a_field() -> None:
     """The hidden effect is a stretched print. A field over the board imitates it, a bow cannot."""
     made = fitted(hidden(BoardScale(), {"board_scale.x_over_y": 2e-2}))
     at = optimum(base_model(made), made.observations, made.poses)

@@ -79,7 +79,7 @@ def test_neutral_parameters_change_no_landing(form: Form) -> None:
 
 
 @each_form
-def test_its_parameters_are_read_by_the_path(form: Form) -> None:
+def test_the_path_reads_the_effect_s_parameters(form: Form) -> None:
     """A fit estimates only the parameters that a path names."""
     read = {param.name: param for param in form.model.path.params}
     assert form.effect.effect_parameters or form.effect.per_view
@@ -114,7 +114,7 @@ def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
             ), name
 
 
-def test_the_effects_on_declared_numbers_say_so() -> None:
+def test_effects_on_declared_numbers_name_them() -> None:
     saying = {
         form.effect.name
         for form in FORMS
@@ -201,7 +201,7 @@ def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
 
 
 @each_form
-def test_written_and_read_again(form: Form) -> None:
+def test_an_effect_is_read_as_it_was_written(form: Form) -> None:
     values, _ = form.present()
     parameters = _estimated(form, values)
     text = yaml.safe_dump(effect_to_yaml(form.effect, parameters))
@@ -233,7 +233,7 @@ def test_a_calibration_keeps_it(form: Form, tmp_path: Path) -> None:
 
 
 @each_situation
-def test_what_is_estimated_already_is_not_proposed(there: Situation) -> None:
+def test_estimated_numbers_are_not_proposed_again(there: Situation) -> None:
     names = [param.name for param in there.path.params]
     kinds: tuple[type[Effect], ...] = (PrincipalPoint, Focal, CoverOffset, CoverTilt)
     assert not [effect for kind in kinds for effect in kind.propose(there.surroundings(names))]
@@ -266,7 +266,7 @@ def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
     ],
     ids=["unknown name", "wrong form", "missing number", "wrong shape"],
 )
-def test_a_file_that_tells_of_no_effect_is_refused(change: dict[str, object], reason: str) -> None:
+def test_a_file_without_a_known_effect_is_refused(change: dict[str, object], reason: str) -> None:
     form = next(form for form in FORMS if isinstance(form.effect, FreeField))
     said = effect_to_yaml(form.effect, _estimated(form, form.present()[0]))
     with pytest.raises((LookupError, TypeError, ValueError), match=reason):

@@ -15,7 +15,7 @@ def made() -> Scene:
     return scene(3, views=20, noise=0.02)
 
 
-def test_a_number_that_is_told_wrong_is_found(made: Scene) -> None:
+def test_a_wrongly_declared_number_is_found(made: Scene) -> None:
     wrong = replace(made.cover, parameters={**made.cover.parameters, "thickness": Number(0.006)})
     resolved = tolerant(made, Setup(made.board, CAMERA, INTRINSICS, wrong), Settings(grid=(6, 6)))
     assert resolved.declared.doubted == ("cover.thickness",)
@@ -27,7 +27,7 @@ def test_a_number_that_is_told_wrong_is_found(made: Scene) -> None:
     assert estimate.sigma < 5e-4, "it is the views that tell"
 
 
-def test_true_numbers_are_believed(made: Scene) -> None:
+def test_true_numbers_do_not_conflict(made: Scene) -> None:
     resolved = tolerant(
         made, Setup(made.board, CAMERA, INTRINSICS, made.cover), Settings(grid=(6, 6))
     )

@@ -56,7 +56,7 @@ def plain() -> Calibration:
         (1.5, math.nan, "1.5"),
     ],
 )
-def test_both_have_the_digits_that_sigma_says_something_about(
+def test_value_and_sigma_have_the_digits_that_sigma_determines(
     value: float, sigma: float, said: str
 ) -> None:
     assert with_sigma(value, sigma) == said
@@ -86,7 +86,7 @@ def test_a_fraction_of_a_declared_number_is_an_increment_of_each(plain: Calibrat
         )
 
 
-def test_what_no_session_declares_has_its_own_rows(plain: Calibration) -> None:
+def test_parameters_that_no_session_declares_have_rows_of_their_own(plain: Calibration) -> None:
     """Brown's terms of the effect act before the lens and the other way: they are no increment of
     OpenCV's coefficients.
     """
@@ -111,7 +111,7 @@ def test_what_no_session_declares_has_its_own_rows(plain: Calibration) -> None:
     ]
 
 
-def test_the_slope_of_a_cylinder_is_none_that_was_declared(plain: Calibration) -> None:
+def test_the_slope_of_a_cylinder_is_not_a_declared_number(plain: Calibration) -> None:
     parameters = {
         name: number for name, number in plain.cover.parameters.items() if name != "radius_slope"
     }
@@ -124,7 +124,7 @@ def test_the_slope_of_a_cylinder_is_none_that_was_declared(plain: Calibration) -
     assert [row.name for row in effect_comparisons(wider)] == ["cover_radius.radius_slope"]
 
 
-def test_console_report_and_diagnosis_say_the_same(
+def test_console_report_and_diagnosis_print_the_same_number(
     plain: Calibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """And the contract's JSON keeps the increment."""
@@ -148,7 +148,7 @@ def test_console_report_and_diagnosis_say_the_same(
     assert [row.parameters for row in effect_rows(diagnosed)] == [said]
 
 
-def test_a_field_says_its_size(plain: Calibration) -> None:
+def test_a_field_has_its_size_in_words(plain: Calibration) -> None:
     size = {"inner_surface.rms": ParameterEstimate(1.23e-5, 2e-6, "m")}
     assert describe_estimates("inner_surface", plain, size) == [
         "inner_surface.rms 0.0123 ± 0.0020 mm"

@@ -78,7 +78,7 @@ def full_fit(
     )
 
 
-def test_hidden_boards_are_used_with_all_corners_that_can_be_seen(
+def test_partly_hidden_boards_are_used_with_all_visible_corners(
     hidden_fit: Calibration, truth: dict[str, NDArray[np.float64]]
 ) -> None:
     looks = {look["file"]: look for look in hidden_fit.settings[REDETECTION]}
@@ -99,7 +99,7 @@ def test_hidden_boards_are_used_with_all_corners_that_can_be_seen(
         assert np.isnan(np.asarray(view.covariance)[~view.seen]).all()
 
 
-def test_views_that_lost_nothing_are_unchanged(
+def test_views_without_hidden_corners_are_unchanged(
     hidden_fit: Calibration, full_fit: Calibration
 ) -> None:
     expected = {view.name: view for view in full_fit.views}

@@ -112,7 +112,7 @@ def test_errors_scatter_as_the_covariance_says() -> None:
     assert ((low < squares) & (squares < high)).all()
 
 
-def test_auto_takes_a_fisheye_s_own_model_where_opencv_s_predicts_other_views_worse() -> None:
+def test_auto_takes_the_fisheye_model_if_opencv_s_predicts_worse() -> None:
     fitted = calibrate_bare(wide_views(1, 20, NOISE), BOARD, replace(CAMERA, lens=AUTO), Silent())
     print(fitted.held_out_px)
     assert fitted.intrinsics.model == FISHEYE
@@ -130,7 +130,7 @@ def test_auto_keeps_opencv_s_model_for_a_usual_lens() -> None:
     assert fitted.held_out_px[FISHEYE] > min(fitted.held_out_px.values())
 
 
-def test_a_spline_takes_what_no_formula_says_and_nothing_where_nothing_is() -> None:
+def test_a_spline_fits_an_uneven_lens_and_stays_flat_for_an_even_one() -> None:
     """Fitted to 30 views and judged on 30 others: with waves of a pixel the error comes down
     from 0.22 px to the noise, up to a tenth; without any it stays where it is, within 1 %."""
     size = CAMERA.width, CAMERA.height
@@ -221,7 +221,7 @@ def test_a_fisheye_goes_all_the_way(tmp_path: Path) -> None:
         assert model.misfit_at_depth.worst_px < 1e-6
 
 
-def test_what_a_session_states_is_held(tmp_path: Path) -> None:
+def test_numbers_that_a_session_states_are_held(tmp_path: Path) -> None:
     stated = {
         "model": "fisheye",
         "fx": 300.0,

@@ -35,7 +35,7 @@ def job(
     return Job(Entry("a", str(session), prior=prior), fleet_options, str(tmp_path / "fleet"))
 
 
-def test_it_leaves_a_calibration_a_report_exports_and_one_json(
+def test_a_job_writes_a_calibration_a_report_exports_and_one_json(
     session: Path, tmp_path: Path
 ) -> None:
     result = run_job(job(session, tmp_path, FleetOptions(QUICK, (0.5,), ("stmap", "npz"))))
@@ -58,9 +58,7 @@ def test_it_leaves_a_calibration_a_report_exports_and_one_json(
     assert json.loads(place_of(tmp_path / "fleet", "a").read_text())["state"] == "calibrated"
 
 
-def test_what_is_done_is_not_done_again_and_what_has_changed_is(
-    session: Path, tmp_path: Path
-) -> None:
+def test_finished_work_is_repeated_only_after_a_change(session: Path, tmp_path: Path) -> None:
     first_job = job(session, tmp_path)
     written = tmp_path / "fleet" / "cameras" / "a" / "calibration.yaml"
 
@@ -151,7 +149,7 @@ def test_too_little_data_is_a_result_that_stays(session: Path, tmp_path: Path) -
         ("empty", "has no session.yaml"),
     ],
 )
-def test_what_cannot_be_read_is_a_result_that_is_tried_again(
+def test_unreadable_input_is_a_result_that_is_tried_again(
     session: Path, tmp_path: Path, damage: str, message: str
 ) -> None:
     damaged = Path(shutil.copytree(session, tmp_path / "kept"))
@@ -222,7 +220,7 @@ def test_a_camera_whose_verdict_asks_for_it_is_diagnosed(tmp_path: Path) -> None
     )
 
 
-def test_it_waits_for_another_that_works_on_the_same_camera(
+def test_a_job_waits_for_another_one_on_the_same_camera(
     session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("calib.fleet.job.PATIENCE_S", 0.1)

@@ -86,7 +86,7 @@ def map_error(line: Line, calibration: Calibration) -> float:
 
 
 @pytest.mark.slow
-def test_a_camera_that_is_another_is_left_out_by_name(prior: Path) -> None:
+def test_a_camera_of_another_line_is_left_out_by_name(prior: Path) -> None:
     read = read_fleet_prior(prior)
     left_out = dict(read.left_out)
     assert [*left_out] == [LINE.name(BROKEN)]
@@ -94,7 +94,7 @@ def test_a_camera_that_is_another_is_left_out_by_name(prior: Path) -> None:
     assert read.cameras == LINE.cameras - 1
 
 
-def test_the_fleet_knows_its_focal_length_better_than_the_drawing(prior: Path) -> None:
+def test_the_fleet_s_focal_length_is_more_exact_than_the_drawing(prior: Path) -> None:
     read = read_fleet_prior(prior)
     known, declared = (
         numbers_of(*one)["camera.fx"] for one in ((read.intrinsics, read.cover), read.declared)
@@ -127,7 +127,7 @@ def stranger(prior: Path, tmp_path_factory: pytest.TempPathFactory) -> Calibrati
         )
 
 
-def test_a_prior_that_the_views_contradict_is_told_and_not_obeyed(
+def test_a_contradicted_prior_is_reported_and_not_used(
     stranger: Calibration, tmp_path: Path
 ) -> None:
     said = stranger.settings["fleet_prior"]
@@ -142,7 +142,7 @@ def test_a_prior_that_the_views_contradict_is_told_and_not_obeyed(
     assert "not as the 6 cameras of" in sentences[0]
 
 
-def test_what_it_was_fitted_with_is_kept(prior: Path, tmp_path: Path) -> None:
+def test_the_prior_of_a_fit_is_saved_with_it(prior: Path, tmp_path: Path) -> None:
     """A diagnosis starts from the same prior; and a session without intrinsics of its own has the
     fleet's.
     """
@@ -182,7 +182,7 @@ def test_the_console_says_that_a_prior_was_used(
     )
 
 
-def test_json_says_what_is_expected(
+def test_the_json_has_the_fleet_s_numbers(
     prior: Path, fleet: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["fleet-prior", str(fleet), "-o", str(fleet / "again.yaml"), "--json"]) == 0
@@ -225,7 +225,7 @@ def test_cameras_of_two_kinds_are_kept_apart(fleet: Path, tmp_path: Path) -> Non
     )
 
 
-def test_kinds_of_which_none_is_most_are_refused(fleet: Path, tmp_path: Path) -> None:
+def test_kinds_without_a_majority_are_refused(fleet: Path, tmp_path: Path) -> None:
     folder = copied(fleet, tmp_path)
     for number in range(LINE.cameras):
         other = folder / "cameras" / LINE.name(number) / "calibration.yaml"

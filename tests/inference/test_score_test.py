@@ -39,7 +39,7 @@ def ended(tmp_path_factory: pytest.TempPathFactory) -> FittedModel:
     ).optimum
 
 
-def test_what_a_fit_left_to_do_is_not_credited_to_an_effect_that_its_parameters_imitate(
+def test_an_unfinished_fit_does_not_favour_an_imitated_effect(
     ended: FittedModel,
 ) -> None:
     """A tenth of a standard deviation beside the optimum in each parameter of the camera; a score

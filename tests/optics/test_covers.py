@@ -122,7 +122,7 @@ def test_a_dome_s_paraxial_rays_obey_gauss() -> None:
     ids=["parallel to the window", "from outside the dome", "on the axis of a steep cone"],
 )
 @pytest.mark.parametrize("exact_hit", [True, False])
-def test_missing_is_data_with_finite_gradients(
+def test_a_missed_cover_is_data_with_finite_gradients(
     example: Example, changed: dict[str, float], exact_hit: bool
 ) -> None:
     path, values = covered_path(INTRINSICS, example.changed(changed))

@@ -41,7 +41,7 @@ def around(degrees: float, count: int = 36) -> torch.Tensor:
     )
 
 
-def test_it_is_opencv_s() -> None:
+def test_the_fisheye_agrees_with_opencv() -> None:
     """Up to 85 degrees from the axis."""
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-8, 8, (400, 2)), np.ones(400)])
@@ -66,7 +66,7 @@ def test_it_is_opencv_s() -> None:
 
 
 @pytest.mark.parametrize("degrees", [0.0, 1e-7, 30, 89.9999, 90, 120, 170])
-def test_it_sees_beside_and_behind_itself(degrees: float) -> None:
+def test_the_fisheye_sees_beside_and_behind_itself(degrees: float) -> None:
     """A ray's distance from the principal point is that of the polynomial, also through a path's
     projection and back.
     """
@@ -127,7 +127,7 @@ def test_a_point_on_the_other_side_is_not_seen() -> None:
     assert (torch.isnan(found).all(-1) | ((found - pixels).norm(dim=-1) > 100)).all()
 
 
-def test_it_fails_beyond_the_fold_and_stays_finite() -> None:
+def test_the_fisheye_fails_beyond_the_fold_and_stays_finite() -> None:
     """theta (1 - theta^2 / 4) never exceeds 0.77, at 66 degrees; what is seen at a larger angle is
     imaged where a smaller one is.
     """

@@ -116,7 +116,7 @@ def test_the_jacobian_is_central_differences_of_rays(few: PlanningFit) -> None:
 ZERO = np.zeros(3)
 
 
-def test_a_views_information_is_what_elimination_leaves(few: PlanningFit) -> None:
+def test_a_view_s_information_is_the_schur_complement_of_its_pose(few: PlanningFit) -> None:
     """Oracle: the solver's own normal equations, each view by itself; and that they add up."""
     model, observations = few.model, few.observations
     weights = pixel_weights(model.path, model.means, observations, few.poses, 1.0)
@@ -149,7 +149,7 @@ def test_the_predicted_sigma_is_the_calibrations_own(made: Scene) -> None:
     assert 0.7 < np.median(ours / theirs) < 1
 
 
-def test_modes_that_are_left_out_change_nothing(few: PlanningFit, setup: Setup) -> None:
+def test_neglected_modes_change_nothing(few: PlanningFit, setup: Setup) -> None:
     """Oracle: the covariance of all shared parameters, without modes."""
     surveyed_design = few.design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
     model = few.model
@@ -189,7 +189,7 @@ def test_poses_that_the_cover_pushes_out_of_the_picture_are_dropped(
     assert design.poses == pytest.approx(poses[:1])
 
 
-def test_of_a_board_with_markers_what_is_seen_counts(few: PlanningFit, made: Scene) -> None:
+def test_visible_corners_of_a_board_with_markers_count(few: PlanningFit, made: Scene) -> None:
     """Oracle: the same view with the other corners taken from its observations.
 
     A pose in which too little is seen is dropped.
@@ -217,7 +217,7 @@ def test_of_a_board_with_markers_what_is_seen_counts(few: PlanningFit, made: Sce
     )
 
 
-def test_the_bank_knows_what_views_in_its_poses_tell(setup: Setup) -> None:
+def test_the_bank_predicts_the_information_of_views_in_its_poses(setup: Setup) -> None:
     """A view taken exactly where the guide asked lowers sigma as the plan foresaw."""
     nominal = estimate(setup, (), GRID)
     design = nominal.design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
@@ -246,7 +246,9 @@ def test_planned_views_beat_others(setup: Setup) -> None:
     assert best < min(alternatives)
 
 
-def test_a_rougher_prior_and_more_noise_make_maps_less_sure(few: PlanningFit, setup: Setup) -> None:
+def test_a_rougher_prior_and_more_noise_make_maps_less_certain(
+    few: PlanningFit, setup: Setup
+) -> None:
     def sigma(height: float, noise: float) -> float:
         changed = PlanningFit(
             few.model, few.poses, few.observations, Smoothness(height, 0.4), noise
@@ -313,7 +315,7 @@ def test_a_later_question_ends_an_earlier_one(guidance: Guidance, made: Scene) -
         pytest.param(0.01, ["would not reach"], marks=pytest.mark.slow),
     ],
 )
-def test_folds_are_tried_once_the_maps_are_sure_enough(
+def test_folds_are_tried_once_the_maps_are_certain_enough(
     target: float, words: list[str], made: Scene
 ) -> None:
     views = [KeptView(view.corners) for view in made.views[:6]]
@@ -354,7 +356,9 @@ def test_without_torch_the_plain_guide_is_named(
     [(Camera(3280, 2464), GLASS), (CAMERA, Cover("none", {}))],
     ids=["no intrinsics", "no cover"],
 )
-def test_what_it_cannot_serve_is_said(camera: Camera, cover: Cover, made: Scene) -> None:
+def test_requests_that_the_guide_cannot_serve_are_reported(
+    camera: Camera, cover: Cover, made: Scene
+) -> None:
     guidance = Guidance(made.board, camera, cover, REACH)
     try:
         with pytest.raises(GuidanceError, match="needs a cover and the camera's intrinsics"):

@@ -36,7 +36,7 @@ def test_its_poses_are_in_the_picture_where_the_ray_path_has_them(focal: float) 
     )
 
 
-def test_a_pose_is_found_again_from_what_is_seen() -> None:
+def test_a_pose_is_recovered_from_visible_corners() -> None:
     found = make_pose_bank(BOARD, CAMERA_WIDE, Reach.of(BOARD, CAMERA_WIDE))
     for pose, corners in zip(found.poses[::10], found.corners[::10], strict=True):
         again = fit_bare_pose(Board(BOARD.columns, BOARD.rows, BOARD.square), CAMERA_WIDE, corners)

@@ -106,7 +106,7 @@ def test_corners_lie_on_their_lines(few: Calibration) -> None:
     assert float(worse[1]) > 3 * float(match[1])
 
 
-def test_a_bow_that_is_known_does_not_bend_the_lines(few: Calibration) -> None:
+def test_a_known_bow_does_not_bend_the_lines(few: Calibration) -> None:
     """Corners of a board with 2 mm of bow, without noise: what the model knows of the board is not
     the lens's fault.
     """

@@ -102,7 +102,7 @@ def test_yaml_numbers_are_read_as_people_write_them(folder: Path) -> None:
         ("{value: 20.0, exact: true}", 0.0, 0.0),
     ],
 )
-def test_how_well_a_square_is_known(
+def test_the_sigma_of_a_square_is_read_and_written(
     folder: Path, written: str, sigma: float | None, relative: float
 ) -> None:
     (folder / "session.yaml").write_text(

@@ -223,7 +223,7 @@ def test_wrong_usage(
     assert not (tmp_path / "s").exists()
 
 
-def test_what_does_not_fit_leaves_nothing(
+def test_a_board_that_does_not_fit_leaves_no_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(tmp_path / "s", "--square-mm", "40") == 2

@@ -83,7 +83,7 @@ def test_field_is_enough_for_any_depth(made: Scene, field: RayField) -> None:
         )
 
 
-def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
+def test_the_map_is_invalid_where_no_ray_leaves_the_cover(made: Scene) -> None:
     """A bump so steep that light is totally reflected on its flanks, by a small camera: the cost
     goes with its area.
     """
@@ -103,7 +103,7 @@ def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
 
 
 @pytest.mark.parametrize("depth", [0.0, -1.0, float("nan")])
-def test_a_depth_that_is_none_is_refused(field: RayField, depth: float) -> None:
+def test_an_invalid_depth_is_refused(field: RayField, depth: float) -> None:
     with pytest.raises(InputError, match="write metres above 0"):
         field.map_at(depth)
 

@@ -21,7 +21,7 @@ TURNS = {0: None, 1: cv2.ROTATE_90_CLOCKWISE, 2: cv2.ROTATE_180, 3: cv2.ROTATE_9
 
 
 @pytest.mark.parametrize("orientation", ALL, ids=str)
-def test_a_pixel_goes_where_opencv_puts_it(orientation: Orientation) -> None:
+def test_a_turned_pixel_agrees_with_opencv(orientation: Orientation) -> None:
     picture = np.arange(12 * 8, dtype=np.int32).reshape(8, 12)
     turn = TURNS[orientation.quarters]
     put_right = picture if turn is None else cv2.rotate(picture, turn)
