@@ -1,5 +1,6 @@
 """The rules for the language of the code, on every file of calib and capture: names are nouns,
-docstrings are sentences, and a statement does one thing.
+docstrings are sentences, and a statement does one thing. The docstrings of tests, benchmarks and
+fixtures are sentences as well.
 """
 
 import ast
@@ -11,6 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("calib", "capture")
+FOLDERS = (*PACKAGES, "tests", "benchmarks", "fixtures")
 MAX_NAMES = 0.005
 """The fraction of names that may be a refused word: some, such as `inside`, are a term
 in some places.
@@ -179,10 +181,10 @@ def test_names_are_nouns(package: str) -> None:
     assert len(refused) <= MAX_NAMES * count, "\n".join(refused)
 
 
-@each_package
-def test_docstrings_are_sentences(package: str) -> None:
-    count = sum(len(list(docstrings(tree))) for tree in parsed_files(package).values())
-    refused = places(package, refused_openings)
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_docstrings_are_sentences(folder: str) -> None:
+    count = sum(len(list(docstrings(tree))) for tree in parsed_files(folder).values())
+    refused = places(folder, refused_openings)
     assert len(refused) <= MAX_OPENINGS * count, "\n".join(refused)
 
 
