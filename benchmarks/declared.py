@@ -1,5 +1,5 @@
-"""What wrong numbers in session.yaml do to the maps: `python -m benchmarks.declared`, and what
-believing them would: `python -m benchmarks.declared SESSION ...`.
+"""The errors of maps with wrong numbers in session.yaml: `python -m benchmarks.declared`, and with
+these numbers held: `python -m benchmarks.declared SESSION ...`.
 
 `fixtures/clean` with one number made wrong at a time, or with its pictures turned, fitted with
 every number held, and as by default, where each may be estimated near what is declared, by the
@@ -122,7 +122,7 @@ def _row(calibration: Calibration, truth: Path) -> tuple[str, str]:
 
 
 def said_of(calibration: Calibration) -> str:
-    """What was corrected, and whom the verdict suspects."""
+    """Return the corrected numbers, and the suspects of the verdict."""
     corrected = [f"{one.name} {one.estimated}" for one in comparisons(calibration) if one.corrected]
     verdict = judge(calibration)
     suspects = f": {', '.join(verdict.suspects)}" if verdict.suspects else ""

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 NOISE = 0.1
 """px per axis"""
 SMALL = {"m": 1e-5, "rad": 1e-4, "px": 0.01, "": 1e-4}
-"""What the search for the smallest size begins with."""
+"""The start of the search for the smallest size."""
 THICKEST = 0.02
 """m, of a window in air."""
 FARTHEST = 5.0
@@ -54,7 +54,7 @@ class Hidden:
     own: Tensor
     """(V, 6)"""
     seed: int
-    """Of the noise."""
+    """The seed of the noise."""
 
     @classmethod
     def drawn(cls, kind: type[Effect], seed: int, views: int) -> Self | None:
@@ -162,8 +162,8 @@ class Hidden:
 
 
 def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
-    """By how much each of its parameters differs from neutral: at random, in proportion of what may
-    well be.
+    """Return a random direction: the differences of the parameters from neutral, in proportion to
+    plausible sizes.
     """
     match effect:
         case FlatPort():

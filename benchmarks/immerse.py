@@ -1,5 +1,5 @@
-"""How good a calibration made in air is under water: `python -m benchmarks.immerse [--sessions 16]
-[--pictures 24]`.
+"""The errors of a calibration made in air when it is used under water: `python -m
+benchmarks.immerse [--sessions 16] [--pictures 24]`.
 
 For each rendered pair, wet-flat, wet-dome and wet-cone: the session in air is fitted and put under
 water as `calib immerse` does. Its maps there are compared with the rays that Mitsuba traced under
@@ -77,7 +77,7 @@ def measured(
 
 
 def updated(calibration: Calibration, water: Path) -> Calibration:
-    """By the first pictures taken there."""
+    """Update the calibration by the first pictures in the new medium."""
     checker = Checker.of(calibration)
     pictures = read_pictures(sorted((water / "frames").glob("*.jpg"))[:POOL], calibration, Silent())
     return update(calibration, checker.prior, checker.check(pictures), pictures)[0]

@@ -1,4 +1,4 @@
-"""How fast pictures are undistorted, and what a file that holds all depths is worth: `python -m
+"""The speed of undistortion, and the benefit of a file that holds all depths: `python -m
 benchmarks.undistort`.
 
 A cone of the paper, uneven by 8x8 bumps of 30 um. Times are medians; the stream alternates frame by
@@ -43,11 +43,11 @@ class Time(NamedTuple):
 
     wall: float
     cpu: float
-    """Of all threads: what the work takes on a machine that others use as well."""
+    """Return the time of all threads, which other users of the machine do not change."""
 
 
 Row = tuple[str, float, float, str]
-"""What, the figure, its bar, and "at most" or "at least"."""
+"""The name, the figure, its bar, and "at most" or "at least"."""
 EVERY = 8
 """Pixels in each direction between those that are traced."""
 

@@ -42,7 +42,7 @@ from calib.io.array_arguments import on_finite_rows, pixel_rows, point_rows
 from calib.io.arrays import decode_npz
 from calib.io.file_set import FileSet, find_current
 from calib.io.files import npz, reading
-from calib.io.numerals import number
+from calib.io.numerals import real_number
 from calib.io.yaml_reader import read_yaml
 from calib.optics.board_target import POSE, VIEW_BLOCKS
 from calib.optics.build import covered_path, with_relief
@@ -287,7 +287,7 @@ class Calibration:
         A pixel that the camera does not see through the cover is -1, which is outside the picture,
         so cv2.remap's constant border fills it.
         """
-        maps = self.ray_field().map_at(number(depth, "depth"))
+        maps = self.ray_field().map_at(real_number(depth, "depth"))
         return maps.x, maps.y
 
     def save(self, folder: str | FilePath, *, overwrite: bool = False) -> FilePath:

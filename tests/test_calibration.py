@@ -76,7 +76,7 @@ def test_the_noise_is_found_from_the_residual(calibration: Calibration) -> None:
     )  # 0.05 px in x and in y, from 648 corners
 
 
-def test_what_is_saved_comes_back(calibration: Calibration, tmp_path: Path) -> None:
+def test_a_saved_calibration_is_read_as_it_was(calibration: Calibration, tmp_path: Path) -> None:
     path = calibration.save(tmp_path / "out")
     back = Calibration.load(path)
     pixels = np.random.default_rng(0).uniform(0, [WIDTH, HEIGHT], (200, 2))
@@ -99,8 +99,8 @@ def test_what_is_saved_comes_back(calibration: Calibration, tmp_path: Path) -> N
 def test_a_saved_calibration_can_be_fitted_again_from_itself(
     calibration: Calibration, tmp_path: Path
 ) -> None:
-    """It carries its inputs: the same board, camera, cover, corners and settings give the same
-    rays.
+    """A calibration carries its inputs: the same board, camera, cover, corners and settings give
+    the same rays.
     """
     calibration.save(tmp_path)
     back = Calibration.load(tmp_path)
@@ -120,8 +120,8 @@ def test_a_saved_calibration_can_be_fitted_again_from_itself(
 def test_the_priors_of_a_bare_calibration_come_back(
     calibration: Calibration, tmp_path: Path
 ) -> None:
-    """With their correlations, a doubted number's among them; a diagnosis starts from the same
-    ones. A file from before there were any has none.
+    """The correlations come back as well, a doubted number's among them, and a diagnosis starts
+    from the same priors. An older file has none.
     """
     replace(calibration, stated=Declared(BARE, calibration.declared.cover, ("camera.fy",))).save(
         tmp_path
@@ -137,7 +137,7 @@ def test_the_priors_of_a_bare_calibration_come_back(
 
 
 def test_views_that_gave_the_intrinsics_count_once(calibration: Calibration) -> None:
-    """What they said of them is no prior for them."""
+    """Intrinsics from these views are no prior for the same views."""
     made = replace(
         calibration,
         stated=Declared(BARE, calibration.declared.cover),
@@ -212,7 +212,7 @@ def test_maps_are_the_rays(calibration: Calibration) -> None:
     assert np.abs(calibration.project(at)[0] - [map_x[v, u], map_y[v, u]]).max() < 0.01
 
 
-def test_partly_seen_boards_are_welcome(made: Scene, tmp_path: Path) -> None:
+def test_partly_visible_boards_are_used(made: Scene, tmp_path: Path) -> None:
     views = []
     for i, view in enumerate(made.views):
         hidden = np.zeros(81, dtype=bool)
@@ -243,7 +243,7 @@ def test_a_view_that_disagrees_is_rejected_and_listed(made: Scene, tmp_path: Pat
     assert result.stages[2].rms_px < 0.15
 
 
-def test_too_few_views_say_so(made: Scene, tmp_path: Path) -> None:
+def test_too_few_views_get_a_sentence(made: Scene, tmp_path: Path) -> None:
     with pytest.raises(NotEnoughDataError, match="A fit needs 3 usable views and there are 2"):
         fit(read_session(write_session(tmp_path, made, made.views[:2])), SHORT, Silent())
 
@@ -438,7 +438,7 @@ def test_a_covariance_may_hold_squares_of_large_numbers(
 
 
 def test_a_new_npz_beside_an_old_yaml_is_refused(calibration: Calibration, tmp_path: Path) -> None:
-    """What a fit leaves that is interrupted between its two files."""
+    """A fit that is interrupted between its two files leaves such a pair."""
     calibration.save(tmp_path)
     replace(calibration, poses=calibration.poses + 1e-3).save(tmp_path / "new")
     (tmp_path / "new" / "calibration.npz").replace(tmp_path / "calibration.npz")
@@ -463,7 +463,7 @@ def test_paths_that_cannot_be_looked_up_get_their_sentence(
         Calibration.load(tmp_path)
 
 
-def test_what_could_not_be_read_back_is_not_written(
+def test_values_that_could_not_be_read_back_are_not_written(
     calibration: Calibration, tmp_path: Path
 ) -> None:
     """A sigma that is not a number, and correlations that no numbers have."""

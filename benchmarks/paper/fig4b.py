@@ -25,8 +25,8 @@ COUNTS = (2, 3, 4, 5, 7, 10)
 AMPLITUDE = 1e-5
 SEEDS = (0, 1)
 WIDTHS = (1, 2)
-"""Of the true Gaussians, in spacings of their centres (the square root of beta), which the paper
-does not state.
+"""The widths of the true Gaussians, in spacings of their centres (the square root of beta), which
+the paper does not state.
 """
 
 

@@ -1,5 +1,5 @@
-"""This project as a person runs it: `calib fit SESSION -o OUT` on a session of corners, all by
-default, with its report.
+"""The project itself as a person runs it: `calib fit SESSION -o OUT` on a session of corners, all
+by default, with its report.
 """
 
 import sys

@@ -27,7 +27,7 @@ MARGIN = 20.0  # px
 
 @dataclass(frozen=True, slots=True)
 class Glass:
-    """What differs between scenes."""
+    """The glass, which differs between scenes."""
 
     thickness: float
     """m"""

@@ -27,6 +27,7 @@ from calib.apply.map_uncertainty import UndistortedChange, corners_at, frames_al
 from calib.calibration import Calibration
 from calib.effects.flat_port import FlatPort
 from calib.errors import InputError
+from calib.estimation.covariance import regression
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.fit_record.history import MediumChange
@@ -189,12 +190,10 @@ def _widen_to_declared(calibration: Calibration, parameters: Parameters) -> Arra
     if calibration.relief is None or not numbers:
         return covariance
     at = parameters.entries([param.name for param in numbers])
-    block = covariance[np.ix_(at, at)]
-    # (S, n): how all parameters move with these
-    regression = covariance[:, at] @ np.linalg.pinv(block, hermitian=True)
+    by_numbers = regression(covariance, at)
     spread = np.array([declared[param.name] / param.scale for param in numbers]) ** 2
-    excess = np.diag(np.maximum(spread - block.diagonal(), 0.0))
-    return np.asarray(covariance + regression @ excess @ regression.T)
+    excess = np.diag(np.maximum(spread - covariance.diagonal()[at], 0.0))
+    return np.asarray(covariance + by_numbers @ excess @ by_numbers.T)
 
 
 def _set_sigmas(wet: Calibration, covariance: Array) -> Cover:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.errors import InputError
+from calib.estimation.covariance import covariance_root
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import BATCH_SIZE
@@ -133,19 +134,6 @@ def ray_errors(calibration: Calibration) -> RayErrors:
 def _no_errors(pixels: Array, frames: Array | None = None) -> Array:  # noqa: ARG001
     """Return the errors of a calibration without a covariance, (N, 4, 0)."""
     return np.zeros((len(pixels), 4, 0))
-
-
-def covariance_root(covariance: Array) -> Array:
-    """Return the (n, n) root R of a covariance, R R^T. Eigenvalues that rounding makes negative
-    count as zero.
-
-    The root is taken of the correlations: a relief's variances are 1e-12 of a focal length's, and
-    would be lost in rounding beside it.
-    """
-    spread = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    scale = np.where(spread > 0, spread, 1.0)
-    variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(variances, 0.0)))
 
 
 def corners_at(calibration: Calibration) -> Array:

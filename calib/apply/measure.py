@@ -34,7 +34,7 @@ from calib.io.array_arguments import (
     numbers,
     pixel_rows,
 )
-from calib.io.numerals import number
+from calib.io.numerals import real_number
 from calib.threads import single_thread
 from calib.undistortion.grids import Array
 from calib.undistortion.ray_field import check_depth
@@ -75,7 +75,7 @@ class BoardPose:
     @staticmethod
     def facing(depth: float) -> BoardPose:
         """Return a plane perpendicular to the optical axis, at a depth in m."""
-        metres = number(depth, "depth")
+        metres = real_number(depth, "depth")
         check_depth(metres)
         return BoardPose.exactly(np.array([0, 0, 0, 0, 0, metres]))
 
@@ -140,7 +140,7 @@ class Measurer:
         self.calibration = calibration
         corner_noise = calibration.noise_px
         if noise_px is not None:
-            self.noise_px = number(noise_px, "noise_px")
+            self.noise_px = real_number(noise_px, "noise_px")
         elif corner_noise is not None:
             self.noise_px = corner_noise / 2**0.5
         else:

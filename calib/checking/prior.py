@@ -11,9 +11,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.apply.map_uncertainty import covariance_root
 from calib.calibration import Calibration
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.covariance import covariance_root
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refit_poses

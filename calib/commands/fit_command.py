@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.diagnosis.diagnose import diagnose
         from calib.diagnosis.possible_effects import check_possible
         from calib.diagnosis.requested_effects import with_requested
-        from calib.export.npz import file_names, write_npz
+        from calib.export.npz import npz_file_names, write_npz
         from calib.fitting.fit import fit
         from calib.fitting.provenance import record_request
         from calib.io.file_set import FileSet
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> None:
     if args.effects != ("auto",):
         check_possible(session, settings, args.effects)
     with FileSet(output, overwrite=args.overwrite, inputs=session.files) as files:
-        files.reserve([*FILES, *file_names(args.depth), NAME])
+        files.reserve([*FILES, *npz_file_names(args.depth), NAME])
         with Bars() as bars:
             calibration = fit(session, settings, bars)
             finding = None

@@ -30,12 +30,12 @@ from calib.fitting.fit_result import with_fit
 from calib.fitting.view_noise import describe_noisy_views
 from calib.inference.calibration_model import base_model, full_model
 from calib.inference.cross_validation import FOLDS, depth_split, fold_split
+from calib.inference.fitted_model import ModelFit
 from calib.inference.residual_structure import (
     VarianceShare,
     significant_shares,
     variance_shares,
 )
-from calib.inference.score_test import ModelFit
 from calib.progress import Advance, Progress, Silent
 from calib.session.session import Session
 from calib.threads import single_thread

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from calib.corners.view import View
 from calib.effects.effect import Effect
 from calib.estimation.observations import Observations
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.session.board import Board

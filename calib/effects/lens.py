@@ -24,7 +24,7 @@ UNKNOWNS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Lens(CameraEffect):
+class LensEffect(CameraEffect):
     """A shift of the pixels in front of the stated lens."""
 
     name: ClassVar[str] = "lens"

@@ -14,7 +14,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from calib.estimation.levenberg_marquardt import LinearisedBlocks
+from calib.estimation.normal_equations import LinearisedBlocks
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.probes import ProbedValues, TracedRows

@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from calib.export.formats import ExportLens
-from calib.export.lens_fit import project, to_intrinsics
+from calib.export.lens_fit import project_slopes, to_intrinsics
 from calib.optics.build import pinhole_path
 from calib.optics.exposure import MIDDLE
 
@@ -55,7 +55,7 @@ def project_windshield(lens: ExportLens, parameters: Array, tangents: Array) -> 
     inwards = parameters[-4 * TERMS : -2 * TERMS].reshape(2, TERMS)
     inner = np.sin(_terms(angles(tangents)) @ inwards.T)
     forward = np.sqrt(np.maximum(1 - (inner**2).sum(-1, keepdims=True), 0.0))
-    return project(parameters[: -4 * TERMS], inner / forward, lens.fisheye)[0]
+    return project_slopes(parameters[: -4 * TERMS], inner / forward, lens.fisheye)[0]
 
 
 def tangents_within_cover(pixels: Array, lens: ExportLens, bare: Array) -> Array:

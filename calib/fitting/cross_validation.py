@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.corners.folds import split_folds
 from calib.corners.view import View, pose_labels
 from calib.estimation.model_choice import simplest_model
 from calib.estimation.observations import Observations
@@ -27,13 +28,12 @@ def cross_validate(
     setup: Setup, views: Sequence[View], settings: Settings, folds: int, progress: Progress
 ) -> CrossValidation:
     """Fit `folds` times, each time without every folds-th pose of the board, and measure the views
-    of the omitted poses. All views of a pose are in one fold, so a burst is not split.
+    of the omitted poses.
 
     Raises:
         NotEnoughDataError: too few views are left to fit.
     """
     pose = pose_labels(views)
-    fold_of = pose % folds
     advance = progress.task(
         f"{folds} folds"
         + (f", grid {settings.grid[0]}x{settings.grid[1]}" if settings.grid else ""),
@@ -44,27 +44,21 @@ def cross_validate(
     fitted_squares = 0.0  # px^2
     corners = 0
     with single_thread():
-        for fold in range(folds):
-            training_views = [
-                view for view, number in zip(views, fold_of, strict=True) if number != fold
-            ]
-            test_views = [
-                view for view, number in zip(views, fold_of, strict=True) if number == fold
-            ]
+        for index, fold in enumerate(split_folds(views, folds)):
             fitted = fit_stages(
-                setup, Observations.of(training_views, setup.board), settings, Silent()
+                setup, Observations.of(fold.training, setup.board), settings, Silent()
             )
-            test = Observations.of(test_views, setup.board)
+            test = Observations.of(fold.test, setup.board)
             poses = pinhole_poses(fitted.path, fitted.values, test)
             _, residual = refit_poses(fitted.path, fitted.values, test, poses)
             for number, image in zip(
-                pose[fold_of == fold], test.per_view(residual.image), strict=True
+                pose[fold.held_out], test.per_view(residual.image), strict=True
             ):
                 squares[number] += float(image.square().nansum())
                 counts[number] += int(image.isfinite().all(1).sum())
             fitted_squares += fitted.residuals.rms_px**2 * len(test.pixels)
             corners += len(test.pixels)
-            advance(fold + 1, f"{residual.rms_px:.3f} px held out")
+            advance(index + 1, f"{residual.rms_px:.3f} px held out")
     error = float(np.sqrt(squares.sum() / counts.sum()))
     spread = float(
         np.sqrt(

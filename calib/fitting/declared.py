@@ -10,14 +10,11 @@ from dataclasses import dataclass
 
 from calib.calibration import Calibration
 from calib.effects.effect import EffectParameter
-from calib.estimation.prior_conflict import (
-    CONFLICT_THRESHOLD,
-    independent_deviation,
-    normalised_deviation,
-)
+from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
 from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
 from calib.session.cover import SHAPES
+from calib.session.deviation import independent_deviation, normalised_deviation
 from calib.session.schema import Number, Quantity
 
 UNITS = {"millimetres": "mm", "degrees": "deg"}
@@ -63,13 +60,11 @@ class Comparison:
     @property
     def normalised_deviation(self) -> float:
         """Return the distance between estimate and declared value, in standard deviations of that
-        distance (`calib.estimation.prior_conflict`). The estimate of a doubted number is
-        independent of the declared value, so the variances add.
+        distance (`calib.session.deviation`). The estimate of a doubted number is independent of the
+        declared value.
         """
-        distance = self.estimate - self.declared
-        return (independent_deviation if self.doubted else normalised_deviation)(
-            distance, self.tolerance, self.sigma
-        )
+        deviation = independent_deviation if self.doubted else normalised_deviation
+        return abs(float(deviation(self.estimate - self.declared, self.tolerance, self.sigma)))
 
     @property
     def contradicted(self) -> bool:

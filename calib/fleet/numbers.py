@@ -12,6 +12,7 @@ from calib.calibration import Calibration
 from calib.estimation.relief_heights import height_spread
 from calib.fitting.declared import comparisons
 from calib.fleet.limits import EFFECTIVE
+from calib.session.deviation import independent_deviation
 from calib.verdict.uncertainty import map_sigmas
 
 USUAL_DEPTH = 1.0
@@ -38,7 +39,7 @@ class PriorShift:
     unit: str
 
 
-def camera_numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, FleetNumber]:
+def fleet_numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, FleetNumber]:
     """Return the numbers that the fit estimated, by the names of calib.fleet.limits.
 
     Args:
@@ -99,12 +100,12 @@ def prior_shifts(prior: Calibration, current: Calibration) -> dict[str, PriorShi
         earlier = previous.get(number.name)
         if not earlier or earlier.unit != number.unit:
             continue
-        spread = math.hypot(number.sigma, earlier.sigma)
-        if spread > 0:
+        if number.sigma > 0 or earlier.sigma > 0:
+            shift = number.estimate - earlier.estimate
             shifts[number.name] = PriorShift(
                 prior=earlier.estimate,
                 current=number.estimate,
-                sigmas=(number.estimate - earlier.estimate) / spread,
+                sigmas=independent_deviation(shift, number.sigma, earlier.sigma),
                 unit=number.unit,
             )
     return shifts

@@ -16,7 +16,7 @@ from calib.errors import InputError, NotEnoughDataError, RefracalError, brief
 from calib.estimation.likelihood_information import LikelihoodInformation, prior_conflict
 from calib.fleet.common import Common
 from calib.fleet.population import MIN_PRIOR_CAMERAS, ROUGH_DRAWS, Population, population
-from calib.fleet.result import CAMERAS, Result, State, read_result
+from calib.fleet.result import CAMERAS, JobState, Result, read_result
 from calib.io.files import reading
 from calib.session.camera import Camera
 from calib.session.fleet_prior import FleetPrior
@@ -67,7 +67,7 @@ class Kind:
         )
 
 
-def fleet_prior(fleet: Path) -> FleetPrior:
+def estimate_fleet_prior(fleet: Path) -> FleetPrior:
     """Return the prior that the calibrations in a fleet's folder give.
 
     Raises:
@@ -132,7 +132,7 @@ def _unusable(result: Result | None) -> str:
     """Return why a result cannot be used; empty if it can."""
     if not result:
         return "its result is not whole, or of another version"
-    if result.state is not State.CALIBRATED:
+    if result.state is not JobState.CALIBRATED:
         return f"it has no calibration: {result.sentence.rstrip('.')}"
     if result.verdict.get("word") == Trust.DO_NOT_USE.value:
         return "its verdict is not to use it"

@@ -28,7 +28,7 @@ from calib.optics.splined_fisheye import SHIFTS, Grid, SplinedFisheye
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.lens import FISHEYE, NAMES, SPLINED
-from calib.session.lens_spline import MIN_CONTROL_POINTS, Spline
+from calib.session.lens_spline import MIN_CONTROL_POINTS, LensSpline
 from calib.session.schema import Number
 from calib.threads import single_thread
 
@@ -81,7 +81,7 @@ class LensFit:
         )
 
     @property
-    def spline(self) -> Spline | None:
+    def spline(self) -> LensSpline | None:
         """Return the spline of the lens, or None for a plain fisheye."""
         lens = self.path.lens
         if not isinstance(lens, SplinedFisheye):
@@ -90,7 +90,7 @@ class LensFit:
         shift_x, shift_y = SHIFTS
         x = tuple(self.values[shift_x].tolist())
         y = tuple(self.values[shift_y].tolist())
-        return Spline(grid.size, *grid.shape, x, y)
+        return LensSpline(grid.size, *grid.shape, x, y)
 
     def errors(self, views: Sequence[View], board: Board) -> Array:
         """Return the (V,) root mean square errors, px, of views that it was not fitted to, with

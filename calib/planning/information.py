@@ -16,13 +16,13 @@ from torch import Tensor
 
 from calib.corners.view import View
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.elimination import information, view_equations
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.joint_fit import FIRST_SIGMA
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
+from calib.estimation.view_equations import information, view_equations
 from calib.fit_record.request import Settings
 from calib.fitting.stages import Setup, fit_stages
 from calib.optics.build import covered_path, footprint, with_relief

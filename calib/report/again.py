@@ -11,7 +11,7 @@ from calib.fit_record.history import History
 from calib.fit_record.record_file import provenance_to_yaml
 from calib.fit_record.request import CommandOptions, FitRequest, Settings
 from calib.report.evidence import Evidence
-from calib.report.tables import table
+from calib.report.tables import html_table
 
 
 def again_html(evidence: Evidence, folder: Path) -> str:
@@ -38,7 +38,7 @@ def again_html(evidence: Evidence, folder: Path) -> str:
     lines = "\n".join(map(pasted, commands(calibration.request, calibration.history, folder)))
     return (
         f"<pre>{escape(lines)}</pre>"
-        + table(
+        + html_table(
             ("", ""),
             [(escape(key), f"<code>{escape(str(value))}</code>") for key, value in facts.items()],
         )

@@ -9,7 +9,7 @@ from html import escape
 from calib.calibration import Calibration
 from calib.diagnosis.effect_description import describe_estimates
 from calib.diagnosis.finding import ParameterEstimate
-from calib.report.tables import bar, table
+from calib.report.tables import bar, html_table
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,4 +60,4 @@ def effects_html(rows: Sequence[EffectRow]) -> str:
         )
         for row in rows
     ]
-    return table(("effect", "held out before", "held out after", "change", "estimate"), cells)
+    return html_table(("effect", "held out before", "held out after", "change", "estimate"), cells)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.registry import EFFECTS
-from calib.estimation.elimination import project_out
 from calib.estimation.joint_fit import Estimate
 from calib.estimation.noise import MIN_NOISE
 from calib.estimation.observations import Observations
@@ -22,7 +21,8 @@ from calib.fitting.declared import comparisons
 from calib.fitting.evaluate import Evaluation
 from calib.inference.calibration_model import full_model
 from calib.inference.effect_context import effect_context
-from calib.inference.score_test import FittedModel, ScoreTest
+from calib.inference.fitted_model import FittedModel
+from calib.inference.score_test import ScoreTest, score_tests
 from calib.optics.exposure import MIDDLE
 from calib.optics.rays import Rays
 from calib.verdict.next_commands import NextCommands
@@ -143,13 +143,9 @@ class Case:
         of the Newton decrement.
         """
         fitted = self.optimum
-        views = list(fitted.equations())
-        residual = np.concatenate(
-            [project_out(view.jacobian_block, view.residual) for view in views]
-        )
-        jacobian = np.concatenate(
-            [project_out(view.jacobian_block, view.jacobian_shared) for view in views]
-        )
+        views = [view.reduce() for view in fitted.equations()]
+        residual = np.concatenate([view.residual for view in views])
+        jacobian = np.concatenate([view.jacobian for view in views])
         precision = fitted.prior_precision()
         gradient = jacobian.T @ residual + precision @ fitted.deviation
         return float(
@@ -201,4 +197,4 @@ def _scores(calibration: Calibration) -> tuple[ScoreTest, ...]:
         if kind.name not in present
         for effect in kind.propose(context)
     ]
-    return tuple(fitted.tests(candidates))
+    return tuple(score_tests(fitted, candidates))

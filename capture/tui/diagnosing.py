@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from calib.progress import Progress
 from capture.tui.child import LOADING, MOVE_IT
-from capture.tui.fitting import summary
+from capture.tui.fitting import results_summary
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -51,7 +51,7 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     words = {
         candidate.effect: describe_effect(candidate.effect) for candidate in finding.candidates
     }
-    return summary(diagnosed_calibration, saved) | {
+    return results_summary(diagnosed_calibration, saved) | {
         "accepted": list(finding.accepted),
         "text": as_text(finding, numbers, words),
     }

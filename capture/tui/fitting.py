@@ -29,7 +29,7 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
         saved = calibration.write(files)
         files.commit(instead_of=DERIVED)
     progress.task("Verdict", 1)
-    return summary(calibration, saved)
+    return results_summary(calibration, saved)
 
 
 def open_results(progress: Progress, place: Path) -> dict[str, object]:
@@ -44,15 +44,17 @@ def open_results(progress: Progress, place: Path) -> dict[str, object]:
     progress.task("Verdict", 1)
     fitted = Calibration.load(place)
     diagnosed_folder = place / "diagnosed"
-    fit = summary(fitted, place / "calibration.yaml")
+    fit = results_summary(fitted, place / "calibration.yaml")
     if (diagnosed_folder / "calibration.yaml").exists():
         diagnosed = Calibration.load(diagnosed_folder)
         if diagnosed.effects and diagnosed.stages[: len(fitted.stages)] == fitted.stages:
-            return summary(diagnosed, diagnosed_folder / "calibration.yaml") | {"before": fit}
+            return results_summary(diagnosed, diagnosed_folder / "calibration.yaml") | {
+                "before": fit
+            }
     return fit
 
 
-def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
+def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     """Return the data that the results screen shows."""
     import numpy as np
     from torch import from_numpy

@@ -49,7 +49,7 @@ def hidden(
 
 
 def fitted(made: Scene) -> Calibration:
-    """As `calib fit` would leave it."""
+    """Return the calibration as `calib fit` writes it."""
     return calibrate(made, Settings(grid=(8, 8)))
 
 

@@ -121,9 +121,9 @@ def situation(cover: Cover, intrinsics: Intrinsics, relief: Relief | None) -> Si
     rng = np.random.default_rng(4)
     amplitudes = rng.normal(0, 2e-5, GRID) if relief else NOTHING
     depth = rng.uniform(0.5, 1.0, len(TIMES))
-    across = rng.uniform(-0.4, 0.4, (2, len(TIMES))) * depth
+    sideways = rng.uniform(-0.4, 0.4, (2, len(TIMES))) * depth
     poses = torch.from_numpy(
-        np.column_stack([*rng.uniform(-0.6, 0.6, (3, len(TIMES))), *across, depth])
+        np.column_stack([*rng.uniform(-0.6, 0.6, (3, len(TIMES))), *sideways, depth])
     )
     path, values = covered_path(intrinsics, cover)
     views = []
@@ -160,16 +160,16 @@ class Form:
         rng = np.random.default_rng(5)
         values = dict(self.model.means)
         for unknown in self.effect.effect_parameters:
-            off = rng.uniform(0.3, 0.6, unknown.param.shape) * rng.choice(
+            error = rng.uniform(0.3, 0.6, unknown.param.shape) * rng.choice(
                 [-1.0, 1.0], unknown.param.shape
             )
             values[unknown.param.name] = values[
                 unknown.param.name
-            ] + unknown.param.scale * torch.from_numpy(np.asarray(off))
+            ] + unknown.param.scale * torch.from_numpy(np.asarray(error))
         poses = self.model.pad_poses(self.there.poses)
         size = 1e-3 if self.effect.per_view == FLEX else 0.01
-        own = torch.from_numpy(rng.uniform(-size, size, (len(poses), poses.shape[1] - 6)))
-        return values, torch.cat([poses[:, :6], own], 1)
+        block_values = torch.from_numpy(rng.uniform(-size, size, (len(poses), poses.shape[1] - 6)))
+        return values, torch.cat([poses[:, :6], block_values], 1)
 
     def __str__(self) -> str:
         choice = str(getattr(self.effect, "behind", getattr(self.effect, "over", "")))

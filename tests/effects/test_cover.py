@@ -275,7 +275,7 @@ def test_flat_port_is_snell_through_parallel_plates(behind: str, outside: float)
     )
 
 
-def test_what_cannot_be_is_not_proposed() -> None:
+def test_impossible_effects_are_not_proposed() -> None:
     covers: tuple[type[Effect], ...] = (
         CoverTilt,
         CoverOffset,

@@ -56,7 +56,7 @@ def test_poses_are_recovered_through_the_true_cover() -> None:
     assert (refined - made.poses).abs().max() < 1e-8
 
 
-def test_residuals_of_the_truth_are_nothing() -> None:
+def test_residuals_of_the_true_model_are_zero() -> None:
     made = scene(4, views=3)
     at_truth = residuals(made.path, made.values, made.observations, made.poses)
     assert at_truth.rms_px < 1e-8

@@ -81,7 +81,7 @@ def full_fit(
     )
 
 
-def test_hidden_boards_are_used_with_all_corners_that_can_be_seen(
+def test_partly_hidden_boards_are_used_with_all_visible_corners(
     hidden_fit: Calibration, truth: dict[str, NDArray[np.float64]]
 ) -> None:
     looks = {look.file: look for look in hidden_fit.outcome.redetections or ()}
@@ -90,8 +90,8 @@ def test_hidden_boards_are_used_with_all_corners_that_can_be_seen(
         sum(look.new_corners for look in looks.values()) >= 3
     )  # 6: the others were found as the picture alone goes on
     for view in hidden_fit.views:
-        off = (view.corners - truth[view.name[:4]])[view.seen]
-        assert np.sqrt((off**2).sum(1).mean()) < 0.03, (
+        error = (view.corners - truth[view.name[:4]])[view.seen]
+        assert np.sqrt((error**2).sum(1).mean()) < 0.03, (
             view.name
         )  # 0.017 and less were measured, 0.0276 with a corner that is touched
         if view.name not in HIDDEN:
@@ -102,7 +102,7 @@ def test_hidden_boards_are_used_with_all_corners_that_can_be_seen(
         assert np.isnan(np.asarray(view.covariance)[~view.seen]).all()
 
 
-def test_views_that_lost_nothing_are_unchanged(
+def test_views_without_hidden_corners_are_unchanged(
     hidden_fit: Calibration, full_fit: Calibration
 ) -> None:
     expected = {view.name: view for view in full_fit.views}

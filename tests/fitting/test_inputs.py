@@ -111,7 +111,7 @@ def test_every_picture_is_decoded_once_and_never_again(
     assert sorted(decoded.values()) == [1, 1, 1]
 
 
-def test_a_time_that_is_none_is_refused(made: Scene, tmp_path: Path) -> None:
+def test_an_invalid_time_is_refused(made: Scene, tmp_path: Path) -> None:
     folder = write_session(tmp_path, made)
     (folder / "frames.csv").write_text("file,time_s,view\n0000.png,,\n0001.png,noon,0\n")
     says = (
@@ -181,9 +181,7 @@ def test_a_bare_camera_seen_from_one_angle_is_refused(made: Scene, tmp_path: Pat
         fitted(folder)
 
 
-def test_a_cover_through_which_the_board_is_not_seen_is_refused(
-    made: Scene, tmp_path: Path
-) -> None:
+def test_a_cover_through_which_no_board_is_visible_is_refused(made: Scene, tmp_path: Path) -> None:
     """A square that is given in centimetres puts the boards inside the glass."""
     with pytest.raises(NotEnoughDataError, match=r"check the cover's numbers and board.square_mm"):
         fitted(spoiled(tmp_path, made, board__square_mm=0.1))
@@ -222,10 +220,10 @@ def test_a_number_with_a_sigma_is_estimated(made: Scene, tmp_path: Path) -> None
     assert result.covariance.shape == (17, 17)
 
 
-def test_a_fit_that_is_not_finite_is_told_and_keeps_no_covariance(
+def test_a_fit_that_is_not_finite_is_reported_and_keeps_no_covariance(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Over a noise of 1e-300 px, the residuals' squares overflow; a reader refuses such a noise, so
+    """The residuals' squares over a noise of 1e-300 px overflow; a reader refuses such a noise, so
     another is written.
     """
     monkeypatch.setattr(joint_fit, "FIRST_SIGMA", 1e-300)
@@ -255,7 +253,7 @@ class Tasks(Silent):
         return super().task(title, total)
 
 
-def test_the_fits_of_a_session_are_told_apart(tmp_path: Path) -> None:
+def test_the_fits_of_a_session_are_distinguished(tmp_path: Path) -> None:
     """A radius so wrong that it is first believed, then held, then doubted; and a view that is left
     out.
     """

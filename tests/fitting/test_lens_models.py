@@ -114,7 +114,7 @@ def test_errors_scatter_as_the_covariance_says() -> None:
     assert ((low < squares) & (squares < high)).all()
 
 
-def test_auto_takes_a_fisheye_s_own_model_where_opencv_s_predicts_other_views_worse() -> None:
+def test_auto_takes_the_fisheye_model_if_opencv_s_predicts_worse() -> None:
     fitted = calibrate_bare(wide_views(1, 20, NOISE), BOARD, replace(CAMERA, lens=AUTO), Silent())
     print(fitted.held_out_px)
     assert fitted.intrinsics.model == FISHEYE
@@ -125,14 +125,14 @@ def test_auto_takes_a_fisheye_s_own_model_where_opencv_s_predicts_other_views_wo
 
 
 def test_auto_keeps_opencv_s_model_for_a_usual_lens() -> None:
-    """Its tangential part is nothing that a fisheye has."""
+    """A fisheye has no tangential part."""
     views = bare_views(2, 12, NOISE, (-0.05, 0.01, 1e-3, -5e-4, 0.004))
     fitted = calibrate_bare(views, Board(9, 9, 0.020), Camera(WIDTH, HEIGHT, lens=AUTO), Silent())
     assert fitted.intrinsics.model == OPENCV
     assert fitted.held_out_px[FISHEYE] > min(fitted.held_out_px.values())
 
 
-def test_a_spline_takes_what_no_formula_says_and_nothing_where_nothing_is() -> None:
+def test_a_spline_fits_an_uneven_lens_and_stays_flat_for_an_even_one() -> None:
     """Fitted to 30 views and judged on 30 others: with waves of a pixel the error comes down
     from 0.22 px to the noise, up to a tenth; without any it stays where it is, within 1 %."""
     size = CAMERA.width, CAMERA.height
@@ -149,8 +149,8 @@ def test_a_spline_takes_what_no_formula_says_and_nothing_where_nothing_is() -> N
 
 
 def test_a_splined_lens_is_chosen_saved_and_read(tmp_path: Path) -> None:
-    """By held-out views; a central format without splines fits its own lens and says by how much it
-    is off.
+    """Held-out views choose the lens. A central format without splines fits its own lens and states
+    the misfit.
     """
     folder = session(tmp_path / "session", uneven_views(3, 24, NOISE, 1.0), lens="splined")
     calibration = fit(read_session(folder), Settings(), Silent())
@@ -223,7 +223,7 @@ def test_a_fisheye_goes_all_the_way(tmp_path: Path) -> None:
         assert model.misfit_at_depth.worst_px < 1e-6
 
 
-def test_what_a_session_states_is_held(tmp_path: Path) -> None:
+def test_numbers_that_a_session_states_are_held(tmp_path: Path) -> None:
     stated = {
         "model": "fisheye",
         "fx": 300.0,

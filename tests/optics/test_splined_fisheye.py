@@ -98,7 +98,7 @@ def test_derivatives_by_the_control_points_agree_with_central_differences() -> N
 
 
 def test_each_pixel_can_have_a_surface_of_its_own() -> None:
-    """As the derivatives by row ask for."""
+    """The derivatives by row need this."""
     pixels, one, two = inside(2), uneven(), uneven(1.0)
     mixed = {name: torch.stack([one[name], two[name]]) for name in one}
     alone = torch.cat(

@@ -17,8 +17,8 @@ CAMERA_WIDE = replace(CAMERA, intrinsics=INTRINSICS)
 
 @pytest.mark.parametrize("focal", [300.0, 150.0])
 def test_its_poses_are_in_the_picture_where_the_ray_path_has_them(focal: float) -> None:
-    """Of a lens that sees 170 degrees across the diagonal, and of one that sees more than 180
-    degrees from side to side.
+    """One lens sees 170 degrees across the diagonal, another one more than 180 degrees from side to
+    side.
     """
     lens = replace(
         INTRINSICS, fx=replace(INTRINSICS.fx, value=focal), fy=replace(INTRINSICS.fy, value=focal)
@@ -39,7 +39,7 @@ def test_its_poses_are_in_the_picture_where_the_ray_path_has_them(focal: float) 
     )
 
 
-def test_a_pose_is_found_again_from_what_is_seen() -> None:
+def test_a_pose_is_recovered_from_visible_corners() -> None:
     found = make_pose_bank(BOARD, CAMERA_WIDE, Reach.of(BOARD, CAMERA_WIDE))
     for pose, corners in zip(found.poses[::10], found.corners[::10], strict=True):
         again = fit_bare_pose(Board(BOARD.columns, BOARD.rows, BOARD.square), CAMERA_WIDE, corners)

@@ -105,14 +105,14 @@ def look(html: str, folder: Path, *flags: str) -> dict[str, Any]:
     return seen
 
 
-def test_the_console_says_nothing(reported: Reported, tmp_path: Path) -> None:
+def test_the_browser_console_stays_empty(reported: Reported, tmp_path: Path) -> None:
     assert browse(reported.html, tmp_path)[1] == []
 
 
 @pytest.mark.parametrize(
     "spoilt", ["<img src='http://192.0.2.1/x.png'>", "<script>null.x</script>"]
 )
-def test_the_console_would_have_said_something(
+def test_an_error_would_appear_in_the_browser_console(
     reported: Reported, tmp_path: Path, spoilt: str
 ) -> None:
     assert browse(reported.html.replace("</body>", f"{spoilt}</body>"), tmp_path)[1]
@@ -191,8 +191,8 @@ def on_a_phone(html: str, folder: Path) -> dict[str, Any]:
 def pages(
     reported: Reported, few: Calibration, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, str]:
-    """Of a fit, of a diagnosed calibration whose session is gone, and of a camera without a
-    cover.
+    """Return the pages of a fit, of a diagnosed calibration whose session is gone, and of a camera
+    without a cover.
     """
     folder = tmp_path_factory.mktemp("pages")
     found: list[dict[str, object]] = [

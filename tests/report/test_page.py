@@ -1,5 +1,5 @@
-"""What report.html holds: one file, nothing from outside, every section, and nothing of a file's
-text taken for HTML.
+"""The content of report.html: one file, nothing from outside, every section, and no text of a file
+that counts as HTML.
 """
 
 import re
@@ -161,7 +161,7 @@ def test_depths_are_those_asked_for(few: Calibration, tmp_path: Path) -> None:
     assert re.findall(r"at ([\d.]+) m: [\d.]+ px at the corners", html) == ["0.3", "0.9", "2"]
 
 
-def test_without_covariance_nothing_is_said_of_certainty(few: Calibration, tmp_path: Path) -> None:
+def test_a_report_without_covariance_has_no_sigmas(few: Calibration, tmp_path: Path) -> None:
     html = report_in(tmp_path, replace(few, covariance=np.zeros((0, 0))), (0.7,)).read_text()
     assert 'id="sigma"' not in html
     assert "standard deviation:" not in html

@@ -24,7 +24,7 @@ FAST = Settings(grid=(5, 5), free=("none",))
 
 
 class Misprinted(Board):
-    """Its corners are up to 0.1 mm beside their places, smoothly over the board."""
+    """A board whose corners are up to 0.1 mm beside their places, smoothly over the board."""
 
     def points(self) -> NDArray[np.float64]:
         flat = super().points()
@@ -34,13 +34,13 @@ class Misprinted(Board):
 def test_a_good_calibration_is_trusted(reported: Reported) -> None:
     summary = summarise(gather_evidence(reported.calibration))
     assert summary.verdict.word is Trust.TRUSTED
-    what, left, where = summary.sentences
+    what, remaining, where = summary.sentences
     assert (
         "3280x2464 px behind a cone, 1.15 mm thick with index 1.5, was calibrated from 45 views of"
         " a 9x9 board" in what
     )
-    assert ": the error is noise" in left
-    assert "so the fit does not overfit" in left
+    assert ": the error is noise" in remaining
+    assert "so the fit does not overfit" in remaining
     assert "predicted standard deviation of the maps" in where
     assert all(sentence.endswith(".") for sentence in summary.sentences)
 

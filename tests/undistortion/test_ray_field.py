@@ -85,7 +85,7 @@ def test_field_is_enough_for_any_depth(made: Scene, field: RayField) -> None:
         )
 
 
-def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
+def test_the_map_is_invalid_where_no_ray_leaves_the_cover(made: Scene) -> None:
     """A bump so steep that light is totally reflected on its flanks, by a small camera: the cost
     goes with its area.
     """
@@ -105,7 +105,7 @@ def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
 
 
 @pytest.mark.parametrize("depth", [0.0, -1.0, float("nan")])
-def test_a_depth_that_is_none_is_refused(field: RayField, depth: float) -> None:
+def test_an_invalid_depth_is_refused(field: RayField, depth: float) -> None:
     with pytest.raises(InputError, match="write metres above 0"):
         field.map_at(depth)
 
@@ -119,8 +119,8 @@ def test_a_depth_inside_the_lens_is_refused(field: RayField, depth: float) -> No
 def off_projection(
     path: Path, values: Values, made: DepthMap, every: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every so many pixels: how far (px) the map is from projecting, whether projecting lands on
-    the image, whether the map is valid.
+    """Return for every so many pixels the distance (px) between map and projection, whether the
+    projection lies in the picture, and whether the map is valid.
     """
     height, width = made.valid.shape
     rows, columns = (grid.ravel() for grid in np.mgrid[0:height:every, 0:width:every])

@@ -1,4 +1,4 @@
-"""What a single check says of a calibration."""
+"""The reasons that a single check gives for a calibration."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path

@@ -85,7 +85,7 @@ def test_a_bare_that_was_taken_through_the_cover_is_told(
 def test_a_true_bare_is_not_doubted_whatever_the_cover_is_off_by(
     tmp_path: Path, thickness: float
 ) -> None:
-    """By draws from the tolerances of its numbers."""
+    """The numbers of the cover are drawn from their tolerances."""
     made, bare = covered(thickness), bare_views(3, 8, NOISE)
     assert not asked(bare_pictures, with_bare(tmp_path / "as it is", made, bare, made.cover))
     for seed in range(4):

@@ -124,7 +124,7 @@ def test_a_fit_that_is_not_finite_is_of_no_use(good: Calibration) -> None:
 
 
 @pytest.mark.parametrize("outcome", [Outcome.STEPS_USED_UP, Outcome.STUCK])
-def test_a_fit_that_ended_early_is_judged_by_how_far_that_was(
+def test_a_fit_that_ended_early_is_judged_by_its_distance_from_the_optimum(
     good: Calibration, outcome: Outcome
 ) -> None:
     assert not asked(not_converged, ended_with(good, outcome)), "it is at its optimum all the same"
@@ -198,7 +198,7 @@ def test_a_number_that_is_far_from_what_is_declared(
         ("views", []),
     ],
 )
-def test_a_focal_length_is_held_against_where_it_comes_from(
+def test_a_focal_length_is_compared_with_its_source(
     freed: Calibration, where: str, said: list[str]
 ) -> None:
     """Off by 30 standard deviations: whoever declared nothing has no session.yaml to correct, and
@@ -217,7 +217,7 @@ def test_a_focal_length_is_held_against_where_it_comes_from(
 
 
 @pytest.mark.parametrize(("uneven", "doubted"), [(29e-6, False), (31e-6, True)])
-def test_glass_that_is_more_uneven_than_glass(
+def test_implausibly_uneven_glass_is_reported(
     good: Calibration, freed: Calibration, uneven: float, doubted: bool
 ) -> None:
     def bent(calibration: Calibration) -> Calibration:
@@ -249,7 +249,7 @@ def test_a_stretched_print_is_named(tmp_path: Path) -> None:
     assert reason.next == DIAGNOSE
 
 
-def test_more_than_noise_is_said_whatever_it_is(good: Calibration) -> None:
+def test_any_error_beyond_noise_is_reported(good: Calibration) -> None:
     last = good.stages[-1].rms_px
     assert not asked(residual, replace(good, noise_px=1.01 * last / BEYOND_NOISE))
     (reason,) = asked(residual, replace(good, noise_px=0.99 * last / BEYOND_NOISE))
@@ -280,7 +280,7 @@ def test_an_evaluation_is_judged_too(good: Calibration) -> None:
     assert "0.1 to 1 m away" in near.sentence
 
 
-def test_where_the_picture_is_empty(good: Calibration) -> None:
+def test_empty_regions_of_the_picture_are_named(good: Calibration) -> None:
     left = tuple(
         replace(view, weight=np.where(view.corners[:, 0] < 1400, 1.0, 0.0)) for view in good.views
     )
@@ -304,7 +304,7 @@ def test_one_distance(good: Calibration) -> None:
     )
 
 
-def test_depths_that_the_views_speak_of() -> None:
+def test_trusted_depths_reach_half_of_the_views_span_further() -> None:
     near, far = trusted_depths(0.5, 1.0)  # 1 to 2 per metre, half of that span to either side
     assert (near, far) == pytest.approx((1 / 2.5, 1 / 0.5))
     assert trusted_depths(0.3, 1.2)[1] == np.inf, (
@@ -336,17 +336,19 @@ def test_views_are_counted_against_the_unknowns(good: Calibration, freed: Calibr
     assert asked(too_few_views, first(plain, 8)), "the lens is no more than these views say"
 
 
-def test_maps_that_are_hardly_known(good: Calibration) -> None:
+def test_uncertain_maps_are_reported(good: Calibration) -> None:
     (reason,) = asked(uncertain_maps, replace(good, covariance=1e4 * good.covariance), (0.5,))
     assert "px at 0.5 m" in reason.sentence
     assert not asked(uncertain_maps, good, (0.5,))
 
 
 @pytest.mark.parametrize(("sigma", "doubted"), [(9.9, False), (10.1, True), (52.0, True)])
-def test_a_focal_length_that_is_hardly_known(
+def test_an_uncertain_focal_length_is_reported(
     good: Calibration, sigma: float, doubted: bool
 ) -> None:
-    """Of a camera without a cover, from its own views: 1000 px within that."""
+    """The sigma is that of a camera without a cover, from its own views, at a focal length of 1000
+    px.
+    """
     k = Intrinsics(
         Number(1000.0, sigma), Number(1000.0, 1.0), Number(1640.0, 5.0), Number(1232.0, 5.0)
     )
@@ -408,7 +410,7 @@ def test_a_principal_point_outside_of_the_picture(good: Calibration) -> None:
     assert not asked(principal_point, told(good, 1640, 1232, 1279.0, 1600.0, 500.0))
 
 
-def test_water_for_air(tmp_path: Path) -> None:
+def test_water_declared_as_air_is_reported(tmp_path: Path) -> None:
     made = scene(21, views=10, noise=0.05)
     wet = calibrated_from(spoiled(tmp_path / "wet", made, cover__outside_index=1.333))
     (reason,) = asked(medium, wet)
@@ -418,7 +420,7 @@ def test_water_for_air(tmp_path: Path) -> None:
     assert not asked(medium, calibrated_from(thin)), "that is another number"
 
 
-def test_air_for_water(tmp_path: Path) -> None:
+def test_air_declared_as_water_is_reported(tmp_path: Path) -> None:
     cover = paper_cone()
     wet = replace(cover, parameters={**cover.parameters, "outside_index": Number(1.333)})
     made = scene(21, views=10, noise=0.05, cover=wet)

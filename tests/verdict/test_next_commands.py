@@ -1,4 +1,4 @@
-"""What is to be typed can be typed."""
+"""The next commands can be typed as they are printed."""
 
 import shlex
 from pathlib import Path
@@ -20,7 +20,7 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
     ]
     assert commands.evaluate() == "calib evaluate 'my session/calibration' HOLDOUT"
     out = "my session/calibration"
-    asked = [
+    words = [
         "calib",
         "undistort",
         out,
@@ -30,7 +30,7 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
         "-o",
         f"{out}/undistorted",
     ]
-    assert shlex.split(commands.undistort(0.5)) == asked
+    assert shlex.split(commands.undistort(0.5)) == words
 
 
 def test_a_fit_is_asked_for_again_as_it_was() -> None:
