@@ -33,6 +33,7 @@ from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import AMPLITUDES
 from calib.session.cover import Cover
+from calib.session.parameter_names import CAMERA, COVER
 from calib.session.schema import Number
 
 Array = NDArray[np.float64]
@@ -159,13 +160,13 @@ def _carry_covariance(calibration: Calibration, wet: Calibration) -> Array:
     covariance = np.zeros((new.count, new.count))
     declared_covariance = _widen_to_declared(calibration, old)
     common_names = [
-        name for name in new.slices() if name in old.slices() and name != f"cover.{OUTSIDE_INDEX}"
+        name for name in new.slices() if name in old.slices() and name != COVER.outside_index
     ]
     covariance[np.ix_(new.entries(common_names), new.entries(common_names))] = declared_covariance[
         np.ix_(old.entries(common_names), old.entries(common_names))
     ]
     for param in new.free:
-        if param.name == f"cover.{OUTSIDE_INDEX}":
+        if param.name == COVER.outside_index:
             at = new.entries([param.name])
             covariance[at, at] = (wet.cover.parameters[OUTSIDE_INDEX].sigma / param.scale) ** 2
     return covariance
@@ -181,7 +182,7 @@ def _widen_to_declared(calibration: Calibration, parameters: Parameters) -> Arra
     (`python -m benchmarks.immerse` prints by how much).
     """
     declared = {
-        f"cover.{name}": number.sigma
+        COVER.of(name): number.sigma
         for name, number in calibration.declared.cover.parameters.items()
     }
     numbers = [param for param in parameters.free if declared.get(param.name, 0.0) > 0]
@@ -280,7 +281,7 @@ def _undistort(path: Path, values: Values, pixels: Array, depth: Array) -> Array
     origin = rays.origin.stacked().numpy()
     direction = rays.direction.stacked().numpy()
     tangent = direction[:, :2] / direction[:, 2:]
-    focal = np.array([float(values[f"camera.{name}"]) for name in ("fx", "fy")])
+    focal = np.array([float(values[name]) for name in CAMERA.focal])
     return np.asarray(
         focal * (tangent + (origin[:, :2] - tangent * origin[:, 2:]) / depth[:, None])
     )

@@ -14,6 +14,7 @@ from calib.optics.flat import Flat
 from calib.optics.interface import Interface
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
+from calib.session.parameter_names import CAMERA, COVER
 from calib.session.tolerances import PORT_DISTANCE, PORT_THICKNESS, PORT_TILT, WATER_INDEX
 
 WALL_INDEX = 1.49
@@ -89,10 +90,7 @@ class FlatPort(Effect):
         for the window's, shorter.
         """
         factors = WATER ** (torch.arange(-4, 3) / 4) if self.behind == "water" else ()
-        return tuple(
-            {name: values[name] * factor for name in ("camera.fx", "camera.fy")}
-            for factor in factors
-        )
+        return tuple({name: values[name] * factor for name in CAMERA.focal} for factor in factors)
 
     def apply(self, path: Path) -> Path:
         distance = None if self.behind == "air" else "flat_port.distance"
@@ -110,7 +108,7 @@ class FlatPort(Effect):
         outside_index = values.get("flat_port.outside_index", air)
         return pixels, {
             **values,
-            "cover.refractive_index": wall,
-            "cover.thickness": thickness,
-            "cover.outside_index": outside_index,
+            COVER.refractive_index: wall,
+            COVER.thickness: thickness,
+            COVER.outside_index: outside_index,
         }

@@ -8,6 +8,7 @@ from torch import Tensor
 from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import EffectParameter
 from calib.optics.params import TIME, Values
+from calib.session.parameter_names import CAMERA
 from calib.session.tolerances import FOCAL
 
 DRIFT = EffectParameter.of("focal_drift.over_session", FOCAL)
@@ -31,5 +32,5 @@ class FocalDrift(CameraEffect):
         factor = 1 + values[DRIFT.param.name] * values[TIME]
         return pixels, {
             **values,
-            **{name: values[name] * factor for name in ("camera.fx", "camera.fy")},
+            **{name: values[name] * factor for name in CAMERA.focal},
         }

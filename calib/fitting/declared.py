@@ -18,6 +18,7 @@ from calib.estimation.prior_conflict import (
 from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
 from calib.session.cover import SHAPES
+from calib.session.parameter_names import CAMERA, COVER
 from calib.session.schema import Number, Quantity
 
 UNITS = {"millimetres": "mm", "degrees": "deg"}
@@ -203,12 +204,12 @@ def _declared(calibration: Calibration) -> Iterator[Comparison]:
     for quantity in SHAPES[cover.shape]:
         for name in quantity.names:
             yield compare(
-                quantity, f"cover.{name}", declared.cover.parameters[name], cover.parameters[name]
+                quantity, COVER.of(name), declared.cover.parameters[name], cover.parameters[name]
             )
     for quantity, name in zip(PINHOLE, ("fx", "fy", "cx", "cy"), strict=True):
         yield compare(
             quantity,
-            f"camera.{name}",
+            CAMERA.of(name),
             getattr(declared.intrinsics, name),
             getattr(camera, name),
             lens,
@@ -217,4 +218,4 @@ def _declared(calibration: Calibration) -> Iterator[Comparison]:
         camera.names, declared.intrinsics.distortion, camera.distortion, strict=False
     ):
         if prior.value or prior.sigma or estimate.sigma:
-            yield compare(COEFFICIENT, f"camera.{name}", prior, estimate, lens)
+            yield compare(COEFFICIENT, CAMERA.of(name), prior, estimate, lens)

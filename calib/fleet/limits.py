@@ -11,6 +11,7 @@ from calib.errors import InputError, brief
 from calib.session.camera import PINHOLE
 from calib.session.cover import SHAPES
 from calib.session.lens import NAMES
+from calib.session.parameter_names import CAMERA, COVER
 
 QUALITY = ("error_px", "held_out_px", "noise_px", "sigma_px", "relief_um")
 """The quality of a fit and the unevenness of its glass: each is above 0, and less is better."""
@@ -23,10 +24,10 @@ NUMBERED = tuple(
         (
             *QUALITY,
             *EFFECTIVE,
-            *(f"camera.{quantity.key}" for quantity in PINHOLE),
-            *(f"camera.{name}" for names in NAMES.values() for name in names),
+            *(CAMERA.of(quantity.key) for quantity in PINHOLE),
+            *(CAMERA.of(name) for names in NAMES.values() for name in names),
             *(
-                f"cover.{name}"
+                COVER.of(name)
                 for quantities in SHAPES.values()
                 for quantity in quantities
                 for name in quantity.names

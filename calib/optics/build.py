@@ -20,6 +20,7 @@ from calib.optics.surface import Surface
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
 from calib.session.lens import FISHEYE, NAMES, OPENCV
+from calib.session.parameter_names import CAMERA, COVER
 
 FOOTPRINT_MARGIN = 0.2
 """The margin of the relief's patch on each side, as a fraction of the patch that the image sees.
@@ -40,7 +41,7 @@ def pinhole_path(intrinsics: Intrinsics) -> tuple[Path, dict[str, Tensor]]:
     )
     pinhole = {name: getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy")}
     values = {
-        f"camera.{name}": torch.tensor(number.value, dtype=torch.float64)
+        CAMERA.of(name): torch.tensor(number.value, dtype=torch.float64)
         for name, number in (pinhole | coefficients).items()
     }
     if spline := intrinsics.spline:
@@ -56,9 +57,9 @@ def lens_of(values: Values) -> Lens:
     """Return the lens whose parameters are among the values of a path."""
     if GRID in values:
         return SplinedFisheye(Grid.of(values))
-    if f"camera.{NAMES[FISHEYE][0]}" in values:
+    if CAMERA.of(NAMES[FISHEYE][0]) in values:
         return Fisheye()
-    return LensModel(sum(f"camera.{name}" in values for name in NAMES[OPENCV]))
+    return LensModel(sum(CAMERA.of(name) in values for name in NAMES[OPENCV]))
 
 
 def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, Tensor]]:
@@ -67,7 +68,7 @@ def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, 
     if cover.shape == "none":
         return path, values
     parameters = {
-        f"cover.{name}": torch.tensor(number.value, dtype=torch.float64)
+        COVER.of(name): torch.tensor(number.value, dtype=torch.float64)
         for name, number in cover.parameters.items()
     }
     if cover.shape == "cylinder":
@@ -149,7 +150,7 @@ def _names(cover: Cover, key: str) -> Names:
 
 
 def _name(cover: Cover, key: str) -> str | None:
-    return f"cover.{key}" if key in cover.parameters else None
+    return COVER.of(key) if key in cover.parameters else None
 
 
 def _tilt_names(cover: Cover) -> Names:

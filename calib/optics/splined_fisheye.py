@@ -20,10 +20,11 @@ from torch import Tensor
 from calib.optics.fisheye import Fisheye
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays
+from calib.session.parameter_names import CAMERA
 
-SHIFTS = ("camera.spline_x", "camera.spline_y")
+SHIFTS = (CAMERA.of("spline_x"), CAMERA.of("spline_y"))
 """The displacements of the control points along x and y, px, row by row."""
-GRID = "camera.spline_grid"
+GRID = CAMERA.of("spline_grid")
 """(4,) the picture's width and height, px, and the columns and rows of the control points."""
 ITERATIONS = 100
 CONVERGED = 1e-11

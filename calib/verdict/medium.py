@@ -8,6 +8,7 @@ from calib.calibration import Calibration
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path
+from calib.session.parameter_names import COVER
 from calib.session.schema import Number
 from calib.verdict.case import Case
 from calib.verdict.thresholds import OTHER_MEDIUM
@@ -30,7 +31,7 @@ def medium(case: Case) -> Iterator[Reason]:
             f"with {name} outside of the cover, the numbers of session.yaml leave {error:.3f} px,"
             f" and with its outside_index of {index:g} {cover:.3f} px: the board was in {name}."
         )
-        yield Reason(sentence, case.next.fit(), ("cover.outside_index",))
+        yield Reason(sentence, case.next.fit(), (COVER.outside_index,))
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
