@@ -35,7 +35,7 @@ from calib.io.shapes import (
 )
 from calib.optics.relief import Relief
 from calib.session.board import Board
-from calib.session.freeing import NAMES
+from calib.session.freeing import option_names
 
 MAX_AMPLITUDE = 0.1
 """m, of the relief: a thousand times that of any glass."""
@@ -60,7 +60,7 @@ SETTINGS: Mapping[str, Shape] = {
     "method": choice("joint", "paper"),
     "grid": either(many(count, of=2), many(count, of=0)),
     "grid_held_out_px": table(number),
-    "free": many(choice(*NAMES)),
+    "free": many(lambda value, where: choice(*option_names())(value, where)),
     "steps": count,
     "exact_hit": flag,
     "intrinsics_from": choice("session.yaml", "bare", "prior", "views"),

@@ -16,8 +16,9 @@ import yaml
 from PIL import Image
 
 import calib
-from calib.session.cover import SHAPES, read_cover
+from calib.session.cover import read_cover
 from calib.session.schema import Section
+from calib.session.shapes.registry import dimensions
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -102,9 +103,8 @@ def test_the_covers_of_the_measuring_page_are_read() -> None:
         "flat",
         "dome",
     ]
-    for quantities in SHAPES.values():
-        for quantity in quantities:
-            assert f"`{quantity.key}" in page, quantity.key
+    for dimension in dimensions():
+        assert f"`{dimension.quantity.key}" in page, dimension.quantity.key
 
 
 def test_the_drawings_are_what_the_program_draws(tmp_path: Path) -> None:

@@ -181,11 +181,12 @@ def _widen_to_declared(calibration: Calibration, parameters: Parameters) -> Arra
     relief together are right. In another medium their errors no longer cancel
     (`python -m benchmarks.immerse` prints by how much).
     """
-    declared = {
-        COVER.of(name): number.sigma
-        for name, number in calibration.declared.cover.parameters.items()
-    }
-    numbers = [param for param in parameters.free if declared.get(param.name, 0.0) > 0]
+    declared = calibration.declared.cover.numbers
+    numbers = [
+        param
+        for param in parameters.free
+        if param.name in declared and declared[param.name].sigma > 0
+    ]
     covariance = calibration.covariance
     if calibration.relief is None or not numbers:
         return covariance
@@ -193,7 +194,7 @@ def _widen_to_declared(calibration: Calibration, parameters: Parameters) -> Arra
     block = covariance[np.ix_(at, at)]
     # (S, n): how all parameters move with these
     regression = covariance[:, at] @ np.linalg.pinv(block, hermitian=True)
-    spread = np.array([declared[param.name] / param.scale for param in numbers]) ** 2
+    spread = np.array([declared[param.name].sigma / param.scale for param in numbers]) ** 2
     excess = np.diag(np.maximum(spread - block.diagonal(), 0.0))
     return np.asarray(covariance + regression @ excess @ regression.T)
 
@@ -201,14 +202,14 @@ def _widen_to_declared(calibration: Calibration, parameters: Parameters) -> Arra
 def _set_sigmas(wet: Calibration, covariance: Array) -> Cover:
     """Return the cover with the sigma of each estimated number from the (S, S) covariance."""
     parameters = wet.camera_model().parameters
-    numbers = dict(wet.cover.parameters)
+    numbers = wet.cover.numbers
     for param in parameters.free:
-        if (name := param.name.removeprefix("cover.")) in numbers:
-            numbers[name] = replace(
-                numbers[name],
+        if param.name in numbers:
+            numbers[param.name] = replace(
+                numbers[param.name],
                 sigma=float(parameters.sigma(param.name, torch.from_numpy(covariance))),
             )
-    return replace(wet.cover, parameters=numbers)
+    return wet.cover.replace_numbers(numbers)
 
 
 def _map_jacobian(calibration: Calibration, pixels: Array) -> Array:

@@ -7,8 +7,6 @@ from typing import ClassVar, Self
 
 from calib.effects.cover_tilt import axis_names
 from calib.effects.effect import Effect, EffectContext, EffectParameter
-from calib.optics.cone import Cone
-from calib.optics.flat import Flat
 from calib.optics.path import Path
 from calib.session.tolerances import Tolerance
 
@@ -34,12 +32,8 @@ class CoverSpin(Effect):
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
         if not context.path.relief:
             return ()
-        match context.path.cover[-1].surface:
-            case Cone():
-                return (cls("y"),)
-            case Flat():
-                return (cls("z"),)
-        return (cls("xyz"),)
+        axes = context.path.cover[-1].surface.symmetry
+        return (cls(axes),) if axes else ()
 
     @property
     def effect_parameters(self) -> tuple[EffectParameter, ...]:

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 from calib.effects.effect import Effect, EffectContext, EffectParameter
-from calib.optics.cone import Cone
 from calib.optics.cover_frame import Names
-from calib.optics.flat import Flat
 from calib.optics.path import Path
+from calib.session.parameter_names import COVER
 from calib.session.tolerances import COVER_TILT
 
 
@@ -32,13 +31,13 @@ class CoverTilt(Effect):
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
         axes = turning_axes(context.path)
-        stated = {f"cover.tilt.{axis}" for axis in axes}
+        stated = {COVER.of(f"tilt.{axis}") for axis in axes}
         return (cls(axes),) if axes and not stated & context.estimated else ()
 
     @property
     def effect_parameters(self) -> tuple[EffectParameter, ...]:
         return tuple(
-            EffectParameter.of(f"cover_tilt.{axis}", COVER_TILT, (f"cover.tilt.{axis}",))
+            EffectParameter.of(f"cover_tilt.{axis}", COVER_TILT, (COVER.of(f"tilt.{axis}"),))
             for axis in self.axes
         )
 
@@ -53,14 +52,8 @@ class CoverTilt(Effect):
 
 def turning_axes(path: Path) -> str:
     """Return the axes about which a rotation changes the cover."""
-    if not path.cover:
-        return ""
-    match path.cover[-1].surface:
-        case Cone():
-            return "xz"
-        case Flat():
-            return "xy"
-    return ""
+    symmetry = path.cover[-1].surface.symmetry if path.cover else "xyz"
+    return "".join(axis for axis in "xyz" if axis not in symmetry)
 
 
 def axis_names(effect: str, axes: str) -> Names:

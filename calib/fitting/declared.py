@@ -17,8 +17,7 @@ from calib.estimation.prior_conflict import (
 )
 from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
-from calib.session.cover import SHAPES
-from calib.session.parameter_names import CAMERA, COVER
+from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number, Quantity
 
 UNITS = {"millimetres": "mm", "degrees": "deg"}
@@ -201,19 +200,12 @@ def _declared(calibration: Calibration) -> Iterator[Comparison]:
             per_si=per_si,
         )
 
-    for quantity in SHAPES[cover.shape]:
-        for name in quantity.names:
-            yield compare(
-                quantity, COVER.of(name), declared.cover.parameters[name], cover.parameters[name]
-            )
-    for quantity, name in zip(PINHOLE, ("fx", "fy", "cx", "cy"), strict=True):
-        yield compare(
-            quantity,
-            CAMERA.of(name),
-            getattr(declared.intrinsics, name),
-            getattr(camera, name),
-            lens,
-        )
+    priors, estimates = declared.cover.numbers, cover.numbers
+    for name, dimension in cover.dimensions.items():
+        yield compare(dimension.quantity, name, priors[name], estimates[name])
+    for quantity in PINHOLE:
+        prior, estimate = getattr(declared.intrinsics, quantity.key), getattr(camera, quantity.key)
+        yield compare(quantity, CAMERA.of(quantity.key), prior, estimate, lens)
     for name, prior, estimate in zip(
         camera.names, declared.intrinsics.distortion, camera.distortion, strict=False
     ):

@@ -1,14 +1,13 @@
 """Functions that build a ray path and its parameters from the description in a session."""
 
+from pkgutil import resolve_name
+
 import torch
 from torch import Tensor
 
 from calib.errors import InputError
-from calib.optics.cone import Cone
 from calib.optics.cover_frame import CoverFrame, Names
-from calib.optics.dome import Dome
 from calib.optics.fisheye import Fisheye
-from calib.optics.flat import Flat
 from calib.optics.interface import Interface
 from calib.optics.lens import Lens
 from calib.optics.lens_model import LensModel
@@ -21,6 +20,8 @@ from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
 from calib.session.lens import FISHEYE, NAMES, OPENCV
 from calib.session.parameter_names import CAMERA, COVER
+from calib.session.shapes.registry import find_shape
+from calib.session.shapes.shape import Shape
 
 FOOTPRINT_MARGIN = 0.2
 """The margin of the relief's patch on each side, as a fraction of the patch that the image sees.
@@ -67,16 +68,17 @@ def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, 
     path, values = pinhole_path(intrinsics)
     if cover.shape == "none":
         return path, values
-    parameters = {
-        COVER.of(name): torch.tensor(number.value, dtype=torch.float64)
-        for name, number in cover.parameters.items()
+    shape = find_shape(cover.shape)
+    numbers = {name: number.value for name, number in cover.parameters.items()}
+    values |= {
+        COVER.of(name): torch.tensor(number, dtype=torch.float64)
+        for name, number in {**numbers, **shape.constants}.items()
     }
-    if cover.shape == "cylinder":
-        parameters["cover.radius_slope"] = torch.zeros((), dtype=torch.float64)
-    surface, frame = _surface_in_frame(cover)
+    surface: Surface = resolve_name(shape.surface)(COVER)
+    frame = CoverFrame(_full_names(shape.origin), _tilt_names(shape, cover))
     return (
         Path(path.lens, (Interface("inner", surface, frame), Interface("outer", surface, frame))),
-        values | parameters,
+        values,
     )
 
 
@@ -123,43 +125,19 @@ def _with_margin(coordinates: Tensor) -> tuple[float, float]:
     return float(low - margin), float(high + margin)
 
 
-def _surface_in_frame(cover: Cover) -> tuple[Surface, CoverFrame]:
-    """Return the cover's surface and the frame that it stands in.
-
-    Every shape of calib.session.cover.SHAPES that has glass has a case here.
+def _tilt_names(shape: Shape, cover: Cover) -> Names:
+    """Return the names of the tilt's values about x, y and z; None for a tilt that is zero and not
+    estimated, which saves its rotations.
     """
-    match cover.shape:
-        case "cone" | "cylinder":
-            return Cone(), CoverFrame(origin=_names(cover, "axis_offset"), tilt=_tilt_names(cover))
-        case "flat":
-            # Turned about the point of its inner face on the optical axis, so the distance along
-            # that axis stays.
-            frame = CoverFrame(origin=(None, None, "cover.distance"), tilt=_tilt_names(cover))
-            return Flat(), frame
-        case "dome":
-            return Dome(), CoverFrame(origin=_names(cover, "centre"))
-        case shape:
-            raise ValueError(f"{shape!r} is not a shape of calib.session.cover.SHAPES")
+    names = [f"tilt.{axis}" if axis in shape.tilt_axes else None for axis in "xyz"]
+    tilt = [cover.parameters[name] for name in names if name]
+    if all(number.value == 0 and number.sigma == 0 for number in tilt):
+        return None, None, None
+    x, y, z = names
+    return _full_names((x, y, z))
 
 
-def _names(cover: Cover, key: str) -> Names:
-    """Return the names of the values that hold a vector's x, y and z; None for a component that the
-    shape does not have.
-    """
-    return _name(cover, f"{key}.x"), _name(cover, f"{key}.y"), _name(cover, f"{key}.z")
-
-
-def _name(cover: Cover, key: str) -> str | None:
-    return COVER.of(key) if key in cover.parameters else None
-
-
-def _tilt_names(cover: Cover) -> Names:
-    """Return the tilt's names; None for a tilt that is zero and not estimated, which saves its
-    rotations.
-    """
-    tilt = [number for name, number in cover.parameters.items() if name.startswith("tilt.")]
-    return (
-        (None, None, None)
-        if all(number.value == 0 and number.sigma == 0 for number in tilt)
-        else _names(cover, "tilt")
-    )
+def _full_names(numbers: Names) -> Names:
+    """Return the names that the values of a path have for three numbers of a shape."""
+    x, y, z = numbers
+    return x and COVER.of(x), y and COVER.of(y), z and COVER.of(z)

@@ -11,6 +11,7 @@ from calib.fitting.cross_validation import CrossValidation
 from calib.fitting.provenance import KEY
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
+from calib.session.shapes.registry import find_shape
 from calib.verdict.judge import judge
 from calib.verdict.residual import NOT_ALL_NOISE
 from calib.verdict.thresholds import BEYOND_NOISE
@@ -22,7 +23,6 @@ HERE = Path()
 """The calibration's folder in the commands of a report. The report lies in that folder, and reveals
 no path of its author's disk.
 """
-SHAPES = {"cone": "a cone", "cylinder": "a cylinder", "flat": "a flat window", "dome": "a dome"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +46,8 @@ def _subject(evidence: Evidence) -> str:
     if calibration.cover.shape != "none":
         thickness = calibration.cover.parameters["thickness"].value
         index = calibration.cover.parameters["refractive_index"].value
-        behind = (
-            f" behind {SHAPES[calibration.cover.shape]}, {1e3 * thickness:.3g} mm thick with index"
-            f" {index:.4g},"
-        )
+        shape = find_shape(calibration.cover.shape)
+        behind = f" behind {shape.words}, {1e3 * thickness:.3g} mm thick with index {index:.4g},"
     board = calibration.board
     near, far = evidence.reach
     size = f"{calibration.camera.width}x{calibration.camera.height}"

@@ -1,19 +1,16 @@
-"""The cover in front of the camera: its shapes, and the numbers of each shape."""
+"""The cover in front of the camera: a shape and its numbers."""
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from calib.errors import InputError
 from calib.session.glass import Glass, glass_to_yaml, read_glass
+from calib.session.parameter_names import COVER
 from calib.session.schema import Number, Quantity, Section
+from calib.session.shapes.dimension import Dimension
+from calib.session.shapes.registry import find_shape, shape_names
+from calib.session.shapes.shape import Shape
 
-RADIUS = Quantity("inner_radius_mm", low=0.05, high=1e5)
-GLASS = (
-    Quantity("thickness_mm", low=0.05, high=1e4),
-    Quantity("refractive_index", low=1, high=3),
-    Quantity("outside_index", low=1, high=3, default=1.0),
-)
 CORRELATIONS = "correlations"
 GLASS_KEY = "glass"
 CORRELATION = Quantity(CORRELATIONS, low=-1, high=1)
@@ -21,28 +18,12 @@ PAIRS = (
     "two names and a number from -1 to 1 for each pair of numbers, such as [[cover.thickness,"
     " camera.fx, 0.5]]"
 )
-AXIS = (
-    Quantity("axis_offset_mm", ("x", "z"), low=-1e5, high=1e5),
-    Quantity("tilt_deg", ("x", "z"), low=-45, high=45, default=0.0),
-)
-SHAPES: Mapping[str, tuple[Quantity, ...]] = {
-    "none": (),
-    "cone": (RADIUS, Quantity("radius_slope", low=-2, high=2), *AXIS, *GLASS),
-    "cylinder": (RADIUS, *AXIS, *GLASS),
-    "flat": (
-        Quantity("distance_mm", low=0.05, high=1e5),
-        Quantity("tilt_deg", ("x", "y"), low=-45, high=45, default=0.0),
-        *GLASS,
-    ),
-    "dome": (RADIUS, Quantity("centre_mm", ("x", "y", "z"), low=-1e5, high=1e5), *GLASS),
-}
-"""Every shape that a session may name, and its keys."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cover:
     """A shape and its numbers: {"inner_radius": ..., "tilt.x": ...}, in SI units, with the names of
-    `SHAPES`.
+    the shape's dimensions.
     """
 
     shape: str
@@ -54,34 +35,55 @@ class Cover:
     glass: Glass | None = None
     """The prior of the cover's unevenness; None: the prior for any glass."""
 
+    @property
+    def numbers(self) -> dict[str, Number]:
+        """Its numbers by the names that the ray path gives them: cover.thickness."""
+        return {COVER.of(name): number for name, number in self.parameters.items()}
+
+    @property
+    def dimensions(self) -> dict[str, Dimension]:
+        """The dimension of each of these numbers, in the order of session.yaml."""
+        return {
+            COVER.of(name): dimension
+            for dimension in find_shape(self.shape).keys
+            for name in dimension.quantity.names
+        }
+
+    def replace_numbers(self, numbers: Mapping[str, Number]) -> "Cover":
+        """Return the cover with those of these numbers that it has. Everything else stays."""
+        parameters = {
+            name: numbers.get(COVER.of(name), number) for name, number in self.parameters.items()
+        }
+        return replace(self, parameters=parameters)
+
 
 def read_cover(section: Section) -> Cover:
     """Read the section `cover` of session.yaml; raise InputError if it is not valid."""
-    shapes = tuple(SHAPES)
-    shape = section.choice("shape", shapes, f"one of {', '.join(shapes)}")
+    names = shape_names()
+    shape = find_shape(section.choice("shape", names, f"one of {', '.join(names)}"))
+    quantities = [dimension.quantity for dimension in shape.keys]
     section.allow_only(
-        ("shape", *(quantity.key for quantity in SHAPES[shape]), CORRELATIONS, GLASS_KEY),
-        f"key of the shape {shape}",
+        ("shape", *(quantity.key for quantity in quantities), CORRELATIONS, GLASS_KEY),
+        f"key of the shape {shape.name}",
     )
     parameters = {
-        name: number
-        for quantity in SHAPES[shape]
-        for name, number in section.read(quantity).items()
+        name: number for quantity in quantities for name, number in section.read(quantity).items()
     }
     glass = (
         read_glass(section.section(GLASS_KEY, "what calib fleet-prior wrote"))
         if GLASS_KEY in section.values
         else None
     )
-    cover = Cover(shape, parameters, _read_correlations(section), glass)
-    _refuse_camera_outside(section, cover)
+    cover = Cover(shape.name, parameters, _read_correlations(section), glass)
+    _refuse_camera_outside(section, shape, parameters)
     return cover
 
 
 def cover_to_yaml(cover: Cover) -> dict[str, object]:
     """Return the mapping that `read_cover` reads as this cover."""
     document: dict[str, object] = {"shape": cover.shape}
-    for quantity in SHAPES[cover.shape]:
+    for dimension in find_shape(cover.shape).keys:
+        quantity = dimension.quantity
         entries = [quantity.to_yaml(cover.parameters[name]) for name in quantity.names]
         document[quantity.key] = entries if quantity.components else entries[0]
     if cover.correlations:
@@ -109,35 +111,17 @@ def _read_correlations(section: Section) -> tuple[tuple[str, str, float], ...]:
     return tuple(correlations)
 
 
-def _refuse_camera_outside(section: Section, cover: Cover) -> None:
+def _refuse_camera_outside(
+    section: Section, shape: Shape, parameters: Mapping[str, Number]
+) -> None:
     """Raise InputError if the camera lies outside the cover's inner surface."""
-    n = {name: number.value for name, number in cover.parameters.items()}
-    if cover.shape == "dome":
-        distance = math.hypot(n["centre.x"], n["centre.y"], n["centre.z"])
-        radius = n["inner_radius"]
-        key = "centre_mm"
-        centre = "centre"
-    elif cover.shape in ("cone", "cylinder"):
-        axial = -_axis_dot_offset(n)  # m, of the pinhole, from the axis's point at y = 0
-        radial_squared = n["axis_offset.x"] ** 2 + n["axis_offset.z"] ** 2 - axial**2
-        distance = math.sqrt(max(radial_squared, 0.0))
-        radius = n["inner_radius"] + n.get("radius_slope", 0.0) * axial
-        key = "axis_offset_mm"
-        centre = "axis"
-    else:
+    if not shape.camera_place:
         return
-    if distance >= radius:
+    place = shape.camera_place({name: number.value for name, number in parameters.items()})
+    if place.distance >= place.radius:
         raise InputError(
-            f"{section.file}: {section.key_path(key)} puts the camera outside the {cover.shape},"
-            f" {distance * 1000:g} mm from its {centre} where the inner radius is"
-            f" {radius * 1000:g} mm: write a smaller {key} or a larger inner_radius_mm."
+            f"{section.file}: {section.key_path(place.key)} puts the camera outside the"
+            f" {shape.name}, {place.distance * 1000:g} mm from its {place.centre} where the inner"
+            f" radius is {place.radius * 1000:g} mm: write a smaller {place.key} or a larger"
+            " inner_radius_mm."
         )
-
-
-def _axis_dot_offset(n: Mapping[str, float]) -> float:
-    """Return the component of the axis's offset along the axis, m. The axis is y, turned by the
-    rotation vector (tilt.x, 0, tilt.z).
-    """
-    angle = math.hypot(n["tilt.x"], n["tilt.z"])
-    scale = math.sin(angle) / angle if angle else 1.0
-    return scale * (n["tilt.x"] * n["axis_offset.z"] - n["tilt.z"] * n["axis_offset.x"])

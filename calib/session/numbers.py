@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calib.session.camera import Intrinsics
 from calib.session.cover import CORRELATIONS, Cover
 from calib.session.glass import Glass
-from calib.session.parameter_names import CAMERA, COVER
+from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number, Section
 
 Array = NDArray[np.float64]
@@ -19,17 +19,15 @@ Array = NDArray[np.float64]
 
 def numbers_of(intrinsics: Intrinsics, cover: Cover) -> dict[str, Number]:
     """Return the numbers by name, the cover's first, then the camera's."""
-    return {COVER.of(name): number for name, number in cover.parameters.items()} | camera_numbers(
-        intrinsics
-    )
+    return cover.numbers | camera_numbers(intrinsics)
 
 
 def camera_numbers(intrinsics: Intrinsics) -> dict[str, Number]:
     """Return the camera's numbers by name."""
-    pinhole = {CAMERA.of(name): getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy")}
-    return pinhole | {
-        CAMERA.of(name): number
-        for name, number in zip(intrinsics.names, intrinsics.distortion, strict=True)
+    k = intrinsics
+    numbers = dict(zip(CAMERA.pinhole, (k.fx, k.fy, k.cx, k.cy), strict=True))
+    return numbers | {
+        CAMERA.of(name): number for name, number in zip(k.names, k.distortion, strict=True)
     }
 
 
@@ -39,9 +37,6 @@ def replace_numbers(
     """Return the description with some numbers replaced. Correlations and the glass's prior are
     dropped: they do not hold for the new numbers.
     """
-    parameters = {
-        name: numbers.get(COVER.of(name), number) for name, number in cover.parameters.items()
-    }
     camera = {
         name: numbers.get(name, number) for name, number in camera_numbers(intrinsics).items()
     }
@@ -54,7 +49,7 @@ def replace_numbers(
         distortion=tuple(camera[CAMERA.of(name)] for name in intrinsics.names),
         correlations=(),
     )
-    return intrinsics, replace(cover, parameters=parameters, correlations=(), glass=None)
+    return intrinsics, replace(cover.replace_numbers(numbers), correlations=(), glass=None)
 
 
 def correlations_of(intrinsics: Intrinsics | None, cover: Cover) -> dict[tuple[str, str], float]:
@@ -102,9 +97,7 @@ def check_correlations(section: Section, intrinsics: Intrinsics | None, cover: C
     """
     if not (cover.correlations or cover.glass):
         return
-    names = [COVER.of(name) for name in cover.parameters] + list(
-        camera_numbers(intrinsics) if intrinsics else ()
-    )
+    names = [*cover.numbers, *(camera_numbers(intrinsics) if intrinsics else ())]
     for first, second, _ in cover.correlations:
         for name in (first, second):
             if name not in names:
@@ -144,8 +137,7 @@ def _with_glass(
     correlation: Array, names: list[str], intrinsics: Intrinsics | None, cover: Cover, glass: Glass
 ) -> Array:
     """Return the correlation matrix of the glass's coefficients and the numbers."""
-    numbers = {COVER.of(name): number for name, number in cover.parameters.items()}
-    numbers |= camera_numbers(intrinsics) if intrinsics else {}
+    numbers = cover.numbers | (camera_numbers(intrinsics) if intrinsics else {})
     sigma = np.sqrt(np.clip(glass.covariance.diagonal(), np.finfo(float).tiny, None))
     cross_correlation = np.zeros((len(sigma), len(names)))
     for name, column in zip(glass.numbers, glass.cross_covariance.T, strict=True):

@@ -4,6 +4,7 @@ This is the one place that builds them. A camera's numbers are camera.fx and so 
 cover.thickness and so on.
 """
 
+import re
 from dataclasses import dataclass
 
 
@@ -75,3 +76,12 @@ class CoverNames:
 
 CAMERA = CameraNames()
 COVER = CoverNames()
+NUMBER = re.compile(r"cover\.(.+)")
+
+
+def number_of(name: str) -> str:
+    """Return the name that the cover's shape gives this number, such as inner_radius for
+    cover.inner_radius; an empty text if it is no number of a cover.
+    """
+    match = NUMBER.fullmatch(name)
+    return match[1] if match else ""

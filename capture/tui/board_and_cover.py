@@ -8,7 +8,7 @@ from textual.suggester import SuggestFromList
 from textual.widgets import Input, Select
 
 from calib.session.coding import DICTIONARIES
-from calib.session.cover import SHAPES
+from calib.session.shapes.registry import find_shape, shape_names
 from capture.tui.form import BOARD, FormTexts
 from capture.tui.page import Field
 from capture.tui.row import Row
@@ -19,11 +19,14 @@ BOARDS = {
     "aprilgrid": {"columns": "6", "rows": "6", "spacing": "0.3"},
 }
 """The initial texts of the form, for each type of board."""
-EMPTY_FORM = FormTexts(
-    BOARDS["checkerboard"],
-    "cone",
-    {"refractive_index": "1.5", "outside_index": "1", "tilt_deg": "0, 0"},
-)
+
+
+def _initial_texts(shape: str) -> dict[str, str]:
+    """Return the first texts of a cover's fields."""
+    return {entry.quantity.key: entry.initial for entry in find_shape(shape).keys}
+
+
+EMPTY_FORM = FormTexts(BOARDS["checkerboard"], "cone", _initial_texts("cone"))
 
 
 class BoardAndCover(Vertical):
@@ -45,7 +48,7 @@ class BoardAndCover(Vertical):
             ),
         )
         yield Grid(id="board")
-        shapes = [(shape, shape) for shape in SHAPES]
+        shapes = [(shape, shape) for shape in shape_names()]
         yield Row(
             "cover shape",
             Select(shapes, value=EMPTY_FORM.shape, allow_blank=False, id="shape", compact=True),
@@ -89,7 +92,7 @@ class BoardAndCover(Vertical):
         if self._names("#board") != list(BOARD[self.kind]):
             await self._show_fields("#board", BOARD[self.kind], BOARDS[self.kind])
         if self._names("#cover") != _keys(self.shape):
-            await self._show_fields("#cover", _keys(self.shape), EMPTY_FORM.cover)
+            await self._show_fields("#cover", _keys(self.shape), _initial_texts(self.shape))
 
     def set_locked(self, locked: bool) -> None:
         self.set_class(locked, "-locked")
@@ -107,7 +110,7 @@ class BoardAndCover(Vertical):
 
 
 def _keys(shape: str) -> list[str]:
-    return [quantity.key for quantity in SHAPES[shape]]
+    return [dimension.quantity.key for dimension in find_shape(shape).keys]
 
 
 def _field(key: str, text: str) -> Field:

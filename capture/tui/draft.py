@@ -12,7 +12,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.io.files import read_file
-from calib.session.cover import SHAPES
+from calib.session.shapes.registry import shape_names
 from capture.tui.form import BOARD, FormTexts
 
 MAX_BYTES = 1 << 16
@@ -54,7 +54,7 @@ def load_draft(session: Path) -> Draft | None:
     except (InputError, ValueError, LookupError, TypeError, RecursionError):
         return None
     is_valid = (
-        texts.shape in SHAPES
+        texts.shape in shape_names()
         and texts.kind in BOARD
         and isinstance(source, str)
         and isinstance(like, str)

@@ -11,9 +11,10 @@ from calib.errors import InputError, brief
 from calib.session.board import Board
 from calib.session.board_section import KEYS
 from calib.session.camera import Camera, camera_to_yaml
-from calib.session.cover import SHAPES, Cover, cover_to_yaml
+from calib.session.cover import Cover, cover_to_yaml
 from calib.session.schema import Quantity, Section
 from calib.session.session import session_from_mapping, session_to_yaml
+from calib.session.shapes.registry import find_shape
 from capture.session_file import Setup
 
 BOARD = {kind: tuple(key for key in keys if key != "type") for kind, keys in KEYS.items()}
@@ -56,24 +57,9 @@ HELP = {
     "tag_mm": "The side of one tag in millimetres, with its black border.",
     "spacing": "The gap between two tags, in sides of a tag: 0.3 on Kalibr's own.",
     "shape": "The cover in front of the camera. none: there is none, only the lens is calibrated.",
-    "inner_radius_mm": (
-        "Millimetres from the cover's axis to its inner face, at the height of the lens."
-    ),
-    "radius_slope": "By how much the radius grows downwards: -0.1 is 1 mm narrower every 10 mm.",
-    "axis_offset_mm": (
-        "From the lens to the cover's axis in mm: x to the right in the picture, z ahead; 0, -30 is"
-        " 30 mm behind."
-    ),
-    "tilt_deg": (
-        "Degrees of its tilt, first about x (to the right), then about z (ahead): 0, 0 is straight."
-    ),
-    "thickness_mm": "Thickness of the glass in millimetres.",
-    "refractive_index": "Of the glass: about 1.5; acrylic 1.49, polycarbonate 1.58.",
-    "outside_index": "Of what is outside: 1 in air, 1.333 in water.",
-    "distance_mm": "Millimetres from the lens to the window's inner face.",
-    "centre_mm": "x, y, z in mm from the lens to the dome's centre.",
 }
-"""The explanation of each value, for someone who has never seen a session.yaml.
+"""The explanation of each value of the board, and of the shape, for someone who has never seen a
+session.yaml. A shape explains its own.
 
 The rule of a value is stated when it is broken.
 """
@@ -82,12 +68,6 @@ TAGS = {
     "rows": "How many tags there are along one column.",
 }
 """The explanations that differ for an aprilgrid."""
-WINDOW = {
-    "tilt_deg": (
-        "Degrees of its tilt, first about x (to the right), then about y (down): 0, 0 is straight."
-    )
-}
-"""The explanations that differ for a window."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +82,9 @@ class FormTexts:
 
 def explain_field(key: str, kind: str, shape: str) -> str:
     """Return the explanation of a value, for a board of this type or a cover of this shape."""
-    special = {**(TAGS if kind == "aprilgrid" else {}), **(WINDOW if shape == "flat" else {})}
-    return special.get(key, HELP.get(key, ""))
+    special = TAGS if kind == "aprilgrid" else {}
+    cover = {entry.quantity.key: entry.explanation for entry in find_shape(shape).keys}
+    return (HELP | special | cover).get(key, "")
 
 
 def find_problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:
@@ -135,8 +116,9 @@ def read_form(texts: FormTexts, camera: Camera | None = None) -> Setup:
         _check_point(f"board.{key}", text)
     board = {"type": texts.kind, **{key: _value(key, text) for key, text in texts.board.items()}}
     cover: dict[str, object] = {"shape": texts.shape}
-    for quantity in SHAPES[texts.shape]:
-        cover |= _to_yaml(quantity, texts.cover.get(quantity.key, ""))
+    for dimension in find_shape(texts.shape).keys:
+        key = dimension.quantity.key
+        cover |= _to_yaml(dimension.quantity, texts.cover.get(key, ""))
     return session_from_mapping(_mapping(board, cover, camera), FORM_NAME)
 
 
@@ -160,7 +142,8 @@ def _mapping(
 
 
 def _quantity(key: str, shape: str) -> Quantity | None:
-    return next((quantity for quantity in SHAPES[shape] if quantity.key == key), None)
+    quantities = (dimension.quantity for dimension in find_shape(shape).keys)
+    return next((quantity for quantity in quantities if quantity.key == key), None)
 
 
 def _to_yaml(quantity: Quantity, text: str) -> dict[str, object]:

@@ -12,7 +12,7 @@ from calib.optics.path import Path, row_derivatives
 from calib.optics.projection import project
 from calib.optics.rays import FAILURES, MISSED_INNER, REFLECTED_OUTER
 from calib.optics.relief import Relief
-from calib.session.cover import SHAPES
+from calib.session.shapes.registry import shape_names
 from fixtures.synthetic import HEIGHT, INTRINSICS, PATCH, WIDTH
 from tests.optics import oracle
 from tests.optics.shapes import CONE, EXAMPLES, Example, each_shape
@@ -68,7 +68,7 @@ def oracle_rays(
 
 
 def test_every_shape_has_its_example() -> None:
-    assert {"none", *(example.cover.shape for example in EXAMPLES)} == set(SHAPES)
+    assert {"none", *(example.cover.shape for example in EXAMPLES)} == set(shape_names())
 
 
 @each_shape
