@@ -100,16 +100,15 @@ SETTINGS: Mapping[str, Shape] = {
 """The keys of `Calibration.settings`, each optional. Every key that is read anywhere has its line
 here.
 """
+COVER = either(many(table(anything)), table(anything))
 CALIBRATION = record(
     {
         "refracal": text,
         "arrays_sha256": text,
         "board": table(anything),
         "camera": table(anything),
-        "cover": table(anything),
-        "declared": record(
-            {"camera": table(anything), "cover": table(anything)}, {"doubted": many(text)}
-        ),
+        "cover": COVER,
+        "declared": record({"camera": table(anything), "cover": COVER}, {"doubted": many(text)}),
         "relief": maybe(
             record(
                 {

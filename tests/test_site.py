@@ -16,7 +16,7 @@ import yaml
 from PIL import Image
 
 import calib
-from calib.session.cover import read_cover
+from calib.session.cover_section import read_cover
 from calib.session.schema import Section
 from calib.session.shapes.registry import dimensions
 

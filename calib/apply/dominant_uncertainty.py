@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from calib.apply.map_uncertainty import covariance_root
 from calib.calibration import Calibration
+from calib.session.cover import MEDIUM
 
 Array = NDArray[np.float64]
 
-OUTSIDE_INDEX = "outside_index"
 MAX_SIGMA_PX = 0.15
 """px: a predicted standard deviation of the maps above this gets a warning.
 
@@ -31,7 +31,7 @@ WORDS = {
 ADVICE = {
     "camera": "calibrate the camera without its cover, in bare/",
     "relief": "no view in one medium tells it well",
-    OUTSIDE_INDEX: "measure its salinity and temperature, and write --index-sigma",
+    MEDIUM: "measure its salinity and temperature, and write --index-sigma",
 }
 DISPLAY_UNITS = {"m": ("mm", 1e3), "rad": ("degrees", 180 / np.pi), "": ("", 1.0)}
 """The unit in session.yaml for each SI unit, and the number of these in one SI unit."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from calib.effects.cover_tilt import axis_names
+from calib.effects.cover_tilt import axis_names, turn_cover
 from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.path import Path
 from calib.session.tolerances import Tolerance
@@ -40,9 +40,4 @@ class CoverSpin(Effect):
         return tuple(EffectParameter.of(f"cover_spin.{axis}", SPIN) for axis in self.axes)
 
     def apply(self, path: Path) -> Path:
-        names = axis_names("cover_spin", self.axes)
-        turned = (
-            replace(i, frame=replace(i.frame, extra_tilts=(*i.frame.extra_tilts, names)))
-            for i in path.cover
-        )
-        return replace(path, cover=tuple(turned))
+        return turn_cover(path, axis_names(self.name, self.axes))

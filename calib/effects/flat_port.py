@@ -11,7 +11,7 @@ from torch import Tensor
 from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.cover_frame import CoverFrame
 from calib.optics.flat import Flat
-from calib.optics.interface import Interface
+from calib.optics.interface import SmoothCover, interfaces_of
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session.parameter_names import CAMERA, COVER
@@ -97,7 +97,7 @@ class FlatPort(Effect):
         frame = CoverFrame(
             origin=(None, None, distance), tilt=("flat_port.tilt.x", "flat_port.tilt.y", None)
         )
-        window = (Interface("inner", Flat(), frame), Interface("outer", Flat(), frame))
+        window = interfaces_of(SmoothCover(Flat(), frame))
         return replace(path, cover=window, adjustments=(*path.adjustments, self))
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
@@ -108,7 +108,7 @@ class FlatPort(Effect):
         outside_index = values.get("flat_port.outside_index", air)
         return pixels, {
             **values,
-            COVER.refractive_index: wall,
-            COVER.thickness: thickness,
+            COVER.refractive_index(): wall,
+            COVER.thickness(): thickness,
             COVER.outside_index: outside_index,
         }

@@ -117,6 +117,11 @@ def port_of(calibration: Calibration) -> Port:
     path, values = calibration.model()
     declared = find_shape(calibration.cover.shape)
     shape = FLAT if path.cover and not declared.has_glass else declared  # effects.flat_port
+    if len(path.cover) > 2:
+        raise InputError(
+            "--format calibmar has ports of one layer of glass, and this cover has more: write"
+            " --format generic, which holds every cover."
+        )
     if not shape.port:
         raise InputError(
             f"--format calibmar has flat and dome ports, and this cover is a {shape.name}: write"
@@ -124,8 +129,8 @@ def port_of(calibration: Calibration) -> Port:
         )
     _, adjusted = path.adjust_pixels(torch.zeros((1, 2), dtype=torch.float64), values)
     inner = path.cover[0]
-    thickness = float(adjusted[COVER.thickness])
-    glass_index = float(adjusted[COVER.refractive_index])
+    thickness = float(adjusted[COVER.thickness()])
+    glass_index = float(adjusted[COVER.refractive_index()])
     outside_index = float(adjusted[COVER.outside_index])
     place = _numbers(inner.frame.at(adjusted).leave(_point(0.0)))
     if shape is DOME:

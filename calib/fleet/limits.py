@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from calib.errors import InputError, brief
 from calib.session.camera import PINHOLE
 from calib.session.lens import NAMES
-from calib.session.parameter_names import CAMERA, COVER
+from calib.session.parameter_names import CAMERA, COVER, number_of
 from calib.session.shapes.registry import dimensions
 
 QUALITY = ("error_px", "held_out_px", "noise_px", "sigma_px", "relief_um")
@@ -66,7 +66,7 @@ def limit_of(name: str, ends: Mapping[str, float], where: str) -> Limit:
         InputError: no number has this name, or min is above max.
     """
     names = number_names()
-    if name not in names:
+    if name not in names and COVER.of(number_of(name)) not in names:
         near = get_close_matches(brief(name), names, 1)
         hint = f"did you mean {near[0]}" if near else f"write one such as {', '.join(names[:6])}"
         raise InputError(f"{where}: {brief(name)!r} is not a number of a camera: {hint}.")

@@ -1,5 +1,6 @@
 """Functions that build a ray path and its parameters from the description in a session."""
 
+from dataclasses import replace
 from pkgutil import resolve_name
 
 import torch
@@ -8,7 +9,7 @@ from torch import Tensor
 from calib.errors import InputError
 from calib.optics.cover_frame import CoverFrame, Names
 from calib.optics.fisheye import Fisheye
-from calib.optics.interface import Interface
+from calib.optics.interface import SmoothCover, interfaces_of
 from calib.optics.lens import Lens
 from calib.optics.lens_model import LensModel
 from calib.optics.params import Values
@@ -19,7 +20,7 @@ from calib.optics.surface import Surface
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
 from calib.session.lens import FISHEYE, NAMES, OPENCV
-from calib.session.parameter_names import CAMERA, COVER
+from calib.session.parameter_names import CAMERA, CoverNames, cover_names
 from calib.session.shapes.registry import find_shape
 from calib.session.shapes.shape import Shape
 
@@ -68,31 +69,30 @@ def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, 
     path, values = pinhole_path(intrinsics)
     if cover.shape == "none":
         return path, values
-    shape = find_shape(cover.shape)
-    numbers = {name: number.value for name, number in cover.parameters.items()}
-    values |= {
-        COVER.of(name): torch.tensor(number, dtype=torch.float64)
-        for name, number in {**numbers, **shape.constants}.items()
-    }
-    surface: Surface = resolve_name(shape.surface)(COVER)
-    frame = CoverFrame(_full_names(shape.origin), _tilt_names(shape, cover))
-    return (
-        Path(path.lens, (Interface("inner", surface, frame), Interface("outer", surface, frame))),
-        values,
-    )
+    covers = []
+    for place, single in enumerate(cover.covers, 1):
+        names = cover_names(place)
+        shape = find_shape(single.shape)
+        numbers = {name: number.value for name, number in single.parameters.items()}
+        values |= {
+            names.of(name): torch.tensor(number, dtype=torch.float64)
+            for name, number in {**numbers, **shape.constants}.items()
+        }
+        surface: Surface = resolve_name(shape.surface)(names)
+        origin = _full_names(names, shape.origin)
+        frame = CoverFrame(origin, _tilt_names(names, shape, single))
+        covers.append(SmoothCover(surface, frame, single.layers))
+    return Path(path.lens, interfaces_of(*covers)), values
 
 
 def with_relief(path: Path, relief: Relief, *, exact_hit: bool = True) -> Path:
-    """Return the same path with an uneven outer surface.
+    """Return the same path with an uneven outer surface, the outermost one of all.
 
     The values of this path must hold relief.amplitudes, of shape relief.grid.
     """
-    inner, outer = path.cover
-    return Path(
-        path.lens,
-        (inner, Interface("outer", outer.surface, outer.frame, relief, exact_hit)),
-        path.target,
-    )
+    *smooth, outer = path.cover
+    uneven = replace(outer, relief=relief, exact_hit=exact_hit)
+    return Path(path.lens, (*smooth, uneven), path.target)
 
 
 def footprint(
@@ -125,19 +125,21 @@ def _with_margin(coordinates: Tensor) -> tuple[float, float]:
     return float(low - margin), float(high + margin)
 
 
-def _tilt_names(shape: Shape, cover: Cover) -> Names:
+def _tilt_names(names: CoverNames, shape: Shape, cover: Cover) -> Names:
     """Return the names of the tilt's values about x, y and z; None for a tilt that is zero and not
     estimated, which saves its rotations.
     """
-    names = [f"tilt.{axis}" if axis in shape.tilt_axes else None for axis in "xyz"]
-    tilt = [cover.parameters[name] for name in names if name]
+    tilt = [cover.parameters[f"tilt.{axis}"] for axis in shape.tilt_axes]
     if all(number.value == 0 and number.sigma == 0 for number in tilt):
         return None, None, None
-    x, y, z = names
-    return _full_names((x, y, z))
+    return (
+        names.of("tilt.x") if "x" in shape.tilt_axes else None,
+        names.of("tilt.y") if "y" in shape.tilt_axes else None,
+        names.of("tilt.z") if "z" in shape.tilt_axes else None,
+    )
 
 
-def _full_names(numbers: Names) -> Names:
+def _full_names(names: CoverNames, numbers: Names) -> Names:
     """Return the names that the values of a path have for three numbers of a shape."""
     x, y, z = numbers
-    return x and COVER.of(x), y and COVER.of(y), z and COVER.of(z)
+    return x and names.of(x), y and names.of(y), z and names.of(z)

@@ -65,6 +65,6 @@ def chart_axes(axes: Axes, evidence: Evidence) -> Polygon:
 
 
 def _chart(evidence: Evidence) -> tuple[ChartAxis, ChartAxis]:
-    chart = find_shape(evidence.calibration.cover.shape).chart
+    chart = find_shape(evidence.calibration.cover.covers[-1].shape).chart
     assert chart
     return chart

@@ -1,127 +1,114 @@
-"""The cover in front of the camera: a shape and its numbers."""
+"""The cover in front of the camera: a shape with layers of glass, and its numbers; or several
+such covers, one in front of the other.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import count
 
-from calib.errors import InputError
-from calib.session.glass import Glass, glass_to_yaml, read_glass
-from calib.session.parameter_names import COVER
-from calib.session.schema import Number, Quantity, Section
+from calib.session.glass import Glass
+from calib.session.parameter_names import THICKNESS, cover_names, layer_number
+from calib.session.schema import Number
 from calib.session.shapes.dimension import Dimension
-from calib.session.shapes.registry import find_shape, shape_names
-from calib.session.shapes.shape import Shape
+from calib.session.shapes.layer import LAYER, OUTSIDE
+from calib.session.shapes.registry import find_shape
 
-CORRELATIONS = "correlations"
-GLASS_KEY = "glass"
-CORRELATION = Quantity(CORRELATIONS, low=-1, high=1)
-PAIRS = (
-    "two names and a number from -1 to 1 for each pair of numbers, such as [[cover.thickness,"
-    " camera.fx, 0.5]]"
-)
+MEDIUM = OUTSIDE.quantity.stem
+"""The name of the index of what is outside of a cover."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cover:
     """A shape and its numbers: {"inner_radius": ..., "tilt.x": ...}, in SI units, with the names of
-    the shape's dimensions.
+    the shape's dimensions. The glass of the first layer, the innermost, has "thickness" and
+    "refractive_index", that of the second has "layer2.thickness", and so on.
     """
 
     shape: str
     parameters: Mapping[str, Number]
     correlations: tuple[tuple[str, str, float], ...] = ()
     """Correlations of pairs of numbers, called cover.thickness, camera.fx and so on. At least one
-    number of a pair is the cover's. Other pairs are independent.
+    number of a pair is a cover's. Other pairs are independent. Those of all covers are here, in the
+    innermost one.
     """
     glass: Glass | None = None
-    """The prior of the cover's unevenness; None: the prior for any glass."""
+    """The prior of the unevenness of the outermost surface; None: the prior for any glass. It is
+    here, in the innermost cover.
+    """
+    outer: "Cover | None" = None
+    """The next cover outwards; None: this one is the outermost."""
 
     @property
-    def numbers(self) -> dict[str, Number]:
-        """Its numbers by the names that the ray path gives them: cover.thickness."""
-        return {COVER.of(name): number for name, number in self.parameters.items()}
+    def covers(self) -> tuple["Cover", ...]:
+        """All covers, from the camera outwards, with this one as the first."""
+        return (self, *(self.outer.covers if self.outer else ()))
+
+    @property
+    def layers(self) -> int:
+        """The number of its layers of glass."""
+        return next(
+            layer for layer in count() if layer_number(layer + 1, THICKNESS) not in self.parameters
+        )
+
+    @property
+    def kinds(self) -> dict[str, Dimension]:
+        """The dimension of each of its parameters, in the order of session.yaml, without the other
+        covers.
+        """
+        shape = find_shape(self.shape)
+        if not shape.has_glass:
+            return {}
+        layers = {
+            layer_number(layer, kind.quantity.stem): kind
+            for layer in range(1, self.layers + 1)
+            for kind in LAYER
+        }
+        placement = {name: kind for kind in shape.dimensions for name in kind.quantity.names}
+        return placement | layers | {MEDIUM: OUTSIDE}
 
     @property
     def dimensions(self) -> dict[str, Dimension]:
-        """The dimension of each of these numbers, in the order of session.yaml."""
+        """The dimension of each number of all covers, in the order of session.yaml, by the names
+        that the ray path gives them: cover.thickness.
+        """
         return {
-            COVER.of(name): dimension
-            for dimension in find_shape(self.shape).keys
-            for name in dimension.quantity.names
+            cover_names(place).of(name): kind
+            for place, cover in enumerate(self.covers, 1)
+            for name, kind in cover.kinds.items()
         }
+
+    @property
+    def numbers(self) -> dict[str, Number]:
+        """The numbers of all covers, by the same names."""
+        return {
+            cover_names(place).of(name): number
+            for place, cover in enumerate(self.covers, 1)
+            for name, number in cover.parameters.items()
+        }
+
+    @property
+    def medium_name(self) -> str:
+        """The name of the index of the medium outside of all covers."""
+        return cover_names(len(self.covers)).of(MEDIUM)
+
+    @property
+    def medium(self) -> Number | None:
+        """The index of the medium outside of all covers; None without a cover."""
+        return self.numbers.get(self.medium_name)
+
+    @property
+    def words(self) -> str:
+        """The words for it in a sentence, such as "a flat window and a dome"."""
+        return " and ".join(find_shape(cover.shape).words for cover in self.covers)
 
     def replace_numbers(self, numbers: Mapping[str, Number]) -> "Cover":
         """Return the cover with those of these numbers that it has. Everything else stays."""
-        parameters = {
-            name: numbers.get(COVER.of(name), number) for name, number in self.parameters.items()
-        }
-        return replace(self, parameters=parameters)
-
-
-def read_cover(section: Section) -> Cover:
-    """Read the section `cover` of session.yaml; raise InputError if it is not valid."""
-    names = shape_names()
-    shape = find_shape(section.choice("shape", names, f"one of {', '.join(names)}"))
-    quantities = [dimension.quantity for dimension in shape.keys]
-    section.allow_only(
-        ("shape", *(quantity.key for quantity in quantities), CORRELATIONS, GLASS_KEY),
-        f"key of the shape {shape.name}",
-    )
-    parameters = {
-        name: number for quantity in quantities for name, number in section.read(quantity).items()
-    }
-    glass = (
-        read_glass(section.section(GLASS_KEY, "what calib fleet-prior wrote"))
-        if GLASS_KEY in section.values
-        else None
-    )
-    cover = Cover(shape.name, parameters, _read_correlations(section), glass)
-    _refuse_camera_outside(section, shape, parameters)
-    return cover
-
-
-def cover_to_yaml(cover: Cover) -> dict[str, object]:
-    """Return the mapping that `read_cover` reads as this cover."""
-    document: dict[str, object] = {"shape": cover.shape}
-    for dimension in find_shape(cover.shape).keys:
-        quantity = dimension.quantity
-        entries = [quantity.to_yaml(cover.parameters[name]) for name in quantity.names]
-        document[quantity.key] = entries if quantity.components else entries[0]
-    if cover.correlations:
-        document[CORRELATIONS] = [list(pair) for pair in cover.correlations]
-    if cover.glass:
-        document[GLASS_KEY] = glass_to_yaml(cover.glass)
-    return document
-
-
-def _read_correlations(section: Section) -> tuple[tuple[str, str, float], ...]:
-    """Read the pairs. Their names, and whether all correlations are possible together, are checked
-    once the camera is known (`check_correlations`).
-    """
-    pairs = section.values.get(CORRELATIONS, [])
-    if not isinstance(pairs, list):
-        raise section.error(CORRELATIONS, pairs, PAIRS)
-    correlations: list[tuple[str, str, float]] = []
-    for index, entry in enumerate(pairs):
-        match entry:
-            case [str() as first, str() as second, value]:
-                key = f"{CORRELATIONS}[{index}][2]"
-                correlations.append((first, second, section.number(key, value, CORRELATION).value))
-            case _:
-                raise section.error(f"{CORRELATIONS}[{index}]", entry, PAIRS)
-    return tuple(correlations)
-
-
-def _refuse_camera_outside(
-    section: Section, shape: Shape, parameters: Mapping[str, Number]
-) -> None:
-    """Raise InputError if the camera lies outside the cover's inner surface."""
-    if not shape.camera_place:
-        return
-    place = shape.camera_place({name: number.value for name, number in parameters.items()})
-    if place.distance >= place.radius:
-        raise InputError(
-            f"{section.file}: {section.key_path(place.key)} puts the camera outside the"
-            f" {shape.name}, {place.distance * 1000:g} mm from its {place.centre} where the inner"
-            f" radius is {place.radius * 1000:g} mm: write a smaller {place.key} or a larger"
-            " inner_radius_mm."
-        )
+        outer: Cover | None = None
+        for place, cover in reversed([*enumerate(self.covers, 1)]):
+            parameters = {
+                name: numbers.get(cover_names(place).of(name), number)
+                for name, number in cover.parameters.items()
+            }
+            outer = replace(cover, parameters=parameters, outer=outer)
+        assert outer
+        return outer

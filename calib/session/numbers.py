@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.session.camera import Intrinsics
-from calib.session.cover import CORRELATIONS, Cover
+from calib.session.cover import Cover
+from calib.session.cover_section import CORRELATIONS
 from calib.session.glass import Glass
 from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number, Section

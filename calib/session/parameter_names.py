@@ -1,7 +1,8 @@
 """The names of the numbers of cameras and covers, as the ray path, files and messages have them.
 
 This is the one place that builds them. A camera's numbers are camera.fx and so on. A cover's are
-cover.thickness and so on.
+cover.thickness and so on, those of its second layer of glass cover.layer2.thickness, and those of a
+second cover outside of it cover2.thickness.
 """
 
 import re
@@ -18,6 +19,10 @@ class CameraNames:
     def of(self, key: str) -> str:
         """Return the name of the number with this key in session.yaml, such as k1."""
         return f"{self.part}.{key}"
+
+    def has(self, name: str) -> bool:
+        """True if this is the name of one of its numbers."""
+        return name.startswith(f"{self.part}.")
 
     @property
     def fx(self) -> str:
@@ -61,13 +66,11 @@ class CoverNames:
         """Return the name of a number that the cover's shape calls so, such as inner_radius."""
         return f"{self.part}.{number}"
 
-    @property
-    def thickness(self) -> str:
-        return self.of("thickness")
+    def thickness(self, layer: int = 1) -> str:
+        return self.of(layer_number(layer, THICKNESS))
 
-    @property
-    def refractive_index(self) -> str:
-        return self.of("refractive_index")
+    def refractive_index(self, layer: int = 1) -> str:
+        return self.of(layer_number(layer, INDEX))
 
     @property
     def outside_index(self) -> str:
@@ -76,12 +79,29 @@ class CoverNames:
 
 CAMERA = CameraNames()
 COVER = CoverNames()
-NUMBER = re.compile(r"cover\.(.+)")
+THICKNESS = "thickness"
+INDEX = "refractive_index"
+NUMBER = re.compile(r"cover[0-9]*\.(?:layer[0-9]+\.)?(.+)")
+
+
+def cover_names(place: int) -> CoverNames:
+    """Return the names of a cover's numbers. The innermost cover has place 1; the next one's are
+    cover2.thickness and so on.
+    """
+    return COVER if place == 1 else CoverNames(f"{COVER.part}{place}")
+
+
+def layer_number(layer: int, number: str) -> str:
+    """Return what a cover calls a number of one of its layers of glass. The innermost layer is 1;
+    the next one's are layer2.thickness and so on.
+    """
+    return number if layer == 1 else f"layer{layer}.{number}"
 
 
 def number_of(name: str) -> str:
-    """Return the name that the cover's shape gives this number, such as inner_radius for
-    cover.inner_radius; an empty text if it is no number of a cover.
+    """Return what a cover's shape or layer calls this number, such as inner_radius for
+    cover.inner_radius and thickness for cover2.layer3.thickness; an empty text if it is no number
+    of a cover.
     """
     match = NUMBER.fullmatch(name)
     return match[1] if match else ""

@@ -34,7 +34,7 @@ from calib.estimation.priors import Priors
 from calib.inference.score_test import FittedModel
 from calib.session.freeing import ALL, free_parameters
 from calib.session.numbers import numbers_of, replace_numbers
-from calib.session.parameter_names import CAMERA
+from calib.session.parameter_names import CAMERA, number_of
 from calib.session.schema import Number
 from calib.session.tolerances import FOCAL
 from calib.verdict.case import optimum_of
@@ -182,7 +182,7 @@ def _plausible(calibration: Calibration) -> dict[str, float]:
     by_session = _declares_intrinsics(calibration)
     sigmas = {
         name: number.sigma
-        if name.startswith("camera.") and not by_session
+        if CAMERA.has(name) and not by_session
         else max(number.sigma, tolerances[name].sigma if name in tolerances else 0.0)
         for name, number in stated.items()
     }
@@ -229,7 +229,7 @@ def _corrections(
         param.name: param.scale
         for param in parameters.free
         if not parameters.origin[param.name].ndim
-        and param.name.partition(".")[0] in ("camera", "cover")
+        and (CAMERA.has(param.name) or number_of(param.name))
     }
     variance = max(float(worse @ covariance @ worse), 1e-300)
     corrections = {}
@@ -249,4 +249,7 @@ def _corrections(
 
 def _group(name: str) -> str:
     """Return the name under which session.yaml has a number."""
-    return "focal" if name in CAMERA.focal else ".".join(name.split(".")[:2])
+    if name in CAMERA.focal:
+        return "focal"
+    number = number_of(name)
+    return name.removesuffix(number) + number.partition(".")[0]

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from textual.app import ComposeResult
 from textual.containers import Grid, Vertical
 from textual.suggester import SuggestFromList
-from textual.widgets import Input, Select
+from textual.widgets import Input, Select, Static
 
 from calib.session.coding import DICTIONARIES
 from calib.session.shapes.registry import find_shape, shape_names
@@ -36,6 +36,11 @@ class BoardAndCover(Vertical):
     BoardAndCover Grid { grid-size: 2; grid-rows: 1; grid-gutter: 0 1; height: auto; }
     """
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._outer: tuple[Mapping[str, object], ...] = ()
+        """The covers outside of this one, as session.yaml has them."""
+
     def compose(self) -> ComposeResult:
         yield Row(
             "board type",
@@ -54,6 +59,9 @@ class BoardAndCover(Vertical):
             Select(shapes, value=EMPTY_FORM.shape, allow_blank=False, id="shape", compact=True),
         )
         yield Grid(id="cover")
+        note = Static(id="outer", markup=False)
+        note.display = False
+        yield note
 
     @property
     def kind(self) -> str:
@@ -77,15 +85,16 @@ class BoardAndCover(Vertical):
     def typed(self) -> FormTexts:
         texts = {field.name or "": field.value for field in self.query(Input)}
         board = {key: texts.get(key, "") for key in BOARD[self.kind]}
-        return FormTexts(
-            board, self.shape, {key: texts.get(key, "") for key in _keys(self.shape)}, self.kind
-        )
+        cover = {key: texts.get(key, "") for key in _keys(self.shape)}
+        outer = self._outer if cover else ()
+        return FormTexts(board, self.shape, cover, self.kind, outer)
 
     async def show(self, typed: FormTexts) -> None:
         await self._show_fields("#board", BOARD[typed.kind], typed.board)
         await self._show_fields("#cover", _keys(typed.shape), typed.cover)
         self.query_one("#kind", Select).value = typed.kind
         self.query_one("#shape", Select).value = typed.shape
+        self._show_outer(typed.outer)
 
     async def reshape(self) -> None:
         """Show the fields of the chosen type and shape, if they are not on the screen yet."""
@@ -93,6 +102,15 @@ class BoardAndCover(Vertical):
             await self._show_fields("#board", BOARD[self.kind], BOARDS[self.kind])
         if self._names("#cover") != _keys(self.shape):
             await self._show_fields("#cover", _keys(self.shape), _initial_texts(self.shape))
+            self._show_outer(self._outer)
+
+    def _show_outer(self, outer: tuple[Mapping[str, object], ...]) -> None:
+        """Show the covers outside of this one, which cannot be changed here."""
+        self._outer = outer
+        note = self.query_one("#outer", Static)
+        note.display = bool(outer) and bool(_keys(self.shape))
+        shapes = ", then ".join(find_shape(str(cover.get("shape"))).words for cover in outer)
+        note.update(f"outside of it: {shapes}, as in the session that it is taken from")
 
     def set_locked(self, locked: bool) -> None:
         self.set_class(locked, "-locked")

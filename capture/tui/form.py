@@ -11,9 +11,11 @@ from calib.errors import InputError, brief
 from calib.session.board import Board
 from calib.session.board_section import KEYS
 from calib.session.camera import Camera, camera_to_yaml
-from calib.session.cover import Cover, cover_to_yaml
+from calib.session.cover import Cover
+from calib.session.cover_section import LAYERS_KEY, cover_mappings
 from calib.session.schema import Quantity, Section
 from calib.session.session import session_from_mapping, session_to_yaml
+from calib.session.shapes.layer import LAYER
 from calib.session.shapes.registry import find_shape
 from capture.session_file import Setup
 
@@ -34,6 +36,8 @@ EXAMPLE_BOARDS: Mapping[str, Mapping[str, object]] = {
 """Valid example values for each type of board: a single value is checked together with them."""
 DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
 """A number, with its sigma or without, and perhaps with a decimal comma."""
+LAYER_KEYS = tuple(kind.quantity.key for kind in LAYER)
+"""The keys that have a number for each layer of glass."""
 NUMBERS = ("one", "two", "three")
 ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 
@@ -77,7 +81,10 @@ class FormTexts:
     board: Mapping[str, str]
     shape: str
     cover: Mapping[str, str]
+    """The texts of its numbers. A thickness or an index may have a number for each layer of glass."""
     kind: str = "checkerboard"
+    outer: tuple[Mapping[str, object], ...] = ()
+    """Further covers outside of this one, as session.yaml has them. The form keeps them."""
 
 
 def explain_field(key: str, kind: str, shape: str) -> str:
@@ -102,7 +109,9 @@ def find_problem(key: str, text: str, shape: str, kind: str = "checkerboard") ->
                 FORM_NAME,
             )
         elif quantity := _quantity(key, shape):
-            Section(_to_yaml(quantity, text), FORM_NAME, "cover").read(quantity)
+            layers = [{key: number} for number in _layer_numbers(quantity, text)]
+            for mapping in layers or [_to_yaml(quantity, text)]:
+                Section(mapping, FORM_NAME, "cover").read(quantity)
     except InputError as error:
         return str(error)
     return None
@@ -115,30 +124,71 @@ def read_form(texts: FormTexts, camera: Camera | None = None) -> Setup:
     for key, text in texts.board.items():
         _check_point(f"board.{key}", text)
     board = {"type": texts.kind, **{key: _value(key, text) for key, text in texts.board.items()}}
-    cover: dict[str, object] = {"shape": texts.shape}
-    for dimension in find_shape(texts.shape).keys:
-        key = dimension.quantity.key
-        cover |= _to_yaml(dimension.quantity, texts.cover.get(key, ""))
-    return session_from_mapping(_mapping(board, cover, camera), FORM_NAME)
+    cover = _cover_to_yaml(texts)
+    covers = [cover, *texts.outer] if texts.outer else cover
+    return session_from_mapping(_mapping(board, covers, camera), FORM_NAME)
 
 
 def write_form(board: Board, cover: Cover) -> FormTexts:
     """Return the texts that read as this board and cover."""
     written = session_to_yaml(board, Camera(1, 1), cover)["board"]
     assert isinstance(written, Mapping)
-    texts = {key: _text(value) for key, value in cover_to_yaml(cover).items() if key != "shape"}
+    inner, *outer = cover_mappings(cover)
+    layers = inner.pop(LAYERS_KEY, [])
+    texts = {key: _text(value) for key, value in inner.items() if key != "shape"}
+    if isinstance(layers, list) and layers:
+        texts |= {key: _text([layer[key] for layer in layers]) for key in LAYER_KEYS}
     kind = str(written.get("type", "checkerboard"))
-    return FormTexts({key: _text(written[key]) for key in BOARD[kind]}, cover.shape, texts, kind)
+    typed_board = {key: _text(written[key]) for key in BOARD[kind]}
+    return FormTexts(typed_board, cover.shape, texts, kind, tuple(outer))
 
 
 def _mapping(
-    board: Mapping[str, object], cover: Mapping[str, object], camera: Camera | None = None
+    board: Mapping[str, object], cover: object, camera: Camera | None = None
 ) -> dict[str, object]:
     return {
         "board": board,
         "camera": camera_to_yaml(camera or Camera(1, 1)),
         "cover": cover,
     }  # the size comes from the first picture
+
+
+def _cover_to_yaml(texts: FormTexts) -> dict[str, object]:
+    """Return the cover of the form as in session.yaml, without those outside of it. Raise
+    InputError if some numbers of its layers are missing.
+    """
+    cover: dict[str, object] = {"shape": texts.shape}
+    columns: dict[str, list[object]] = {}
+    for dimension in find_shape(texts.shape).keys:
+        quantity = dimension.quantity
+        text = texts.cover.get(quantity.key, "")
+        if numbers := _layer_numbers(quantity, text):
+            columns[quantity.key] = numbers
+        else:
+            cover |= _to_yaml(quantity, text)
+    if not columns:
+        return cover
+    fewest, most = sorted(LAYER_KEYS, key=lambda key: len(columns.get(key, ())))
+    if len(columns.get(fewest, ())) < len(columns[most]):
+        written = brief(texts.cover.get(fewest, "").strip()) or "empty"
+        raise InputError(
+            f"{FORM_NAME}: cover.{fewest} is {written} where cover.{most} has"
+            f" {len(columns[most])} layers of glass: write a number for each, from the inside out."
+        )
+    rows = zip(*(columns[key] for key in LAYER_KEYS), strict=True)
+    return cover | {LAYERS_KEY: [dict(zip(LAYER_KEYS, row, strict=True)) for row in rows]}
+
+
+def _layer_numbers(quantity: Quantity, text: str) -> list[object]:
+    """Return the numbers of several layers of glass; none if the text is not several numbers."""
+    if quantity.key not in LAYER_KEYS:
+        return []
+    _check_point(f"cover.{quantity.key}", text)
+    entries = _split_list(text)
+    if len(entries) < 2 or not all(map(DECIMAL_COMMA.fullmatch, entries)):
+        return []
+    _check_points(f"cover.{quantity.key}", text, 0)
+    return [_number(entry) for entry in entries]
 
 
 def _quantity(key: str, shape: str) -> Quantity | None:

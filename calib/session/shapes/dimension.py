@@ -11,7 +11,7 @@ class Dimension:
     """A number of a cover, or a vector of numbers."""
 
     quantity: Quantity
-    """Its key in session.yaml, with the limits of its numbers."""
+    """The key in session.yaml, with the limits of the numbers."""
     words: str
     """The words for it in a sentence, such as "the glass's thickness"."""
     explanation: str

@@ -8,7 +8,10 @@ LAYER = (
     Dimension(
         Quantity("thickness_mm", low=0.05, high=1e4),
         words="the glass's thickness",
-        explanation="Thickness of the glass in millimetres.",
+        explanation=(
+            "Thickness of the glass in millimetres; of laminated glass that of each layer, from the"
+            " inside out."
+        ),
         tolerance=THICKNESS,
         option="thickness",
         effect="thickness",
@@ -16,7 +19,10 @@ LAYER = (
     Dimension(
         Quantity("refractive_index", low=1, high=3),
         words="the glass's refractive index",
-        explanation="Of the glass: about 1.5; acrylic 1.49, polycarbonate 1.58.",
+        explanation=(
+            "Of the glass: about 1.5; acrylic 1.49, polycarbonate 1.58; of laminated glass that of"
+            " each layer."
+        ),
         tolerance=INDEX,
         option="index",
         effect="refractive_index",

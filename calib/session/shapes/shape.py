@@ -20,9 +20,9 @@ class ChartAxis:
     """One coordinate of a shape's chart, on which its relief and the figures of reports lie."""
 
     label: str
-    """With its unit."""
+    """The label of an axis, with its unit."""
     per_si: float
-    """How many of the label's units make one SI unit."""
+    """The number of the label's units in one SI unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +44,11 @@ class Shape:
     """A shape that a cover may have."""
 
     name: str
-    """Its name in session.yaml."""
+    """The name in session.yaml."""
     words: str
     """The words for a cover of this shape, such as "a dome"."""
     dimensions: tuple[Dimension, ...] = ()
-    """What places the cover and gives its size, the size first. The glass is apart."""
+    """The numbers that give its size and its place, the size first, without those of the glass."""
     surface: str = ""
     """The module and the class of its surface (`calib.optics.surface`), such as
     calib.optics.dome:Dome. It is a name, because a session is read without torch. Empty: there is
@@ -75,7 +75,7 @@ class Shape:
 
     @property
     def keys(self) -> tuple[Dimension, ...]:
-        """Its dimensions in the order of session.yaml, those of its glass included."""
+        """The dimensions in the order of session.yaml, those of the glass included."""
         return (*self.dimensions, *LAYER, OUTSIDE) if self.has_glass else ()
 
     @property
