@@ -11,6 +11,8 @@ from calib.fitting.cross_validation import CrossValidation
 from calib.fitting.provenance import KEY
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
+from calib.session.cover import Cover
+from calib.session.parameter_names import INDEX, THICKNESS, layer_number
 from calib.session.shapes.registry import find_shape
 from calib.verdict.judge import judge
 from calib.verdict.residual import NOT_ALL_NOISE
@@ -42,12 +44,8 @@ def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
 
 def _subject(evidence: Evidence) -> str:
     calibration = evidence.calibration
-    behind = ""
-    if calibration.cover.shape != "none":
-        thickness = calibration.cover.parameters["thickness"].value
-        index = calibration.cover.parameters["refractive_index"].value
-        shape = find_shape(calibration.cover.shape)
-        behind = f" behind {shape.words}, {1e3 * thickness:.3g} mm thick with index {index:.4g},"
+    glass = " and ".join(map(_glass, calibration.cover.covers))
+    behind = f" behind {glass}" if calibration.cover.shape != "none" else ""
     board = calibration.board
     near, far = evidence.reach
     size = f"{calibration.camera.width}x{calibration.camera.height}"
@@ -60,6 +58,21 @@ def _subject(evidence: Evidence) -> str:
         f"{camera}{behind} was calibrated from {len(calibration.views)} views of a {board} board"
         f" with {1e3 * board.square:g} mm {board.cell}s: {len(evidence.depth)} corners,"
         f" {near:.2g} to {far:.2g} m away."
+    )
+
+
+def _glass(cover: Cover) -> str:
+    """Return the words for a cover and its glass, up to a comma."""
+    layers = range(1, cover.layers + 1)
+    thickness = sum(cover.parameters[layer_number(layer, THICKNESS)].value for layer in layers)
+    indices = [f"{cover.parameters[layer_number(layer, INDEX)].value:.4g}" for layer in layers]
+    words = find_shape(cover.shape).words
+    if len(indices) == 1:
+        return f"{words}, {1e3 * thickness:.3g} mm thick with index {indices[0]},"
+    *inner, last = indices
+    return (
+        f"{words} of {len(indices)} layers, {1e3 * thickness:.3g} mm thick with indices"
+        f" {', '.join(inner)} and {last},"
     )
 
 

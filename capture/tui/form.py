@@ -81,7 +81,7 @@ class FormTexts:
     board: Mapping[str, str]
     shape: str
     cover: Mapping[str, str]
-    """The texts of its numbers. A thickness or an index may have a number for each layer of glass."""
+    """The texts of its numbers. Thickness and index may have a number for each layer of glass."""
     kind: str = "checkerboard"
     outer: tuple[Mapping[str, object], ...] = ()
     """Further covers outside of this one, as session.yaml has them. The form keeps them."""
