@@ -16,7 +16,7 @@ import yaml
 from PIL import Image
 
 import calib
-from calib.session.cover_section import read_cover
+from calib.session.cover_section import cover_sections, read_cover
 from calib.session.schema import Section
 from calib.session.shapes.registry import dimensions
 
@@ -98,11 +98,14 @@ def test_the_covers_of_the_measuring_page_are_read() -> None:
         yaml.safe_load(block)["cover"]
         for block in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     ]
-    assert [read_cover(Section(cover, "session.yaml")).shape for cover in described] == [
-        "cone",
-        "flat",
-        "dome",
+    covers = [
+        read_cover(*cover_sections(Section({"cover": cover}, "session.yaml"), ""))
+        for cover in described
     ]
+    assert [cover.words for cover in covers] == [
+        *("a cone", "a flat window", "a dome", "a flat window", "a dome and a flat window")
+    ]
+    assert [cover.layers for cover in covers] == [1, 1, 1, 3, 1]
     for dimension in dimensions():
         assert f"`{dimension.quantity.key}" in page, dimension.quantity.key
 
