@@ -103,7 +103,13 @@ def test_the_covers_of_the_measuring_page_are_read() -> None:
         for cover in described
     ]
     assert [cover.words for cover in covers] == [
-        *("a cone", "a flat window", "a dome", "a flat window", "a dome and a flat window")
+        *(
+            "a cone",
+            "a flat window",
+            "a dome",
+            "a flat window of 3 layers",
+            "a dome and a flat window",
+        )
     ]
     assert [cover.layers for cover in covers] == [1, 1, 1, 3, 1]
     for dimension in dimensions():

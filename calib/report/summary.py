@@ -13,7 +13,6 @@ from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
 from calib.session.cover import Cover
 from calib.session.parameter_names import INDEX, THICKNESS, layer_number
-from calib.session.shapes.registry import find_shape
 from calib.verdict.judge import judge
 from calib.verdict.residual import NOT_ALL_NOISE
 from calib.verdict.thresholds import BEYOND_NOISE
@@ -66,14 +65,9 @@ def _glass(cover: Cover) -> str:
     layers = range(1, cover.layers + 1)
     thickness = sum(cover.parameters[layer_number(layer, THICKNESS)].value for layer in layers)
     indices = [f"{cover.parameters[layer_number(layer, INDEX)].value:.4g}" for layer in layers]
-    words = find_shape(cover.shape).words
-    if len(indices) == 1:
-        return f"{words}, {1e3 * thickness:.3g} mm thick with index {indices[0]},"
     *inner, last = indices
-    return (
-        f"{words} of {len(indices)} layers, {1e3 * thickness:.3g} mm thick with indices"
-        f" {', '.join(inner)} and {last},"
-    )
+    index = f"index {last}" if not inner else f"indices {', '.join(inner)} and {last}"
+    return f"{cover.single_words}, {1e3 * thickness:.3g} mm thick with {index},"
 
 
 def _fit(evidence: Evidence, verdict: Verdict) -> str:

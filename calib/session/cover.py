@@ -98,8 +98,14 @@ class Cover:
 
     @property
     def words(self) -> str:
-        """The words for it in a sentence, such as "a flat window and a dome"."""
-        return " and ".join(find_shape(cover.shape).words for cover in self.covers)
+        """The words for all covers in a sentence: "a dome and a flat window of 3 layers"."""
+        return " and ".join(cover.single_words for cover in self.covers)
+
+    @property
+    def single_words(self) -> str:
+        """The words for this cover without the other ones."""
+        words = find_shape(self.shape).words
+        return f"{words} of {self.layers} layers" if self.layers > 1 else words
 
     def replace_numbers(self, numbers: Mapping[str, Number]) -> "Cover":
         """Return the cover with those of these numbers that it has. Everything else stays."""

@@ -141,10 +141,7 @@ def check_compatible(prior: FleetPrior, camera: Camera, cover: Cover, file: str)
             f"{file}: cover.shape is {cover.shape}: write {prior.cover.shape}, {remedy}."
         )
     if cover.dimensions.keys() != prior.cover.dimensions.keys():
-        raise InputError(
-            f"{file}: cover is {cover.words} where the prior's is {prior.cover.words}: write the"
-            f" same covers, with as many layers of glass, {remedy}."
-        )
+        raise InputError(f"{file}: cover is {cover.words}: write {prior.cover.words}, {remedy}.")
     if camera.intrinsics:
         _check_lens(prior, camera.intrinsics, f"{file}: camera.intrinsics")
         _check_near(prior, camera.intrinsics, cover, file)
