@@ -43,8 +43,8 @@ def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
 
 def _subject(evidence: Evidence) -> str:
     calibration = evidence.calibration
-    glass = " and ".join(map(_glass, calibration.cover.covers))
-    behind = f" behind {glass}" if calibration.cover.shape != "none" else ""
+    covered = calibration.cover.shape != "none"
+    behind = f" behind {' and '.join(map(_glass, calibration.cover.covers))}" if covered else ""
     board = calibration.board
     near, far = evidence.reach
     size = f"{calibration.camera.width}x{calibration.camera.height}"
