@@ -52,7 +52,8 @@ from calib.optics.projection import project
 from calib.optics.relief import Relief
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics, camera_to_yaml
-from calib.session.cover import Cover, cover_to_yaml
+from calib.session.cover import Cover
+from calib.session.cover_section import cover_to_yaml
 from calib.session.session import session_from_mapping, session_to_yaml
 from calib.threads import single_thread
 from calib.undistortion.point_field import PointField

@@ -45,16 +45,15 @@ rational lens that cancel each other have standard deviations of 1e7 of their sc
 STAGES = ("pinhole", "cover", "cover+rbf", "cover+rbf+effects")
 """The stages of a fit, in their order; a fit may lack any but the first."""
 COVER_STAGES = STAGES[1:3]
+COVER = either(many(table(anything)), table(anything))
 CALIBRATION = record(
     {
         "refracal": text,
         "arrays_sha256": text,
         "board": table(anything),
         "camera": table(anything),
-        "cover": table(anything),
-        "declared": record(
-            {"camera": table(anything), "cover": table(anything)}, {"doubted": many(text)}
-        ),
+        "cover": COVER,
+        "declared": record({"camera": table(anything), "cover": COVER}, {"doubted": many(text)}),
         "relief": maybe(
             record(
                 {

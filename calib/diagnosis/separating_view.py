@@ -22,6 +22,7 @@ from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.session.board import Board
 from calib.session.camera import Camera
+from calib.session.parameter_names import CAMERA
 
 Array = NDArray[np.float64]
 
@@ -101,9 +102,9 @@ def _pose_bank(fitted: FittedModel, camera: Camera) -> Iterator[Array]:
     view_poses = fitted.joint.poses[observations.view]
     points = path.place(observations.corners, values, view_poses, observations.exposure)
     median_distance = float(path.distance(points).median())
-    focal = float(values["camera.fx"])
-    cx = float(values["camera.cx"])
-    cy = float(values["camera.cy"])
+    focal = float(values[CAMERA.fx])
+    cx = float(values[CAMERA.cx])
+    cy = float(values[CAMERA.cy])
     for ratio, x, y, tilt, turn in product(DEPTHS, PLACES, PLACES, TILTS, TURNS):
         depth = ratio * median_distance
         ray = np.array([x * camera.width - cx, y * camera.height - cy, focal]) / focal

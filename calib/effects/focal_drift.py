@@ -9,6 +9,7 @@ from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import EffectParameter
 from calib.optics.exposure import Exposure
 from calib.optics.params import Values
+from calib.session.parameter_names import CAMERA
 from calib.session.tolerances import FOCAL
 
 DRIFT = EffectParameter.of("focal_drift.over_session", FOCAL)
@@ -34,5 +35,5 @@ class FocalDrift(CameraEffect):
         factor = 1 + values[DRIFT.param.name] * exposure.time
         return pixels, {
             **values,
-            **{name: values[name] * factor for name in ("camera.fx", "camera.fy")},
+            **{name: values[name] * factor for name in CAMERA.focal},
         }

@@ -16,6 +16,7 @@ from calib.optics.path import Path, row_derivatives
 from calib.optics.rays import Rays
 from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
+from calib.session.parameter_names import CAMERA
 
 Array = NDArray[np.float64]
 
@@ -65,8 +66,8 @@ def _undistorted(rays: Rays, motion: Tensor, values: Values, frame: Rotation | N
     rays = _in_frame(frame, Rays(origin, direction, rays.failure))
     origin, direction = rays.origin, rays.direction
     forward = torch.where(rays.in_pinhole, direction.z, torch.ones_like(direction.z))
-    fx = float(values["camera.fx"])
-    fy = float(values["camera.fy"])
+    fx = float(values[CAMERA.fx])
+    fy = float(values[CAMERA.fy])
     tan_x = direction.x / forward
     tan_y = direction.y / forward
     return torch.stack(

@@ -17,6 +17,7 @@ from calib.estimation.residuals import Residuals, residuals
 from calib.optics.lens_model import COEFFICIENTS
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.session.parameter_names import CAMERA
 
 MIN_FORWARD = 0.1
 """The smallest z of a unit direction that counts for the start of a pose: directions more than 84
@@ -48,11 +49,11 @@ def pinhole_poses(path: Path, values: Values, observations: Observations) -> Ten
 
 def opencv_intrinsics(values: Values) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return OpenCV's (3, 3) camera matrix and its (n,) distortion coefficients."""
-    fx = float(values["camera.fx"])
-    fy = float(values["camera.fy"])
-    cx = float(values["camera.cx"])
-    cy = float(values["camera.cy"])
-    names = [f"camera.{name}" for name in COEFFICIENTS if f"camera.{name}" in values]
+    fx = float(values[CAMERA.fx])
+    fy = float(values[CAMERA.fy])
+    cx = float(values[CAMERA.cx])
+    cy = float(values[CAMERA.cy])
+    names = [CAMERA.of(name) for name in COEFFICIENTS if CAMERA.of(name) in values]
     coefficients = np.array([float(values[name]) for name in names])
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), coefficients
 

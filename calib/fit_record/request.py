@@ -28,8 +28,8 @@ class Settings:
     exact_hit: bool = True
     """False neglects that the relief moves the hit point, as the paper does."""
     free: tuple[str, ...] = (AUTO,)
-    """Names of calib.session.freeing.NAMES: the declared numbers that the joint method estimates,
-    near their declared values.
+    """Names of `calib.session.freeing.option_names`: the declared numbers that the joint method
+    estimates, near their declared values.
     """
     folds: int = 0
     """Number of folds of the cross-validation; 0 for none."""

@@ -16,7 +16,7 @@ from calib.io.shapes import (
     table,
     text,
 )
-from calib.session.freeing import NAMES
+from calib.session.freeing import option_names
 
 _QUALITY = record({"rms_px": number, "rmse_cm": number, "held_out_px": number})
 _CANDIDATE = record(
@@ -32,7 +32,7 @@ RECORD: Mapping[str, Shape] = {
     "method": choice("joint", "paper"),
     "grid": either(many(count, of=2), many(count, of=0)),
     "grid_held_out_px": table(number),
-    "free": many(choice(*NAMES)),
+    "free": many(lambda value, where: choice(*option_names())(value, where)),
     "steps": count,
     "exact_hit": flag,
     "intrinsics_from": choice("session.yaml", "bare", "prior", "views"),

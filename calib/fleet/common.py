@@ -25,6 +25,7 @@ from calib.session.cover import Cover
 from calib.session.freeing import ALL, free_parameters
 from calib.session.glass import Glass, polynomial_degrees
 from calib.session.numbers import covariance_of, numbers_of, replace_covariance, replace_numbers
+from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number
 
 Array = NDArray[np.float64]
@@ -95,8 +96,8 @@ class Common:
                 *(figure_height(i + k) for i, k in polynomial_degrees(self.degree)),
             ]
         )
-        if {"camera.fx", "camera.fy"} <= {*self.names}:
-            focal = [self.names.index("camera.fx"), self.names.index("camera.fy")]
+        if {*CAMERA.focal} <= {*self.names}:
+            focal = [self.names.index(name) for name in CAMERA.focal]
             block = np.ix_(focal, focal)
             axes[block] = axes[block] @ np.array([[1, 1], [1, -1]]) / np.sqrt(2)
         return axes

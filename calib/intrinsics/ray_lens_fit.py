@@ -29,6 +29,7 @@ from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.lens import FISHEYE, NAMES, SPLINED
 from calib.session.lens_spline import MIN_CONTROL_POINTS, LensSpline
+from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number
 from calib.threads import single_thread
 
@@ -240,7 +241,7 @@ def _equidistant(focal: float, size: tuple[int, int]) -> tuple[Path, dict[str, T
 
 
 def _loose_priors(values: Values, size: tuple[int, int]) -> Priors:
-    focal = LOOSE_FOCAL * float(values["camera.fx"])
+    focal = LOOSE_FOCAL * float(values[CAMERA.fx])
     centre = LOOSE_CENTRE * max(size)
-    pinhole = {"camera.fx": focal, "camera.fy": focal, "camera.cx": centre, "camera.cy": centre}
-    return Priors(pinhole | {f"camera.{name}": LOOSE_COEFFICIENT for name in NAMES[FISHEYE]})
+    pinhole = {CAMERA.fx: focal, CAMERA.fy: focal, CAMERA.cx: centre, CAMERA.cy: centre}
+    return Priors(pinhole | {CAMERA.of(name): LOOSE_COEFFICIENT for name in NAMES[FISHEYE]})

@@ -17,6 +17,7 @@ from calib.optics.params import Param, Values
 from calib.optics.rays import LENS, Rays
 from calib.optics.vector import Vector
 from calib.session.lens import NAMES, OPENCV
+from calib.session.parameter_names import CAMERA
 
 COEFFICIENTS = NAMES[OPENCV]
 
@@ -50,7 +51,7 @@ class LensModel:
     def params(self) -> tuple[Param, ...]:
         return (
             *PINHOLE,
-            *(Param(f"camera.{name}", "", 1e-3) for name in COEFFICIENTS[: self.count]),
+            *(Param(CAMERA.of(name), "", 1e-3) for name in COEFFICIENTS[: self.count]),
             *self.pupil,
         )
 
@@ -76,14 +77,14 @@ class LensModel:
             x, y = tilt(*distort(x, y, coefficients), coefficients)
         return torch.stack(
             [
-                values["camera.fx"] * x + values["camera.cx"],
-                values["camera.fy"] * y + values["camera.cy"],
+                values[CAMERA.fx] * x + values[CAMERA.cx],
+                values[CAMERA.fy] * y + values[CAMERA.cy],
             ],
             -1,
         )
 
     def _coefficients(self, values: Values) -> list[Tensor]:
-        coefficients = [values[f"camera.{name}"] for name in COEFFICIENTS[: self.count]]
+        coefficients = [values[CAMERA.of(name)] for name in COEFFICIENTS[: self.count]]
         zero = torch.zeros_like(coefficients[0])
         return coefficients + [zero] * (MIN_COEFFICIENTS - self.count)
 

@@ -102,8 +102,15 @@ class Path:
         return len(self.view_blocks) > 1
 
     @property
+    def outermost(self) -> tuple[Interface, ...]:
+        """The interfaces of the outermost cover, from the inside out; none without a cover."""
+        return tuple(
+            stage for stage in self.cover if stage.surface.names == self.cover[-1].surface.names
+        )
+
+    @property
     def relief(self) -> Relief | None:
-        """The relief of the cover's outer surface."""
+        """The relief of the outermost surface of the cover."""
         return self.cover[-1].relief if self.cover else None
 
     @property

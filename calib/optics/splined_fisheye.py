@@ -20,8 +20,9 @@ from torch import Tensor
 from calib.optics.fisheye import Fisheye
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays
+from calib.session.parameter_names import CAMERA
 
-SHIFTS = ("camera.spline_x", "camera.spline_y")
+SHIFTS = (CAMERA.of("spline_x"), CAMERA.of("spline_y"))
 """The displacements of the control points along x and y, px, row by row."""
 ITERATIONS = 100
 CONVERGED = 1e-11

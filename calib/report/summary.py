@@ -9,6 +9,8 @@ import numpy as np
 from calib.apply.angular_reach import undistortion_limit
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
+from calib.session.cover import Cover
+from calib.session.parameter_names import INDEX, THICKNESS, layer_number
 from calib.verdict.judge import judge
 from calib.verdict.residual import NOT_ALL_NOISE
 from calib.verdict.thresholds import BEYOND_NOISE
@@ -20,7 +22,6 @@ HERE = Path()
 """The calibration's folder in the commands of a report. The report lies in that folder, and reveals
 no path of its author's disk.
 """
-SHAPES = {"cone": "a cone", "cylinder": "a cylinder", "flat": "a flat window", "dome": "a dome"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +41,8 @@ def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
 
 def _subject(evidence: Evidence) -> str:
     calibration = evidence.calibration
-    behind = ""
-    if calibration.cover.shape != "none":
-        thickness = calibration.cover.parameters["thickness"].value
-        index = calibration.cover.parameters["refractive_index"].value
-        behind = (
-            f" behind {SHAPES[calibration.cover.shape]}, {1e3 * thickness:.3g} mm thick with index"
-            f" {index:.4g},"
-        )
+    covered = calibration.cover.shape != "none"
+    behind = f" behind {' and '.join(map(_glass, calibration.cover.covers))}" if covered else ""
     board = calibration.board
     near, far = evidence.reach
     size = f"{calibration.camera.width}x{calibration.camera.height}"
@@ -61,6 +56,16 @@ def _subject(evidence: Evidence) -> str:
         f" with {1e3 * board.square:g} mm {board.cell}s: {len(evidence.depth)} corners,"
         f" {near:.2g} to {far:.2g} m away."
     )
+
+
+def _glass(cover: Cover) -> str:
+    """Return the words for a cover and its glass, up to a comma."""
+    layers = range(1, cover.layers + 1)
+    thickness = sum(cover.parameters[layer_number(layer, THICKNESS)].value for layer in layers)
+    indices = [f"{cover.parameters[layer_number(layer, INDEX)].value:.4g}" for layer in layers]
+    *inner, last = indices
+    index = f"index {last}" if not inner else f"indices {', '.join(inner)} and {last}"
+    return f"{cover.single_words}, {1e3 * thickness:.3g} mm thick with {index},"
 
 
 def _fit(evidence: Evidence, verdict: Verdict) -> str:

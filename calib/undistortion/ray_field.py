@@ -18,6 +18,7 @@ from calib.errors import InputError
 from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.session.parameter_names import CAMERA
 from calib.undistortion.depth_map import DepthMap, depth_map
 from calib.undistortion.grids import (
     Array,
@@ -259,10 +260,10 @@ class _TracedGrid:
 
 def _trace_grid(path: Path, values: Values, columns: Array, rows: Array) -> _TracedGrid:
     pixels = np.stack(np.meshgrid(columns, rows), -1)
-    fx = values["camera.fx"]
-    fy = values["camera.fy"]
-    cx = values["camera.cx"]
-    cy = values["camera.cy"]
+    fx = values[CAMERA.fx]
+    fy = values[CAMERA.fy]
+    cx = values[CAMERA.cx]
+    cy = values[CAMERA.cy]
     batches = []
     for first in range(0, len(columns) * len(rows), BATCH_SIZE):
         batch = torch.from_numpy(pixels.reshape(-1, 2)[first : first + BATCH_SIZE])

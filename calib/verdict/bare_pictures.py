@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from calib.session.parameter_names import CAMERA
 from calib.verdict.case import Case
 from calib.verdict.thresholds import EXPLAINED, WORSE_THAN_BARE
 from calib.verdict.verdict import Reason
@@ -16,9 +17,7 @@ def bare_pictures(case: Case) -> Iterator[Reason]:
             f" the cover does ({cover:.3f} px): were the pictures in bare/ taken with the cover on?"
             " Take them anew without it, or else check the cover's numbers."
         )
-        yield Reason(
-            sentence, case.next.capture(), ("camera.fx", "camera.fy", "camera.cx", "camera.cy")
-        )
+        yield Reason(sentence, case.next.capture(), CAMERA.pinhole)
 
 
 def taken_through_cover(case: Case) -> bool:

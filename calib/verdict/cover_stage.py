@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from calib.fitting.declared import comparisons
 from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.session.freeing import AUTO, free_parameters
+from calib.session.parameter_names import THICKNESS, number_of
+from calib.session.shapes.registry import find_shape
 from calib.verdict.bare_pictures import taken_through_cover
 from calib.verdict.case import Case
 from calib.verdict.thresholds import TAKEN_UP, WORSE_THAN_BARE
@@ -54,8 +56,11 @@ def _all_held(case: Case) -> bool:
 
 
 def _suspects(case: Case) -> tuple[str, ...]:
-    usual = ("cover.inner_radius", "cover.distance", "cover.thickness")
-    return tuple(number.name for number in comparisons(case.calibration) if number.name in usual)
+    """Return the names of the cover's size or distance, and of the glass's thickness."""
+    cover = case.calibration.cover
+    sizes = [kind for single in cover.covers for kind in find_shape(single.shape).dimensions[:1]]
+    usual = {*(name for kind in sizes for name in kind.quantity.names), THICKNESS}
+    return tuple(name for name in cover.dimensions if number_of(name) in usual)
 
 
 def _was_tested(case: Case) -> bool:

@@ -18,6 +18,7 @@ from calib.estimation.noise import MIN_NOISE
 from calib.estimation.residuals import residuals
 from calib.inference.residual_structure import VarianceShare, significant_shares, variance_shares
 from calib.inference.score_test import ScoreTest
+from calib.session.parameter_names import CAMERA
 from calib.verdict.case import Case, optimum_of
 from calib.verdict.thresholds import (
     AGREED,
@@ -30,7 +31,7 @@ from calib.verdict.thresholds import (
 from calib.verdict.verdict import Reason
 
 NOT_ALL_NOISE = "what is left is not all noise"
-NUMBERS = {"focal": ("camera.fx", "camera.fy"), "principal_point": ("camera.cx", "camera.cy")}
+NUMBERS = {"focal": CAMERA.focal, "principal_point": CAMERA.centre}
 
 
 def residual(case: Case) -> Iterator[Reason]:

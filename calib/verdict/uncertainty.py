@@ -14,6 +14,7 @@ from calib.calibration import Calibration
 from calib.corners.view import pose_labels
 from calib.inference.calibration_model import base_model
 from calib.intrinsics.advice import TILT
+from calib.session.parameter_names import CAMERA
 from calib.session.session import MIN_FIT_VIEWS
 from calib.verdict.case import Case
 from calib.verdict.thresholds import FIGURE_UNKNOWNS, TELLS, UNSURE, UNSURE_FOCAL
@@ -60,7 +61,7 @@ def uncertain_focal_length(case: Case) -> Iterator[Reason]:
         or case.calibration.covariance.size
     ):
         return
-    numbers = {"camera.fx": k.fx, "camera.fy": k.fy}
+    numbers = {CAMERA.fx: k.fx, CAMERA.fy: k.fy}
     uncertain = {
         name: number.sigma / number.value
         for name, number in numbers.items()
