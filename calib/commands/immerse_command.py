@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.console import Bars
         from calib.commands.printing import print_json
         from calib.diagnosis.all_free import all_free
-        from calib.export.npz import file_names, write_npz
+        from calib.export.npz import npz_file_names, write_npz
         from calib.io.file_set import FileSet
         from calib.io.output_folder import check_no_link
         from calib.session.schema import Number
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> None:
     output = args.output or check_no_link(folder_of(args.calibration) / "immersed")
     inputs = calibration_files(args.calibration)
     with Bars() as bars, FileSet(output, overwrite=args.overwrite, inputs=inputs) as files:
-        files.reserve([*FILES, *file_names(depths)])
+        files.reserve([*FILES, *npz_file_names(depths)])
         immersion = immerse(all_free(calibration), Number(index, sigma), depths or DEPTHS)
         written = [
             immersion.calibration.write(files),
@@ -205,7 +205,7 @@ def _listed(numbers: tuple[float, ...]) -> str:
 def _as_mapping(
     immersion: "Immersion", remarks: list[str], written: list[str]
 ) -> dict[str, object]:
-    index = immersion.calibration.cover.parameters["outside_index"]
+    index = immersion.medium
     unknown = (None,) * len(immersion.depths)
     rows = zip(
         immersion.depths,
@@ -247,7 +247,7 @@ def _print(immersion: "Immersion", remarks: list[str], written: "list[Path]") ->
     from calib.commands.printing import print_paths
 
     console = Console()
-    index = immersion.calibration.cover.parameters["outside_index"]
+    index = immersion.medium
     spread = f" ± {index.sigma:.2g}" if index.sigma else ""
     if immersion.after_px:
         console.print(

@@ -20,10 +20,10 @@ from calib.corners.view import View
 from calib.effects.board_shape import DEGREES, BoardShape
 from calib.effects.effect import prior_spread
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.elimination import project_out
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
-from calib.inference.score_test import FittedModel
+from calib.estimation.orthogonal_projection import project_out
+from calib.inference.fitted_model import FittedModel
 from calib.session.board import Board
 
 MIN_CHI2 = 100.0
@@ -125,9 +125,9 @@ def _view_bends(
     entries = fitted.parameters((bend,)).entries(u.param.name for u in bend.effect_parameters)
     views = []
     for view in fitted.equations((bend,)):
-        jacobian = project_out(view.jacobian_block, view.jacobian_shared[:, entries])
-        residual = project_out(view.jacobian_block, view.residual)
-        views.append(_ViewBend(jacobian.T @ jacobian, -jacobian.T @ residual))
+        reduced = view.reduce()
+        jacobian = reduced.jacobian[:, entries]
+        views.append(_ViewBend(jacobian.T @ jacobian, -jacobian.T @ reduced.residual))
     return views
 
 

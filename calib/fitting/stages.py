@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import compress
-from typing import Literal
 
 import numpy as np
 import torch
@@ -32,6 +31,7 @@ from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import expected_amplitudes
+from calib.fit_record.request import Settings
 from calib.fitting.board_turns import find_turned
 from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.inference.board_bend import estimate_bend
@@ -49,34 +49,6 @@ MAX_LOST_FRACTION = 0.2
 """If the rays of a larger fraction of corners fail, the described cover cannot be right."""
 LINEARISATIONS = 12
 """Length of the progress bar: a joint fit takes about as many."""
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """The options of a fit."""
-
-    method: Literal["joint", "paper"] = "joint"
-    grid: tuple[int, int] | None = (12, 12)
-    """Centres of the relief around and along the cover (horizontally and vertically for an upright
-    cone). None: by held-out error.
-    """
-    steps: int = 1000
-    """Gradient steps of the paper's procedure."""
-    exact_hit: bool = True
-    """False neglects that the relief moves the hit point, as the paper does."""
-    free: tuple[str, ...] = (AUTO,)
-    """Names of calib.session.freeing.NAMES: the declared numbers that the joint method estimates,
-    near their declared values.
-    """
-    folds: int = 0
-    """Number of folds of the cross-validation; 0 for none."""
-    flat_board: bool = False
-    """True to take the board as flat; False to estimate its bend where the views show one."""
-
-    @property
-    def estimates_bend(self) -> bool:
-        """True if the fit estimates the board's bend; the paper's method does not."""
-        return self.method == "joint" and not self.flat_board
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +124,7 @@ def fit_stages(
         NotEnoughDataError: the corners cannot be seen through the cover.
     """
     path, values = pinhole_path(setup.intrinsics)
-    poses = pinhole_poses(observations, values)
+    poses = pinhole_poses(path, values, observations)
     residual = residuals(path, values, observations, poses)
     stages = [Stage("pinhole", residual.rms_px, residual.rmse_cm)]
     has_poses = bool(torch.isfinite(poses).all())  # the caller rejects views without a pose first

@@ -19,7 +19,8 @@ from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.inference.cross_validation import FOLDS, fold_split, held_out_gain, hold_out
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
+from calib.inference.score_test import tuned_score_tests
 from calib.session.board import Board
 
 MIN_LOG_ODDS = math.log(100)
@@ -60,26 +61,25 @@ def estimate_bend(
         labels = np.arange(len(observations.names))
     if joint.outcome is not Outcome.CONVERGED or len(np.unique(labels)) < FOLDS:
         return model, joint
-    (test,) = FittedModel(model, observations, joint).candidates(
-        [BoardShape(*board.half, DEGREES[-1])]
-    )
+    fitted = FittedModel(model, observations, joint)
+    (test,) = tuned_score_tests(fitted, [BoardShape(*board.half, DEGREES[-1])])
     bend = test.effect
     log_odds = log_bayes_factor(test.information, test.score, prior_spread(bend))
     if log_odds < MIN_LOG_ODDS:
         return model, joint
     bent = model.with_effect(bend)
-    fitted = bent.fit(observations, joint.poses, joint.start, ROUNDS)
+    bent_joint = bent.fit(observations, joint.poses, joint.start, ROUNDS)
     is_possible = all(
-        abs(float(fitted.values[parameter.param.name])) < MAX_SIGMAS * parameter.sigma
+        abs(float(bent_joint.values[parameter.param.name])) < MAX_SIGMAS * parameter.sigma
         for parameter in bend.effect_parameters
     )
-    is_more_probable = fitted.log_marginal > joint.log_marginal + MIN_LOG_ODDS
-    if not (fitted.outcome is Outcome.CONVERGED and is_possible and is_more_probable):
+    is_more_probable = bent_joint.log_marginal > joint.log_marginal + MIN_LOG_ODDS
+    if not (bent_joint.outcome is Outcome.CONVERGED and is_possible and is_more_probable):
         return model, joint
     folds = fold_split(labels)
     gain = held_out_gain(
-        hold_out(model, observations, joint, folds), hold_out(bent, observations, fitted, folds)
+        hold_out(model, observations, joint, folds), hold_out(bent, observations, bent_joint, folds)
     )
     p_value = min(gain.p_value, gain.presence_p_value)
     is_confirmed = gain.relative > MIN_GAIN and p_value < MAX_P_VALUE
-    return (bent, fitted) if is_confirmed else (model, joint)
+    return (bent, bent_joint) if is_confirmed else (model, joint)

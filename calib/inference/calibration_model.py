@@ -29,7 +29,7 @@ def base_model(calibration: Calibration) -> CameraModel:
     intrinsics, cover = declared.intrinsics, declared.cover
     for name in declared.doubted:
         intrinsics, cover = widen_prior(intrinsics, cover, name, PRIOR_INFLATION)
-    if calibration.settings.get("intrinsics_from") == "views":
+    if calibration.outcome.intrinsics_from == "views":
         intrinsics = free_own_intrinsics(intrinsics)
     priors = priors_of(intrinsics, cover, path)
     if calibration.relief:
@@ -48,9 +48,9 @@ def without_own_bend(calibration: Calibration) -> Calibration:
     """Return the calibration without the board's bend that its fit found, or the same one without
     such a bend. A bend that the user or an earlier diagnosis added stays.
     """
-    settings = calibration.settings
-    asked = settings.get("asked", {}).get("effects", [])
-    is_own = settings.get("flat_board") is False and "diagnosis" not in settings
+    settings, command = calibration.request.settings, calibration.request.command
+    asked = command.effects if command else ()
+    is_own = settings and not settings.flat_board and not calibration.history.diagnosis
     names = [added.effect.name for added in calibration.effects]
     if not is_own or BoardShape.name in asked or BoardShape.name not in names:
         return calibration

@@ -12,7 +12,7 @@ from calib.estimation.robust import outlier_mask
 from calib.intrinsics.advice import NO_FIT, TILT
 from calib.intrinsics.flat_views import refine_with_profile, spread_deg
 from calib.intrinsics.lens_choice import choose_lens, fit_choice
-from calib.intrinsics.opencv_lens import OpenCVFit
+from calib.intrinsics.opencv_fit import OpenCVFit
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics

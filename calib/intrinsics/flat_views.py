@@ -15,7 +15,8 @@ from calib.errors import NotEnoughDataError
 from calib.intrinsics.advice import TILT
 from calib.intrinsics.covariance import freedom, intrinsics_covariance, widen_along
 from calib.intrinsics.focal_profile import MAX_RATIO, profile_focal_length
-from calib.intrinsics.opencv_lens import OpenCVFit, fit_opencv, refine_opencv
+from calib.intrinsics.opencv_fit import OpenCVFit
+from calib.intrinsics.opencv_lens import fit_opencv, refine_opencv
 from calib.session.board import Board
 
 FLAT_DEG = 40.0

@@ -14,7 +14,8 @@ from calib.estimation.model_choice import simplest_model
 from calib.intrinsics.advice import NO_FIT
 from calib.intrinsics.flat_views import best_of_starts
 from calib.intrinsics.held_out_views import clipped_mean, held_out_errors
-from calib.intrinsics.opencv_lens import OpenCVFit, fit_opencv
+from calib.intrinsics.opencv_fit import OpenCVFit
+from calib.intrinsics.opencv_lens import fit_opencv
 from calib.intrinsics.ray_lens import PLAIN, SPLINES, RayLens
 from calib.progress import Progress
 from calib.session.board import Board

@@ -27,7 +27,8 @@ from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
 from calib.inference.cross_validation import Split, fold_split, hold_out
 from calib.intrinsics.flat_views import FLAT_DEG, spread_deg
-from calib.intrinsics.opencv_lens import PRISM_COUNT, OpenCVFit, refine_opencv
+from calib.intrinsics.opencv_fit import OpenCVFit
+from calib.intrinsics.opencv_lens import PRISM_COUNT, refine_opencv
 from calib.intrinsics.ray_lens import PLAIN
 from calib.intrinsics.ray_lens_fit import fit_lens
 from calib.optics.build import pinhole_path

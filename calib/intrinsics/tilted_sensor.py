@@ -17,7 +17,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
 from calib.intrinsics.advice import NO_FIT
-from calib.intrinsics.opencv_lens import OpenCVFit
+from calib.intrinsics.opencv_fit import OpenCVFit
 from calib.optics.build import pinhole_path
 from calib.session.board import Board
 from calib.session.camera import Intrinsics

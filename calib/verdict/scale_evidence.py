@@ -15,7 +15,7 @@ keep their own standard deviation.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -25,22 +25,23 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.corners.view import pose_labels
-from calib.estimation.elimination import ViewEquations, project_out
+from calib.estimation.covariance import invert_precision, regression
 from calib.estimation.jacobians import undistorted_jacobian
-from calib.estimation.joint_fit import UNEVEN_GLASS, invert_precision
+from calib.estimation.joint_fit import UNEVEN_GLASS
 from calib.estimation.parameters import Parameters
 from calib.estimation.prior_conflict import PRIOR_INFLATION
 from calib.estimation.priors import Priors
-from calib.inference.score_test import FittedModel
+from calib.estimation.view_equations import ReducedView
+from calib.inference.fitted_model import FittedModel
 from calib.session.freeing import ALL, free_parameters
 from calib.session.numbers import numbers_of, replace_numbers
+from calib.session.parameter_names import CAMERA, number_of
 from calib.session.schema import Number
 from calib.session.tolerances import FOCAL
 from calib.verdict.case import optimum_of
 
 Array = NDArray[np.float64]
 
-FOCAL_LENGTH = ("camera.fx", "camera.fy")
 SQUARE_PIXELS = 0.003
 """Standard deviation of fx / fy - 1: the median of 31 measured sets is 0.0014 to 0.0028. An error
 of a declared focal length is one of both.
@@ -89,7 +90,7 @@ def scale_evidence(calibration: Calibration) -> ScaleEvidence:
     """Return what a calibration's views say of the scale, from one linearisation at its end."""
     optimum = _freed(calibration)
     parameters, prior = optimum.parameters(), optimum.prior_precision()
-    poses = _poses(calibration, optimum.equations())
+    poses = _poses(calibration, [view.reduce() for view in optimum.equations()])
     information = np.zeros_like(prior)
     score, squares = np.zeros(parameters.count), 0.0
     for rows, residual in poses:
@@ -117,24 +118,17 @@ def scale_evidence(calibration: Calibration) -> ScaleEvidence:
     )
 
 
-def _poses(calibration: Calibration, views: Iterable[ViewEquations]) -> list[tuple[Array, Array]]:
-    """Return the (2m, S) rows and (2m,) residuals of each pose of the board, what the view's own
-    parameters can do projected out. Pictures of one pose count as one picture.
+def _poses(calibration: Calibration, views: Sequence[ReducedView]) -> list[tuple[Array, Array]]:
+    """Return the (2m, S) rows and (2m,) residuals of each pose of the board. Pictures of one pose
+    count as one picture.
     """
     labels = pose_labels(calibration.views)
     weights = 1.0 / np.sqrt(np.bincount(labels)[labels])
-    projected = [
-        (
-            weight * project_out(view.jacobian_block, view.jacobian_shared),
-            weight * project_out(view.jacobian_block, view.residual),
-        )
-        for weight, view in zip(weights, views, strict=True)
-    ]
     poses = []
     for label in range(labels.max() + 1):
-        members = [projected[index] for index in np.flatnonzero(labels == label)]
-        rows = np.concatenate([rows for rows, _ in members])
-        residual = np.concatenate([residual for _, residual in members])
+        members = np.flatnonzero(labels == label).tolist()
+        rows = np.concatenate([weights[i] * views[i].jacobian for i in members])
+        residual = np.concatenate([weights[i] * views[i].residual for i in members])
         poses.append((rows, residual))
     return poses
 
@@ -159,8 +153,8 @@ def _freed(calibration: Calibration) -> FittedModel:
     }
     if _declares_intrinsics(calibration):
         ratio = SQUARE_PIXELS / (PRIOR_INFLATION * FOCAL.sigma)
-        correlations.pop((FOCAL_LENGTH[1], FOCAL_LENGTH[0]), None)
-        correlations[FOCAL_LENGTH] = 1.0 - ratio**2 / 2
+        correlations.pop((CAMERA.fy, CAMERA.fx), None)
+        correlations[CAMERA.focal] = 1.0 - ratio**2 / 2
     wider = replace(priors, sigmas={**priors.sigmas, **plausible}, correlations=correlations)
     return FittedModel(replace(optimum.model, priors=wider), optimum.observations, joint)
 
@@ -182,12 +176,12 @@ def _plausible(calibration: Calibration) -> dict[str, float]:
     by_session = _declares_intrinsics(calibration)
     sigmas = {
         name: number.sigma
-        if name.startswith("camera.") and not by_session
+        if CAMERA.has(name) and not by_session
         else max(number.sigma, tolerances[name].sigma if name in tolerances else 0.0)
         for name, number in stated.items()
     }
     if by_session:
-        for name in FOCAL_LENGTH:
+        for name in CAMERA.focal:
             sigmas[name] = max(
                 sigmas[name], PRIOR_INFLATION * FOCAL.sigma * abs(stated[name].value)
             )
@@ -196,7 +190,7 @@ def _plausible(calibration: Calibration) -> dict[str, float]:
 
 def _declares_intrinsics(calibration: Calibration) -> bool:
     """True if session.yaml declares the intrinsics: else pictures gave them."""
-    return bool(calibration.settings.get("intrinsics_from", "session.yaml") == "session.yaml")
+    return calibration.outcome.intrinsics_from in (None, "session.yaml")
 
 
 def _scale_jacobian(optimum: FittedModel, parameters: Parameters) -> Array:
@@ -207,7 +201,7 @@ def _scale_jacobian(optimum: FittedModel, parameters: Parameters) -> Array:
     pixels = pixels[:: max(1, len(pixels) // SAMPLED)]
     jacobian, motions, failed = undistorted_jacobian(optimum.model.path, parameters, pixels)
     values = optimum.joint.values
-    centre = [float(values["camera.cx"]), float(values["camera.cy"])]
+    centre = [float(values[name]) for name in CAMERA.centre]
     offset = (pixels - centre)[~failed]
     columns = np.zeros((len(offset), 2, 5))
     columns[:, :, :3] = motions[~failed, 0, :, :3]
@@ -229,7 +223,7 @@ def _corrections(
         param.name: param.scale
         for param in parameters.free
         if not parameters.origin[param.name].ndim
-        and param.name.partition(".")[0] in ("camera", "cover")
+        and (CAMERA.has(param.name) or number_of(param.name))
     }
     variance = max(float(worse @ covariance @ worse), 1e-300)
     corrections = {}
@@ -237,7 +231,7 @@ def _corrections(
         at = slices[name].start
         group = parameters.entries(member for member in scalars if _group(member) == _group(name))
         cross = covariance[group] @ worse
-        explained = cross @ np.linalg.pinv(covariance[np.ix_(group, group)], hermitian=True) @ cross
+        explained = worse @ regression(covariance, group) @ cross
         corrections[name] = Correction(
             change=scale * float(step[at]),
             sigma=scale * float(np.sqrt(covariance[at, at])),
@@ -249,4 +243,7 @@ def _corrections(
 
 def _group(name: str) -> str:
     """Return the name under which session.yaml has a number."""
-    return "focal" if name in FOCAL_LENGTH else ".".join(name.split(".")[:2])
+    if name in CAMERA.focal:
+        return "focal"
+    number = number_of(name)
+    return name.removesuffix(number) + number.partition(".")[0]

@@ -17,10 +17,10 @@ from calib.calibration import Calibration
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
 from calib.diagnosis.diagnose import diagnose
+from calib.fit_record.request import Settings
 from calib.fitting.board_turns import describe_turned
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.progress import Silent
 from calib.session.board import Board
 from calib.session.session import Session, read_session
@@ -166,13 +166,13 @@ def test_a_quarter_turn_in_every_other_view_is_found(tmp_path: Path) -> None:
     straight = fit(session(tmp_path / "straight", SQUARE_BOARD, pictures(SQUARE_BOARD, bend, 20)))
     views = pictures(SQUARE_BOARD, bend, 20, change=turn)
     turned = fit(session(tmp_path / "turned", SQUARE_BOARD, views))
-    names = turned.settings["turned_boards"]
+    names = turned.outcome.turned_boards or ()
     assert len(names) == 10
     assert {int(name[:2]) % 2 for name in names} in ({0}, {1})
     assert sorted(map(abs, bend_mm(turned))) == pytest.approx(
         sorted(map(abs, bend_mm(straight))), abs=0.02
     )
-    assert not straight.settings["turned_boards"]
+    assert not straight.outcome.turned_boards
     assert "10 views" in describe_turned(names)
     assert turned.stages[-1].rms_px == pytest.approx(straight.stages[-1].rms_px, rel=0.05)
 
@@ -186,7 +186,7 @@ def test_half_a_turn_changes_nothing(tmp_path: Path) -> None:
 
     views = pictures(SQUARE_BOARD, (0.002, 0.0005, 0.0), 20, change=turn)
     calibration = fit(session(tmp_path / "turned", SQUARE_BOARD, views))
-    assert not calibration.settings["turned_boards"]
+    assert not calibration.outcome.turned_boards
     assert bend_mm(calibration) == pytest.approx([2, 0.5, 0], abs=0.05)
 
 

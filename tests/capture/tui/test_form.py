@@ -5,16 +5,25 @@ from dataclasses import replace
 import pytest
 
 from calib.errors import InputError
-from calib.session.cover import SHAPES, Cover
+from calib.session.cover import Cover
 from calib.session.schema import Number
+from calib.session.shapes.registry import SHAPES
 from capture.session_file import read_setup
-from capture.tui.form import HELP, FormTexts, explain_field, find_problem, read_form, write_form
+from capture.tui.form import (
+    BOARD,
+    HELP,
+    FormTexts,
+    explain_field,
+    find_problem,
+    read_form,
+    write_form,
+)
 from tests.capture.recordings import FIXTURE
 
 SETUP = read_setup(FIXTURE / "session.yaml")
 
 
-def test_what_is_written_reads_the_same() -> None:
+def test_written_values_are_read_as_the_same() -> None:
     board, camera, cover = SETUP
     assert read_form(write_form(board, cover), camera) == SETUP
     unsure = Cover(
@@ -47,7 +56,7 @@ def test_what_is_written_reads_the_same() -> None:
         ("0, 5", "write three numbers, x, y and z, such as 0, 0, 0."),
     ],
 )
-def test_of_three_numbers(text: str, expected: str | None) -> None:
+def test_fields_of_three_numbers_are_checked(text: str, expected: str | None) -> None:
     message = find_problem("centre_mm", text, "dome")
     assert message is None if expected is None else expected in str(message)
 
@@ -117,18 +126,15 @@ def test_values_that_do_not_go_together() -> None:
 
 
 def test_every_number_is_explained() -> None:
-    assert {quantity.key for quantities in SHAPES.values() for quantity in quantities} <= set(HELP)
+    assert {key for keys in BOARD.values() for key in keys} <= set(HELP)
+    assert all(entry.explanation and entry.words for shape in SHAPES for entry in shape.keys)
 
 
 def test_the_order_of_the_tilts_is_said() -> None:
-    orders = {
-        shape: quantity.components
-        for shape, quantities in SHAPES.items()
-        for quantity in quantities
-        if quantity.key == "tilt_deg"
-    }
+    orders = {shape.name: shape.tilt_axes for shape in SHAPES if shape.tilt_axes}
     assert len(orders) == 3
-    for shape, (first, second) in orders.items():
+    for shape, axes in orders.items():
+        first, second = list(axes)
         text = explain_field("tilt_deg", "checkerboard", shape)
         assert text.index(f"about {first}") < text.index(f"about {second}")
 
