@@ -45,7 +45,7 @@ class ReducedEquations:
     """
 
     hessian: Tensor
-    """(S, S), the Schur complement of the blocks."""
+    """(S, S), the Schur complement of the blocks, symmetric up to rounding."""
     gradient: Tensor
     """(S,)"""
     response: Tensor
@@ -96,9 +96,10 @@ class NormalEquations:
         response = solve(damped(self.hessian_block, damping), columns)
         cross = self.hessian_cross.flatten(0, 1)
         explained = cross.mT @ response.flatten(0, 1)
-        hessian = self.hessian_shared - explained[:, :-1]
         return ReducedEquations(
-            (hessian + hessian.mT) / 2, self.gradient_shared - explained[:, -1], response
+            self.hessian_shared - explained[:, :-1],
+            self.gradient_shared - explained[:, -1],
+            response,
         )
 
 
