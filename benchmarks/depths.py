@@ -31,7 +31,7 @@ def row(seed: int, bumps: int) -> list[str]:
     near = scene(seed, 20, (bumps, bumps), 1e-5, NOISE, depths=(0.17, 0.3), cover=GLASS)
     smooth, values = covered_path(INTRINSICS, GLASS)
     poses = refine_poses(
-        smooth, values, made.observations, pinhole_poses(made.observations, values)
+        smooth, values, made.observations, pinhole_poses(smooth, values, made.observations)
     ).blocks
     path = with_relief(smooth, Relief(*footprint(smooth, values, WIDTH, HEIGHT), CENTRES))
     flat = {**values, "relief.amplitudes": torch.zeros(CENTRES, dtype=torch.float64)}

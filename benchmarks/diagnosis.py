@@ -28,7 +28,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
 from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS
-from calib.fitting.stages import Settings
+from calib.fit_record.request import Settings
 from calib.progress import Silent
 from calib.threads import single_thread
 from fixtures.calibrated import GLASS, calibrate

@@ -30,7 +30,7 @@ from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import tuned_score_tests
 from calib.optics.board_target import FLEX, MOTION
 from calib.optics.build import covered_path, footprint, with_relief
-from calib.optics.params import LINE, TIME
+from calib.optics.exposure import MIDDLE, Exposure
 from calib.optics.projection import project
 from calib.optics.relief import Relief
 from calib.session.board import Board
@@ -164,7 +164,7 @@ def proposed(kinds: tuple[type[Effect], ...], model: CameraModel) -> list[Effect
     if model.path.cover:
         outer = model.path.cover[-1]
         rays = model.path.trace(
-            torch.tensor([[0.35 * WIDTH, 0.5 * HEIGHT]], dtype=torch.float64), model.means
+            torch.tensor([[0.35 * WIDTH, 0.5 * HEIGHT]], dtype=torch.float64), model.means, MIDDLE
         )
         place = torch.cat(outer.surface.chart(outer.frame.at(model.means).enter(rays.origin)))
     context = EffectContext(BOARD, WIDTH, HEIGHT, model.path, model.means, place=place)
@@ -194,7 +194,8 @@ def poses_of(model: CameraModel) -> Array:
         pixels = project(
             model.path,
             model.means,
-            model.path.place(points, model.means, pose.expand(BOARD.count, 6)),
+            model.path.place(points, model.means, pose.expand(BOARD.count, 6), MIDDLE),
+            MIDDLE,
         )
         if bool(((pixels > 30) & (pixels < torch.tensor([WIDTH - 30, HEIGHT - 30]))).all()):
             poses.append(pose.numpy())
@@ -215,8 +216,9 @@ def seen(model: CameraModel, values: dict[str, Tensor], poses: Array) -> Observa
         time = torch.full((BOARD.count,), view / (VIEWS - 1) - 0.5, dtype=torch.float64)
         pixels = torch.full((BOARD.count, 2), HEIGHT / 2, dtype=torch.float64)
         for _ in range(8 if model.path.shutter else 1):  # a corner's row says when it was read
-            timed = {**values, TIME: time, LINE: (pixels[:, 1] + 0.5) / HEIGHT - 0.5}
-            pixels = project(model.path, timed, model.path.place(points, timed, parameters))
+            exposure = Exposure(time, line=(pixels[:, 1] + 0.5) / HEIGHT - 0.5)
+            placed = model.path.place(points, values, parameters, exposure)
+            pixels = project(model.path, values, placed, exposure)
         views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count)))
     return Observations.of(views, BOARD).add_times(range(VIEWS), HEIGHT)
 

@@ -23,9 +23,8 @@ from rich.table import Table
 
 from calib.calibration import Calibration
 from calib.corners.corners_file import read_corners, write_corners
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.fleet_expectation import KEY
-from calib.fitting.stages import Settings
 from calib.fleet.identity import FleetOptions
 from calib.fleet.job import Job, run_job
 from calib.fleet.manifest import Entry
@@ -87,9 +86,9 @@ def tried(folder: Path, made: Scene, prior: Path, count: int) -> tuple[Tried, Tr
     alone = fit(read_session(few), SETTINGS)
     (few / "session.yaml").write_text(yaml.safe_dump(said | {"prior": str(prior)}))
     found = fit(read_session(few), SETTINGS)
-    return Tried(map_error(made, alone)), Tried(
-        map_error(made, found), bool(found.settings[KEY]["used"])
-    )
+    assert found.outcome.fleet_prior
+    used = found.outcome.fleet_prior.used
+    return Tried(map_error(made, alone)), Tried(map_error(made, found), used)
 
 
 def made_prior(folder: Path, line: Line) -> Path:

@@ -24,6 +24,7 @@ from rich.table import Table
 from benchmarks.workers import add_workers, workers_of
 from calib.corners.view import View
 from calib.fitting.stages import Setup
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.planning.design import Design
 from calib.planning.information import PlanningFit, estimate
@@ -79,9 +80,12 @@ class Person:
     def _hold(self, draw: Callable[[], Array]) -> None:
         while True:
             points = self.truth.path.place(
-                torch.from_numpy(BOARD.points()), self.truth.values, torch.from_numpy(draw())
+                torch.from_numpy(BOARD.points()),
+                self.truth.values,
+                torch.from_numpy(draw()),
+                MIDDLE,
             )
-            corners = project(self.truth.path, self.truth.values, points).numpy()
+            corners = project(self.truth.path, self.truth.values, points, MIDDLE).numpy()
             if not np.all((corners >= BORDER) & (corners <= [WIDTH - BORDER, HEIGHT - BORDER])):
                 continue
             corners = corners + self.rng.normal(0, NOISE, corners.shape)

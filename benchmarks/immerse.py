@@ -32,9 +32,10 @@ from calib.checking.check import Checker
 from calib.checking.pictures import read_pictures
 from calib.checking.update import update
 from calib.diagnosis.all_free import all_free
+from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings, Setup
+from calib.fitting.stages import Setup
 from calib.progress import Silent
 from calib.session.cover import Cover
 from calib.session.schema import Number
@@ -91,7 +92,7 @@ def drawn(seed: int) -> tuple[float, float, float]:
     intrinsics, said = misdeclared(np.random.default_rng(seed), INTRINSICS, cover)
     told = Setup(made.board, replace(CAMERA, intrinsics=intrinsics), intrinsics, said)
     dry = calibrated(made, told, Settings())
-    dry = all_free(replace(dry, settings={**dry.settings, "free": list(Settings().free)}))
+    dry = all_free(replace(dry, request=FitRequest(Settings())))
     carried = replace_medium(dry, Number(WATER))
     values = {**made.values, "cover.outside_index": torch.tensor(WATER, dtype=torch.float64)}
     ratios = [

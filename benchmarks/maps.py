@@ -14,6 +14,7 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.undistortion.ray_field import RayField, ray_field
 from fixtures.synthetic import HEIGHT, WIDTH, scene
@@ -35,7 +36,7 @@ def main() -> None:
     )
 
     def traced() -> torch.Tensor:
-        return project(made.path, made.values, torch.from_numpy(points))
+        return project(made.path, made.values, torch.from_numpy(points), MIDDLE)
 
     def field() -> RayField:
         return ray_field(made.path, made.values, WIDTH, HEIGHT)

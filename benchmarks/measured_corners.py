@@ -31,9 +31,9 @@ from calib.corners.detect import refine
 from calib.corners.detect_all import detect
 from calib.corners.view import View
 from calib.diagnosis.requested_effects import with_requested
+from calib.fit_record.request import Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.inference.calibration_model import full_model
 from calib.inference.cross_validation import fold_split, hold_out
 from calib.progress import Silent

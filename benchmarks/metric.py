@@ -40,10 +40,11 @@ from calib.corners.corners_file import write_corners
 from calib.corners.detect import find_corners
 from calib.corners.detect_all import detect
 from calib.corners.view import View
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.io.images import read_grey
 from calib.optics.build import pinhole_path
+from calib.optics.exposure import MIDDLE
 from calib.optics.relief import Relief
 from calib.session.camera import Intrinsics
 from calib.session.schema import Number
@@ -267,7 +268,9 @@ def opencv(calibration: Calibration) -> Callable[[Array], Array]:
 
     def rays(pixels: Array) -> Array:
         """OpenCV's own inversion stops after a few steps; this one goes on."""
-        directions = path.trace(torch.from_numpy(pixels), values).direction.stacked().numpy()
+        directions = (
+            path.trace(torch.from_numpy(pixels), values, MIDDLE).direction.stacked().numpy()
+        )
         return np.asarray(directions[:, :2] / directions[:, 2:])
 
     return rays

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from calib.apply.undistorter import Undistorter
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.io.images import read_grey
 from calib.progress import Silent
 from calib.report.evidence import gather_evidence

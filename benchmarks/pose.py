@@ -33,10 +33,11 @@ from calib.calibration import Calibration
 from calib.corners.markers import read_markers
 from calib.export.central import best_central
 from calib.export.formats import OPENCV
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.fitting.inputs import read_views
-from calib.fitting.stages import Settings
 from calib.io.images import read_grey
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Silent
 from calib.session.session import read_session
@@ -200,7 +201,7 @@ def tags_of(made: Scene, depth: float, rng: np.random.Generator) -> tuple[Array,
             np.array([*rng.uniform(-0.6, 0.6, 2), 1.0]) * depth,
         )
         square = SIDE * SQUARE * [1, -1, 1] @ turn.T + place
-        pixels = project(made.path, made.values, torch.from_numpy(square)).numpy()
+        pixels = project(made.path, made.values, torch.from_numpy(square), MIDDLE).numpy()
         if (pixels > 20).all() and (pixels < [WIDTH - 20, HEIGHT - 20]).all():
             places.append(place)
             corners.append(pixels)

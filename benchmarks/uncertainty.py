@@ -22,8 +22,9 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.workers import Workers, add_workers, workers_of
+from calib.fit_record.request import Settings
 from calib.fitting.declared import comparisons
-from calib.fitting.stages import Settings, Setup
+from calib.fitting.stages import Setup
 from calib.session.freeing import ALL, AUTO, NONE
 from calib.threads import single_thread
 from calib.verdict.judge import judge

@@ -26,6 +26,7 @@ from rich.table import Table
 from calib.apply.undistorter import Undistorter
 from calib.export.npz import read_field, write_npz
 from calib.io.file_set import FileSet
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Silent
 from fixtures.known import known
@@ -151,7 +152,7 @@ def saved(made: Scene) -> list[Row]:
             )
             * depth
         )
-        seen = project(*calibration.model(), torch.from_numpy(points)).numpy()
+        seen = project(*calibration.model(), torch.from_numpy(points), MIDDLE).numpy()
         at = field.map_at(depth)
         off = np.hypot(at.x[v, h] - seen[:, 0], at.y[v, h] - seen[:, 1])[at.valid[v, h]]
         worst = max(worst, float(off.max()))

@@ -15,8 +15,8 @@ import numpy as np
 import yaml
 
 from calib.corners.corners_file import write_corners
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.session.camera import Camera
 from calib.session.freeing import ALL, AUTO
 from calib.session.session import read_session, session_to_yaml

@@ -52,12 +52,13 @@ def describe_mismatch(source: str, *, covered: bool) -> str:
     if not file.is_file():
         return ""
     try:
-        shape = read_setup(file)[2].shape
+        described = read_setup(file)[2]
     except InputError:  # the pictures were described by somebody else
         return ""
-    if (shape != "none") == covered:
+    has_cover = described.shape != "none"
+    if has_cover == covered:
         return ""
-    cover = "no cover" if shape == "none" else f"a cover, a {shape}"
+    cover = f"a cover, {described.words}" if has_cover else "no cover"
     return (
         f"{file} says that its pictures have {cover}, where those {PICTURE_KINDS[covered]} are"
         " wanted."

@@ -10,17 +10,28 @@ import numpy as np
 import pytest
 import yaml
 
+from calib.apply.measure import Measurer
 from calib.calibration import Calibration, Declared
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
+from calib.fit_record.history import (
+    DiagnosisRecord,
+    DiagnosisRun,
+    History,
+    MediumChange,
+    UpdateRecord,
+)
+from calib.fit_record.outcome import CrossValidation, FitOutcome, FleetPriorTest, Redetection
+from calib.fit_record.request import CommandOptions, Settings
+from calib.fit_record.shapes import RECORD
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.inference.calibration_model import base_model
 from calib.progress import Silent
 from calib.session.camera import Camera, Intrinsics
 from calib.session.schema import Number
 from calib.session.session import read_session, session_to_yaml
+from calib.verdict.judge import judge
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
 SHORT = Settings(grid=(5, 5), steps=60)
@@ -73,7 +84,7 @@ def test_a_saved_calibration_is_read_as_it_was(calibration: Calibration, tmp_pat
         assert np.abs(ours - theirs).max() < 1e-15  # millimetres in the file cost the last bit
     assert back.stages == calibration.stages
     assert back.rejected == calibration.rejected
-    assert back.settings == calibration.settings
+    assert back.record() == calibration.record()
     assert [view.name for view in back.views] == [view.name for view in calibration.views]
     assert np.array_equal(back.poses, calibration.poses)
     assert all(
@@ -99,12 +110,8 @@ def test_a_saved_calibration_can_be_fitted_again_from_itself(
     session = {"format": 1, **described, "corners": "corners.vnl"}
     (tmp_path / "session.yaml").write_text(yaml.safe_dump(session))
     write_corners(tmp_path / "corners.vnl", back.views)
-    said = back.settings
-    again = fit(
-        read_session(tmp_path),
-        Settings(said["method"], tuple(said["grid"]), said["steps"], said["exact_hit"]),
-        Silent(),
-    )
+    assert back.request.settings
+    again = fit(read_session(tmp_path), back.request.settings, Silent())
     pixels = np.random.default_rng(2).uniform(0, [WIDTH, HEIGHT], (200, 2))
     for first, second in zip(calibration.rays(pixels), again.rays(pixels), strict=True):
         assert np.abs(first - second).max() < 1e-9
@@ -134,17 +141,51 @@ def test_views_that_gave_the_intrinsics_count_once(calibration: Calibration) -> 
     made = replace(
         calibration,
         stated=Declared(BARE, calibration.declared.cover),
-        settings={"intrinsics_from": "views"},
+        outcome=FitOutcome(intrinsics_from="views"),
     )
     priors = base_model(made).priors
     assert priors.correlations == {}
     assert priors.sigmas["camera.fx"] == pytest.approx(128.0)
 
 
-def test_settings_come_back_equal(calibration: Calibration, tmp_path: Path) -> None:
-    settings = calibration.settings | {"lens_held_out_px": {"0": 1.0, "12": 0.25}}
-    replace(calibration, settings=settings).save(tmp_path)
-    assert Calibration.load(tmp_path).settings == settings
+def test_the_record_comes_back_equal(calibration: Calibration, tmp_path: Path) -> None:
+    outcome = replace(
+        calibration.outcome,
+        lens_held_out_px={"0": 1.0, "12": 0.25},
+        redetections=(Redetection("0000.png", new_corners=3, refused=1, dropped=0),),
+        cross_validation=CrossValidation(5, 0.2, 0.1, 0.01),
+        fleet_prior=FleetPriorTest("prior.yaml", "00", 6, True, 0.5, "cover.inner_radius", 1.2),
+    )
+    assert calibration.request.settings
+    request = replace(
+        calibration.request,
+        settings=replace(calibration.request.settings, folds=5),
+        command=CommandOptions(("lens", "focal"), (0.5, 1.0)),
+    )
+    document = {"candidates": [], "remarks": ["none"]}
+    history = History(
+        medium_change=MediumChange(1.0, 1.34, 0.001, "00"),
+        updates=(UpdateRecord("00", "2026-01-01", "valid", ("a", "b"), "", {"camera.fx": 0.1}),),
+        diagnosis=DiagnosisRecord(document),
+        diagnosis_runs=(DiagnosisRun("/a", ""), DiagnosisRun("/b", "/c")),
+    )
+    recorded = replace(calibration, request=request, outcome=outcome, history=history)
+    recorded.save(tmp_path)
+    back = Calibration.load(tmp_path)
+    assert (back.request, back.outcome, back.history) == (request, outcome, history)
+    assert tuple(back.record()) == tuple(RECORD)
+
+
+def test_an_unknown_noise_comes_back_unknown(calibration: Calibration, tmp_path: Path) -> None:
+    """The file has .nan for it, and the verdict does not compare with it."""
+    path = replace(calibration, noise_px=None).save(tmp_path)
+    assert "noise_px: .nan\n" in path.read_text(encoding="utf-8")
+    back = Calibration.load(path)
+    assert back.noise_px is None
+    assert not any("noise is about" in sentence for sentence in judge(back).sentences)
+    with pytest.raises(InputError, match="give noise_px"):
+        Measurer(back)
+    assert Measurer(back, 0.1).noise_px == 0.1
 
 
 def test_projection_inverts_rays(calibration: Calibration) -> None:

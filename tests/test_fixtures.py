@@ -13,9 +13,9 @@ import pytest
 from calib.calibration import Calibration
 from calib.corners.detect_all import detect
 from calib.diagnosis.diagnose import diagnose
+from calib.fit_record.request import Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.optics.relief import Relief
 from calib.progress import Silent
 from calib.session.session import Session, read_session
@@ -140,8 +140,9 @@ def test_rays_of_the_clean_session_are_the_renderer_s(
     for name, result, px, over_expected in measured:
         error = map_error(result, FIXTURES / name / "truth.npz", near=40.0)
         assert error.pixels > 2000
+        method = "paper" if result is by_the_paper else "joint"
         print(
-            f"{name}, {result.settings['method']}: map error, px RMS by depth: {error.by_depth},"
+            f"{name}, {method}: map error, px RMS by depth: {error.by_depth},"
             f" expected: {error.predicted}"
         )
         assert (np.array(list(error.by_depth.values())) / px < 9 / 8).all()

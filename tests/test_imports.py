@@ -25,6 +25,7 @@ LAYERS = {
         ("effects",),
         ("estimation",),
         ("undistortion",),
+        ("fit_record",),
         ("calibration_file",),
         ("calibration",),
         ("intrinsics",),

@@ -16,8 +16,9 @@ import yaml
 from PIL import Image
 
 import calib
-from calib.session.cover import SHAPES, read_cover
+from calib.session.cover_section import cover_sections, read_cover
 from calib.session.schema import Section
+from calib.session.shapes.registry import dimensions
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -97,14 +98,22 @@ def test_the_covers_of_the_measuring_page_are_read() -> None:
         yaml.safe_load(block)["cover"]
         for block in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     ]
-    assert [read_cover(Section(cover, "session.yaml")).shape for cover in described] == [
-        "cone",
-        "flat",
-        "dome",
+    covers = [
+        read_cover(*cover_sections(Section({"cover": cover}, "session.yaml"), ""))
+        for cover in described
     ]
-    for quantities in SHAPES.values():
-        for quantity in quantities:
-            assert f"`{quantity.key}" in page, quantity.key
+    assert [cover.words for cover in covers] == [
+        *(
+            "a cone",
+            "a flat window",
+            "a dome",
+            "a flat window of 3 layers",
+            "a dome and a flat window",
+        )
+    ]
+    assert [cover.layers for cover in covers] == [1, 1, 1, 3, 1]
+    for dimension in dimensions():
+        assert f"`{dimension.quantity.key}" in page, dimension.quantity.key
 
 
 def test_the_drawings_are_what_the_program_draws(tmp_path: Path) -> None:

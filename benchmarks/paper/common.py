@@ -74,7 +74,7 @@ def procedure(
     over the glass that is seen.
     """
     bare, camera = pinhole_path(intrinsics)
-    poses = pinhole_poses(observations, camera)
+    poses = pinhole_poses(bare, camera, observations)
     pinhole = residuals(bare, camera, observations, poses).rmse_cm
     path, values = covered_path(intrinsics, cover)
     poses = refine_poses(path, values, observations, poses).blocks

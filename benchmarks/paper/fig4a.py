@@ -41,7 +41,7 @@ def _errors(amplitude: float, seed: int) -> list[float]:
     )
     cases = (
         (bare, camera, true),
-        (bare, camera, pinhole_poses(observations, camera)),
+        (bare, camera, pinhole_poses(bare, camera, observations)),
         (smooth, values, true),
         (uneven, fitted, true),
     )

@@ -14,6 +14,7 @@ from benchmarks.paper.common import THICKNESS, Result, relief_fit
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.optics.relief import Relief
 from calib.progress import Progress
@@ -60,7 +61,10 @@ def _seen(made: Scene, width: int) -> Observations:
     return replace(
         seen,
         pixels=project(
-            path, made.values, path.place(seen.corners, made.values, made.poses[seen.view])
+            path,
+            made.values,
+            path.place(seen.corners, made.values, made.poses[seen.view], MIDDLE),
+            MIDDLE,
         ),
     )
 

@@ -13,6 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from benchmarks.paper.common import BLUE, GREY, NOMINAL, ORANGE, THICKNESS, Result
 from calib.optics.build import covered_path
+from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.progress import Progress
@@ -83,7 +84,7 @@ def _norms(path: Path, values: Values, pixels: Floats) -> tuple[Floats, float]:
     """(N, depths) px distortion norms, traced depth by depth; and how far, px, their components are
     off straight lines.
     """
-    rays = path.trace(torch.from_numpy(pixels), values)
+    rays = path.trace(torch.from_numpy(pixels), values, MIDDLE)
     depths = torch.from_numpy(1 / INVERSE)
     points = (
         rays.at_depth(depths[:, None]).numpy() * INVERSE[:, None, None]

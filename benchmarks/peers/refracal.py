@@ -27,7 +27,8 @@ def fit(case: Case, which: str) -> Fitted:
     observations = observed(case.train)
     start_time = time.perf_counter()
     smooth, values = covered_path(INTRINSICS, paper_cone(case.thickness))
-    poses = refine_poses(smooth, values, observations, pinhole_poses(observations, values)).blocks
+    start = pinhole_poses(smooth, values, observations)
+    poses = refine_poses(smooth, values, observations, start).blocks
     path = with_relief(smooth, Relief(*footprint(smooth, values, *case.size), grid))
     values["relief.amplitudes"] = torch.zeros(grid, dtype=torch.float64)
     if method == "joint":

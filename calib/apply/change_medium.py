@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from calib.apply.dominant_uncertainty import (
     MAX_SIGMA_PX,
-    OUTSIDE_INDEX,
     DominantUncertainty,
     find_dominant_uncertainties,
     sigmas,
@@ -30,10 +29,13 @@ from calib.errors import InputError
 from calib.estimation.covariance import regression
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
+from calib.fit_record.history import MediumChange
+from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import AMPLITUDES
 from calib.session.cover import Cover
+from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number
 
 Array = NDArray[np.float64]
@@ -65,6 +67,13 @@ class Immersion:
     """
     unexplained: tuple[str, ...]
     """The names of effects that correct an error without a physical cause."""
+
+    @property
+    def medium(self) -> Number:
+        """The index of the new medium."""
+        medium = self.calibration.cover.medium
+        assert medium
+        return medium
 
     @property
     def unknown(self) -> bool:
@@ -114,41 +123,36 @@ def replace_medium(calibration: Calibration, medium: Number) -> Calibration:
             " known in air: describe it under cover in session.yaml, with its distance_mm and"
             " thickness_mm, and fit the session again."
         )
-    if OUTSIDE_INDEX not in calibration.cover.parameters:
+    original = calibration.cover.medium
+    if not original:
         raise InputError(
             "this calibration has no cover, and what water does is done at a window or dome:"
             " describe it under cover in session.yaml, and fit the session again."
         )
-    original = calibration.cover.parameters[OUTSIDE_INDEX]
     declared = calibration.declared
+    medium_name = calibration.cover.medium_name
+    change = MediumChange(
+        from_index=original.value,
+        to_index=medium.value,
+        sigma=medium.sigma,
+        calibration=calibration.digest,
+    )
     wet = replace(
         calibration,
-        cover=_set_medium(calibration.cover, medium),
+        cover=calibration.cover.replace_numbers({medium_name: medium}),
         views=(),
         poses=calibration.poses[:0],
         covariance=calibration.covariance[:0, :0],
         rejected=(),
         stages=(),
         corners_at=corners_at(calibration),
-        stated=replace(declared, cover=_set_medium(declared.cover, medium)),
-        settings={
-            **calibration.settings,
-            "immersed": {
-                "from_index": original.value,
-                "to_index": medium.value,
-                "sigma": medium.sigma,
-                "calibration": calibration.digest,
-            },
-        },
+        stated=replace(declared, cover=declared.cover.replace_numbers({medium_name: medium})),
+        history=replace(calibration.history, medium_change=change),
     )
     if not calibration.covariance.size:
         return wet
     covariance = _carry_covariance(calibration, wet)
     return replace(wet, covariance=covariance, cover=_set_sigmas(wet, covariance))
-
-
-def _set_medium(cover: Cover, medium: Number) -> Cover:
-    return replace(cover, parameters={**cover.parameters, OUTSIDE_INDEX: medium})
 
 
 def _carry_covariance(calibration: Calibration, wet: Calibration) -> Array:
@@ -159,16 +163,15 @@ def _carry_covariance(calibration: Calibration, wet: Calibration) -> Array:
     new = wet.camera_model().parameters
     covariance = np.zeros((new.count, new.count))
     declared_covariance = _widen_to_declared(calibration, old)
-    common_names = [
-        name for name in new.slices() if name in old.slices() and name != f"cover.{OUTSIDE_INDEX}"
-    ]
+    medium_name = wet.cover.medium_name
+    common_names = [name for name in new.slices() if name in old.slices() and name != medium_name]
     covariance[np.ix_(new.entries(common_names), new.entries(common_names))] = declared_covariance[
         np.ix_(old.entries(common_names), old.entries(common_names))
     ]
     for param in new.free:
-        if param.name == f"cover.{OUTSIDE_INDEX}":
+        if param.name == medium_name:
             at = new.entries([param.name])
-            covariance[at, at] = (wet.cover.parameters[OUTSIDE_INDEX].sigma / param.scale) ** 2
+            covariance[at, at] = (wet.cover.numbers[medium_name].sigma / param.scale) ** 2
     return covariance
 
 
@@ -181,17 +184,18 @@ def _widen_to_declared(calibration: Calibration, parameters: Parameters) -> Arra
     relief together are right. In another medium their errors no longer cancel
     (`python -m benchmarks.immerse` prints by how much).
     """
-    declared = {
-        f"cover.{name}": number.sigma
-        for name, number in calibration.declared.cover.parameters.items()
-    }
-    numbers = [param for param in parameters.free if declared.get(param.name, 0.0) > 0]
+    declared = calibration.declared.cover.numbers
+    numbers = [
+        param
+        for param in parameters.free
+        if param.name in declared and declared[param.name].sigma > 0
+    ]
     covariance = calibration.covariance
     if calibration.relief is None or not numbers:
         return covariance
     at = parameters.entries([param.name for param in numbers])
     by_numbers = regression(covariance, at)
-    spread = np.array([declared[param.name] / param.scale for param in numbers]) ** 2
+    spread = np.array([declared[param.name].sigma / param.scale for param in numbers]) ** 2
     excess = np.diag(np.maximum(spread - covariance.diagonal()[at], 0.0))
     return np.asarray(covariance + by_numbers @ excess @ by_numbers.T)
 
@@ -199,14 +203,14 @@ def _widen_to_declared(calibration: Calibration, parameters: Parameters) -> Arra
 def _set_sigmas(wet: Calibration, covariance: Array) -> Cover:
     """Return the cover with the sigma of each estimated number from the (S, S) covariance."""
     parameters = wet.camera_model().parameters
-    numbers = dict(wet.cover.parameters)
+    numbers = wet.cover.numbers
     for param in parameters.free:
-        if (name := param.name.removeprefix("cover.")) in numbers:
-            numbers[name] = replace(
-                numbers[name],
+        if param.name in numbers:
+            numbers[param.name] = replace(
+                numbers[param.name],
                 sigma=float(parameters.sigma(param.name, torch.from_numpy(covariance))),
             )
-    return replace(wet.cover, parameters=numbers)
+    return wet.cover.replace_numbers(numbers)
 
 
 def _map_jacobian(calibration: Calibration, pixels: Array) -> Array:
@@ -241,7 +245,8 @@ def _other_face_errors(
     valid = ~invalid
     if path.lens.wide:
         valid &= calibration.ray_field().holds(pixels)
-        depth = depth * path.trace(torch.from_numpy(pixels), values).direction.z.numpy()
+        rays = path.trace(torch.from_numpy(pixels), values, MIDDLE)
+        depth = depth * rays.direction.z.numpy()
 
     def difference(metres: Array) -> Array:
         """Return (M, 2) px at (N,) m for the M valid pixels."""
@@ -263,23 +268,29 @@ def _other_face_errors(
 def _with_inner_relief(calibration: Calibration) -> tuple[Path, Values]:
     """Return the path and its values with the relief on the inner face instead of the outer one."""
     path, values = calibration.model()
-    inner, outer = path.cover
+    inner, *middle, outer = path.outermost
     cover = (
+        *path.cover[: -len(path.outermost)],
         replace(inner, relief=outer.relief, exact_hit=outer.exact_hit),
+        *middle,
         replace(outer, relief=None),
     )
-    return replace(path, cover=cover), {**values, AMPLITUDES: -values[AMPLITUDES]}
+    # In air a surface bends light by its glass's index less 1. The first layer may be of another
+    # glass than the last one.
+    assert outer.index_inside
+    gain = (values[outer.index_inside] - 1) / (values[inner.index_outside] - 1)
+    return replace(path, cover=cover), {**values, AMPLITUDES: -gain * values[AMPLITUDES]}
 
 
 def _undistort(path: Path, values: Values, pixels: Array, depth: Array) -> Array:
     """Return the (N, 2) px of the undistorted picture, less its principal point, of (N, 2) px of
     the camera at (N,) m.
     """
-    rays = path.trace(torch.from_numpy(pixels), values)
+    rays = path.trace(torch.from_numpy(pixels), values, MIDDLE)
     origin = rays.origin.stacked().numpy()
     direction = rays.direction.stacked().numpy()
     tangent = direction[:, :2] / direction[:, 2:]
-    focal = np.array([float(values[f"camera.{name}"]) for name in ("fx", "fy")])
+    focal = np.array([float(values[name]) for name in CAMERA.focal])
     return np.asarray(
         focal * (tangent + (origin[:, :2] - tangent * origin[:, 2:]) / depth[:, None])
     )

@@ -4,7 +4,7 @@ deviation to which each would have to be measured.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.estimation.covariance import covariance_root, regression
+from calib.session.cover import MEDIUM
 
 Array = NDArray[np.float64]
 
-OUTSIDE_INDEX = "outside_index"
 MAX_SIGMA_PX = 0.15
 """px: a predicted standard deviation of the maps above this gets a warning.
 
@@ -26,20 +26,12 @@ DOMINANCE_FRACTION = 0.8
 WORDS = {
     "relief": "the glass's unevenness",
     "camera": "the camera's focal length, principal point and lens",
-    "distance": "how far the glass is from the pinhole (distance_mm)",
-    "centre": "where the dome's centre is (centre_mm)",
-    "axis_offset": "where the cover's axis is (axis_offset_mm)",
-    "inner_radius": "the cover's inner radius",
-    "radius_slope": "the cover's slope",
-    "tilt": "the cover's tilt",
-    "thickness": "the glass's thickness",
-    "refractive_index": "the glass's refractive index",
-    OUTSIDE_INDEX: "the index of what is outside",
 }
+"""The words for groups that are no dimension of the cover."""
 ADVICE = {
     "camera": "calibrate the camera without its cover, in bare/",
     "relief": "no view in one medium tells it well",
-    OUTSIDE_INDEX: "measure its salinity and temperature, and write --index-sigma",
+    MEDIUM: "measure its salinity and temperature, and write --index-sigma",
 }
 DISPLAY_UNITS = {"m": ("mm", 1e3), "rad": ("degrees", 180 / np.pi), "": ("", 1.0)}
 """The unit in session.yaml for each SI unit, and the number of these in one SI unit."""
@@ -50,7 +42,9 @@ class DominantUncertainty:
     """A group of parameters, and the sigma of the maps if these parameters had no error."""
 
     name: str
-    """A key of WORDS, or an effect's name."""
+    """A key of WORDS, the stem of a dimension's key, or an effect's name."""
+    words: str
+    """The group in words."""
     sigma_px: tuple[float, ...]
     """The sigma of the maps without the errors of this group, for each depth."""
     measured_to: float | None = None
@@ -58,11 +52,6 @@ class DominantUncertainty:
     if no standard deviation suffices, or nobody can measure these parameters.
     """
     unit: str = ""
-
-    @property
-    def words(self) -> str:
-        """The group in words."""
-        return WORDS.get(self.name, f"the effect {self.name}")
 
     @property
     def advice(self) -> str:
@@ -91,7 +80,8 @@ def find_dominant_uncertainties(
         return []
     sigma = np.array(sigmas(errors, wet.covariance, depths))
     groups = (
-        _without_group(wet, group, names, errors, depths) for group, names in _parameter_groups(wet)
+        _without_group(wet, group, names, errors, depths)
+        for group, names in _parameter_groups(wet).items()
     )
     return sorted(
         (
@@ -117,13 +107,15 @@ def _map_sigmas(errors: Array, root: Array, depths: Sequence[float]) -> tuple[fl
     return tuple(float(np.sqrt(np.nanmean((px**2).sum((1, 2))))) for px in displacements)
 
 
-def _parameter_groups(wet: Calibration) -> Iterator[tuple[str, list[str]]]:
-    """Yield each group's name and the names of its parameters."""
+def _parameter_groups(wet: Calibration) -> dict[str, list[str]]:
+    """Return the names of each group's parameters by the group's name."""
+    dimensions = wet.cover.dimensions
     groups: dict[str, list[str]] = {}
     for name in wet.camera_model().parameters.slices():
-        head, _, suffix = name.partition(".")
-        groups.setdefault(suffix.split(".")[0] if head == "cover" else head, []).append(name)
-    yield from groups.items()
+        dimension = dimensions.get(name)
+        group = dimension.quantity.stem if dimension else name.partition(".")[0]
+        groups.setdefault(group, []).append(name)
+    return groups
 
 
 def _without_group(
@@ -135,18 +127,21 @@ def _without_group(
     by_group = regression(covariance, at)
     sigma = np.array(sigmas(errors, covariance - by_group @ covariance[at], depths))
     params = [param for param in parameters.free if param.name in names]
+    dimension = wet.cover.dimensions.get(names[0])
+    words = dimension.words if dimension else WORDS.get(group, f"the effect {group}")
     if (
         group in ADVICE
-        or group not in WORDS
+        or not dimension
         or len({(param.unit, param.scale) for param in params}) != 1
         or (sigma >= MAX_SIGMA_PX).any()
     ):
-        return DominantUncertainty(group, tuple(sigma))
+        return DominantUncertainty(group, words, tuple(sigma))
     unit, per_si = DISPLAY_UNITS[params[0].unit]
     # px for each depth, if sigma of these parameters were one of their scale
     unit_sigma = np.maximum(_map_sigmas(errors, by_group, depths), np.finfo(float).tiny)
     return DominantUncertainty(
         group,
+        words,
         tuple(sigma),
         float(np.min(np.sqrt(MAX_SIGMA_PX**2 - sigma**2) / unit_sigma)) * params[0].scale * per_si,
         unit,

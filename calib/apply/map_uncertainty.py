@@ -25,6 +25,7 @@ from calib.estimation.covariance import covariance_root
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import BATCH_SIZE
+from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
 from calib.optics.rotation import onto_z
 from calib.threads import single_thread
@@ -143,8 +144,8 @@ def corners_at(calibration: Calibration) -> Array:
         return calibration.corners_at
     model, observations = calibration.camera_model(), calibration.observations
     poses = torch.from_numpy(calibration.poses)[observations.view]
-    timed = observations.with_times(model.means)
-    distance = model.path.distance(model.path.place(observations.corners, timed, poses))
+    points = model.path.place(observations.corners, model.means, poses, observations.exposure)
+    distance = model.path.distance(points)
     return np.column_stack([observations.pixels.numpy(), distance.numpy()])
 
 
@@ -188,7 +189,7 @@ class UndistortedChange:
             near = 1 / distance[batch]
             frames = None
             if path.lens.wide:
-                rays = path.trace(torch.from_numpy(pixels), model.means)
+                rays = path.trace(torch.from_numpy(pixels), model.means, MIDDLE)
                 frames = frames_along(rays.direction.stacked().numpy())
             jacobian, motions, invalid = undistorted_jacobian(path, parameters, pixels, frames)
             at_depth = (

@@ -68,8 +68,8 @@ class Checker:
     prior: CalibrationPrior
     changes: tuple[Effect, ...]
     overdispersion: Overdispersion
-    noise: float
-    """The short-scale noise of the calibration's own corners in px; NaN if it has too few."""
+    noise: float | None
+    """The short-scale noise of the calibration's own corners in px; None if it has too few."""
 
     @staticmethod
     def of(calibration: Calibration) -> Checker:
@@ -77,7 +77,7 @@ class Checker:
         with single_thread():
             prior = CalibrationPrior.of(calibration)
             changes = changes_of(calibration)
-            noise = float("nan")
+            noise = None
             if calibration.views:
                 poses = torch.from_numpy(calibration.poses)
                 residual = residuals(
@@ -219,8 +219,9 @@ class Checker:
     def _fit_poses(
         self, pictures: Pictures
     ) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[RejectedPicture, ...]]:
+        model = self.prior.model
         views, poses, rejected = with_initial_pose(
-            pictures.views, pictures.board, self.prior.model.means
+            model.path, model.means, pictures.views, pictures.board
         )
         if not views:
             raise InputError(
@@ -238,8 +239,11 @@ class Checker:
         """
         grid = on_board_grid(residual.image, views)
         noises = [short_scale_noise(grid[view : view + 1], board) for view in range(len(views))]
-        noise = float(np.median(noises))  # robust against a single bad view
-        return max(1.0, (noise / self.noise) ** 2) if np.isfinite(noise) and self.noise > 0 else 1.0
+        known = [noise for noise in noises if noise is not None]
+        if len(known) < len(noises) or not self.noise:
+            return 1.0
+        noise = float(np.median(known))  # robust against a single bad view
+        return max(1.0, (noise / self.noise) ** 2)
 
     def _expected_error(
         self, predictive: PosteriorPredictive, observations: Observations, noise_ratio: float

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from calib.effects.cover_tilt import axis_names
+from calib.effects.cover_tilt import axis_names, turn_cover
 from calib.effects.effect import Effect, EffectContext, EffectParameter
-from calib.optics.cone import Cone
-from calib.optics.flat import Flat
 from calib.optics.path import Path
 from calib.session.tolerances import Tolerance
 
@@ -34,21 +32,12 @@ class CoverSpin(Effect):
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
         if not context.path.relief:
             return ()
-        match context.path.cover[-1].surface:
-            case Cone():
-                return (cls("y"),)
-            case Flat():
-                return (cls("z"),)
-        return (cls("xyz"),)
+        axes = context.path.cover[-1].surface.symmetry
+        return (cls(axes),) if axes else ()
 
     @property
     def effect_parameters(self) -> tuple[EffectParameter, ...]:
         return tuple(EffectParameter.of(f"cover_spin.{axis}", SPIN) for axis in self.axes)
 
     def apply(self, path: Path) -> Path:
-        names = axis_names("cover_spin", self.axes)
-        turned = (
-            replace(i, frame=replace(i.frame, extra_tilts=(*i.frame.extra_tilts, names)))
-            for i in path.cover
-        )
-        return replace(path, cover=tuple(turned))
+        return turn_cover(path, axis_names(self.name, self.axes))

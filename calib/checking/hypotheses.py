@@ -228,8 +228,9 @@ def _fit_mode(
     for factor in SCALES:
         start = {scale: torch.tensor(np.log(factor), dtype=torch.float64)}
         values = {**prior.model.means, **prior.model.neutral_values(mode), **start}
-        pixels = path.adjustments[0](views.observations.pixels, values)[0]
-        observations = replace(views.observations, pixels=pixels)
+        observations = views.observations
+        pixels, _ = path.adjustments[0](observations.pixels, values, observations.exposure)
+        observations = replace(observations, pixels=pixels)
         if (fit := _fit_poses(prior, observations)) is not None:
             poses, residuals = fit
             starts.append((residuals.rms_px / factor, start, poses))
@@ -279,7 +280,7 @@ def _fit_poses(
     prior: CalibrationPrior, observations: Observations
 ) -> tuple[Tensor, Residuals] | None:
     """Return fitted poses and residuals; None if a view has no pose."""
-    poses = pinhole_poses(observations, prior.model.means)
+    poses = pinhole_poses(prior.model.path, prior.model.means, observations)
     if not bool(torch.isfinite(poses).all()):
         return None
     poses, residuals = prior.fit_poses(observations, poses)

@@ -91,8 +91,9 @@ def refit(
         precision = torch.from_numpy(_precision(prior, parameters, change, new))
     shared = parameters.vector({**parameters.origin, **(start or {})})
     initial = parameters.values(shared)
-    timed = observations.with_times(initial)
-    _, failure = path.land(observations.pixels, timed, poses[observations.view])
+    _, failure = path.land(
+        observations.pixels, initial, poses[observations.view], observations.exposure
+    )
     visible_observations = observations.select_rows(failure == 0)
     weights = pixel_weights(path, initial, visible_observations, poses, sigma)
     problem = LandingProblem(

@@ -179,15 +179,16 @@ def effects(text: str) -> tuple[str, ...]:
 
 def free(text: str) -> tuple[str, ...]:
     """Return the names of calib.session.freeing that commas join, each once."""
-    from calib.session.freeing import NAMES
+    from calib.session.freeing import option_names
 
+    names = option_names()
     for name in text.split(","):
-        if name not in NAMES:
-            near = get_close_matches(name, NAMES, 1)
+        if name not in names:
+            near = get_close_matches(name, names, 1)
             hint = (
                 f"did you mean {near[0]}"
                 if near
-                else f"write some of {', '.join(NAMES)}, joined by commas"
+                else f"write some of {', '.join(names)}, joined by commas"
             )
             raise argparse.ArgumentTypeError(
                 f"{quoted(name)} is not a number that can be freed: {hint}"

@@ -107,7 +107,7 @@ def _effects() -> tuple[str, Sequence[str]]:
 def _free() -> tuple[str, Sequence[str]]:
     from calib.session import freeing
 
-    return "free", freeing.NAMES
+    return "free", freeing.option_names()
 
 
 NAMES = {effects: _effects, free: _free}

@@ -13,10 +13,9 @@ from rich.table import Table
 from calib.errors import harmless
 from calib.fitting.rounding import with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
-from calib.session.cover import SHAPES
 from calib.session.fleet_prior import FleetPrior
 from calib.session.numbers import numbers_of
-from calib.session.schema import Quantity
+from calib.session.parameter_names import CAMERA
 
 UNITS = {"millimetres": "mm", "degrees": "deg"}
 MAX_CAMERAS = 40
@@ -77,12 +76,8 @@ def prior_json(prior: FleetPrior, written: Path) -> dict[str, object]:
 
 def _units(prior: FleetPrior) -> Iterator[tuple[str, str, float]]:
     """Yield each number of the prior, its unit, and how many units make one SI unit."""
-    quantities: dict[str, Quantity] = {
-        f"cover.{name}": quantity
-        for quantity in SHAPES[prior.cover.shape]
-        for name in quantity.names
-    }
-    pinhole = {f"camera.{quantity.key}" for quantity in PINHOLE}
+    quantities = {name: kind.quantity for name, kind in prior.cover.dimensions.items()}
+    pinhole = {CAMERA.of(quantity.key) for quantity in PINHOLE}
     for name in prior.names:
         unit, per_si = ("px", 1.0) if name in pinhole else quantities.get(name, COEFFICIENT).unit
         yield name, UNITS.get(unit, unit), per_si

@@ -205,7 +205,7 @@ def _listed(numbers: tuple[float, ...]) -> str:
 def _as_mapping(
     immersion: "Immersion", remarks: list[str], written: list[str]
 ) -> dict[str, object]:
-    index = immersion.calibration.cover.parameters["outside_index"]
+    index = immersion.medium
     unknown = (None,) * len(immersion.depths)
     rows = zip(
         immersion.depths,
@@ -247,7 +247,7 @@ def _print(immersion: "Immersion", remarks: list[str], written: "list[Path]") ->
     from calib.commands.printing import print_paths
 
     console = Console()
-    index = immersion.calibration.cover.parameters["outside_index"]
+    index = immersion.medium
     spread = f" ± {index.sigma:.2g}" if index.sigma else ""
     if immersion.after_px:
         console.print(

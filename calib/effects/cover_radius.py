@@ -3,7 +3,6 @@
 from typing import ClassVar
 
 from calib.effects.cover_effect import CoverEffect
-from calib.session.tolerances import RADIUS, RADIUS_SLOPE, Tolerance
 
 
 class CoverRadius(CoverEffect):
@@ -12,7 +11,3 @@ class CoverRadius(CoverEffect):
         "The cover is wider or narrower than stated, or its taper is different."
     )
     advice: ClassVar[str] = "hold the board as near as it fits into the picture"
-    candidates: ClassVar[dict[str, Tolerance]] = {
-        "cover.inner_radius": RADIUS,
-        "cover.radius_slope": RADIUS_SLOPE,
-    }

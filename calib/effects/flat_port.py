@@ -10,10 +10,12 @@ from torch import Tensor
 
 from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.cover_frame import CoverFrame
+from calib.optics.exposure import Exposure
 from calib.optics.flat import Flat
-from calib.optics.interface import Interface
+from calib.optics.interface import SmoothCover, interfaces_of
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
+from calib.session.parameter_names import CAMERA, COVER
 from calib.session.tolerances import PORT_DISTANCE, PORT_THICKNESS, PORT_TILT, WATER_INDEX
 
 WALL_INDEX = 1.49
@@ -89,20 +91,19 @@ class FlatPort(Effect):
         for the window's, shorter.
         """
         factors = WATER ** (torch.arange(-4, 3) / 4) if self.behind == "water" else ()
-        return tuple(
-            {name: values[name] * factor for name in ("camera.fx", "camera.fy")}
-            for factor in factors
-        )
+        return tuple({name: values[name] * factor for name in CAMERA.focal} for factor in factors)
 
     def apply(self, path: Path) -> Path:
         distance = None if self.behind == "air" else "flat_port.distance"
         frame = CoverFrame(
             origin=(None, None, distance), tilt=("flat_port.tilt.x", "flat_port.tilt.y", None)
         )
-        window = (Interface("inner", Flat(), frame), Interface("outer", Flat(), frame))
+        window = interfaces_of(SmoothCover(Flat(), frame))
         return replace(path, cover=window, adjustments=(*path.adjustments, self))
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         """Return the values with the window's parameters as those of the cover."""
         thickness = values["flat_port.thickness"]
         wall = torch.full_like(thickness, WALL_INDEX)
@@ -110,7 +111,7 @@ class FlatPort(Effect):
         outside_index = values.get("flat_port.outside_index", air)
         return pixels, {
             **values,
-            "cover.refractive_index": wall,
-            "cover.thickness": thickness,
-            "cover.outside_index": outside_index,
+            COVER.refractive_index(): wall,
+            COVER.thickness(): thickness,
+            COVER.outside_index: outside_index,
         }

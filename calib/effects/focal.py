@@ -8,10 +8,12 @@ from torch import Tensor
 from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import EffectContext, EffectParameter
 from calib.effects.offset import add_increments
+from calib.optics.exposure import Exposure
 from calib.optics.params import Values
+from calib.session.parameter_names import CAMERA
 from calib.session.tolerances import FOCAL
 
-CHANGE = EffectParameter.of("focal.change", FOCAL, ("camera.fx", "camera.fy"), relative=True)
+CHANGE = EffectParameter.of("focal.change", FOCAL, CAMERA.focal, relative=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +28,9 @@ class Focal(CameraEffect):
 
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
-        return () if {"camera.fx", "camera.fy"} & context.estimated else (cls(),)
+        return () if {*CAMERA.focal} & context.estimated else (cls(),)
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         return pixels, add_increments(values, (CHANGE,))

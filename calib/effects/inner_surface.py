@@ -15,7 +15,9 @@ CENTRES = (6, 6)
 
 @dataclass(frozen=True, slots=True)
 class InnerSurface(Effect):
-    """A relief of the inner surface, over the same patch as the outer surface's but coarser."""
+    """A relief of the inner surface, over the same patch as the outer surface's but coarser. Of
+    several covers, the outermost one has it.
+    """
 
     low: tuple[float, float]
     high: tuple[float, float]
@@ -42,5 +44,6 @@ class InnerSurface(Effect):
         return tuple(EffectParameter(param, GLASS_FIGURE.sigma) for param in self.relief.params)
 
     def apply(self, path: Path) -> Path:
-        inner, *outer = path.cover
-        return replace(path, cover=(replace(inner, relief=self.relief), *outer))
+        inside = len(path.cover) - len(path.outermost)
+        uneven = replace(path.cover[inside], relief=self.relief)
+        return replace(path, cover=(*path.cover[:inside], uneven, *path.cover[inside + 1 :]))

@@ -12,8 +12,10 @@ from torch import Tensor
 
 from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import EffectParameter
+from calib.optics.exposure import Exposure
 from calib.optics.lens import normalise_pixels
 from calib.optics.params import Values
+from calib.session.parameter_names import CAMERA
 from calib.session.tolerances import RADIAL, TANGENTIAL
 
 UNKNOWNS = (
@@ -34,7 +36,9 @@ class LensEffect(CameraEffect):
     )
     camera_parameters: ClassVar[tuple[EffectParameter, ...]] = UNKNOWNS
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         k1 = values["lens.k1"]
         k2 = values["lens.k2"]
         k3 = values["lens.k3"]
@@ -45,5 +49,5 @@ class LensEffect(CameraEffect):
         gain = r2 * (k1 + r2 * (k2 + r2 * k3))
         shift_x = x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
         shift_y = y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-        shift = torch.stack([values["camera.fx"] * shift_x, values["camera.fy"] * shift_y], -1)
+        shift = torch.stack([values[CAMERA.fx] * shift_x, values[CAMERA.fy] * shift_y], -1)
         return pixels + shift, values

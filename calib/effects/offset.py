@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from calib.effects.effect import EffectParameter
+from calib.optics.exposure import Exposure
 from calib.optics.params import Param, Values
+from calib.session.parameter_names import COVER
 from calib.session.tolerances import Tolerance
 
 
@@ -22,7 +24,9 @@ class Offsets:
     def params(self) -> tuple[Param, ...]:
         return tuple(parameter.param for parameter in self.effect_parameters)
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         return pixels, add_increments(values, self.effect_parameters)
 
 
@@ -39,8 +43,10 @@ def add_increments(values: Values, effect_parameters: Iterable[EffectParameter])
 
 
 def increments(effect: str, parameters: Mapping[str, Tolerance]) -> tuple[EffectParameter, ...]:
-    """Return a parameter of the effect for each of these stage parameters, as its increment."""
+    """Return a parameter of the effect for each of these numbers of the cover, as its increment:
+    thickness.thickness for cover.thickness, thickness.cover2.thickness for cover2.thickness.
+    """
     return tuple(
-        EffectParameter.of(f"{effect}.{name.split('.', 1)[1]}", tolerance, (name,))
+        EffectParameter.of(f"{effect}.{name.removeprefix(f'{COVER.part}.')}", tolerance, (name,))
         for name, tolerance in parameters.items()
     )

@@ -8,11 +8,13 @@ from torch import Tensor
 from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import EffectContext, EffectParameter
 from calib.effects.offset import add_increments
+from calib.optics.exposure import Exposure
 from calib.optics.params import Values
+from calib.session.parameter_names import CAMERA
 from calib.session.tolerances import PRINCIPAL_POINT
 
 UNKNOWNS = tuple(
-    EffectParameter.of(f"principal_point.{axis}", PRINCIPAL_POINT, (f"camera.c{axis}",))
+    EffectParameter.of(f"principal_point.{axis}", PRINCIPAL_POINT, (CAMERA.of(f"c{axis}"),))
     for axis in "xy"
 )
 
@@ -29,7 +31,9 @@ class PrincipalPoint(CameraEffect):
 
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
-        return () if {"camera.cx", "camera.cy"} & context.estimated else (cls(),)
+        return () if {*CAMERA.centre} & context.estimated else (cls(),)
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         return pixels, add_increments(values, UNKNOWNS)

@@ -3,7 +3,6 @@
 from typing import ClassVar
 
 from calib.effects.cover_effect import CoverEffect
-from calib.session.tolerances import INDEX, Tolerance
 
 
 class RefractiveIndex(CoverEffect):
@@ -14,4 +13,3 @@ class RefractiveIndex(CoverEffect):
     advice: ClassVar[str] = (
         "measure the glass: views can hardly separate its index from its thickness"
     )
-    candidates: ClassVar[dict[str, Tolerance]] = {"cover.refractive_index": INDEX}

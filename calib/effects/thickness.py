@@ -3,11 +3,9 @@
 from typing import ClassVar
 
 from calib.effects.cover_effect import CoverEffect
-from calib.session.tolerances import THICKNESS, Tolerance
 
 
 class Thickness(CoverEffect):
     name: ClassVar[str] = "thickness"
     description: ClassVar[str] = "The glass is thicker or thinner than stated."
     advice: ClassVar[str] = "hold the board as near as it fits into the picture"
-    candidates: ClassVar[dict[str, Tolerance]] = {"cover.thickness": THICKNESS}

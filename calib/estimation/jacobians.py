@@ -10,11 +10,13 @@ from torch import Tensor
 
 from calib.estimation.parameters import Parameters
 from calib.estimation.probes import ProbedValues, TracedRows
+from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path, row_derivatives
 from calib.optics.rays import Rays
 from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
+from calib.session.parameter_names import CAMERA
 
 Array = NDArray[np.float64]
 
@@ -40,12 +42,12 @@ def undistorted_jacobian(
     frame = None if frames is None else Rotation.of(torch.from_numpy(frames))
     motion = torch.zeros(rows, 6, dtype=torch.float64, requires_grad=True)
     with torch.enable_grad():
-        rays = path.trace(points, probed.values)
+        rays = path.trace(points, probed.values, MIDDLE)
         by_motion, *by_leaves = row_derivatives(
             _undistorted(rays, motion, values, frame), [motion, *probed.leaves.values()]
         )
         valid = _in_frame(frame, rays).in_pinhole
-    traced = TracedRows(points, rays, values, path.linear_terms(points, values))
+    traced = TracedRows(points, rays, values, MIDDLE, path.linear_terms(points, values, MIDDLE))
     columns = probed.columns(by_leaves, traced)
     by_shared = by_motion[..., :0] if columns is None else columns
     jacobian = by_shared.reshape(rows, 2, 2, by_shared.shape[-1]).numpy()
@@ -64,8 +66,8 @@ def _undistorted(rays: Rays, motion: Tensor, values: Values, frame: Rotation | N
     rays = _in_frame(frame, Rays(origin, direction, rays.failure))
     origin, direction = rays.origin, rays.direction
     forward = torch.where(rays.in_pinhole, direction.z, torch.ones_like(direction.z))
-    fx = float(values["camera.fx"])
-    fy = float(values["camera.fy"])
+    fx = float(values[CAMERA.fx])
+    fy = float(values[CAMERA.fy])
     tan_x = direction.x / forward
     tan_y = direction.y / forward
     return torch.stack(

@@ -134,20 +134,6 @@ class JointFit(Estimate):
         """True if the fit ended at finite values."""
         return self.outcome is not Outcome.NOT_FINITE
 
-    def record(self) -> dict[str, object]:
-        """Return the entries about the fit in a calibration file."""
-        prior = self.smoothness and {
-            "height_m": self.smoothness.height,
-            "length_of_patch": self.smoothness.length,
-        }
-        return {
-            "outcome": self.outcome.value,
-            "iterations": self.iterations,
-            "sigma_px": self.sigma,
-            "log_evidence": self.log_evidence,
-            "relief_prior": prior,
-        }
-
 
 def fit_joint(
     path: Path,
@@ -177,7 +163,7 @@ def fit_joint(
     # not make every step impossible.
     initial = start.values if start else values
     _, failure = path.land(
-        observations.pixels, observations.with_times(initial), poses[observations.view]
+        observations.pixels, initial, poses[observations.view], observations.exposure
     )
     observations = observations.select_rows(failure == 0)
     parameters = Parameters.of(path, values, priors)

@@ -26,12 +26,16 @@ from calib.export.central import CentralModel, best_central, remove_cover
 from calib.export.export import ExportedFiles, ExportRequest
 from calib.export.lens_fit import to_intrinsics
 from calib.export.sampled_rays import CHECK_GRID
-from calib.optics.dome import Dome
-from calib.optics.flat import Flat
+from calib.optics.exposure import MIDDLE
 from calib.optics.rays import FLATTEST
 from calib.optics.vector import Vector
 from calib.session.cover import Cover
+from calib.session.parameter_names import COVER
 from calib.session.schema import Number
+from calib.session.shapes.dome import DOME
+from calib.session.shapes.flat import FLAT
+from calib.session.shapes.registry import find_shape
+from calib.session.shapes.shape import Shape
 
 Array = NDArray[np.float64]
 
@@ -40,10 +44,9 @@ DEPTHS = (0.3, 0.5, 1.0, 3.0)
 AIR = 1.0
 EXACT_LIMIT = 1e-3
 """px: a smaller misfit is called exact."""
-FLAT, DOME = "FLATPORT", "DOMEPORT"
 KEYS = {
-    FLAT: "Nx, Ny, Nz, int_dist, int_thick, na, ng, nw",
-    DOME: "Cx, Cy, Cz, int_radius, int_thick, na, ng, nw",
+    FLAT.port: "Nx, Ny, Nz, int_dist, int_thick, na, ng, nw",
+    DOME.port: "Cx, Cy, Cz, int_radius, int_thick, na, ng, nw",
 }
 
 
@@ -51,7 +54,8 @@ KEYS = {
 class Port:
     """A housing's port, in the order of the parameters that both programs read."""
 
-    name: str
+    shape: Shape
+    """A window or a dome."""
     place: tuple[float, float, float]
     """A window's unit normal, or a dome's centre in m."""
     reach: float
@@ -70,7 +74,7 @@ class Port:
     def cover(self) -> Cover:
         """The port as a session describes it."""
         x, y, z = self.place
-        if self.name == DOME:
+        if self.shape is DOME:
             shape_numbers = {
                 "inner_radius": self.reach,
                 "centre.x": x,
@@ -87,7 +91,7 @@ class Port:
             "outside_index": self.outside_index,
         }
         return Cover(
-            "dome" if self.name == DOME else "flat",
+            self.shape.name,
             {name: Number(float(value)) for name, value in numbers.items()},
         )
 
@@ -112,20 +116,26 @@ def port_of(calibration: Calibration) -> Port:
         InputError: the cover is neither a window nor a dome.
     """
     path, values = calibration.model()
-    if not path.cover or not isinstance(path.cover[-1].surface, Flat | Dome):
-        shape = calibration.cover.shape
+    declared = find_shape(calibration.cover.shape)
+    shape = FLAT if path.cover and not declared.has_glass else declared  # effects.flat_port
+    if len(path.cover) > 2:
         raise InputError(
-            f"--format calibmar has flat and dome ports, and this cover is a {shape}: write"
+            "--format calibmar has ports of one layer of glass, and this cover has more: write"
+            " --format generic, which holds every cover."
+        )
+    if not shape.port:
+        raise InputError(
+            f"--format calibmar has flat and dome ports, and this cover is a {shape.name}: write"
             " --format generic, which holds every shape."
         )
-    _, adjusted = path.adjust_pixels(torch.zeros((1, 2), dtype=torch.float64), values)
-    inner, outer = path.cover
-    thickness = float(adjusted["cover.thickness"])
-    glass_index = float(adjusted["cover.refractive_index"])
-    outside_index = float(adjusted["cover.outside_index"])
+    _, adjusted = path.adjust_pixels(torch.zeros((1, 2), dtype=torch.float64), values, MIDDLE)
+    inner = path.cover[0]
+    thickness = float(adjusted[COVER.thickness()])
+    glass_index = float(adjusted[COVER.refractive_index()])
+    outside_index = float(adjusted[COVER.outside_index])
     place = _numbers(inner.frame.at(adjusted).leave(_point(0.0)))
-    if isinstance(outer.surface, Dome):
-        radius = float(adjusted["cover.inner_radius"])
+    if shape is DOME:
+        radius = float(adjusted[COVER.of("inner_radius")])
         return Port(DOME, place, radius, thickness, glass_index, outside_index)
     normal = _numbers(inner.frame.at(adjusted).turn(_point(1.0), back=True))
     distance = float(np.dot(normal, place))
@@ -152,13 +162,13 @@ def calibration_yaml(camera: CentralModel, port: Port, misfits: tuple[str, ...])
                 f' --ImageReader.camera_params "{camera_parameters}"'
             ),
             (
-                f"#   --ImageReader.camera_refrac_model {port.name}"
+                f"#   --ImageReader.camera_refrac_model {port.shape.port}"
                 f' --ImageReader.camera_refrac_params "{ports}"'
             ),
             f"model: {camera.lens.name}",
             f"parameters: [{camera_parameters}]",
-            f"non_svp_model: {port.name}",
-            f"# {KEYS[port.name]}",
+            f"non_svp_model: {port.shape.port}",
+            f"# {KEYS[port.shape.port]}",
             f"non_svp_parameters: [{ports}]",
             f"width: {camera.width}",
             f"height: {camera.height}",

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +11,9 @@ from calib.corners.view import View, pose_labels
 from calib.estimation.model_choice import simplest_model
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.fit_record.outcome import CrossValidation
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup, fit_stages
 from calib.progress import Progress, Silent
 from calib.threads import single_thread
 
@@ -20,27 +22,6 @@ GRIDS = ((6, 6), (8, 8), (12, 12), (16, 16))
 GRID_FOLDS = 4
 MIN_IMPROVEMENT = 0.01
 """A finer grid must lower the held-out error by this fraction."""
-OVERFIT_RATIO = 1.25
-"""Ratio of held-out to fitted error above which a fit overfits. The fitted poses explain a smaller
-ratio.
-"""
-
-
-@dataclass(frozen=True, slots=True)
-class CrossValidation:
-    """The errors when each view is held out once and only its pose is refitted."""
-
-    folds: int
-    held_out_px: float
-    """Root mean square two-dimensional reprojection error."""
-    fitted_px: float
-    """The same error of the fitted views, over all folds."""
-    held_out_sigma_px: float = 0.0
-    """Standard deviation of `held_out_px`, from the spread over poses; 0 if unknown."""
-
-    @property
-    def overfits(self) -> bool:
-        return self.held_out_px > OVERFIT_RATIO * self.fitted_px
 
 
 def cross_validate(
@@ -68,7 +49,7 @@ def cross_validate(
                 setup, Observations.of(fold.training, setup.board), settings, Silent()
             )
             test = Observations.of(fold.test, setup.board)
-            poses = pinhole_poses(test, fitted.values)
+            poses = pinhole_poses(fitted.path, fitted.values, test)
             _, residual = refit_poses(fitted.path, fitted.values, test, poses)
             for number, image in zip(
                 pose[fold.held_out], test.per_view(residual.image), strict=True

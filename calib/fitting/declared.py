@@ -13,8 +13,8 @@ from calib.effects.effect import EffectParameter
 from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
 from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
-from calib.session.cover import SHAPES
 from calib.session.deviation import independent_deviation, normalised_deviation
+from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number, Quantity
 
 UNITS = {"millimetres": "mm", "degrees": "deg"}
@@ -28,9 +28,7 @@ MIN_CORRECTION = 3.0
 DECLARED, BARE, VIEWS = "declared", "found in bare/", "found by the views alone"
 """The sources of a number's prior."""
 SOURCES = {"bare": BARE, "views": VIEWS}
-"""The source of intrinsics by `intrinsics_from` of a calibration's settings; all other numbers are
-declared.
-"""
+"""The source of intrinsics by `intrinsics_from` of the outcome; all other numbers are declared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +175,7 @@ def _declared(calibration: Calibration) -> Iterator[Comparison]:
     declared, cover, camera = calibration.declared, calibration.cover, calibration.camera.intrinsics
     assert camera
 
-    lens = SOURCES.get(calibration.settings.get("intrinsics_from", ""), DECLARED)
+    lens = SOURCES.get(calibration.outcome.intrinsics_from or "", DECLARED)
 
     def compare(
         quantity: Quantity, name: str, prior: Number, estimate: Number, source: str = DECLARED
@@ -195,21 +193,14 @@ def _declared(calibration: Calibration) -> Iterator[Comparison]:
             per_si=per_si,
         )
 
-    for quantity in SHAPES[cover.shape]:
-        for name in quantity.names:
-            yield compare(
-                quantity, f"cover.{name}", declared.cover.parameters[name], cover.parameters[name]
-            )
-    for quantity, name in zip(PINHOLE, ("fx", "fy", "cx", "cy"), strict=True):
-        yield compare(
-            quantity,
-            f"camera.{name}",
-            getattr(declared.intrinsics, name),
-            getattr(camera, name),
-            lens,
-        )
+    priors, estimates = declared.cover.numbers, cover.numbers
+    for name, dimension in cover.dimensions.items():
+        yield compare(dimension.quantity, name, priors[name], estimates[name])
+    for quantity in PINHOLE:
+        prior, estimate = getattr(declared.intrinsics, quantity.key), getattr(camera, quantity.key)
+        yield compare(quantity, CAMERA.of(quantity.key), prior, estimate, lens)
     for name, prior, estimate in zip(
         camera.names, declared.intrinsics.distortion, camera.distortion, strict=False
     ):
         if prior.value or prior.sigma or estimate.sigma:
-            yield compare(COEFFICIENT, f"camera.{name}", prior, estimate, lens)
+            yield compare(COEFFICIENT, CAMERA.of(name), prior, estimate, lens)

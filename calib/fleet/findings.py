@@ -15,6 +15,7 @@ from calib.fitting.rounding import with_sigma
 from calib.fleet.control import ALPHA, Chart, charts
 from calib.fleet.manifest import Entry
 from calib.fleet.result import JobState, Result
+from calib.session.parameter_names import CAMERA
 from calib.verdict.verdict import Trust
 
 RARE_FRACTION = 0.1
@@ -32,10 +33,10 @@ TITLES = {
     "relief_um": "unevenness of the glass",
     "effective_fx": "effective focal length, x",
     "effective_fy": "effective focal length, y",
-    "camera.fx": "focal length, x",
-    "camera.fy": "focal length, y",
-    "camera.cx": "principal point, x",
-    "camera.cy": "principal point, y",
+    CAMERA.fx: "focal length, x",
+    CAMERA.fy: "focal length, y",
+    CAMERA.cx: "principal point, x",
+    CAMERA.cy: "principal point, y",
 }
 """Titles of numbers. All other numbers are called as session.yaml calls them."""
 

@@ -22,7 +22,7 @@ from calib.export.export import ExportRequest, export
 from calib.export.formats import FORMATS
 from calib.export.npz import npz_file_names, write_npz
 from calib.fitting.fit import fit
-from calib.fitting.provenance import KEY, record_diagnosis, record_request
+from calib.fitting.provenance import record_diagnosis, record_request
 from calib.fleet.identity import FleetOptions, Identity
 from calib.fleet.manifest import Entry
 from calib.fleet.numbers import USUAL_DEPTH, fleet_numbers, prior_shifts
@@ -193,11 +193,10 @@ def _fit(
     """
     wanted = job.options
     first = record_request(fit(session, wanted.settings), (), wanted.depths)
-    if is_remote(job.entry.session):  # the copy will be gone
-        first = replace(
-            first,
-            settings=first.settings | {KEY: first.settings[KEY] | {"session": job.entry.session}},
-        )
+    origin = first.request.provenance
+    if origin and is_remote(job.entry.session):  # the copy will be gone
+        origin = replace(origin, session=job.entry.session)
+        first = replace(first, request=replace(first.request, provenance=origin))
     written = [first.write(files), *write_npz(first, wanted.depths, files, Silent())]
     written.append(write_report(first, files, Silent(), wanted.depths, pictures=session.path))
     names = [path.name for path in written]

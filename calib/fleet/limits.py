@@ -9,8 +9,9 @@ from difflib import get_close_matches
 
 from calib.errors import InputError, brief
 from calib.session.camera import PINHOLE
-from calib.session.cover import SHAPES
 from calib.session.lens import NAMES
+from calib.session.parameter_names import CAMERA, COVER, number_of
+from calib.session.shapes.registry import dimensions
 
 QUALITY = ("error_px", "held_out_px", "noise_px", "sigma_px", "relief_um")
 """The quality of a fit and the unevenness of its glass: each is above 0, and less is better."""
@@ -18,23 +19,6 @@ EFFECTIVE = ("effective_fx", "effective_fy")
 """px, the focal length of the rays beyond the cover, over the middle half of the picture. The views
 often cannot separate lens, cover and relief; these numbers describe all of them together.
 """
-NUMBERED = tuple(
-    dict.fromkeys(
-        (
-            *QUALITY,
-            *EFFECTIVE,
-            *(f"camera.{quantity.key}" for quantity in PINHOLE),
-            *(f"camera.{name}" for names in NAMES.values() for name in names),
-            *(
-                f"cover.{name}"
-                for quantities in SHAPES.values()
-                for quantity in quantities
-                for name in quantity.names
-            ),
-        )
-    )
-)
-"""All numbers that a fleet may chart and limit, by the names and in the units that a fit prints."""
 ENDS = ("min", "max")
 
 
@@ -57,6 +41,20 @@ class Limit:
         )
 
 
+def number_names() -> tuple[str, ...]:
+    """Return all numbers that a fleet may chart and limit, by the names and in the units that a fit
+    prints.
+    """
+    names = (
+        *QUALITY,
+        *EFFECTIVE,
+        *(CAMERA.of(quantity.key) for quantity in PINHOLE),
+        *(CAMERA.of(name) for names in NAMES.values() for name in names),
+        *(COVER.of(name) for dimension in dimensions() for name in dimension.quantity.names),
+    )
+    return tuple(dict.fromkeys(names))
+
+
 def limit_of(name: str, ends: Mapping[str, float], where: str) -> Limit:
     """Return the limit of a number.
 
@@ -67,9 +65,10 @@ def limit_of(name: str, ends: Mapping[str, float], where: str) -> Limit:
     Raises:
         InputError: no number has this name, or min is above max.
     """
-    if name not in NUMBERED:
-        near = get_close_matches(brief(name), NUMBERED, 1)
-        hint = f"did you mean {near[0]}" if near else f"write one such as {', '.join(NUMBERED[:6])}"
+    names = number_names()
+    if name not in names and COVER.of(number_of(name)) not in names:
+        near = get_close_matches(brief(name), names, 1)
+        hint = f"did you mean {near[0]}" if near else f"write one such as {', '.join(names[:6])}"
         raise InputError(f"{where}: {brief(name)!r} is not a number of a camera: {hint}.")
     limit = Limit(name, ends.get("min", -math.inf), ends.get("max", math.inf))
     if limit.low > limit.high:

@@ -48,22 +48,19 @@ def fleet_numbers(first: Calibration, last: Calibration, depth: float) -> dict[s
         last: the calibration with the effects of the diagnosis.
         depth: m, of the maps whose standard deviation is among the numbers.
     """
-    validation = first.settings.get("cross_validation", {})
-    quality = {
-        "error_px": first.stages[-1].rms_px,
-        "held_out_px": validation.get("held_out_px", math.nan),
-        "noise_px": first.noise_px,
-        "sigma_px": map_sigmas(first, (depth,)).get(depth, math.nan),
-        "relief_um": (
-            1e6 * height_spread(*first.model(), first.observations) if first.relief else math.nan
-        ),
-    }
-    # A few views that the others predict badly make most of the held-out error.
-    sigma = {"held_out_px": validation.get("held_out_sigma_px", 0.0)}
-    numbers = {
-        name: FleetNumber(value, sigma.get(name, 0.0), name.rpartition("_")[2].replace("um", "µm"))
-        for name, value in quality.items()
-    }
+    numbers = {"error_px": FleetNumber(first.stages[-1].rms_px, 0.0, "px")}
+    if first.noise_px is not None:
+        numbers["noise_px"] = FleetNumber(first.noise_px, 0.0, "px")
+    if validation := first.outcome.cross_validation:
+        # A few views that the others predict badly make most of the held-out error.
+        numbers["held_out_px"] = FleetNumber(
+            validation.held_out_px, validation.held_out_sigma_px, "px"
+        )
+    for sigma_px in map_sigmas(first, (depth,)).values():
+        numbers["sigma_px"] = FleetNumber(sigma_px, 0.0, "px")
+    if first.relief:
+        spread_um = 1e6 * height_spread(*first.model(), first.observations)
+        numbers["relief_um"] = FleetNumber(spread_um, 0.0, "µm")
     numbers |= {
         name: FleetNumber(value, 0.0, "px")
         for name, value in zip(EFFECTIVE, effective_focal(last), strict=True)

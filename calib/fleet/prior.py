@@ -40,7 +40,8 @@ class Kind:
     height: int
     lens: str
     coefficients: int
-    shape: str
+    cover: str
+    """The words for what it looks through."""
     estimated: tuple[str, ...]
 
     @staticmethod
@@ -50,20 +51,20 @@ class Kind:
         estimated = tuple(
             name for name, number in numbers_of(k, calibration.cover).items() if number.sigma
         )
+        covered = calibration.cover.shape != "none"
         return Kind(
             calibration.camera.width,
             calibration.camera.height,
             k.model,
             len(k.distortion) if k.distorts else 0,
-            calibration.cover.shape,
+            f"behind {calibration.cover.words}" if covered else "without a cover",
             estimated,
         )
 
     def __str__(self) -> str:
-        cover = f"behind a {self.shape}" if self.shape != "none" else "without a cover"
         return (
             f"{self.width}x{self.height} px, {self.lens} with {self.coefficients} coefficients,"
-            f" {cover}"
+            f" {self.cover}"
         )
 
 
@@ -163,11 +164,12 @@ def _unlike_itself(calibration: Calibration) -> str:
     ]
     if effects:
         return f"its diagnosis found {', '.join(effects)}"
-    if not calibration.relief or not calibration.settings.get("relief_prior"):
+    joint = calibration.outcome.joint
+    if not calibration.relief or not (joint and joint.relief_prior):
         return "its fit estimated no relief by its evidence"
     if not calibration.covariance.size or not Kind.of(calibration).estimated:
         return "its fit held every number as it is declared"
-    if calibration.settings.get("fleet_prior", {}).get("used"):
+    if (prior := calibration.outcome.fleet_prior) and prior.used:
         return "it was fitted with a fleet's prior, which would be counted twice"
     return ""
 

@@ -11,6 +11,7 @@ from calib.estimation.priors import Priors
 from calib.estimation.stated_priors import priors_of, widen_prior
 from calib.estimation.surface_prior import expected_amplitudes
 from calib.optics.relief import AMPLITUDES
+from calib.session.parameter_names import CAMERA
 from calib.session.tolerances import OWN_CENTRE, OWN_COEFFICIENT, OWN_FOCAL
 
 
@@ -30,13 +31,13 @@ def base_model(calibration: Calibration) -> CameraModel:
     for name in declared.doubted:
         intrinsics, cover = widen_prior(intrinsics, cover, name, PRIOR_INFLATION)
     priors = priors_of(intrinsics, cover, path)
-    if calibration.settings.get("intrinsics_from") == "views":
-        focal = OWN_FOCAL.sigma * float(values["camera.fx"])
+    if calibration.outcome.intrinsics_from == "views":
+        focal = OWN_FOCAL.sigma * float(values[CAMERA.fx])
         sigmas = {
-            "camera.fx": focal,
-            "camera.fy": focal,
-            "camera.cx": OWN_CENTRE.sigma,
-            "camera.cy": OWN_CENTRE.sigma,
+            CAMERA.fx: focal,
+            CAMERA.fy: focal,
+            CAMERA.cx: OWN_CENTRE.sigma,
+            CAMERA.cy: OWN_CENTRE.sigma,
         }
         sigmas = {
             param.name: sigmas.get(param.name, OWN_COEFFICIENT.sigma)

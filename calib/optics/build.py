@@ -1,25 +1,29 @@
 """Functions that build a ray path and its parameters from the description in a session."""
 
+from dataclasses import replace
+from pkgutil import resolve_name
+
 import torch
 from torch import Tensor
 
 from calib.errors import InputError
-from calib.optics.cone import Cone
 from calib.optics.cover_frame import CoverFrame, Names
-from calib.optics.dome import Dome
+from calib.optics.exposure import MIDDLE
 from calib.optics.fisheye import Fisheye
-from calib.optics.flat import Flat
-from calib.optics.interface import Interface
+from calib.optics.interface import SmoothCover, interfaces_of
 from calib.optics.lens import Lens
 from calib.optics.lens_model import LensModel
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import Relief
-from calib.optics.splined_fisheye import GRID, SHIFTS, Grid, SplinedFisheye
+from calib.optics.splined_fisheye import SHIFTS, Grid, SplinedFisheye
 from calib.optics.surface import Surface
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
-from calib.session.lens import FISHEYE, NAMES, OPENCV
+from calib.session.lens import FISHEYE
+from calib.session.parameter_names import CAMERA, CoverNames, cover_names
+from calib.session.shapes.registry import find_shape
+from calib.session.shapes.shape import Shape
 
 FOOTPRINT_MARGIN = 0.2
 """The margin of the relief's patch on each side, as a fraction of the patch that the image sees.
@@ -40,7 +44,7 @@ def pinhole_path(intrinsics: Intrinsics) -> tuple[Path, dict[str, Tensor]]:
     )
     pinhole = {name: getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy")}
     values = {
-        f"camera.{name}": torch.tensor(number.value, dtype=torch.float64)
+        CAMERA.of(name): torch.tensor(number.value, dtype=torch.float64)
         for name, number in (pinhole | coefficients).items()
     }
     if spline := intrinsics.spline:
@@ -48,17 +52,15 @@ def pinhole_path(intrinsics: Intrinsics) -> tuple[Path, dict[str, Tensor]]:
             name: torch.tensor(shifts, dtype=torch.float64)
             for name, shifts in zip(SHIFTS, (spline.x, spline.y), strict=True)
         }
-        values[GRID] = Grid(spline.size, (spline.columns, spline.rows)).encoded
-    return Path(lens_of(values)), values
+    return Path(_lens(intrinsics)), values
 
 
-def lens_of(values: Values) -> Lens:
-    """Return the lens whose parameters are among the values of a path."""
-    if GRID in values:
-        return SplinedFisheye(Grid.of(values))
-    if f"camera.{NAMES[FISHEYE][0]}" in values:
+def _lens(intrinsics: Intrinsics) -> Lens:
+    if spline := intrinsics.spline:
+        return SplinedFisheye(Grid(spline.size, (spline.columns, spline.rows)))
+    if intrinsics.model == FISHEYE:
         return Fisheye()
-    return LensModel(sum(f"camera.{name}" in values for name in NAMES[OPENCV]))
+    return LensModel(len(intrinsics.distortion) if intrinsics.distorts else 0)
 
 
 def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, Tensor]]:
@@ -66,30 +68,30 @@ def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, 
     path, values = pinhole_path(intrinsics)
     if cover.shape == "none":
         return path, values
-    parameters = {
-        f"cover.{name}": torch.tensor(number.value, dtype=torch.float64)
-        for name, number in cover.parameters.items()
-    }
-    if cover.shape == "cylinder":
-        parameters["cover.radius_slope"] = torch.zeros((), dtype=torch.float64)
-    surface, frame = _surface_in_frame(cover)
-    return (
-        Path(path.lens, (Interface("inner", surface, frame), Interface("outer", surface, frame))),
-        values | parameters,
-    )
+    covers = []
+    for place, single in enumerate(cover.covers, 1):
+        names = cover_names(place)
+        shape = find_shape(single.shape)
+        numbers = {name: number.value for name, number in single.parameters.items()}
+        values |= {
+            names.of(name): torch.tensor(number, dtype=torch.float64)
+            for name, number in {**numbers, **shape.constants}.items()
+        }
+        surface: Surface = resolve_name(shape.surface)(names)
+        origin = _full_names(names, shape.origin)
+        frame = CoverFrame(origin, _tilt_names(names, shape, single))
+        covers.append(SmoothCover(surface, frame, single.layers))
+    return Path(path.lens, interfaces_of(*covers)), values
 
 
 def with_relief(path: Path, relief: Relief, *, exact_hit: bool = True) -> Path:
-    """Return the same path with an uneven outer surface.
+    """Return the same path with an uneven outer surface, the outermost one of all.
 
     The values of this path must hold relief.amplitudes, of shape relief.grid.
     """
-    inner, outer = path.cover
-    return Path(
-        path.lens,
-        (inner, Interface("outer", outer.surface, outer.frame, relief, exact_hit)),
-        path.target,
-    )
+    *smooth, outer = path.cover
+    uneven = replace(outer, relief=relief, exact_hit=exact_hit)
+    return Path(path.lens, (*smooth, uneven), path.target)
 
 
 def footprint(
@@ -101,7 +103,7 @@ def footprint(
     columns = torch.linspace(-0.5, width - 0.5, LATTICE, dtype=torch.float64)
     rows = torch.linspace(-0.5, height - 0.5, LATTICE, dtype=torch.float64)
     pixels = torch.cartesian_prod(columns, rows)
-    rays = path.trace(pixels, values)
+    rays = path.trace(pixels, values, MIDDLE)
     outer = path.cover[-1]
     first, second = outer.surface.chart(outer.frame.at(values).enter(rays.origin))
     arrived = rays.failure == 0
@@ -122,43 +124,21 @@ def _with_margin(coordinates: Tensor) -> tuple[float, float]:
     return float(low - margin), float(high + margin)
 
 
-def _surface_in_frame(cover: Cover) -> tuple[Surface, CoverFrame]:
-    """Return the cover's surface and the frame that it stands in.
-
-    Every shape of calib.session.cover.SHAPES that has glass has a case here.
+def _tilt_names(names: CoverNames, shape: Shape, cover: Cover) -> Names:
+    """Return the names of the tilt's values about x, y and z; None for a tilt that is zero and not
+    estimated, which saves its rotations.
     """
-    match cover.shape:
-        case "cone" | "cylinder":
-            return Cone(), CoverFrame(origin=_names(cover, "axis_offset"), tilt=_tilt_names(cover))
-        case "flat":
-            # Turned about the point of its inner face on the optical axis, so the distance along
-            # that axis stays.
-            frame = CoverFrame(origin=(None, None, "cover.distance"), tilt=_tilt_names(cover))
-            return Flat(), frame
-        case "dome":
-            return Dome(), CoverFrame(origin=_names(cover, "centre"))
-        case shape:
-            raise ValueError(f"{shape!r} is not a shape of calib.session.cover.SHAPES")
-
-
-def _names(cover: Cover, key: str) -> Names:
-    """Return the names of the values that hold a vector's x, y and z; None for a component that the
-    shape does not have.
-    """
-    return _name(cover, f"{key}.x"), _name(cover, f"{key}.y"), _name(cover, f"{key}.z")
-
-
-def _name(cover: Cover, key: str) -> str | None:
-    return f"cover.{key}" if key in cover.parameters else None
-
-
-def _tilt_names(cover: Cover) -> Names:
-    """Return the tilt's names; None for a tilt that is zero and not estimated, which saves its
-    rotations.
-    """
-    tilt = [number for name, number in cover.parameters.items() if name.startswith("tilt.")]
+    tilt = [cover.parameters[f"tilt.{axis}"] for axis in shape.tilt_axes]
+    if all(number.value == 0 and number.sigma == 0 for number in tilt):
+        return None, None, None
     return (
-        (None, None, None)
-        if all(number.value == 0 and number.sigma == 0 for number in tilt)
-        else _names(cover, "tilt")
+        names.of("tilt.x") if "x" in shape.tilt_axes else None,
+        names.of("tilt.y") if "y" in shape.tilt_axes else None,
+        names.of("tilt.z") if "z" in shape.tilt_axes else None,
     )
+
+
+def _full_names(names: CoverNames, numbers: Names) -> Names:
+    """Return the names that the values of a path have for three numbers of a shape."""
+    x, y, z = numbers
+    return x and names.of(x), y and names.of(y), z and names.of(z)

@@ -3,12 +3,14 @@ Fig. 1b).
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
 from calib.optics.params import Param, Values
 from calib.optics.vector import Vector
+from calib.session.parameter_names import COVER, CoverNames
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,17 +22,27 @@ class Cone:
     so theta = 0 is on the YOZ plane with positive z.
     """
 
-    params: tuple[Param, ...] = (
-        Param("cover.inner_radius", "m", 1e-3),
-        Param("cover.radius_slope", "", 1e-2),
-    )
+    names: CoverNames = COVER
+    symmetry: ClassVar[str] = "y"
+
+    @property
+    def radius(self) -> str:
+        return self.names.of("inner_radius")
+
+    @property
+    def slope(self) -> str:
+        return self.names.of("radius_slope")
+
+    @property
+    def params(self) -> tuple[Param, ...]:
+        return Param(self.radius, "m", 1e-3), Param(self.slope, "", 1e-2)
 
     def reach(
         self, origin: Vector, direction: Vector, height: Tensor, values: Values
     ) -> tuple[Tensor, Tensor]:
-        slope = values["cover.radius_slope"]
+        slope = values[self.slope]
         radius = (
-            values["cover.inner_radius"] + height + slope * origin.y
+            values[self.radius] + height + slope * origin.y
         )  # (...) of the surface at the origin's y
         # a t^2 + 2 b t + c = 0, and c < 0 inside: the way out is -c / (b + sqrt(b^2 - a c)), which
         # stays exact for a -> 0.
@@ -49,11 +61,11 @@ class Cone:
         return distance, no_root | beyond_apex | (distance < 0)
 
     def height(self, points: Vector, values: Values) -> Tensor:
-        return _rho(points) - values["cover.inner_radius"] - values["cover.radius_slope"] * points.y
+        return _rho(points) - values[self.radius] - values[self.slope] * points.y
 
     def gradient(self, points: Vector, values: Values) -> Vector:
         inverse = 1 / _rho(points)
-        return Vector(points.x * inverse, -values["cover.radius_slope"], points.z * inverse)
+        return Vector(points.x * inverse, -values[self.slope], points.z * inverse)
 
     def chart(self, points: Vector) -> tuple[Tensor, Tensor]:
         return points.y, torch.atan2(points.x, points.z)

@@ -1,12 +1,14 @@
 """A dome: concentric spheres around the origin of the cover's frame."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
 from calib.optics.params import Param, Values
 from calib.optics.vector import Vector
+from calib.session.parameter_names import COVER, CoverNames
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,19 +20,28 @@ class Dome:
     up and down, where no forward-looking camera sees.
     """
 
-    params: tuple[Param, ...] = (Param("cover.inner_radius", "m", 1e-3),)
+    names: CoverNames = COVER
+    symmetry: ClassVar[str] = "xyz"
+
+    @property
+    def radius(self) -> str:
+        return self.names.of("inner_radius")
+
+    @property
+    def params(self) -> tuple[Param, ...]:
+        return (Param(self.radius, "m", 1e-3),)
 
     def reach(
         self, origin: Vector, direction: Vector, height: Tensor, values: Values
     ) -> tuple[Tensor, Tensor]:
         axial = origin.dot(direction)
-        power = (values["cover.inner_radius"] + height) ** 2 - origin.dot(origin)  # (...) m^2
+        power = (values[self.radius] + height) ** 2 - origin.dot(origin)  # (...) m^2
         no_hit = power <= 0
         root = torch.where(no_hit, torch.ones_like(power), axial**2 + power).sqrt()
         return torch.where(no_hit, torch.zeros_like(root), root - axial), no_hit
 
     def height(self, points: Vector, values: Values) -> Tensor:
-        return _length(points) - values["cover.inner_radius"]
+        return _length(points) - values[self.radius]
 
     def gradient(self, points: Vector, values: Values) -> Vector:  # noqa: ARG002
         return points * (1 / _length(points))

@@ -21,6 +21,7 @@ from calib.optics.params import Param, Values
 from calib.optics.rays import LENS, Rays
 from calib.optics.vector import Vector
 from calib.session.lens import FISHEYE, NAMES
+from calib.session.parameter_names import CAMERA
 
 NEWTON_STEPS = 40
 CONVERGED = 1e-13
@@ -32,7 +33,7 @@ PROBES = 16
 maximum of the polynomial, two angles would share a pixel.
 """
 
-COEFFICIENTS = tuple(Param(f"camera.{name}", "", 1e-3) for name in NAMES[FISHEYE])
+COEFFICIENTS = tuple(Param(CAMERA.of(name), "", 1e-3) for name in NAMES[FISHEYE])
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,7 @@ class Fisheye:
     def with_pupil(self, pupil: tuple[Param, ...]) -> Fisheye:
         return replace(self, pupil=pupil)
 
-    def __call__(self, pixels: Tensor, values: Values) -> Rays:
+    def __call__(self, pixels: Tensor, values: Values, _near: Tensor | None = None, /) -> Rays:
         x, y = normalise_pixels(pixels, values)
         distance = (x * x + y * y).clamp_min(MIN_DISTANCE**2).sqrt()
         angle, failed = incidence_angle(distance, _coefficients(values))
@@ -69,8 +70,8 @@ class Fisheye:
         gain = _distance(torch.atan2(outward, z), _coefficients(values))[0] / outward
         return torch.stack(
             [
-                values["camera.fx"] * x * gain + values["camera.cx"],
-                values["camera.fy"] * y * gain + values["camera.cy"],
+                values[CAMERA.fx] * x * gain + values[CAMERA.cx],
+                values[CAMERA.fy] * y * gain + values[CAMERA.cy],
             ],
             -1,
         )

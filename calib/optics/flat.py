@@ -3,12 +3,14 @@
 # ruff: noqa: ARG002 - a plane has no use for some of what the protocol passes.
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
 from calib.optics.params import Param, Values
 from calib.optics.vector import Vector
+from calib.session.parameter_names import COVER, CoverNames
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +22,9 @@ class Flat:
     upright cone.
     """
 
-    params: tuple[Param, ...] = ()
+    names: CoverNames = COVER
+    params: ClassVar[tuple[Param, ...]] = ()
+    symmetry: ClassVar[str] = "z"
 
     def reach(
         self, origin: Vector, direction: Vector, height: Tensor, values: Values

@@ -1,20 +1,19 @@
 """Refraction at one surface of the cover: intersect the ray with the surface, and bend the ray by
-Snell's law at the normal of the hit point.
+Snell's law at the normal of the hit point. A cover is an ordered tuple of such interfaces.
 
-The outer surface may carry a relief. Newton's method along the ray finds the intersection with it;
+A surface may carry a relief. Newton's method along the ray finds the intersection with it;
 the last step is differentiable, which makes the derivatives exact (implicit function theorem). A
 ray that misses or is totally reflected keeps finite values and gets a failure code.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from torch import Tensor
 
 from calib.optics.cover_frame import CoverFrame
 from calib.optics.params import Param, Values
-from calib.optics.rays import MISSED_INNER, MISSED_OUTER, REFLECTED_INNER, REFLECTED_OUTER, Rays
+from calib.optics.rays import Rays, surface_failures
 from calib.optics.relief import Relief
 from calib.optics.snell import refract
 from calib.optics.surface import Surface
@@ -31,13 +30,20 @@ MIN_THICKNESS = 5e-5
 
 @dataclass(frozen=True, slots=True)
 class Interface:
-    """One surface of the cover as a stage of the ray path: rays enter the glass at the inner
-    surface and leave it at the outer one.
-    """
+    """One surface of the cover as a stage of the ray path. It parts two media."""
 
-    name: Literal["inner", "outer"]
     surface: Surface
     frame: CoverFrame
+    thicknesses: tuple[str, ...]
+    """The names of the layers' thicknesses whose sum is its height above its cover's inner surface;
+    none for that surface itself.
+    """
+    index_inside: str | None
+    """The name of the index on the camera's side. None: air, whose index is 1."""
+    index_outside: str
+    """The name of the index on the other side."""
+    failures: tuple[int, int]
+    """The failure of a ray that misses it, and of one that it reflects totally."""
     relief: Relief | None = None
     exact_hit: bool = True
     """True if the relief moves the hit point; False if it only tilts the normal, as in the paper.
@@ -51,16 +57,15 @@ class Interface:
 
     @property
     def params(self) -> tuple[Param, ...]:
-        glass = [Param("cover.refractive_index", "", 1e-2)]
-        if self.name == "outer":
-            glass += [
-                Param("cover.thickness", "m", 1e-3, minimum=MIN_THICKNESS),
-                Param("cover.outside_index", "", 1e-2),
-            ]
+        names = (self.index_inside, self.index_outside)
+        indices = [Param(name, "", 1e-2) for name in names if name]
+        lengths = (Param(name, "m", 1e-3, minimum=MIN_THICKNESS) for name in self.thicknesses)
         return (
             *self.surface.params,
             *self.frame.params,
-            *glass,
+            *indices[:1],
+            *lengths,
+            *indices[1:],
             *(param for relief in self.reliefs for param in relief.params),
         )
 
@@ -68,13 +73,9 @@ class Interface:
         """Turn rays that travel towards the surface into the refracted rays that start on it."""
         frame = self.frame.at(values)
         origin, direction = frame.enter(rays.origin), frame.turn(rays.direction)
-        glass = values["cover.refractive_index"]
-        if self.name == "inner":
-            height, ratio = torch.zeros_like(glass), 1 / glass
-            missed_code, reflected_code = MISSED_INNER, REFLECTED_INNER
-        else:
-            height, ratio = values["cover.thickness"], glass / values["cover.outside_index"]
-            missed_code, reflected_code = MISSED_OUTER, REFLECTED_OUTER
+        index = values[self.index_outside]
+        ratio = (values[self.index_inside] if self.index_inside else 1) / index
+        height = sum((values[name] for name in self.thicknesses), torch.zeros_like(index))
         distance, failed = self.surface.reach(origin, direction, height, values)
         if self.reliefs and self.exact_hit:
             distance = self._relief_distance(origin, direction, distance, height, values)
@@ -85,8 +86,8 @@ class Interface:
         return rays.advance(
             frame.leave(point),
             frame.turn(refracted, back=True),
-            (failed, missed_code),
-            (reflected, reflected_code),
+            (failed, self.failures[0]),
+            (reflected, self.failures[1]),
         )
 
     def _outward_gradient(self, point: Vector, values: Values) -> tuple[Vector, Tensor | float]:
@@ -132,3 +133,52 @@ class Interface:
         slope = gradient.dot(direction)
         safe = torch.where(slope.abs() < 1e-3, torch.ones_like(slope), slope)
         return self.surface.height(point, values) - height - bump, safe
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothCover:
+    """One cover: concentric or parallel surfaces with layers of glass between them."""
+
+    surface: Surface
+    frame: CoverFrame
+    layers: int = 1
+
+    @property
+    def thicknesses(self) -> tuple[str, ...]:
+        """The names of the layers' thicknesses, from the inside out."""
+        return tuple(self.surface.names.thickness(i + 1) for i in range(self.layers))
+
+    @property
+    def indices(self) -> tuple[str, ...]:
+        """The names of the layers' indices, and of the index of what is outside."""
+        names = self.surface.names
+        return (
+            *(names.refractive_index(i + 1) for i in range(self.layers)),
+            names.outside_index,
+        )
+
+
+def interfaces_of(*covers: SmoothCover) -> tuple[Interface, ...]:
+    """Return the interfaces of covers one in front of the other, all from the camera outwards.
+
+    The first one stands in air. What is outside of one is inside of the next.
+    """
+    surfaces = sum(cover.layers + 1 for cover in covers)
+    interfaces: list[Interface] = []
+    index_inside: str | None = None
+    for cover in covers:
+        for layer, index_outside in enumerate(cover.indices):
+            failures = surface_failures(len(interfaces) + 1, surfaces)
+            thicknesses = cover.thicknesses[:layer]
+            interfaces.append(
+                Interface(
+                    surface=cover.surface,
+                    frame=cover.frame,
+                    thicknesses=thicknesses,
+                    index_inside=index_inside,
+                    index_outside=index_outside,
+                    failures=failures,
+                )
+            )
+            index_inside = index_outside
+    return tuple(interfaces)

@@ -12,8 +12,9 @@ from torch import Tensor
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays
 from calib.optics.vector import Vector
+from calib.session.parameter_names import CAMERA
 
-PINHOLE = tuple(Param(f"camera.{name}", "px", 1.0) for name in ("fx", "fy", "cx", "cy"))
+PINHOLE = tuple(Param(name, "px", 1.0) for name in CAMERA.pinhole)
 PUPIL = tuple(Param(f"entrance_pupil.{name}", "m", 1e-3) for name in ("e2", "e4"))
 """The axial shift of the entrance pupil is e2 angle^2 + e4 angle^4, the angle in rad."""
 PUPIL_LATERAL = tuple(Param(f"entrance_pupil.{name}", "m", 1e-3) for name in ("x2", "y2"))
@@ -40,8 +41,12 @@ class Lens(Protocol):
         """Return the same lens with these parameters of the entrance pupil's motion."""
         ...
 
-    def __call__(self, pixels: Tensor, values: Values) -> Rays:
-        """Return the rays of (..., 2) px, starting at the entrance pupil."""
+    def __call__(self, pixels: Tensor, values: Values, near: Tensor | None = None, /) -> Rays:
+        """Return the rays of (..., 2) px, starting at the entrance pupil.
+
+        `near` is an estimate of each ray's direction, (..., 2) x and y at z = 1, NaN where there is
+        none. A lens that inverts its distortion by iteration starts at it.
+        """
         ...
 
     def project(self, points: Tensor, values: Values) -> Tensor:
@@ -55,8 +60,8 @@ def normalise_pixels(pixels: Tensor, values: Values) -> tuple[Tensor, Tensor]:
     """Return the (...) normalised x and y of (..., 2) px: offsets from the principal point, over
     the focal lengths.
     """
-    x = (pixels[..., 0] - values["camera.cx"]) / values["camera.fx"]
-    y = (pixels[..., 1] - values["camera.cy"]) / values["camera.fy"]
+    x = (pixels[..., 0] - values[CAMERA.cx]) / values[CAMERA.fx]
+    y = (pixels[..., 1] - values[CAMERA.cy]) / values[CAMERA.fy]
     return x, y
 
 

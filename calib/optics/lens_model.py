@@ -13,10 +13,11 @@ import torch
 from torch import Tensor
 
 from calib.optics.lens import PINHOLE, entrance_point, normalise_pixels
-from calib.optics.params import NEAR, Param, Values
+from calib.optics.params import Param, Values
 from calib.optics.rays import LENS, Rays
 from calib.optics.vector import Vector
 from calib.session.lens import NAMES, OPENCV
+from calib.session.parameter_names import CAMERA
 
 COEFFICIENTS = NAMES[OPENCV]
 
@@ -50,19 +51,19 @@ class LensModel:
     def params(self) -> tuple[Param, ...]:
         return (
             *PINHOLE,
-            *(Param(f"camera.{name}", "", 1e-3) for name in COEFFICIENTS[: self.count]),
+            *(Param(CAMERA.of(name), "", 1e-3) for name in COEFFICIENTS[: self.count]),
             *self.pupil,
         )
 
     def with_pupil(self, pupil: tuple[Param, ...]) -> "LensModel":
         return replace(self, pupil=pupil)
 
-    def __call__(self, pixels: Tensor, values: Values) -> Rays:
+    def __call__(self, pixels: Tensor, values: Values, near: Tensor | None = None, /) -> Rays:
         """Return the rays of (..., 2) px, starting at the entrance pupil."""
         x, y = normalise_pixels(pixels, values)
         failed = torch.zeros_like(x, dtype=torch.bool)
         if self.count:
-            x, y, failed = undistort(x, y, self._coefficients(values), values.get(NEAR))
+            x, y, failed = undistort(x, y, self._coefficients(values), near)
         start = entrance_point((x * x + y * y).clamp_min(1e-24).sqrt().atan(), values, self.pupil)
         return Rays(start, Vector(x, y, torch.ones_like(x)).unit(), failed.to(torch.uint8) * LENS)
 
@@ -76,14 +77,14 @@ class LensModel:
             x, y = tilt(*distort(x, y, coefficients), coefficients)
         return torch.stack(
             [
-                values["camera.fx"] * x + values["camera.cx"],
-                values["camera.fy"] * y + values["camera.cy"],
+                values[CAMERA.fx] * x + values[CAMERA.cx],
+                values[CAMERA.fy] * y + values[CAMERA.cy],
             ],
             -1,
         )
 
     def _coefficients(self, values: Values) -> list[Tensor]:
-        coefficients = [values[f"camera.{name}"] for name in COEFFICIENTS[: self.count]]
+        coefficients = [values[CAMERA.of(name)] for name in COEFFICIENTS[: self.count]]
         zero = torch.zeros_like(coefficients[0])
         return coefficients + [zero] * (MIN_COEFFICIENTS - self.count)
 

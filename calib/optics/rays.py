@@ -7,6 +7,7 @@ from torch import Tensor
 
 from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
+from calib.session.cover_section import MAX_COVERS, MAX_LAYERS
 
 FAILURES = (
     "arrived",
@@ -16,8 +17,18 @@ FAILURES = (
     "missed the cover's outer surface",
     "totally reflected at the cover's outer surface",
     "missed the board's plane",
+    *(
+        sentence
+        for surface in range(2, MAX_COVERS * (MAX_LAYERS + 1))
+        for sentence in (
+            f"missed the cover's surface {surface}",
+            f"totally reflected at the cover's surface {surface}",
+        )
+    ),
 )
-"""A ray's `failure` is an index into this tuple: the first failure on its way, 0 if it arrived."""
+"""A ray's `failure` is an index into this tuple: the first failure on its way, 0 if it arrived.
+Surfaces count from the camera outwards. The first is the inner one, the last the outer one.
+"""
 
 FLATTEST = 1e-3
 """The smallest z of a unit direction that the picture of a pinhole holds. An undistorted picture is
@@ -25,6 +36,18 @@ one. This direction is 0.06 degrees short of sideways.
 """
 
 LENS, MISSED_INNER, REFLECTED_INNER, MISSED_OUTER, REFLECTED_OUTER, MISSED_TARGET = range(1, 7)
+
+
+def surface_failures(surface: int, surfaces: int) -> tuple[int, int]:
+    """Return the failures of rays that miss a surface of the cover, and of rays that it reflects.
+    `surface` is its number from the camera outwards, 1 to `surfaces`.
+    """
+    if surface == surfaces:
+        return MISSED_OUTER, REFLECTED_OUTER
+    if surface == 1:
+        return MISSED_INNER, REFLECTED_INNER
+    missed = MISSED_TARGET + 1 + 2 * (surface - 2)
+    return missed, missed + 1
 
 
 @dataclass(frozen=True, slots=True)

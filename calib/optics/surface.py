@@ -1,15 +1,16 @@
 """The protocol of a cover's shape, in the cover's own frame: intersection, height, normal, and a
 chart for the relief.
 
-A new shape is a file with a class of this protocol, and a case in `optics.build`.
+The description of a shape (`calib.session.shapes`) names its class of this protocol.
 """
 
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from torch import Tensor
 
 from calib.optics.params import Param, Values
 from calib.optics.vector import Vector
+from calib.session.parameter_names import CoverNames
 
 
 class Surface(Protocol):
@@ -20,6 +21,16 @@ class Surface(Protocol):
     measured (along the radius of a cone). So an uneven outer surface is height = thickness +
     relief.
     """
+
+    symmetry: ClassVar[str]
+    """The axes of the cover's frame about which a turn leaves the smooth surface as it is: y for a
+    cone, xyz for a dome.
+    """
+
+    @property
+    def names(self) -> CoverNames:
+        """The names of the cover's numbers."""
+        ...
 
     @property
     def params(self) -> tuple[Param, ...]:

@@ -5,21 +5,11 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
+from calib.optics.exposure import MIDDLE
 from calib.report.evidence import Array, Evidence
 from calib.report.ink import FAINT
-
-DEGREES = 180 / np.pi
-UPRIGHT = (("along the axis (mm)", 1e3), ("around the axis (°)", DEGREES))
-CHARTS = {
-    "cone": UPRIGHT,
-    "cylinder": UPRIGHT,
-    "flat": (("y (mm)", 1e3), ("x (mm)", 1e3)),
-    "dome": (("elevation (°)", DEGREES), ("azimuth (°)", DEGREES)),
-}
-"""Label of each chart coordinate of a shape, and the factor from SI to the label's unit.
-
-The first coordinate is drawn downwards.
-"""
+from calib.session.shapes.registry import find_shape
+from calib.session.shapes.shape import ChartAxis
 
 
 def exit_points(evidence: Evidence, pixels: Array) -> Array:
@@ -27,16 +17,16 @@ def exit_points(evidence: Evidence, pixels: Array) -> Array:
     where no ray does.
     """
     outer = evidence.path.cover[-1]
-    rays = evidence.path.trace(torch.from_numpy(pixels), evidence.values)
-    _, values = evidence.path.adjust_pixels(torch.from_numpy(pixels), evidence.values)
+    rays = evidence.path.trace(torch.from_numpy(pixels), evidence.values, MIDDLE)
+    _, values = evidence.path.adjust_pixels(torch.from_numpy(pixels), evidence.values, MIDDLE)
     chart = torch.stack(outer.surface.chart(outer.frame.at(values).enter(rays.origin)), -1)
     return torch.where((rays.failure != 0).unsqueeze(-1), torch.nan, chart).numpy()
 
 
 def chart_scale(evidence: Evidence) -> tuple[float, float]:
     """Return the factors from the two chart coordinates, SI, to the drawn units."""
-    (_, first), (_, second) = CHARTS[evidence.calibration.cover.shape]
-    return first, second
+    first, second = _chart(evidence)
+    return first.per_si, second.per_si
 
 
 def chart_to_panel(evidence: Evidence, chart: Array) -> tuple[Array, Array]:
@@ -63,13 +53,19 @@ def chart_axes(axes: Axes, evidence: Evidence) -> Polygon:
     edge = np.stack(chart_to_panel(evidence, border(evidence)), -1)
     frame = Polygon(edge, fill=False, edgecolor=FAINT, linewidth=0.9)
     axes.add_patch(frame)
-    (y_label, _), (x_label, _) = CHARTS[evidence.calibration.cover.shape]
+    first, second = _chart(evidence)
     (x_min, y_min), (x_max, y_max) = edge.min(0), edge.max(0)
     pad_x, pad_y = 0.04 * (x_max - x_min), 0.04 * (y_max - y_min)
     axes.set(
-        xlabel=x_label,
-        ylabel=y_label,
+        xlabel=second.label,
+        ylabel=first.label,
         xlim=(x_min - pad_x, x_max + pad_x),
         ylim=(y_max + pad_y, y_min - pad_y),
     )
     return frame
+
+
+def _chart(evidence: Evidence) -> tuple[ChartAxis, ChartAxis]:
+    chart = find_shape(evidence.calibration.cover.covers[-1].shape).chart
+    assert chart
+    return chart

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from calib.apply.angular_reach import undistortion_limit
-from calib.fitting.cross_validation import CrossValidation
-from calib.fitting.provenance import KEY
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
+from calib.session.cover import Cover
+from calib.session.parameter_names import INDEX, THICKNESS, layer_number
 from calib.verdict.judge import judge
 from calib.verdict.residual import NOT_ALL_NOISE
 from calib.verdict.thresholds import BEYOND_NOISE
@@ -22,7 +22,6 @@ HERE = Path()
 """The calibration's folder in the commands of a report. The report lies in that folder, and reveals
 no path of its author's disk.
 """
-SHAPES = {"cone": "a cone", "cylinder": "a cylinder", "flat": "a flat window", "dome": "a dome"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +32,7 @@ class Summary:
 
 def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
     """Summarise a calibration; `depths` are those of the requested maps, in m."""
-    session = Path(evidence.calibration.settings.get(KEY, {}).get("session", "SESSION")).name
+    session = Path(evidence.calibration.request.session).name
     verdict = judge(evidence.calibration, depths=depths, folder=HERE, session=Path(session))
     limit = undistortion_limit(evidence.calibration)
     coverage = " ".join(filter(None, [_coverage(evidence), limit]))
@@ -42,14 +41,8 @@ def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
 
 def _subject(evidence: Evidence) -> str:
     calibration = evidence.calibration
-    behind = ""
-    if calibration.cover.shape != "none":
-        thickness = calibration.cover.parameters["thickness"].value
-        index = calibration.cover.parameters["refractive_index"].value
-        behind = (
-            f" behind {SHAPES[calibration.cover.shape]}, {1e3 * thickness:.3g} mm thick with index"
-            f" {index:.4g},"
-        )
+    covered = calibration.cover.shape != "none"
+    behind = f" behind {' and '.join(map(_glass, calibration.cover.covers))}" if covered else ""
     board = calibration.board
     near, far = evidence.reach
     size = f"{calibration.camera.width}x{calibration.camera.height}"
@@ -65,6 +58,16 @@ def _subject(evidence: Evidence) -> str:
     )
 
 
+def _glass(cover: Cover) -> str:
+    """Return the words for a cover and its glass, up to a comma."""
+    layers = range(1, cover.layers + 1)
+    thickness = sum(cover.parameters[layer_number(layer, THICKNESS)].value for layer in layers)
+    indices = [f"{cover.parameters[layer_number(layer, INDEX)].value:.4g}" for layer in layers]
+    *inner, last = indices
+    index = f"index {last}" if not inner else f"indices {', '.join(inner)} and {last}"
+    return f"{cover.single_words}, {1e3 * thickness:.3g} mm thick with {index},"
+
+
 def _fit(evidence: Evidence, verdict: Verdict) -> str:
     calibration = evidence.calibration
     rms = calibration.stages[-1].rms_px
@@ -74,7 +77,7 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
         text = f"The error is {rms:.3f} px, where the camera alone leaves {bare_rms:.3f} px"
     else:
         text = f"The error is {rms:.3f} px"
-    if not np.isfinite(noise):
+    if noise is None:
         text += "; there are too few corners to tell how much of it is noise"
     elif rms <= NOISE_ALONE * noise:
         patterns = over_image(evidence).is_pattern or over_board(evidence).is_pattern
@@ -90,9 +93,8 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
         )
     else:
         text += ". The corners show no noise, like computed corners"
-    if not (settings := calibration.settings.get("cross_validation")):
+    if not (validation := calibration.outcome.cross_validation):
         return text + ". Overfitting was not measured (calib fit --folds 5 measures it)."
-    validation = CrossValidation(**settings)
     result = "overfits" if validation.overfits else "does not overfit"
     return text + f". On held-out views it is {validation.held_out_px:.3f} px, so the fit {result}."
 

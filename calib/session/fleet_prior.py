@@ -19,7 +19,8 @@ from calib.errors import InputError
 from calib.io.files import read_file
 from calib.io.yaml_reader import read_yaml
 from calib.session.camera import Camera, Intrinsics, camera_to_yaml, read_camera
-from calib.session.cover import Cover, cover_to_yaml, read_cover
+from calib.session.cover import Cover
+from calib.session.cover_section import cover_sections, cover_to_yaml, read_cover
 from calib.session.deviation import independent_deviation
 from calib.session.freeing import ALL, free_parameters
 from calib.session.numbers import (
@@ -140,6 +141,8 @@ def check_compatible(prior: FleetPrior, camera: Camera, cover: Cover, file: str)
         raise InputError(
             f"{file}: cover.shape is {cover.shape}: write {prior.cover.shape}, {remedy}."
         )
+    if cover.dimensions.keys() != prior.cover.dimensions.keys():
+        raise InputError(f"{file}: cover is {cover.words}: write {prior.cover.words}, {remedy}.")
     if camera.intrinsics:
         _check_lens(prior, camera.intrinsics, f"{file}: camera.intrinsics")
         _check_near(prior, camera.intrinsics, cover, file)
@@ -233,14 +236,14 @@ def nominal_intrinsics(prior: FleetPrior) -> Intrinsics:
 
 def _read_description(section: Section) -> tuple[Camera, Cover]:
     """Read a camera with intrinsics, and a cover."""
-    cover_section = section.section("cover", "{shape: cone, ...}")
+    covers = cover_sections(section, "{shape: cone, ...}")
     camera = read_camera(section.section("camera", "{width: 1640, height: 1232, intrinsics: ...}"))
-    cover = read_cover(cover_section)
+    cover = read_cover(*covers)
     if not camera.intrinsics:
         raise section.error(
             "camera", camera_to_yaml(camera), "its intrinsics, as calib fleet-prior wrote it"
         )
-    check_correlations(cover_section, camera.intrinsics, cover)
+    check_correlations(covers[0], camera.intrinsics, cover)
     return camera, cover
 
 

@@ -3,50 +3,15 @@ those of the names that people use for them.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from calib.errors import InputError
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
 from calib.session.schema import Number
-from calib.session.tolerances import (
-    COVER_TILT,
-    DISTANCE,
-    FOCAL,
-    INDEX,
-    OFFSET,
-    PRINCIPAL_POINT,
-    RADIAL,
-    RADIUS,
-    RADIUS_SLOPE,
-    TANGENTIAL,
-    THICKNESS,
-    Tolerance,
-)
+from calib.session.shapes.registry import dimensions
+from calib.session.tolerances import FOCAL, PRINCIPAL_POINT, RADIAL, TANGENTIAL
 
-
-@dataclass(frozen=True, slots=True)
-class FreeOption:
-    """A name of `--free`, and the tolerance of its numbers where the session gives them without a
-    sigma.
-    """
-
-    name: str
-    parameters: tuple[str, ...]
-    """Names of calib.session.cover.SHAPES. A shape may lack some of them."""
-    tolerance: Tolerance
-
-
-COVER = (
-    FreeOption("radius", ("inner_radius",), RADIUS),
-    FreeOption("slope", ("radius_slope",), RADIUS_SLOPE),
-    FreeOption("offset", ("axis_offset.x", "axis_offset.z"), OFFSET),
-    FreeOption("centre", ("centre.x", "centre.y", "centre.z"), OFFSET),
-    FreeOption("distance", ("distance",), DISTANCE),
-    FreeOption("tilt", ("tilt.x", "tilt.y", "tilt.z"), COVER_TILT),
-    FreeOption("thickness", ("thickness",), THICKNESS),
-    FreeOption("index", ("refractive_index",), INDEX),
-)
 INTRINSICS = "intrinsics"
 TANGENTIAL_NAMES = ("p1", "p2")
 ALL = "all"
@@ -57,7 +22,12 @@ than exact numbers.
 """
 NONE = "none"
 """Only the numbers that the session states with a sigma."""
-NAMES = (*(option.name for option in COVER), INTRINSICS, AUTO, ALL, NONE)
+
+
+def option_names() -> tuple[str, ...]:
+    """Return the names of `--free`."""
+    options = dict.fromkeys(entry.option for entry in dimensions() if entry.option)
+    return (*options, INTRINSICS, AUTO, ALL, NONE)
 
 
 def free_parameters(
@@ -68,35 +38,33 @@ def free_parameters(
     Raises:
         InputError: the cover has no such number.
     """
+    kinds = cover.dimensions
+    options = dict.fromkeys(kind.option for kind in kinds.values() if kind.option)
+    missing = [name for name in names if name not in (*options, INTRINSICS, AUTO, ALL, NONE)]
+    if missing:
+        raise InputError(
+            f"--free {missing[0]}: a cover of shape {cover.shape} has no {missing[0]}: "
+            f"write some of {', '.join((*options, INTRINSICS))}."
+        )
     if ALL in names or AUTO in names:
-        intrinsics, cover = _free_all(intrinsics, cover)
-    parameters = dict(cover.parameters)
-    for option in COVER:
-        if option.name not in names:
-            continue
-        cover_names = [name for name in option.parameters if name in parameters]
-        if not cover_names:
-            available = [entry.name for entry in COVER if set(entry.parameters) & set(parameters)]
-            raise InputError(
-                f"--free {option.name}: a cover of shape {cover.shape} has no {option.name}: "
-                f"write some of {', '.join((*available, INTRINSICS))}."
-            )
-        parameters |= {
-            name: _free_number(parameters[name], option.tolerance.sigma) for name in cover_names
-        }
+        intrinsics = _map_intrinsics(intrinsics, _free_unless_exact)
+        cover = _map_cover(cover, _free_unless_exact, tuple(options))
     if INTRINSICS in names:
         intrinsics = _map_intrinsics(intrinsics, _free_number)
-    return intrinsics, replace(cover, parameters=parameters)
+    return intrinsics, _map_cover(cover, _free_number, names)
 
 
-def _free_all(intrinsics: Intrinsics, cover: Cover) -> tuple[Intrinsics, Cover]:
-    """Give the tolerance of its kind to every number that has no sigma and is not exact."""
-    tolerances = {name: option.tolerance.sigma for option in COVER for name in option.parameters}
-    parameters = {
-        name: _free_unless_exact(number, tolerances.get(name, 0.0))
-        for name, number in cover.parameters.items()
-    }
-    return _map_intrinsics(intrinsics, _free_unless_exact), replace(cover, parameters=parameters)
+def _map_cover(
+    cover: Cover, change: Callable[[Number, float], Number], options: Sequence[str]
+) -> Cover:
+    """Change each number of these options, given its tolerance."""
+    kinds = cover.dimensions
+    changed = {}
+    for name, number in cover.numbers.items():
+        tolerance = kinds[name].tolerance
+        if tolerance and kinds[name].option in options:
+            changed[name] = change(number, tolerance.sigma)
+    return cover.replace_numbers(changed)
 
 
 def _map_intrinsics(

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.session.camera import Intrinsics
-from calib.session.cover import CORRELATIONS, Cover
+from calib.session.cover import Cover
+from calib.session.cover_section import CORRELATIONS
 from calib.session.glass import Glass
+from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number, Section
 
 Array = NDArray[np.float64]
@@ -18,17 +20,15 @@ Array = NDArray[np.float64]
 
 def numbers_of(intrinsics: Intrinsics, cover: Cover) -> dict[str, Number]:
     """Return the numbers by name, the cover's first, then the camera's."""
-    return {f"cover.{name}": number for name, number in cover.parameters.items()} | camera_numbers(
-        intrinsics
-    )
+    return cover.numbers | camera_numbers(intrinsics)
 
 
 def camera_numbers(intrinsics: Intrinsics) -> dict[str, Number]:
     """Return the camera's numbers by name."""
-    pinhole = {f"camera.{name}": getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy")}
-    return pinhole | {
-        f"camera.{name}": number
-        for name, number in zip(intrinsics.names, intrinsics.distortion, strict=True)
+    k = intrinsics
+    numbers = dict(zip(CAMERA.pinhole, (k.fx, k.fy, k.cx, k.cy), strict=True))
+    return numbers | {
+        CAMERA.of(name): number for name, number in zip(k.names, k.distortion, strict=True)
     }
 
 
@@ -38,22 +38,19 @@ def replace_numbers(
     """Return the description with some numbers replaced. Correlations and the glass's prior are
     dropped: they do not hold for the new numbers.
     """
-    parameters = {
-        name: numbers.get(f"cover.{name}", number) for name, number in cover.parameters.items()
-    }
     camera = {
         name: numbers.get(name, number) for name, number in camera_numbers(intrinsics).items()
     }
     intrinsics = replace(
         intrinsics,
-        fx=camera["camera.fx"],
-        fy=camera["camera.fy"],
-        cx=camera["camera.cx"],
-        cy=camera["camera.cy"],
-        distortion=tuple(camera[f"camera.{name}"] for name in intrinsics.names),
+        fx=camera[CAMERA.fx],
+        fy=camera[CAMERA.fy],
+        cx=camera[CAMERA.cx],
+        cy=camera[CAMERA.cy],
+        distortion=tuple(camera[CAMERA.of(name)] for name in intrinsics.names),
         correlations=(),
     )
-    return intrinsics, replace(cover, parameters=parameters, correlations=(), glass=None)
+    return intrinsics, replace(cover.replace_numbers(numbers), correlations=(), glass=None)
 
 
 def correlations_of(intrinsics: Intrinsics | None, cover: Cover) -> dict[tuple[str, str], float]:
@@ -101,9 +98,7 @@ def check_correlations(section: Section, intrinsics: Intrinsics | None, cover: C
     """
     if not (cover.correlations or cover.glass):
         return
-    names = [f"cover.{name}" for name in cover.parameters] + list(
-        camera_numbers(intrinsics) if intrinsics else ()
-    )
+    names = [*cover.numbers, *(camera_numbers(intrinsics) if intrinsics else ())]
     for first, second, _ in cover.correlations:
         for name in (first, second):
             if name not in names:
@@ -143,8 +138,7 @@ def _with_glass(
     correlation: Array, names: list[str], intrinsics: Intrinsics | None, cover: Cover, glass: Glass
 ) -> Array:
     """Return the correlation matrix of the glass's coefficients and the numbers."""
-    numbers = {f"cover.{name}": number for name, number in cover.parameters.items()}
-    numbers |= camera_numbers(intrinsics) if intrinsics else {}
+    numbers = cover.numbers | (camera_numbers(intrinsics) if intrinsics else {})
     sigma = np.sqrt(np.clip(glass.covariance.diagonal(), np.finfo(float).tiny, None))
     cross_correlation = np.zeros((len(sigma), len(names)))
     for name, column in zip(glass.numbers, glass.cross_covariance.T, strict=True):

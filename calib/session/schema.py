@@ -50,10 +50,14 @@ class Quantity:
     """None: the key is required."""
 
     @property
+    def stem(self) -> str:
+        """The key without its unit."""
+        return re.sub("(_mm|_deg)$", "", self.key)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The names of its numbers in the program: tilt_deg of x and z has tilt.x and tilt.z."""
-        stem = re.sub("(_mm|_deg)$", "", self.key)
-        return tuple(f"{stem}.{component}" for component in self.components) or (stem,)
+        return tuple(f"{self.stem}.{component}" for component in self.components) or (self.stem,)
 
     @property
     def unit(self) -> tuple[str, float]:

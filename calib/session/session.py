@@ -12,7 +12,8 @@ from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.board_section import board_to_yaml, read_board
 from calib.session.camera import Camera, Intrinsics, camera_to_yaml, read_camera
-from calib.session.cover import Cover, cover_to_yaml, read_cover
+from calib.session.cover import Cover
+from calib.session.cover_section import cover_sections, cover_to_yaml, read_cover
 from calib.session.fleet_prior import FleetPrior, check_compatible, read_fleet_prior
 from calib.session.numbers import check_correlations
 from calib.session.schema import Number, Section
@@ -162,9 +163,9 @@ def _read(path: Path, bare_of: Session | None) -> Session:
 def _read_setup(section: Section) -> tuple[Board, Camera, Cover]:
     board = section.section("board", "{columns: 9, rows: 6, square_mm: 25.0}")
     camera = section.section("camera", "{width: 1640, height: 1232}")
-    cover = section.section("cover", "{shape: none}")
-    setup = read_board(board), read_camera(camera), read_cover(cover)
-    check_correlations(cover, setup[1].intrinsics, setup[2])
+    covers = cover_sections(section, "{shape: none}")
+    setup = read_board(board), read_camera(camera), read_cover(*covers)
+    check_correlations(covers[0], setup[1].intrinsics, setup[2])
     return setup
 
 

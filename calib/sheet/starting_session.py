@@ -3,7 +3,9 @@ owner knows.
 """
 
 import json
+from collections.abc import Mapping
 
+from calib.session.shapes.registry import SHAPES
 from calib.sheet.sheet import Sheet
 from calib.sheet.target import Pattern
 
@@ -11,9 +13,11 @@ from calib.sheet.target import Pattern
 def starting_session(pattern: Pattern, sheet: Sheet, size: tuple[int, int]) -> str:
     """Return the file's text. `size` is the width and height of the camera's pictures, px."""
     a, b = sheet.rulers
-    board = ", ".join(
-        f"{key}: {json.dumps(value)}"
-        for key, value in pattern.to_yaml(sheet.side, sheet.side).items()
+    board = _entries(pattern.to_yaml(sheet.side, sheet.side))
+    covers = "\n".join(
+        f"# cover: {{shape: {shape.name}, {_entries(shape.example)}}}"
+        for shape in SHAPES
+        if shape.has_glass
     )
     return f"""\
 # Made by calib board, for the sheet of board.pdf. After printing, measure its rulers a and b \
@@ -26,12 +30,11 @@ board: {{{board}}}
 camera: {{width: {size[0]}, height: {size[1]}}}  # px, of your pictures
 cover: {{shape: none}}  # a camera by itself; for one behind glass, one of these, with your own \
 lengths:
-# cover: {{shape: flat, distance_mm: 25.0, thickness_mm: 6.0, refractive_index: 1.5}}
-# cover: {{shape: dome, inner_radius_mm: 50.0, centre_mm: [0.0, 0.0, 0.0], thickness_mm: 3.0, \
-refractive_index: 1.5}}
-# cover: {{shape: cylinder, inner_radius_mm: 42.0, axis_offset_mm: [0.0, -30.0], thickness_mm: \
-3.0, refractive_index: 1.5}}
-# cover: {{shape: cone, inner_radius_mm: 42.0, radius_slope: -0.1, axis_offset_mm: [0.0, -30.0], \
-thickness_mm: 3.0, refractive_index: 1.5}}
+{covers}
 # Add outside_index: 1.333 to them under water.
 """
+
+
+def _entries(mapping: Mapping[str, object]) -> str:
+    """Return the entries of a mapping on one line, as YAML has them in braces."""
+    return ", ".join(f"{key}: {json.dumps(value)}" for key, value in mapping.items())

@@ -14,6 +14,7 @@ import numpy as np
 
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.session.parameter_names import CAMERA
 from calib.undistortion.grids import Array, Mask, all_corners_true, cell_index
 from calib.undistortion.inverse import invert_on_grid, solve_newton
 from calib.undistortion.ray_field import RayField, ray_field
@@ -59,8 +60,8 @@ class PointField:
         field = ray_field(path, values, width, height, TOLERANCE)
         nodes = np.concatenate([field.at_infinity, field.parallax, field.nearest[..., None]], -1)
         forward = Spline.through(field.nodes_x, field.nodes_y, nodes)
-        focal = np.array([float(values["camera.fx"]), float(values["camera.fy"])])
-        principal = np.array([float(values["camera.cx"]), float(values["camera.cy"])])
+        focal = np.array([float(values[name]) for name in CAMERA.focal])
+        principal = np.array([float(values[name]) for name in CAMERA.centre])
         return PointField(field, forward, _start_spline(field), focal, principal)
 
     def rays(self, pixels: Array) -> tuple[Array, Array, Mask]:

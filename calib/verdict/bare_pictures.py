@@ -2,8 +2,7 @@
 
 from collections.abc import Iterator
 
-import numpy as np
-
+from calib.session.parameter_names import CAMERA
 from calib.verdict.case import Case
 from calib.verdict.thresholds import EXPLAINED, WORSE_THAN_BARE
 from calib.verdict.verdict import Reason
@@ -18,20 +17,18 @@ def bare_pictures(case: Case) -> Iterator[Reason]:
             f" the cover does ({cover:.3f} px): were the pictures in bare/ taken with the cover on?"
             " Take them anew without it, or else check the cover's numbers."
         )
-        yield Reason(
-            sentence, case.next.capture(), ("camera.fx", "camera.fy", "camera.cx", "camera.cy")
-        )
+        yield Reason(sentence, case.next.capture(), CAMERA.pinhole)
 
 
 def taken_through_cover(case: Case) -> bool:
     """Return True if the lens of bare/ explains pictures in which the declared cover would be
     visible.
     """
-    cover = case.rms_px.get("cover", np.nan)
-    bare = case.rms_px.get("pinhole", np.nan)
-    explained = bare <= EXPLAINED * case.calibration.noise_px
-    return bool(
-        case.calibration.settings.get("intrinsics_from") == "bare"
-        and explained
-        and cover > WORSE_THAN_BARE * bare
+    errors, noise = case.rms_px, case.calibration.noise_px
+    if "cover" not in errors or noise is None:
+        return False
+    return (
+        case.calibration.outcome.intrinsics_from == "bare"
+        and errors["pinhole"] <= EXPLAINED * noise
+        and errors["cover"] > WORSE_THAN_BARE * errors["pinhole"]
     )

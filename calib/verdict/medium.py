@@ -1,7 +1,6 @@
 """Check: the declared medium. The smooth cover is also tried with the other one, air or water."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import lru_cache
 
 from calib.calibration import Calibration
@@ -20,9 +19,10 @@ HALFWAY = 1.17
 def medium(case: Case) -> Iterator[Reason]:
     cover, bare_error = case.rms_px.get("cover", 0.0), case.rms_px["pinhole"]
     declared = case.calibration.declared
-    if cover <= max(OTHER_MEDIUM * bare_error, case.left_px):  # the medium is right
+    stated = declared.cover.medium
+    if not stated or cover <= max(OTHER_MEDIUM * bare_error, case.left_px):  # it is right
         return
-    index = declared.cover.parameters["outside_index"].value
+    index = stated.value
     name = "air" if index > HALFWAY else "water"
     error = _error_in(case.calibration, name)
     if error < OTHER_MEDIUM * cover:
@@ -30,7 +30,7 @@ def medium(case: Case) -> Iterator[Reason]:
             f"with {name} outside of the cover, the numbers of session.yaml leave {error:.3f} px,"
             f" and with its outside_index of {index:g} {cover:.3f} px: the board was in {name}."
         )
-        yield Reason(sentence, case.next.fit(), ("cover.outside_index",))
+        yield Reason(sentence, case.next.fit(), (declared.cover.medium_name,))
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
@@ -39,10 +39,9 @@ def _error_in(calibration: Calibration, medium: str) -> float:
     outside.
     """
     declared, observations = calibration.declared, calibration.observations
-    cover = replace(
-        declared.cover,
-        parameters={**declared.cover.parameters, "outside_index": Number(MEDIA[medium])},
-    )
+    cover = declared.cover.replace_numbers({declared.cover.medium_name: Number(MEDIA[medium])})
     path, values = covered_path(declared.intrinsics, cover)
-    poses = refine_poses(path, values, observations, pinhole_poses(observations, values)).blocks
+    poses = refine_poses(
+        path, values, observations, pinhole_poses(path, values, observations)
+    ).blocks
     return residuals(path, values, observations, poses).rms_px

@@ -5,6 +5,7 @@ mode.
 from collections.abc import Iterator
 
 from calib.session.camera import Camera, Intrinsics
+from calib.session.parameter_names import CAMERA
 from calib.verdict.case import Case
 from calib.verdict.thresholds import CROPPED, FIELD, OTHER_SIZE, SAME_SIZE
 from calib.verdict.verdict import Reason, Trust
@@ -54,7 +55,7 @@ def principal_point(case: Case) -> Iterator[Reason]:
     offset = max(
         abs(k.cx.value / (camera.width - 1) - 0.5), abs(k.cy.value / (camera.height - 1) - 0.5)
     )
-    suspects = ("camera.fx", "camera.fy", "camera.cx", "camera.cy")
+    suspects = CAMERA.pinhole
     if size := other_mode(camera, k):
         sentence = (
             f"these look like the intrinsics of {size[0]}x{size[1]}, and the pictures have"

@@ -35,13 +35,13 @@ from calib.estimation.view_equations import ReducedView
 from calib.inference.fitted_model import FittedModel
 from calib.session.freeing import ALL, free_parameters
 from calib.session.numbers import numbers_of, replace_numbers
+from calib.session.parameter_names import CAMERA, number_of
 from calib.session.schema import Number
 from calib.session.tolerances import FOCAL
 from calib.verdict.case import optimum_of
 
 Array = NDArray[np.float64]
 
-FOCAL_LENGTH = ("camera.fx", "camera.fy")
 SQUARE_PIXELS = 0.003
 """Standard deviation of fx / fy - 1: the median of 31 measured sets is 0.0014 to 0.0028. An error
 of a declared focal length is one of both.
@@ -153,8 +153,8 @@ def _freed(calibration: Calibration) -> FittedModel:
     }
     if _declares_intrinsics(calibration):
         ratio = SQUARE_PIXELS / (PRIOR_INFLATION * FOCAL.sigma)
-        correlations.pop((FOCAL_LENGTH[1], FOCAL_LENGTH[0]), None)
-        correlations[FOCAL_LENGTH] = 1.0 - ratio**2 / 2
+        correlations.pop((CAMERA.fy, CAMERA.fx), None)
+        correlations[CAMERA.focal] = 1.0 - ratio**2 / 2
     wider = replace(priors, sigmas={**priors.sigmas, **plausible}, correlations=correlations)
     return FittedModel(replace(optimum.model, priors=wider), optimum.observations, joint)
 
@@ -176,12 +176,12 @@ def _plausible(calibration: Calibration) -> dict[str, float]:
     by_session = _declares_intrinsics(calibration)
     sigmas = {
         name: number.sigma
-        if name.startswith("camera.") and not by_session
+        if CAMERA.has(name) and not by_session
         else max(number.sigma, tolerances[name].sigma if name in tolerances else 0.0)
         for name, number in stated.items()
     }
     if by_session:
-        for name in FOCAL_LENGTH:
+        for name in CAMERA.focal:
             sigmas[name] = max(
                 sigmas[name], PRIOR_INFLATION * FOCAL.sigma * abs(stated[name].value)
             )
@@ -190,7 +190,7 @@ def _plausible(calibration: Calibration) -> dict[str, float]:
 
 def _declares_intrinsics(calibration: Calibration) -> bool:
     """True if session.yaml declares the intrinsics: else pictures gave them."""
-    return bool(calibration.settings.get("intrinsics_from", "session.yaml") == "session.yaml")
+    return calibration.outcome.intrinsics_from in (None, "session.yaml")
 
 
 def _scale_jacobian(optimum: FittedModel, parameters: Parameters) -> Array:
@@ -201,7 +201,7 @@ def _scale_jacobian(optimum: FittedModel, parameters: Parameters) -> Array:
     pixels = pixels[:: max(1, len(pixels) // SAMPLED)]
     jacobian, motions, failed = undistorted_jacobian(optimum.model.path, parameters, pixels)
     values = optimum.joint.values
-    centre = [float(values["camera.cx"]), float(values["camera.cy"])]
+    centre = [float(values[name]) for name in CAMERA.centre]
     offset = (pixels - centre)[~failed]
     columns = np.zeros((len(offset), 2, 5))
     columns[:, :, :3] = motions[~failed, 0, :, :3]
@@ -223,7 +223,7 @@ def _corrections(
         param.name: param.scale
         for param in parameters.free
         if not parameters.origin[param.name].ndim
-        and param.name.partition(".")[0] in ("camera", "cover")
+        and (CAMERA.has(param.name) or number_of(param.name))
     }
     variance = max(float(worse @ covariance @ worse), 1e-300)
     corrections = {}
@@ -243,4 +243,7 @@ def _corrections(
 
 def _group(name: str) -> str:
     """Return the name under which session.yaml has a number."""
-    return "focal" if name in FOCAL_LENGTH else ".".join(name.split(".")[:2])
+    if name in CAMERA.focal:
+        return "focal"
+    number = number_of(name)
+    return name.removesuffix(number) + number.partition(".")[0]

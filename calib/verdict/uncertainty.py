@@ -14,6 +14,7 @@ from calib.calibration import Calibration
 from calib.corners.view import pose_labels
 from calib.inference.calibration_model import base_model
 from calib.intrinsics.advice import TILT
+from calib.session.parameter_names import CAMERA
 from calib.session.session import MIN_FIT_VIEWS
 from calib.verdict.case import Case
 from calib.verdict.thresholds import FIGURE_UNKNOWNS, TELLS, UNSURE, UNSURE_FOCAL
@@ -30,7 +31,7 @@ def too_few_views(case: Case) -> Iterator[Reason]:
     calibration = case.calibration
     lens_unknowns = (
         len(base_model(calibration).parameters.free)
-        if calibration.settings.get("intrinsics_from") == "views"
+        if calibration.outcome.intrinsics_from == "views"
         else 0
     )
     unknowns = lens_unknowns + (FIGURE_UNKNOWNS if calibration.relief else 0)
@@ -56,11 +57,11 @@ def uncertain_focal_length(case: Case) -> Iterator[Reason]:
     k = case.calibration.camera.intrinsics
     if (
         not k
-        or case.calibration.settings.get("intrinsics_from") != "views"
+        or case.calibration.outcome.intrinsics_from != "views"
         or case.calibration.covariance.size
     ):
         return
-    numbers = {"camera.fx": k.fx, "camera.fy": k.fy}
+    numbers = {CAMERA.fx: k.fx, CAMERA.fy: k.fy}
     uncertain = {
         name: number.sigma / number.value
         for name, number in numbers.items()

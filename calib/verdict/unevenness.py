@@ -4,6 +4,8 @@ from collections.abc import Iterator, Sequence
 
 from calib.estimation.relief_heights import height_spread
 from calib.fitting.declared import comparisons
+from calib.session.cover import MEDIUM
+from calib.session.parameter_names import number_of
 from calib.session.tolerances import GLASS_FIGURE
 from calib.verdict.case import Case
 from calib.verdict.residual import suspects_of
@@ -21,7 +23,7 @@ def unevenness(case: Case) -> Iterator[Reason]:
     held = [
         number.name
         for number in comparisons(case.calibration)
-        if number.held and number.name != "cover.outside_index"
+        if number.held and number_of(number.name) != MEDIUM
     ]
     free = "which the fit held" if held else "which the fit estimated near what is declared"
     yield Reason(

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from textual.app import ComposeResult
 from textual.containers import Grid, Vertical
 from textual.suggester import SuggestFromList
-from textual.widgets import Input, Select
+from textual.widgets import Input, Select, Static
 
 from calib.session.coding import DICTIONARIES
-from calib.session.cover import SHAPES
+from calib.session.shapes.registry import find_shape, shape_names
 from capture.tui.form import BOARD, FormTexts
 from capture.tui.page import Field
 from capture.tui.row import Row
@@ -19,11 +19,14 @@ BOARDS = {
     "aprilgrid": {"columns": "6", "rows": "6", "spacing": "0.3"},
 }
 """The initial texts of the form, for each type of board."""
-EMPTY_FORM = FormTexts(
-    BOARDS["checkerboard"],
-    "cone",
-    {"refractive_index": "1.5", "outside_index": "1", "tilt_deg": "0, 0"},
-)
+
+
+def _initial_texts(shape: str) -> dict[str, str]:
+    """Return the first texts of a cover's fields."""
+    return {entry.quantity.key: entry.initial for entry in find_shape(shape).keys}
+
+
+EMPTY_FORM = FormTexts(BOARDS["checkerboard"], "cone", _initial_texts("cone"))
 
 
 class BoardAndCover(Vertical):
@@ -32,6 +35,11 @@ class BoardAndCover(Vertical):
     BoardAndCover.-locked Row { opacity: 60%; }
     BoardAndCover Grid { grid-size: 2; grid-rows: 1; grid-gutter: 0 1; height: auto; }
     """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._outer: tuple[Mapping[str, object], ...] = ()
+        """The covers outside of this one, as session.yaml has them."""
 
     def compose(self) -> ComposeResult:
         yield Row(
@@ -45,12 +53,15 @@ class BoardAndCover(Vertical):
             ),
         )
         yield Grid(id="board")
-        shapes = [(shape, shape) for shape in SHAPES]
+        shapes = [(shape, shape) for shape in shape_names()]
         yield Row(
             "cover shape",
             Select(shapes, value=EMPTY_FORM.shape, allow_blank=False, id="shape", compact=True),
         )
         yield Grid(id="cover")
+        note = Static(id="outer", markup=False)
+        note.display = False
+        yield note
 
     @property
     def kind(self) -> str:
@@ -74,22 +85,32 @@ class BoardAndCover(Vertical):
     def typed(self) -> FormTexts:
         texts = {field.name or "": field.value for field in self.query(Input)}
         board = {key: texts.get(key, "") for key in BOARD[self.kind]}
-        return FormTexts(
-            board, self.shape, {key: texts.get(key, "") for key in _keys(self.shape)}, self.kind
-        )
+        cover = {key: texts.get(key, "") for key in _keys(self.shape)}
+        outer = self._outer if cover else ()
+        return FormTexts(board, self.shape, cover, self.kind, outer)
 
     async def show(self, typed: FormTexts) -> None:
         await self._show_fields("#board", BOARD[typed.kind], typed.board)
         await self._show_fields("#cover", _keys(typed.shape), typed.cover)
         self.query_one("#kind", Select).value = typed.kind
         self.query_one("#shape", Select).value = typed.shape
+        self._show_outer(typed.outer)
 
     async def reshape(self) -> None:
         """Show the fields of the chosen type and shape, if they are not on the screen yet."""
         if self._names("#board") != list(BOARD[self.kind]):
             await self._show_fields("#board", BOARD[self.kind], BOARDS[self.kind])
         if self._names("#cover") != _keys(self.shape):
-            await self._show_fields("#cover", _keys(self.shape), EMPTY_FORM.cover)
+            await self._show_fields("#cover", _keys(self.shape), _initial_texts(self.shape))
+            self._show_outer(self._outer)
+
+    def _show_outer(self, outer: tuple[Mapping[str, object], ...]) -> None:
+        """Show the covers outside of this one, which cannot be changed here."""
+        self._outer = outer
+        note = self.query_one("#outer", Static)
+        note.display = bool(outer) and bool(_keys(self.shape))
+        shapes = ", then ".join(find_shape(str(cover.get("shape"))).words for cover in outer)
+        note.update(f"outside of it: {shapes}, as in the session that it is taken from")
 
     def set_locked(self, locked: bool) -> None:
         self.set_class(locked, "-locked")
@@ -107,7 +128,7 @@ class BoardAndCover(Vertical):
 
 
 def _keys(shape: str) -> list[str]:
-    return [quantity.key for quantity in SHAPES[shape]]
+    return [dimension.quantity.key for dimension in find_shape(shape).keys]
 
 
 def _field(key: str, text: str) -> Field:

@@ -4,7 +4,7 @@ the draft keeps the source and the recorded phase.
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from hashlib import sha256
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.io.files import read_file
-from calib.session.cover import SHAPES
+from calib.session.shapes.registry import shape_names
 from capture.tui.form import BOARD, FormTexts
 
 MAX_BYTES = 1 << 16
@@ -49,12 +49,13 @@ def load_draft(session: Path) -> Draft | None:
             document["typed"]["shape"],
             _check_texts(document["typed"]["cover"]),
             document["typed"]["kind"],
+            _check_covers(document["typed"].get("outer", [])),
         )
         source, like, bare = document["source"], document["like"], document.get("bare")
     except (InputError, ValueError, LookupError, TypeError, RecursionError):
         return None
     is_valid = (
-        texts.shape in SHAPES
+        texts.shape in shape_names()
         and texts.kind in BOARD
         and isinstance(source, str)
         and isinstance(like, str)
@@ -78,3 +79,9 @@ def _check_texts(texts: Mapping[str, str]) -> dict[str, str]:
     if not all(isinstance(text, str) for entry in texts.items() for text in entry):
         raise TypeError("not texts")
     return dict(texts)
+
+
+def _check_covers(covers: Sequence[Mapping[str, object]]) -> tuple[Mapping[str, object], ...]:
+    if not all(cover["shape"] in shape_names() for cover in covers):
+        raise TypeError("not covers")
+    return tuple(covers)

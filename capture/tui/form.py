@@ -11,9 +11,12 @@ from calib.errors import InputError, brief
 from calib.session.board import Board
 from calib.session.board_section import KEYS
 from calib.session.camera import Camera, camera_to_yaml
-from calib.session.cover import SHAPES, Cover, cover_to_yaml
+from calib.session.cover import Cover
+from calib.session.cover_section import LAYERS_KEY, cover_mappings
 from calib.session.schema import Quantity, Section
 from calib.session.session import session_from_mapping, session_to_yaml
+from calib.session.shapes.layer import LAYER
+from calib.session.shapes.registry import find_shape
 from capture.session_file import Setup
 
 BOARD = {kind: tuple(key for key in keys if key != "type") for kind, keys in KEYS.items()}
@@ -33,6 +36,8 @@ EXAMPLE_BOARDS: Mapping[str, Mapping[str, object]] = {
 """Valid example values for each type of board: a single value is checked together with them."""
 DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
 """A number, with its sigma or without, and perhaps with a decimal comma."""
+LAYER_KEYS = tuple(kind.quantity.key for kind in LAYER)
+"""The keys that have a number for each layer of glass."""
 NUMBERS = ("one", "two", "three")
 ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 
@@ -56,24 +61,9 @@ HELP = {
     "tag_mm": "The side of one tag in millimetres, with its black border.",
     "spacing": "The gap between two tags, in sides of a tag: 0.3 on Kalibr's own.",
     "shape": "The cover in front of the camera. none: there is none, only the lens is calibrated.",
-    "inner_radius_mm": (
-        "Millimetres from the cover's axis to its inner face, at the height of the lens."
-    ),
-    "radius_slope": "By how much the radius grows downwards: -0.1 is 1 mm narrower every 10 mm.",
-    "axis_offset_mm": (
-        "From the lens to the cover's axis in mm: x to the right in the picture, z ahead; 0, -30 is"
-        " 30 mm behind."
-    ),
-    "tilt_deg": (
-        "Degrees of its tilt, first about x (to the right), then about z (ahead): 0, 0 is straight."
-    ),
-    "thickness_mm": "Thickness of the glass in millimetres.",
-    "refractive_index": "Of the glass: about 1.5; acrylic 1.49, polycarbonate 1.58.",
-    "outside_index": "Of what is outside: 1 in air, 1.333 in water.",
-    "distance_mm": "Millimetres from the lens to the window's inner face.",
-    "centre_mm": "x, y, z in mm from the lens to the dome's centre.",
 }
-"""The explanation of each value, for someone who has never seen a session.yaml.
+"""The explanation of each value of the board, and of the shape, for someone who has never seen a
+session.yaml. A shape explains its own.
 
 The rule of a value is stated when it is broken.
 """
@@ -82,12 +72,6 @@ TAGS = {
     "rows": "How many tags there are along one column.",
 }
 """The explanations that differ for an aprilgrid."""
-WINDOW = {
-    "tilt_deg": (
-        "Degrees of its tilt, first about x (to the right), then about y (down): 0, 0 is straight."
-    )
-}
-"""The explanations that differ for a window."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,13 +81,17 @@ class FormTexts:
     board: Mapping[str, str]
     shape: str
     cover: Mapping[str, str]
+    """The texts of its numbers. Thickness and index may have a number for each layer of glass."""
     kind: str = "checkerboard"
+    outer: tuple[Mapping[str, object], ...] = ()
+    """Further covers outside of this one, as session.yaml has them. The form keeps them."""
 
 
 def explain_field(key: str, kind: str, shape: str) -> str:
     """Return the explanation of a value, for a board of this type or a cover of this shape."""
-    special = {**(TAGS if kind == "aprilgrid" else {}), **(WINDOW if shape == "flat" else {})}
-    return special.get(key, HELP.get(key, ""))
+    special = TAGS if kind == "aprilgrid" else {}
+    cover = {entry.quantity.key: entry.explanation for entry in find_shape(shape).keys}
+    return (HELP | special | cover).get(key, "")
 
 
 def find_problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:
@@ -121,7 +109,9 @@ def find_problem(key: str, text: str, shape: str, kind: str = "checkerboard") ->
                 FORM_NAME,
             )
         elif quantity := _quantity(key, shape):
-            Section(_to_yaml(quantity, text), FORM_NAME, "cover").read(quantity)
+            layers = [{key: number} for number in _layer_numbers(quantity, text)]
+            for mapping in layers or [_to_yaml(quantity, text)]:
+                Section(mapping, FORM_NAME, "cover").read(quantity)
     except InputError as error:
         return str(error)
     return None
@@ -134,23 +124,27 @@ def read_form(texts: FormTexts, camera: Camera | None = None) -> Setup:
     for key, text in texts.board.items():
         _check_point(f"board.{key}", text)
     board = {"type": texts.kind, **{key: _value(key, text) for key, text in texts.board.items()}}
-    cover: dict[str, object] = {"shape": texts.shape}
-    for quantity in SHAPES[texts.shape]:
-        cover |= _to_yaml(quantity, texts.cover.get(quantity.key, ""))
-    return session_from_mapping(_mapping(board, cover, camera), FORM_NAME)
+    cover = _cover_to_yaml(texts)
+    covers = [cover, *texts.outer] if texts.outer else cover
+    return session_from_mapping(_mapping(board, covers, camera), FORM_NAME)
 
 
 def write_form(board: Board, cover: Cover) -> FormTexts:
     """Return the texts that read as this board and cover."""
     written = session_to_yaml(board, Camera(1, 1), cover)["board"]
     assert isinstance(written, Mapping)
-    texts = {key: _text(value) for key, value in cover_to_yaml(cover).items() if key != "shape"}
+    inner, *outer = cover_mappings(cover)
+    layers = inner.pop(LAYERS_KEY, [])
+    texts = {key: _text(value) for key, value in inner.items() if key != "shape"}
+    if isinstance(layers, list) and layers:
+        texts |= {key: _text([layer[key] for layer in layers]) for key in LAYER_KEYS}
     kind = str(written.get("type", "checkerboard"))
-    return FormTexts({key: _text(written[key]) for key in BOARD[kind]}, cover.shape, texts, kind)
+    typed_board = {key: _text(written[key]) for key in BOARD[kind]}
+    return FormTexts(typed_board, cover.shape, texts, kind, tuple(outer))
 
 
 def _mapping(
-    board: Mapping[str, object], cover: Mapping[str, object], camera: Camera | None = None
+    board: Mapping[str, object], cover: object, camera: Camera | None = None
 ) -> dict[str, object]:
     return {
         "board": board,
@@ -159,8 +153,47 @@ def _mapping(
     }  # the size comes from the first picture
 
 
+def _cover_to_yaml(texts: FormTexts) -> dict[str, object]:
+    """Return the cover of the form as in session.yaml, without those outside of it. Raise
+    InputError if some numbers of its layers are missing.
+    """
+    cover: dict[str, object] = {"shape": texts.shape}
+    columns: dict[str, list[object]] = {}
+    for dimension in find_shape(texts.shape).keys:
+        quantity = dimension.quantity
+        text = texts.cover.get(quantity.key, "")
+        if numbers := _layer_numbers(quantity, text):
+            columns[quantity.key] = numbers
+        else:
+            cover |= _to_yaml(quantity, text)
+    if not columns:
+        return cover
+    fewest, most = sorted(LAYER_KEYS, key=lambda key: len(columns.get(key, ())))
+    if len(columns.get(fewest, ())) < len(columns[most]):
+        written = brief(texts.cover.get(fewest, "").strip()) or "empty"
+        raise InputError(
+            f"{FORM_NAME}: cover.{fewest} is {written} where cover.{most} has"
+            f" {len(columns[most])} layers of glass: write a number for each, from the inside out."
+        )
+    rows = zip(*(columns[key] for key in LAYER_KEYS), strict=True)
+    return cover | {LAYERS_KEY: [dict(zip(LAYER_KEYS, row, strict=True)) for row in rows]}
+
+
+def _layer_numbers(quantity: Quantity, text: str) -> list[object]:
+    """Return the numbers of several layers of glass; none if the text is not several numbers."""
+    if quantity.key not in LAYER_KEYS:
+        return []
+    _check_point(f"cover.{quantity.key}", text)
+    entries = _split_list(text)
+    if len(entries) < 2 or not all(map(DECIMAL_COMMA.fullmatch, entries)):
+        return []
+    _check_points(f"cover.{quantity.key}", text, 0)
+    return [_number(entry) for entry in entries]
+
+
 def _quantity(key: str, shape: str) -> Quantity | None:
-    return next((quantity for quantity in SHAPES[shape] if quantity.key == key), None)
+    quantities = (dimension.quantity for dimension in find_shape(shape).keys)
+    return next((quantity for quantity in quantities if quantity.key == key), None)
 
 
 def _to_yaml(quantity: Quantity, text: str) -> dict[str, object]:

@@ -24,9 +24,12 @@ from calib.effects.flat_port import FlatPort
 from calib.effects.free_field import FreeField
 from calib.effects.refractive_index import RefractiveIndex
 from calib.errors import InputError
+from calib.fit_record.history import MediumChange
+from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings, Setup
+from calib.fitting.stages import Setup
+from calib.optics.exposure import MIDDLE
 from calib.optics.relief import Relief
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
@@ -115,12 +118,9 @@ def test_everything_but_the_medium_outside_is_kept(dry: Calibration) -> None:
     assert np.array_equal(wet.amplitudes, dry.amplitudes)
     assert (wet.views, wet.stages, wet.poses.shape) == ((), (), (0, 6))
     assert np.array_equal(wet.corners_at, corners_at(dry))
-    assert wet.settings["immersed"] == {
-        "from_index": 1.0,
-        "to_index": 1.34,
-        "sigma": 0.001,
-        "calibration": dry.digest,
-    }
+    assert wet.history.medium_change == MediumChange(
+        from_index=1.0, to_index=1.34, sigma=0.001, calibration=dry.digest
+    )
 
 
 def test_the_covariance_is_carried_there_and_back(dry: Calibration) -> None:
@@ -160,7 +160,7 @@ def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Cali
 
     def seen(vector: Array, metres: Array) -> tuple[Array, Array, Array]:
         rays = model.path.trace(
-            torch.from_numpy(pixels), model.parameters.values(torch.from_numpy(vector))
+            torch.from_numpy(pixels), model.parameters.values(torch.from_numpy(vector)), MIDDLE
         )
         origin, direction = rays.origin.stacked().numpy(), rays.direction.stacked().numpy()
         return origin, direction, at(origin, direction, metres)
@@ -254,7 +254,7 @@ def test_a_held_number_gets_the_tolerance_of_its_kind() -> None:
     held = calibrated(made, told, Settings(grid=(4, 4), free=(NONE,)))
     assert not any(number.sigma for number in held.cover.parameters.values())
     assert all_free(held) is held
-    freed = all_free(replace(held, settings={**held.settings, "free": [AUTO]}))
+    freed = all_free(replace(held, request=FitRequest(Settings(free=(AUTO,)))))
     still = {name for name, number in freed.cover.parameters.items() if not number.sigma}
     assert still == {"thickness", "outside_index"}
     assert max(immerse(freed, WATER).after_px) > 3 * max(immerse(held, WATER).after_px)

@@ -10,8 +10,10 @@ import torch
 from calib.apply.map_uncertainty import predicted_sigma
 from calib.calibration import Calibration
 from calib.export.npz import write_npz
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup, fit_stages
 from calib.io.file_set import FileSet
+from calib.optics.exposure import MIDDLE
 from calib.progress import Silent
 from calib.session.freeing import free_parameters
 from calib.session.schema import Number
@@ -83,6 +85,7 @@ def test_the_variance_equals_the_scatter_of_drawn_parameters(calibration: Calibr
         calibration.observations.corners,
         values,
         torch.from_numpy(calibration.poses)[calibration.observations.view],
+        MIDDLE,
     )[:, 2].numpy()
     from fixtures.map_errors import motions, rays_of, seen_at
 

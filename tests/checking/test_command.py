@@ -124,8 +124,8 @@ def test_an_update_keeps_the_history_and_is_more_certain(
     updated = Calibration.load(tmp_path / "out")
     assert len(updated.views) == len(checker.calibration.views) + 4
     assert updated.covariance.shape == checker.calibration.covariance.shape
-    (history,) = updated.settings["updates"]
-    assert history["calibration_sha256"] == checker.calibration.digest
+    (history,) = updated.history.updates
+    assert history.calibration_sha256 == checker.calibration.digest
     assert main(["check", str(tmp_path / "out"), str(later)]) == 0
 
 

@@ -126,11 +126,15 @@ def test_grid_auto_keeps_the_coarsest_grid_that_no_finer_one_beats(
         == 0
     )
     capsys.readouterr()
-    settings = Calibration.load(tmp_path / "out").settings
-    tried = settings["grid_held_out_px"]
+    calibration = Calibration.load(tmp_path / "out")
+    tried = calibration.outcome.grid_held_out_px
+    assert tried
     assert next(iter(tried)) == "6x6"
     assert len(tried) >= 2
-    chosen = "x".join(str(n) for n in settings["grid"])
+    settings = calibration.request.settings
+    assert settings
+    assert settings.grid
+    chosen = "x".join(map(str, settings.grid))
     assert all(tried[chosen] < error / 0.99 for error in tried.values())
 
 

@@ -66,6 +66,7 @@ def test_the_calibration_is_the_camera(fitted: tuple[Kind, Path]) -> None:
     assert (intrinsics.cx.value, intrinsics.cy.value) == pytest.approx(LENS.matrix[:2, 2], abs=0.3)
     assert calibration.board == kind.board
     assert calibration.stages[-1].rms_px < 0.02
+    assert calibration.noise_px is not None
     assert calibration.noise_px < 0.02
     assert len(calibration.views) == VIEWS
     assert any(view.count < kind.board.count for view in calibration.views), (

@@ -109,7 +109,7 @@ def test_matching_words_are_offered(
 def test_names_are_all_offered(offered: Callable[..., set[str]]) -> None:
     effects = {effect.name for effect in (*EFFECTS, *FIELDS)}
     assert offered("calib", "fit", "session", "--effects", "") == effects | {"none", "auto"}
-    assert offered("calib", "fit", "session", "--free", "") == set(freeing.NAMES)
+    assert offered("calib", "fit", "session", "--free", "") == set(freeing.option_names())
     assert offered("calib", "export", "session", "--format", "") == {form.name for form in FORMATS}
 
 

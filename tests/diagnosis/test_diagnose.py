@@ -23,6 +23,7 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
+from calib.fit_record.request import FitRequest, Settings
 from calib.inference.cross_validation import HeldOutErrors, HeldOutGain, held_out_gain
 from calib.inference.fitted_model import ModelFit
 from calib.inference.score_test import ScoreTest
@@ -61,6 +62,7 @@ def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Di
     )  # it helps near with what is learnt far away, and the other way round
     assert finding.final_quality.held_out_px < 0.2 < finding.base_quality.held_out_px
     assert finding.residual[0].fraction > 2 * finding.residual[0].chance
+    assert finding.unexplained is not None
     assert finding.unexplained < 0.2
 
 
@@ -69,17 +71,7 @@ def test_the_command_s_json_carries_the_verdict(
     found: tuple[Calibration, Diagnosis], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     better, finding = found
-    better = replace(
-        better,
-        settings=better.settings
-        | {
-            "method": "joint",
-            "grid": [],
-            "free": [],
-            "steps": 1000,
-            "exact_hit": True,
-        },
-    )
+    better = replace(better, request=FitRequest(Settings(grid=None, free=())))
     assert main(["diagnose", str(better.save(tmp_path)), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert set(said) == {*finding.as_json(), "verdict", "written"}

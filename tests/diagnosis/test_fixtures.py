@@ -12,8 +12,8 @@ from calib.calibration import Calibration
 from calib.corners.detect_all import detect
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.progress import Silent
 from calib.session.session import read_session
 from fixtures.rays import detected_off, map_error

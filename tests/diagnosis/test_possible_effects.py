@@ -8,7 +8,7 @@ import pytest
 from calib.diagnosis.possible_effects import check_possible
 from calib.diagnosis.requested_effects import NAMES
 from calib.errors import InputError
-from calib.fitting.stages import Settings
+from calib.fit_record.request import Settings
 from calib.session.session import Session, session_from_mapping
 
 HELD = Settings(free=("none",))

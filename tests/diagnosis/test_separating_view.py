@@ -18,6 +18,7 @@ from calib.estimation.observations import Observations
 from calib.inference.calibration_model import base_model
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.session.camera import Camera
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
@@ -43,9 +44,12 @@ def test_the_proposed_view_reduces_the_sigma_as_predicted(calibration: Calibrati
     view = separating_view(at, calibration.board, CAMERA, stretch, (focal,))
     assert view
     points = at.model.path.place(
-        torch.from_numpy(calibration.board.points()), at.joint.values, torch.from_numpy(view.pose)
+        torch.from_numpy(calibration.board.points()),
+        at.joint.values,
+        torch.from_numpy(view.pose),
+        MIDDLE,
     )
-    corners = project(at.model.path, at.joint.values, points)
+    corners = project(at.model.path, at.joint.values, points, MIDDLE)
     assert np.allclose(corners.numpy(), view.corners)
     wider = model.with_effect(focal)
     added_view = View("more", view.corners, np.ones(calibration.board.count))

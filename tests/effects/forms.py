@@ -1,11 +1,11 @@
 """Every effect in every form that it takes: behind each cover of tests.optics.shapes, off-centre
-and under water, and without a cover.
+and under water, behind a laminated window in front of a dome, and without a cover.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -21,6 +21,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.priors import NONE
 from calib.optics.board_target import FLEX
 from calib.optics.build import covered_path, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.session.board import Board
@@ -29,7 +30,7 @@ from calib.session.cover import Cover
 from calib.session.schema import Number
 from fixtures.known import NOTHING
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
-from tests.optics.shapes import EXAMPLES
+from tests.optics.shapes import DOME, EXAMPLES, FLAT
 
 BOARD = Board(5, 4, 0.03)
 GRID = (5, 6)
@@ -111,7 +112,6 @@ class Situation:
             rejected=(),
             stages=(Stage("pinhole", 1.0, 0.1),),
             noise_px=0.1,
-            settings={},
             gauge="",
             effects=tuple(effects),
         )
@@ -130,16 +130,31 @@ def situation(cover: Cover, intrinsics: Intrinsics, relief: Relief | None) -> Si
     for view, pose in enumerate(poses):
         # Beside the corners, where the waves of a free field have no nodes in common.
         points = torch.from_numpy(BOARD.points() + rng.uniform(-0.01, 0.01, (BOARD.count, 2)))
-        pixels = path.lens.project(path.place(points, values, pose), values)
+        pixels = path.lens.project(path.place(points, values, pose, MIDDLE), values)
         views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count), TIMES[view]))
     return Situation(cover, intrinsics, relief, amplitudes, tuple(views), poses)
 
 
+LAMINATED = Cover(
+    "flat",
+    {
+        **FLAT.changed(FLAT.moved).parameters,
+        "distance": Number(0.05),
+        "layer2.thickness": Number(0.00076),
+        "layer2.refractive_index": Number(1.48),
+    },
+)
+"""A window of two layers, tilted and under water."""
 SITUATIONS = (
     situation(Cover("none", {}), LENS, None),
     *(
         situation(example.changed(example.moved), INTRINSICS, Relief(*example.patch, GRID))
         for example in EXAMPLES
+    ),
+    situation(
+        replace(DOME.cover, outer=LAMINATED),
+        INTRINSICS,
+        Relief((-0.03, -0.04), (0.03, 0.04), GRID),
     ),
 )
 

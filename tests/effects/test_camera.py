@@ -18,6 +18,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.priors import NONE
 from calib.optics.build import pinhole_path
+from calib.optics.exposure import MIDDLE
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.schema import Number
@@ -49,7 +50,7 @@ def directions(
         for name, value in parameters.items()
     }
     assert given.keys() <= model.means.keys()
-    rays = model.path.trace(torch.from_numpy(pixels), {**model.means, **given})
+    rays = model.path.trace(torch.from_numpy(pixels), {**model.means, **given}, MIDDLE)
     assert not rays.failure.any()
     return torch.stack(
         [rays.direction.x / rays.direction.z, rays.direction.y / rays.direction.z], -1
@@ -70,9 +71,11 @@ def landed(
         name.replace("__", "."): torch.tensor(value, dtype=torch.float64)
         for name, value in parameters.items()
     }
-    timed = observations.with_times({**model.means, **given})
     found, failure = model.path.land(
-        observations.pixels, timed, torch.from_numpy(poses)[observations.view]
+        observations.pixels,
+        {**model.means, **given},
+        torch.from_numpy(poses)[observations.view],
+        observations.exposure,
     )
     assert not failure.any()
     return (found - observations.corners).reshape(len(corners), BOARD.count, 2).numpy()
@@ -248,6 +251,7 @@ def test_lens_field_is_a_cosine_transform_of_shifts() -> None:
     rays = model.path.trace(
         torch.from_numpy(pixels),
         {**model.means, **{name: torch.from_numpy(n) for name, n in parameters.items()}},
+        MIDDLE,
     )
     result = torch.stack(
         [rays.direction.x / rays.direction.z, rays.direction.y / rays.direction.z], -1

@@ -42,7 +42,7 @@ each_situation = pytest.mark.parametrize("there", SITUATIONS, ids=lambda there: 
 
 def land(form: Form, values: dict[str, Tensor], poses: Tensor) -> Tensor:
     seen = form.there.observations
-    landed, failure = form.model.path.land(seen.pixels, seen.with_times(values), poses[seen.view])
+    landed, failure = form.model.path.land(seen.pixels, values, poses[seen.view], seen.exposure)
     assert not failure.any()
     return landed
 
@@ -50,7 +50,7 @@ def land(form: Form, values: dict[str, Tensor], poses: Tensor) -> Tensor:
 def land_without(there: Situation) -> Tensor:
     seen = there.observations
     landed, failure = there.path.land(
-        seen.pixels, seen.with_times(there.values), there.poses[seen.view]
+        seen.pixels, there.values, there.poses[seen.view], seen.exposure
     )
     assert not failure.any()
     return landed
@@ -226,7 +226,7 @@ def test_a_calibration_keeps_it(form: Form, tmp_path: Path) -> None:
         assert np.array_equal(one, other)
     path, read = again.model()
     landed, _ = path.land(
-        seen.pixels, seen.with_times(read), torch.from_numpy(again.poses)[seen.view]
+        seen.pixels, read, torch.from_numpy(again.poses)[seen.view], seen.exposure
     )
     assert torch.equal(landed, land(form, values, poses))
     assert (landed - land_without(form.there)).abs().max() > 1e-7, "it is there"

@@ -20,6 +20,7 @@ from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.residuals import residuals
 from calib.estimation.surface_prior import MarginalLikelihood, Quadratic, Smoothness
 from calib.optics.build import covered_path, footprint, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
 from calib.optics.relief import Relief
 from fixtures.synthetic import HEIGHT, INTRINSICS, PATCH, WIDTH, Scene, paper_cone, scene
@@ -41,7 +42,7 @@ def start(
     """A smooth cover's poses, and a flat relief."""
     smooth, values = covered_path(INTRINSICS, THIN)
     poses = refine_poses(
-        smooth, values, made.observations, pinhole_poses(made.observations, values)
+        smooth, values, made.observations, pinhole_poses(smooth, values, made.observations)
     ).blocks
     path = with_relief(smooth, Relief(*footprint(smooth, values, WIDTH, HEIGHT), grid))
     return path, {**values, "relief.amplitudes": torch.zeros(grid, dtype=torch.float64)}, poses
@@ -216,7 +217,7 @@ def test_pixel_weights_make_the_reprojection_error_to_first_order() -> None:
     made = scene(2, views=3, noise=0.1)
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 0.5)
     landed, _ = made.path.land(
-        made.observations.pixels, made.values, made.poses[made.observations.view]
+        made.observations.pixels, made.values, made.poses[made.observations.view], MIDDLE
     )
     whitened = (weights @ (landed - made.observations.corners).unsqueeze(-1)).squeeze(-1)
     exact = residuals(made.path, made.values, made.observations, made.poses).image / 0.5

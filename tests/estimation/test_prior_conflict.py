@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from calib.fitting.stages import Settings, Setup
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup
 from calib.session.schema import Number
 from fixtures.calibrated import CAMERA, tolerant
 from fixtures.synthetic import INTRINSICS, Scene, scene

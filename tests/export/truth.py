@@ -87,7 +87,6 @@ def _calibration(
         (),
         stages,
         0.1,
-        {},
         "as made",
     )
 

@@ -18,6 +18,7 @@ from calib.effects.effect import Effect
 from calib.effects.focal import Focal
 from calib.effects.lens import LensEffect
 from calib.effects.thickness import Thickness
+from calib.fit_record.history import DiagnosisRecord, History
 from calib.fitting.declared import comparisons, effect_comparisons
 from calib.fitting.rounding import with_sigma
 from calib.report.effects import effect_rows
@@ -137,8 +138,8 @@ def test_console_report_and_diagnosis_print_the_same_number(
         "parameters": {"thickness.thickness": increment},
     }
     diagnosed = with_effect(plain, Thickness(("cover.thickness",)), thickness=(-0.0015, 0.000056))
-    settings = diagnosed.settings | {"diagnosis": {"candidates": [candidate]}}
-    diagnosed = replace(diagnosed, settings=settings, stages=(Stage("pinhole", 1.0, 0.1),))
+    history = History(diagnosis=DiagnosisRecord({"candidates": [candidate]}))
+    diagnosed = replace(diagnosed, history=history, stages=(Stage("pinhole", 1.0, 0.1),))
     said = "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
     print_fit(diagnosed, 1.0)
     assert f"Corrected: {said}\n" in capsys.readouterr().out

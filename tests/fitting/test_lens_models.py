@@ -19,13 +19,15 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses
 from calib.export.central import best_central
 from calib.export.formats import COLMAP, ROS
+from calib.fit_record.request import Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.fitting.stages import Setup, fit_stages
 from calib.intrinsics.calibrate import calibrate_bare
 from calib.intrinsics.ray_lens import PLAIN, SPLINES
 from calib.intrinsics.ray_lens_fit import fit_lens
 from calib.optics.build import covered_path, pinhole_path
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Silent
 from calib.session.board import Board
@@ -156,7 +158,7 @@ def test_a_splined_lens_is_chosen_saved_and_read(tmp_path: Path) -> None:
     assert again.camera == calibration.camera
     assert again.camera.intrinsics
     assert again.camera.intrinsics.spline
-    assert set(again.settings["lens_held_out_px"]) <= set(map(str, SPLINES))
+    assert set(again.outcome.lens_held_out_px or ()) <= set(map(str, SPLINES))
     others = session(tmp_path / "others", uneven_views(4, 10, NOISE, 1.0))
     assert evaluate(again, read_session(others), Silent()).rms_px < 1.2 * NOISE * 2**0.5
     pixels = np.random.default_rng(0).uniform(
@@ -248,8 +250,8 @@ def test_behind_a_dome_a_fisheye_is_estimated_with_the_cover() -> None:
     path, values = covered_path(INTRINSICS, dome)
     points, rng, views = torch.from_numpy(BOARD.points()), np.random.default_rng(4), []
     for view in wide_views(7, 14, 0.0):
-        pose = pinhole_poses(Observations.of([view], BOARD), pinhole_path(INTRINSICS)[1])[0]
-        pixels = project(path, values, path.place(points, values, pose)).numpy()
+        pose = pinhole_poses(*pinhole_path(INTRINSICS), Observations.of([view], BOARD))[0]
+        pixels = project(path, values, path.place(points, values, pose, MIDDLE), MIDDLE).numpy()
         seen = np.isfinite(pixels).all(-1) & (
             (pixels > 0) & (pixels < [CAMERA.width - 1, CAMERA.height - 1])
         ).all(-1)

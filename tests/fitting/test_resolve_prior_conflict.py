@@ -7,8 +7,9 @@ from dataclasses import replace
 import pytest
 
 from calib.estimation.prior_conflict import largest_prior_conflict
+from calib.fit_record.request import Settings
 from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.fitting.stages import Setup, fit_stages
 from calib.progress import Silent
 from calib.session.cover import Cover
 from calib.session.freeing import ALL, AUTO

@@ -16,8 +16,8 @@ from calib.cli import main
 from calib.corners.view import View
 from calib.estimation.noise import noise_of_views
 from calib.estimation.residuals import Residuals
-from calib.fitting.stages import Settings
-from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views, weigh_noisy_views
+from calib.fit_record.request import Settings
+from calib.fitting.view_noise import describe_noisy_views, weigh_noisy_views
 from calib.session.board import Board
 from fixtures.calibrated import GLASS, calibrate
 from fixtures.map_errors import errors
@@ -104,10 +104,10 @@ def test_weighing_noisy_views_less_improves_maps(
         return float(np.sqrt((off**2).mean())), float(np.sqrt((sigma**2).mean()))
 
     own = calibrate(made, Settings())
-    assert set(own.settings[VIEW_NOISE]) == {f"{index:04}.png" for index in range(8)}
+    assert set(own.outcome.view_noise or ()) == {f"{index:04}.png" for index in range(8)}
     monkeypatch.setattr("fixtures.calibrated.weigh_noisy_views", lambda views, *_: (views, {}))
     alike = calibrate(made, Settings())
-    assert not alike.settings[VIEW_NOISE]
+    assert not alike.outcome.view_noise
     (better, sure), (poor, unsure) = far_off(own), far_off(alike)
     assert better < 0.6 * poor
     assert sure < 0.6 * unsure
@@ -120,11 +120,11 @@ def test_a_fit_reports_and_saves_the_views_with_less_weight(
     made = with_noisier_views(scene(8, 12, noise=NOISE), 4, [2, 7])
     place = write_session(tmp_path / "s", made)
     assert main(["fit", str(place), "--free", "none", "--grid", "5x4", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)[VIEW_NOISE]
+    said = json.loads(capsys.readouterr().out)["view_noise"]
     assert said.keys() == {"0002.png", "0007.png"}
     assert all(times == pytest.approx(4, rel=0.25) for times in said.values())
     back = Calibration.load(place / "calibration")
-    assert back.settings[VIEW_NOISE] == said
+    assert back.outcome.view_noise == said
     weights = {view.name: float(view.weight.max()) for view in back.views}
     assert {name for name, weight in weights.items() if weight < 1} == said.keys()
     assert (
@@ -142,7 +142,7 @@ def test_the_papers_procedure_weighs_all_views_alike(
         main(["fit", str(place), "--method", "paper", "--steps", "20", "--grid", "5x4", "--json"])
         == 0
     )
-    assert json.loads(capsys.readouterr().out)[VIEW_NOISE] == {}
+    assert json.loads(capsys.readouterr().out)["view_noise"] == {}
 
 
 def test_the_sentence() -> None:

@@ -52,7 +52,7 @@ def test_a_job_writes_a_calibration_a_report_exports_and_one_json(
     } <= names
     assert any(name.startswith("stmap/") for name in names)
     assert {f"cameras/a/{name}" for name in names} >= set(result.written)
-    assert Calibration.load(folder).settings["made_by"]["session"] == str(session)
+    assert Calibration.load(folder).request.session == str(session)
     assert result.numbers["error_px"].value == Calibration.load(folder).stages[-1].rms_px
     assert read_result(tmp_path / "fleet", "a") == result
     assert json.loads(place_of(tmp_path / "fleet", "a").read_text())["state"] == "calibrated"
@@ -237,8 +237,7 @@ def test_a_session_at_an_address_is_read_where_the_job_runs(session: Path, tmp_p
     result = run_job(remote_job)
     assert result.state is JobState.CALIBRATED
     assert (
-        Calibration.load(tmp_path / "fleet" / "cameras" / "a").settings["made_by"]["session"]
-        == "memory://line/a"
+        Calibration.load(tmp_path / "fleet" / "cameras" / "a").request.session == "memory://line/a"
     )
     assert run_job(remote_job) == result
     files.pipe("/line/a/corners.vnl", files.cat("/line/a/corners.vnl") + b"\n")

@@ -14,8 +14,8 @@ from calib.cli import main
 from calib.corners.corners_file import read_corners, write_corners
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.surface_prior import expected_amplitudes
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.fleet.identity import FleetOptions, Identity
 from calib.fleet.manifest import Entry
 from calib.fleet.prior import estimate_fleet_prior
@@ -113,7 +113,8 @@ def test_the_same_views_of_a_new_camera_give_a_better_map(
             fit(read_session(named(tmp_path / str(bool(one)), NEW, views, one)), SETTINGS)
             for one in (None, prior)
         )
-    assert found.settings["fleet_prior"]["used"]
+    assert found.outcome.fleet_prior
+    assert found.outcome.fleet_prior.used
     assert map_error(NEW, found) < 0.8 * map_error(NEW, alone)
 
 
@@ -130,9 +131,10 @@ def stranger(prior: Path, tmp_path_factory: pytest.TempPathFactory) -> Calibrati
 def test_a_contradicted_prior_is_reported_and_not_used(
     stranger: Calibration, tmp_path: Path
 ) -> None:
-    said = stranger.settings["fleet_prior"]
-    assert not said["used"]
-    assert said["p_value"] < 0.01
+    tested = stranger.outcome.fleet_prior
+    assert tested
+    assert not tested.used
+    assert tested.p_value < 0.01
     with single_thread():
         alone = fit(read_session(named(tmp_path / "alone", ANOTHER, 6, None)), SETTINGS)
     assert (stranger.amplitudes == alone.amplitudes).all()  # as if it had not been named
@@ -152,8 +154,9 @@ def test_the_prior_of_a_fit_is_saved_with_it(prior: Path, tmp_path: Path) -> Non
     (folder / "session.yaml").write_text(yaml.safe_dump(said))
     assert main(["fit", str(folder), "--grid", "6x6", "-o", str(tmp_path / "out")]) == 0
     read = Calibration.load(tmp_path / "out")
-    assert read.settings["intrinsics_from"] == "prior"
-    assert read.settings["fleet_prior"]["cameras"] == 6
+    assert read.outcome.intrinsics_from == "prior"
+    assert read.outcome.fleet_prior
+    assert read.outcome.fleet_prior.cameras == 6
     fleet = read_fleet_prior(prior)
     assert read.declared.intrinsics.fx.sigma == pytest.approx(fleet.intrinsics.fx.sigma)
     assert read.declared.intrinsics.correlations[0] == pytest.approx(

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 
 from textual.widgets import Input, Select
 
-from calib.session.cover import SHAPES
+from calib.session.shapes.registry import shape_names
 from capture.tui.form import BOARD
 from capture.tui.setup import SetupScreen
 from tests.capture.tui.driving import running
@@ -111,7 +111,7 @@ async def step(pilot, screen, draw) -> dict[str, str]:  # type: ignore[no-untype
     elif choice < 0.2:
         screen.query_one("#source", Input).value = draw.choice(SOURCES)
     elif choice < 0.3:
-        place, values = draw.choice((("#shape", list(SHAPES)), ("#kind", list(BOARD))))
+        place, values = draw.choice((("#shape", list(shape_names())), ("#kind", list(BOARD))))
         screen.query_one(place, Select).value = draw.choice(values)
     else:
         await pilot.press(draw.choice(KEYS))

@@ -10,6 +10,7 @@ import yaml
 
 from calib.corners.corners_file import write_corners
 from calib.effects.lens import LensEffect
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import score_test
@@ -34,9 +35,7 @@ def ended(tmp_path_factory: pytest.TempPathFactory) -> FittedModel:
     )
     write_corners(folder / "corners.vnl", bare_views(3, 12, 0.02, (-0.1, 0.02)))
     calibration = fit(read_session(folder))
-    return Case(
-        calibration, (), NextCommands(folder, folder, calibration.settings), None, ""
-    ).optimum
+    return Case(calibration, (), NextCommands(folder, folder, Settings()), None, "").optimum
 
 
 def test_an_unfinished_fit_does_not_favour_an_imitated_effect(

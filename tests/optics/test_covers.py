@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from calib.optics.build import covered_path, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.rays import MISSED_INNER, MISSED_OUTER, Rays
 from calib.optics.relief import Relief
 from calib.session.cover import Cover
@@ -27,7 +28,7 @@ def seen(
         INTRINSICS,
         example.changed({name.replace("__", "."): value for name, value in changed.items()}),
     )
-    rays = path.trace(pixels, values)
+    rays = path.trace(pixels, values, MIDDLE)
     return (
         rays,
         rays.origin.stacked().numpy(),
@@ -131,7 +132,7 @@ def test_a_missed_cover_is_data_with_finite_gradients(
     values["relief.amplitudes"] = torch.full((3, 3), 1e-5, dtype=torch.float64)
     values = {name: value.double().requires_grad_() for name, value in values.items()}
     columns, rows = torch.linspace(0, WIDTH - 1, 15), torch.linspace(0, HEIGHT - 1, 15)
-    rays = path.trace(torch.cartesian_prod(columns, rows).double(), values)
+    rays = path.trace(torch.cartesian_prod(columns, rows).double(), values, MIDDLE)
     assert MISSED_INNER in rays.failure.tolist()
     (rays.origin.stacked().sum() + rays.direction.stacked().sum()).backward()  # type: ignore[no-untyped-call]
     for param in path.params:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from calib.optics.exposure import MIDDLE, Exposure
 from calib.optics.fisheye import Fisheye
 from calib.optics.lens import PUPIL, PUPIL_LATERAL
 from calib.optics.params import Param, Values
@@ -82,7 +83,7 @@ def test_the_fisheye_sees_beside_and_behind_itself(degrees: float) -> None:
     assert not rays.failure.any()
     assert (rays.direction.stacked() - directions).abs().max() < 1e-12
     assert torch.equal(
-        project(Path(Fisheye()), values(), 0.7 * directions),
+        project(Path(Fisheye()), values(), 0.7 * directions, MIDDLE),
         Fisheye().project(0.7 * directions, values()),
     )
 
@@ -93,7 +94,9 @@ class Shift:
 
     params: tuple[Param, ...] = ()
 
-    def __call__(self, pixels: torch.Tensor, values: Values) -> tuple[torch.Tensor, Values]:
+    def __call__(
+        self, pixels: torch.Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[torch.Tensor, Values]:
         return pixels - torch.tensor([0.3, 0.0], dtype=pixels.dtype), values
 
 
@@ -112,10 +115,10 @@ def test_points_on_rays_are_projected_back(path: Path, degrees: float) -> None:
     nearby.
     """
     pixels = Fisheye().project(around(degrees), values())
-    rays = path.trace(pixels, values())
+    rays = path.trace(pixels, values(), MIDDLE)
     points = (rays.origin + rays.direction * torch.tensor(0.4, dtype=torch.float64)).stacked()
     for start in (None, pixels + 3.0):
-        found = project(path, values(), points, start)
+        found = project(path, values(), points, MIDDLE, start)
         assert (found - pixels).abs().max() < 1e-6
 
 
@@ -123,7 +126,7 @@ def test_a_point_on_the_other_side_is_not_seen() -> None:
     """The line of a ray continues behind its origin, where the ray sees nothing."""
     path = Path(Fisheye(), adjustments=(Shift(),))
     pixels = Fisheye().project(around(60), values())
-    found = project(path, values(), -around(60), start=pixels)
+    found = project(path, values(), -around(60), MIDDLE, start=pixels)
     assert (torch.isnan(found).all(-1) | ((found - pixels).norm(dim=-1) > 100)).all()
 
 
@@ -146,8 +149,8 @@ def test_the_fisheye_fails_beyond_the_fold_and_stays_finite() -> None:
     assert gradient is not None
     assert torch.isfinite(gradient)
     fixed = {name: value.detach() for name, value in folded.items()}
-    assert torch.isnan(project(Path(Fisheye()), fixed, around(70))).all()
-    assert torch.isfinite(project(Path(Fisheye()), fixed, around(60))).all()
+    assert torch.isnan(project(Path(Fisheye()), fixed, around(70), MIDDLE)).all()
+    assert torch.isfinite(project(Path(Fisheye()), fixed, around(60), MIDDLE)).all()
 
 
 def test_a_second_branch_is_no_ray() -> None:

@@ -8,7 +8,6 @@ import torch
 from calib.optics import rotation
 from calib.optics.board_target import Placement, Target
 from calib.optics.lens_model import COEFFICIENTS, LensModel
-from calib.optics.params import NEAR
 from calib.optics.rays import LENS, Rays
 from calib.optics.relief import Relief
 from calib.optics.snell import refract
@@ -72,12 +71,11 @@ def test_lens_finds_the_same_rays_from_a_start(monkeypatch: pytest.MonkeyPatch) 
     result = LensModel(count)(pixels, lens_values(count)).direction
     near = torch.stack([result.x, result.y], -1) / result.z[:, None] + 1e-3
     near[::7] = torch.nan
-    with_start = LensModel(count)(pixels, {**lens_values(count), NEAR: near}).direction
+    with_start = LensModel(count)(pixels, lens_values(count), near).direction
     assert float((with_start.stacked() - result.stacked()).abs().max()) < 1e-12
     monkeypatch.setattr("calib.optics.lens_model.NEWTON_STEPS", 2)
     failures = [
-        LensModel(count)(pixels, {**lens_values(count), **start}).failure != 0
-        for start in ({}, {NEAR: near})
+        LensModel(count)(pixels, lens_values(count), start).failure != 0 for start in (None, near)
     ]
     assert int(failures[0].sum()) > 100, "the control: from the pixel, two steps are too few"
     assert not failures[1][near.isfinite().all(1)].any()

@@ -20,7 +20,9 @@ from calib.estimation.observations import Observations
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
-from calib.fitting.stages import Settings, Setup
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup
+from calib.optics.exposure import MIDDLE
 from calib.planning.information import PlanningFit, estimate, survey, view_information
 from calib.planning.pose_bank import Reach, make_pose_bank
 from calib.session.camera import Camera
@@ -70,7 +72,7 @@ def test_the_jacobian_is_central_differences_of_rays(few: PlanningFit) -> None:
     def undistorted(
         values: dict[str, torch.Tensor], turn: np.ndarray, shift: np.ndarray
     ) -> np.ndarray:
-        rays = model.path.trace(torch.from_numpy(pixels), values)
+        rays = model.path.trace(torch.from_numpy(pixels), values, MIDDLE)
         origin, direction = rays.origin.stacked().numpy(), rays.direction.stacked().numpy()
         origin, direction = (
             origin + np.cross(turn, origin) + shift,

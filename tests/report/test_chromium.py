@@ -17,8 +17,9 @@ import yaml
 from calib.calibration import Calibration
 from calib.corners.view import RejectedPicture
 from calib.diagnosis.requested_effects import with_requested
+from calib.fit_record.history import DiagnosisRecord, DiagnosisRun, History
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.progress import Silent
 from calib.session.session import read_session
 from fixtures.synthetic import scene
@@ -205,10 +206,10 @@ def pages(
         for name in ("cover_offset", "board_shape")
     ]
     fitted = with_requested(few, ("cover_offset", "board_shape"), Silent())
-    steps = [{"calibration": "/" + 30 * "far", "holdout": "/held out"}]
+    run = DiagnosisRun("/" + 30 * "far", "/held out")
     diagnosed = replace(
         fitted,
-        settings=fitted.settings | {"diagnosis": {"candidates": found}, "diagnosed": steps},
+        history=History(diagnosis=DiagnosisRecord({"candidates": found}), diagnosis_runs=(run,)),
         rejected=(RejectedPicture(30 * "name" + ".png", "its board is not whole"),),
     )
     lens = scene(7, views=8, noise=0.05)

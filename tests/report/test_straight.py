@@ -12,6 +12,7 @@ import torch
 
 from calib.calibration import AddedEffect, Calibration
 from calib.effects.board_shape import BoardShape
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.report.evidence import gather_evidence
 from calib.report.straight import lines_across, straight_html
@@ -120,7 +121,9 @@ def test_a_known_bow_does_not_bend_the_lines(few: Calibration) -> None:
     path, values = described.model()
     points, poses = torch.from_numpy(few.board.points()), torch.from_numpy(few.poses)
     corners = [
-        project(path, values, path.place(points, values, pose.expand(len(points), 6))).numpy()
+        project(
+            path, values, path.place(points, values, pose.expand(len(points), 6), MIDDLE), MIDDLE
+        ).numpy()
         for pose in poses
     ]
     described = replace(

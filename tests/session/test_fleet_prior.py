@@ -177,6 +177,11 @@ def test_an_exact_number_is_held_and_shifts_correlated_ones(prior: FleetPrior) -
             "cover.shape is none: write cone",
         ),
         (
+            Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS),
+            replace(CONE, outer=CONE),
+            "cover is a cone and a cone: write a cone, as prior.yaml is of such",
+        ),
+        (
             Camera(WIDTH, HEIGHT, intrinsics=replace(INTRINSICS, distortion=(Number(-0.1),) * 5)),
             CONE,
             "camera.intrinsics is opencv with 5 coefficients: write opencv with 0",
@@ -187,7 +192,7 @@ def test_an_exact_number_is_held_and_shifts_correlated_ones(prior: FleetPrior) -
             "cover.thickness is 0.006 where the cameras of prior.yaml have 0.003",
         ),
     ],
-    ids=["mode", "shape", "lens", "another glass"],
+    ids=["mode", "shape", "covers", "lens", "another glass"],
 )
 def test_a_camera_of_another_make_is_refused(
     prior: FleetPrior, camera: Camera, cover: Cover, message: str

@@ -14,16 +14,16 @@ from calib.errors import InputError
 from calib.io.yaml_reader import read_yaml
 from calib.session.board_section import SQUARE
 from calib.session.camera import COEFFICIENT, PINHOLE
-from calib.session.cover import SHAPES
 from calib.session.schema import Number, Quantity, Section
 from calib.session.session import session_from_mapping, session_to_yaml
+from calib.session.shapes.registry import dimensions
 from tests.session.malformed import CONE, DOME, FLAT, SESSION
 
 QUANTITIES = [
     SQUARE,
     *PINHOLE,
     COEFFICIENT,
-    *{quantity.key: quantity for shape in SHAPES.values() for quantity in shape}.values(),
+    *{entry.quantity.key: entry.quantity for entry in dimensions()}.values(),
 ]
 
 

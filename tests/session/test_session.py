@@ -9,7 +9,6 @@ import yaml
 
 from calib.corners.corners_file import read_corners
 from calib.errors import RefracalError
-from calib.session.cover import SHAPES
 from calib.session.session import (
     Board,
     Number,
@@ -19,6 +18,7 @@ from calib.session.session import (
     session_from_mapping,
     session_to_yaml,
 )
+from calib.session.shapes.registry import find_shape, shape_names
 from tests.session.malformed import (
     CONE,
     INTRINSICS,
@@ -119,7 +119,7 @@ def test_the_sigma_of_a_square_is_read_and_written(
 
 
 @pytest.mark.parametrize("digits", [15, 17])
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", shape_names())
 def test_written_setup_reads_as_the_same_numbers(shape: str, digits: int) -> None:
     """Through a YAML file, with every key of each shape.
 
@@ -143,7 +143,7 @@ def random_setup(shape: str, rng: np.random.Generator, digits: int) -> dict[str,
         return value if rng.random() < 0.5 else {"value": value, "sigma": uniform(1e-3, 1)}
 
     cover: dict[str, object] = {"shape": shape}
-    for quantity in SHAPES[shape]:
+    for quantity in (dimension.quantity for dimension in find_shape(shape).keys):
         large = quantity.key.startswith("inner_radius")  # so that the camera is inside
         low, high = (100, 200) if large else (max(quantity.low, -20), min(quantity.high, 20))
         entries = [number(low, high) for _ in quantity.names]

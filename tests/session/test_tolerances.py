@@ -7,8 +7,7 @@ import re
 from pathlib import Path
 
 from calib.session import tolerances
-from calib.session.cover import SHAPES
-from calib.session.freeing import COVER
+from calib.session.shapes.registry import dimensions
 from calib.session.tolerances import Tolerance
 
 PAGE = (Path(__file__).parents[2] / "docs" / "tolerances.md").read_text(encoding="utf-8")
@@ -26,9 +25,10 @@ def test_the_page_has_the_table() -> None:
 
 
 def test_every_number_of_a_cover_has_one_tolerance_or_none() -> None:
-    named = [parameter for freeable in COVER for parameter in freeable.parameters]
-    assert len(named) == len(set(named))
-    every = {
-        name for quantities in SHAPES.values() for quantity in quantities for name in quantity.names
-    }
-    assert every - set(named) == {"outside_index"}
+    kinds: dict[str, tuple[Tolerance | None, str, str]] = {}
+    for dimension in dimensions():
+        kind = dimension.tolerance, dimension.option, dimension.effect
+        for name in dimension.quantity.names:
+            assert kinds.setdefault(name, kind) == kind
+    assert {name for name, (tolerance, *_) in kinds.items() if not tolerance} == {"outside_index"}
+    assert all(option for tolerance, option, _ in kinds.values() if tolerance)

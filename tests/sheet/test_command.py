@@ -17,8 +17,8 @@ from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.session.coding import AprilGrid, Charuco
-from calib.session.cover import SHAPES
 from calib.session.session import session_from_mapping
+from calib.session.shapes.registry import SHAPES
 from tests.sheet.reading import exposed, made, pdf_polygons, rasterise, svg_polygons
 
 FOCAL = 900.0  # px, of the camera that sees the print
@@ -73,7 +73,7 @@ def test_three_files_of_one_board(
     assert (camera.width, camera.height) == SIZE
 
 
-@pytest.mark.parametrize("shape", [shape for shape in SHAPES if shape != "none"])
+@pytest.mark.parametrize("shape", [shape.name for shape in SHAPES if shape.has_glass])
 def test_every_cover_that_it_offers_can_be_used(shape: str, printed: Path) -> None:
     file = printed / "session.yaml"
     (line,) = [

@@ -12,10 +12,14 @@ from calib.corners.coded import PAST_LAST_ROW
 from calib.corners.view import RejectedPicture, View
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.relief_heights import height_spread
+from calib.fit_record.history import DiagnosisRecord, History
+from calib.fit_record.outcome import CrossValidation
+from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.evaluate import Evaluation
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import AprilGrid, Charuco, Coding
+from calib.session.freeing import AUTO
 from calib.session.schema import Number
 from calib.verdict.board_place import board_place
 from calib.verdict.case import Case
@@ -34,6 +38,7 @@ from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, unc
 from calib.verdict.unevenness import unevenness
 from calib.verdict.unseen_row import extra_rows, unseen_row
 from calib.verdict.verdict import Trust
+from fixtures.calibrated import with_outcome
 from fixtures.synthetic import paper_cone, scene
 from tests.fitting.test_inputs import spoiled
 from tests.report.made import calibrated
@@ -58,7 +63,9 @@ def test_a_good_calibration_is_not_doubted(check, good: Calibration, freed: Cali
 
 
 def ended_with(calibration: Calibration, outcome: Outcome) -> Calibration:
-    return replace(calibration, settings=calibration.settings | {"outcome": outcome.value})
+    joint = calibration.outcome.joint
+    assert joint
+    return with_outcome(calibration, joint=replace(joint, outcome=outcome.value))
 
 
 @pytest.mark.parametrize(
@@ -149,7 +156,7 @@ def test_an_unevenness_that_explains_too_much_with_every_number_held(
     assert not asked(cover_stage, replace(freed, stages=much.stages)), (
         "there the numbers had their say"
     )
-    tried = replace(much, settings=much.settings | {"free": ["auto"]})
+    tried = replace(much, request=FitRequest(Settings(free=(AUTO,))))
     assert not asked(cover_stage, tried), "and there, before they were held"
     every = {name: replace(number, exact=True) for name, number in good.cover.parameters.items()}
     known = good.declared.intrinsics
@@ -202,9 +209,7 @@ def test_a_focal_length_is_compared_with_its_source(
     found = replace(freed.camera, intrinsics=replace(k, fx=Number(2560.0, 0.1)))
     reasons = asked(
         declared_numbers,
-        replace(
-            freed, camera=found, stated=told, settings=freed.settings | {"intrinsics_from": where}
-        ),
+        with_outcome(replace(freed, camera=found, stated=told), intrinsics_from=where),
     )
     sentences = [reason.sentence for reason in reasons if reason.suspects == ("camera.fx",)]
     assert len(sentences) == bool(said)
@@ -249,14 +254,14 @@ def test_any_error_beyond_noise_is_reported(good: Calibration) -> None:
     assert not asked(residual, replace(good, noise_px=1.01 * last / BEYOND_NOISE))
     (reason,) = asked(residual, replace(good, noise_px=0.99 * last / BEYOND_NOISE))
     assert "are left where the corners' noise" in reason.sentence
-    again = replace(good, noise_px=0.01, settings=good.settings | {"diagnosis": {}})
+    again = replace(good, noise_px=0.01, history=History(diagnosis=DiagnosisRecord()))
     assert asked(residual, again)[0].next.startswith("calib report"), "it was diagnosed already"
 
 
 @pytest.mark.parametrize(("held", "doubted"), [(0.124, False), (0.126, True)])
 def test_overfitting(good: Calibration, held: float, doubted: bool) -> None:
-    folds = {"folds": 3, "held_out_px": held, "fitted_px": 0.1}
-    reasons = asked(overfits, replace(good, settings=good.settings | {"cross_validation": folds}))
+    folds = CrossValidation(3, held, fitted_px=0.1)
+    reasons = asked(overfits, with_outcome(good, cross_validation=folds))
     assert [reason.next for reason in reasons] == [
         f"calib fit '{SESSION}' --free none --grid auto"
     ] * doubted
@@ -327,7 +332,7 @@ def test_views_are_counted_against_the_unknowns(good: Calibration, freed: Calibr
     assert not asked(too_few_views, first(freed, 8)), (
         "12 numbers of camera and cover have tolerances of their own"
     )
-    plain = replace(freed, settings=freed.settings | {"intrinsics_from": "views"})
+    plain = with_outcome(freed, intrinsics_from="views")
     assert asked(too_few_views, first(plain, 8)), "the lens is no more than these views say"
 
 
@@ -348,7 +353,7 @@ def test_an_uncertain_focal_length_is_reported(
         Number(1000.0, sigma), Number(1000.0, 1.0), Number(1640.0, 5.0), Number(1232.0, 5.0)
     )
     bare = replace(good, camera=Camera(3280, 2464, intrinsics=k), covariance=np.zeros((0, 0)))
-    plain = replace(bare, settings=bare.settings | {"intrinsics_from": "views"})
+    plain = with_outcome(bare, intrinsics_from="views")
     reasons = asked(uncertain_focal_length, plain)
     assert [reason.suspects for reason in reasons] == [("camera.fx",)] * doubted
     assert all("tilt the board by about 30 degrees" in reason.sentence for reason in reasons)

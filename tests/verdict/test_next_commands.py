@@ -3,13 +3,12 @@
 import shlex
 from pathlib import Path
 
+from calib.fit_record.request import Settings
 from calib.verdict.next_commands import NextCommands
-
-SETTINGS = {"method": "joint", "grid": [12, 12], "free": ["auto"]}
 
 
 def test_paths_are_quoted_and_usual_options_left_out() -> None:
-    commands = NextCommands(Path("my session"), Path("my session/calibration"), SETTINGS)
+    commands = NextCommands(Path("my session"), Path("my session/calibration"), Settings())
     assert commands.fit() == "calib fit 'my session'"
     assert commands.capture() == "capture 'my session'"
     assert shlex.split(commands.diagnose("--holdout", "a b")) == [
@@ -35,9 +34,8 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
 
 
 def test_a_fit_is_asked_for_again_as_it_was() -> None:
-    commands = NextCommands(
-        Path("s"), Path("out"), {"method": "paper", "grid": [8, 6], "free": ["thickness", "index"]}
-    )
+    settings = Settings(method="paper", grid=(8, 6), free=("thickness", "index"))
+    commands = NextCommands(Path("s"), Path("out"), settings)
     assert commands.fit() == "calib fit s --method paper --grid 8x6 --free thickness,index -o out"
     assert (
         commands.fit("--free", "all") == "calib fit s --method paper --grid 8x6 -o out --free all"

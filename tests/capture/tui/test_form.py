@@ -5,10 +5,19 @@ from dataclasses import replace
 import pytest
 
 from calib.errors import InputError
-from calib.session.cover import SHAPES, Cover
+from calib.session.cover import Cover
 from calib.session.schema import Number
+from calib.session.shapes.registry import SHAPES
 from capture.session_file import read_setup
-from capture.tui.form import HELP, FormTexts, explain_field, find_problem, read_form, write_form
+from capture.tui.form import (
+    BOARD,
+    HELP,
+    FormTexts,
+    explain_field,
+    find_problem,
+    read_form,
+    write_form,
+)
 from tests.capture.recordings import FIXTURE
 
 SETUP = read_setup(FIXTURE / "session.yaml")
@@ -117,18 +126,15 @@ def test_values_that_do_not_go_together() -> None:
 
 
 def test_every_number_is_explained() -> None:
-    assert {quantity.key for quantities in SHAPES.values() for quantity in quantities} <= set(HELP)
+    assert {key for keys in BOARD.values() for key in keys} <= set(HELP)
+    assert all(entry.explanation and entry.words for shape in SHAPES for entry in shape.keys)
 
 
 def test_the_order_of_the_tilts_is_said() -> None:
-    orders = {
-        shape: quantity.components
-        for shape, quantities in SHAPES.items()
-        for quantity in quantities
-        if quantity.key == "tilt_deg"
-    }
+    orders = {shape.name: shape.tilt_axes for shape in SHAPES if shape.tilt_axes}
     assert len(orders) == 3
-    for shape, (first, second) in orders.items():
+    for shape, axes in orders.items():
+        first, second = list(axes)
         text = explain_field("tilt_deg", "checkerboard", shape)
         assert text.index(f"about {first}") < text.index(f"about {second}")
 

@@ -1,0 +1,50 @@
+"""A dome: concentric spheres."""
+
+import math
+from dataclasses import replace
+
+from calib.session.schema import Quantity
+from calib.session.shapes.cone import INNER_RADIUS
+from calib.session.shapes.dimension import Dimension
+from calib.session.shapes.shape import CameraPlace, ChartAxis, Numbers, Shape
+from calib.session.tolerances import OFFSET
+
+
+def place_in_dome(numbers: Numbers) -> CameraPlace:
+    """Return the place of the pinhole in a dome."""
+    distance = math.hypot(numbers["centre.x"], numbers["centre.y"], numbers["centre.z"])
+    return CameraPlace(distance, numbers["inner_radius"], key="centre_mm", centre="centre")
+
+
+DOME = Shape(
+    "dome",
+    "a dome",
+    (
+        replace(
+            INNER_RADIUS,
+            explanation="Millimetres from the dome's centre to its inner face.",
+        ),
+        Dimension(
+            Quantity("centre_mm", ("x", "y", "z"), low=-1e5, high=1e5),
+            words="where the dome's centre is (centre_mm)",
+            explanation="x, y, z in mm from the lens to the dome's centre.",
+            tolerance=OFFSET,
+            option="centre",
+            effect="cover_offset",
+        ),
+    ),
+    surface="calib.optics.dome:Dome",
+    origin=("centre.x", "centre.y", "centre.z"),
+    chart=(
+        ChartAxis("elevation (°)", math.degrees(1)),
+        ChartAxis("azimuth (°)", math.degrees(1)),
+    ),
+    camera_place=place_in_dome,
+    example={
+        "inner_radius_mm": 50.0,
+        "centre_mm": [0.0, 0.0, 0.0],
+        "thickness_mm": 3.0,
+        "refractive_index": 1.5,
+    },
+    port="DOMEPORT",
+)

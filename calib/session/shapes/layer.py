@@ -1,0 +1,37 @@
+"""The dimensions of the glass, which covers of every shape have."""
+
+from calib.session.schema import Quantity
+from calib.session.shapes.dimension import Dimension
+from calib.session.tolerances import INDEX, THICKNESS
+
+LAYER = (
+    Dimension(
+        Quantity("thickness_mm", low=0.05, high=1e4),
+        words="the glass's thickness",
+        explanation=(
+            "Thickness of the glass in millimetres; of laminated glass that of each layer, from the"
+            " inside out."
+        ),
+        tolerance=THICKNESS,
+        option="thickness",
+        effect="thickness",
+    ),
+    Dimension(
+        Quantity("refractive_index", low=1, high=3),
+        words="the glass's refractive index",
+        explanation=(
+            "Of the glass: about 1.5; acrylic 1.49, polycarbonate 1.58; of laminated glass that of"
+            " each layer."
+        ),
+        tolerance=INDEX,
+        option="index",
+        effect="refractive_index",
+        usual="1.5",
+    ),
+)
+OUTSIDE = Dimension(
+    Quantity("outside_index", low=1, high=3, default=1.0),
+    words="the index of what is outside",
+    explanation="Of what is outside: 1 in air, 1.333 in water.",
+)
+"""The medium outside of the glass. A fit holds its index, unless it has a sigma."""
