@@ -136,7 +136,7 @@ class ReducedProducts:
     response: Tensor
     """(V, B, n - B), the response of the block's parameters to the other columns."""
     log_determinant: Tensor
-    """(), of the eliminated Hessians of all blocks together."""
+    """() the log determinant of the eliminated Hessians of all blocks together."""
 
     @staticmethod
     def of(products: Tensor, block_precision: Tensor) -> "ReducedProducts":
