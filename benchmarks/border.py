@@ -1,4 +1,4 @@
-"""What boards that reach out of the picture are worth at its border: the table of docs/corners.md.
+"""The benefit of boards that reach out of the picture at its border: the table of docs/corners.md.
 
 Three sessions of one camera behind one glass, of 24 views each: whole checkerboards, and boards
 with markers of which a third reach out. Held out are views whose boards all do, and whole
@@ -33,18 +33,20 @@ def main() -> None:
     )
     for judge in (*REACHING, WHOLE):
         session = read_session(FIXTURES / judge / "holdout")
-        found = {name: held_out(calibration, session) for name, calibration in calibrations.items()}
-        _, border = found[WHOLE]
+        results = {
+            name: held_out(calibration, session) for name, calibration in calibrations.items()
+        }
+        _, border = results[WHOLE]
         for where, chosen in (("border", border), ("inside", ~border)):
-            left = {
+            rms = {
                 name: float(np.sqrt((errors[chosen] ** 2).mean()))
-                for name, (errors, _) in found.items()
+                for name, (errors, _) in results.items()
             }
-            lower = (f"{100 * (1 - left[name] / left[WHOLE]):.0f} %" for name in REACHING)
+            lower = (f"{100 * (1 - rms[name] / rms[WHOLE]):.0f} %" for name in REACHING)
             table.add_row(
                 f"{judge}/holdout, {where}",
                 str(chosen.sum()),
-                *(f"{value:.4f}" for value in left.values()),
+                *(f"{value:.4f}" for value in rms.values()),
                 *lower,
             )
     Console(width=140).print(table)

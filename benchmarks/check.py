@@ -1,5 +1,5 @@
-"""What `calib check` says of pictures that are taken later: `python -m benchmarks.check [--checks
-400] [--first 1000] [--jobs 2]`.
+"""The answers of `calib check` about pictures that are taken later: `python -m benchmarks.check
+[--checks 400] [--first 1000] [--jobs 2]`.
 
 Synthetic cameras behind a cone, a dome and a window are calibrated from 20 views of 81 corners with
 0.1 px noise per axis, every declared number off within its tolerance, and checked with 3, 4 or 5
@@ -29,7 +29,7 @@ from calib.checking.changes import changes_of
 from calib.checking.check import Checker
 from calib.checking.picture_mode import PictureMode
 from calib.checking.pictures import Pictures
-from calib.checking.reduced_equations import ReducedEquations
+from calib.checking.posterior_predictive import PosteriorPredictive
 from calib.checking.result import CheckStatus
 from calib.checking.significance import ALPHA
 from calib.corners.view import View
@@ -47,7 +47,7 @@ PER_CAMERA = 34
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Of one check."""
+    """The outcome of one check."""
 
     shape: str
     kind: str
@@ -74,10 +74,10 @@ def of_camera(shape: str, seed: int, clean: int, changed: int) -> list[Outcome]:
     with single_thread():
         made, calibration = camera(shape, seed)
         checker = Checker.of(calibration)
-        found = []
+        results = []
         for index in range(clean):
             later = Later.drawn(made, None, 1000 * seed + index, 3 + index % 3)
-            found.append(_outcome(checker, later.views(), made, shape, "", 0))
+            results.append(_outcome(checker, later.views(), made, shape, "", 0))
         kinds = [
             change for change in changes_of(calibration) if not isinstance(change, PictureMode)
         ]
@@ -86,22 +86,22 @@ def of_camera(shape: str, seed: int, clean: int, changed: int) -> list[Outcome]:
             later = Later.drawn(made, kind, 1000 * seed + 500 + index, 3 + index % 3)
             for size in SIZES:
                 if later.possible(size):
-                    one = _outcome(checker, later.views(size), made, shape, kind.name, size)
-                    found.append(replace(one, absorbed=_absorbed(checker, later)))
+                    item = _outcome(checker, later.views(size), made, shape, kind.name, size)
+                    results.append(replace(item, absorbed=_absorbed(checker, later)))
                 else:
-                    found.append(Outcome(shape, kind.name, size, "", 1.0, (), float("nan"), 0.0))
-        for index, way in enumerate(GROSS):
+                    results.append(Outcome(shape, kind.name, size, "", 1.0, (), float("nan"), 0.0))
+        for index, method in enumerate(GROSS):
             later = Later.drawn(made, None, 1000 * seed + 900 + index, 4)
-            found.append(_outcome(checker, spoilt(way, later), made, shape, way, 0))
-        return found
+            results.append(_outcome(checker, spoilt(method, later), made, shape, method, 0))
+        return results
 
 
-def spoilt(way: str, later: Later) -> tuple[View, ...]:
+def spoilt(method: str, later: Later) -> tuple[View, ...]:
     """Pictures that are not to be had of the camera as it is, under the name that `calib check` has
     for each way.
     """
     views = later.views()
-    match way:
+    match method:
         case "picture_mode":
             return zoomed(views)
         case "turned_pictures":
@@ -112,14 +112,14 @@ def spoilt(way: str, later: Later) -> tuple[View, ...]:
 def _outcome(
     checker: Checker, views: Sequence[View], made: Scene, shape: str, kind: str, size: int
 ) -> Outcome:
-    begun = time.perf_counter()
+    start_time = time.perf_counter()
     answer = checker.check(Pictures(tuple(views), made.board))
-    spent = time.perf_counter() - begun
+    spent = time.perf_counter() - start_time
     names = tuple(change.name for change in answer.changes)
     if (
         kind == "bad_view"
         and answer.status is CheckStatus.VALID
-        and [one.name for one in answer.rejected] == [views[0].name]
+        and [item.name for item in answer.rejected] == [views[0].name]
     ):
         names = (kind,)
     return Outcome(
@@ -138,17 +138,17 @@ def _absorbed(checker: Checker, later: Later) -> float:
     assert later.effect
     poses = later.made.poses
     observations = Observations.of(later.made.views, later.made.board).add_times(None, HEIGHT)
-    equations = ReducedEquations.of(checker.prior, (later.effect,), observations, poses)
+    predictive = PosteriorPredictive.of(checker.prior, (later.effect,), observations, poses)
     vector = np.concatenate(
         [
             later.direction[u.param.name].numpy().ravel() / u.param.scale
             for u in later.effect.effect_parameters
         ]
     )
-    own, place = equations.columns(later.effect.name), equations.places[later.effect.name]
-    whole = equations.products[:, place, place].sum(0)
-    return 1 - float(vector @ equations.predicted()[own, own] @ vector) / float(
-        vector @ whole @ vector
+    columns, place = predictive.columns(later.effect.name), predictive.places[later.effect.name]
+    information = predictive.products[:, place, place].sum(0)
+    return 1 - float(vector @ predictive.normalised_products()[columns, columns] @ vector) / float(
+        vector @ information @ vector
     )
 
 
@@ -167,23 +167,23 @@ def main() -> None:
     changed = -(-options.checks // (2 * len(SIZES) * cameras))
     shapes = list(COVERS)
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        asked = [
+        futures = [
             pool.submit(of_camera, shapes[i % len(shapes)], options.first + i, clean, changed)
             for i in range(cameras)
         ]
-        found = [
-            one for future in track(asked, "cameras", transient=True) for one in future.result()
+        results = [
+            item for future in track(futures, "cameras", transient=True) for item in future.result()
         ]
-    report(found, cameras)
+    report(results, cameras)
 
 
-def report(found: Sequence[Outcome], cameras: int) -> None:
+def report(outcomes: Sequence[Outcome], cameras: int) -> None:
     console = Console(width=170, highlight=False)
-    unchanged = [one for one in found if not one.kind]
-    alarms = [one for one in unchanged if one.word != "valid"]
+    unchanged = [item for item in outcomes if not item.kind]
+    alarms = [item for item in unchanged if item.word != "valid"]
     rate = 100 * len(alarms) / len(unchanged)
     below = ", ".join(
-        f"{sum(one.p_value < level for one in unchanged)} of them have p < {level}"
+        f"{sum(item.p_value < level for item in unchanged)} of them have p < {level}"
         for level in (ALPHA, 0.05, 0.5)
     )
     console.print(
@@ -197,45 +197,48 @@ def report(found: Sequence[Outcome], cameras: int) -> None:
         + "---|" * len(SIZES),
         markup=False,
     )
-    for kind in dict.fromkeys(one.kind for one in found if one.size):
+    for kind in dict.fromkeys(item.kind for item in outcomes if item.size):
         cells = [
-            _cell([one for one in found if one.kind == kind and one.size == size]) for size in SIZES
+            _cell([item for item in outcomes if item.kind == kind and item.size == size])
+            for size in SIZES
         ]
         console.print(f"| {kind} | " + " | ".join(cells) + " |", markup=False)
-    cells = [_cell([one for one in found if one.size == size]) for size in SIZES]
+    cells = [_cell([item for item in outcomes if item.size == size]) for size in SIZES]
     console.print("| all | " + " | ".join(cells) + " |", markup=False)
     console.print("\nright/wrong/not noticed of those that are judged (not judged)\n", markup=False)
     for kind, words in GROSS.items():
-        own = [one for one in found if one.kind == kind]
-        console.print(f"{words}: {sum(one.right for one in own)} of {len(own)} named.")
+        matching = [item for item in outcomes if item.kind == kind]
+        console.print(f"{words}: {sum(item.right for item in matching)} of {len(matching)} named.")
     for size in SIZES:
-        judged = [one for one in found if one.size == size and one.judged]
+        judged = [item for item in outcomes if item.size == size and item.judged]
         right, alone = (
-            sum(one.right for one in judged),
-            sum(one.right and len(one.names) == 1 for one in judged),
+            sum(item.right for item in judged),
+            sum(item.right and len(item.names) == 1 for item in judged),
         )
-        said = (
+        sentence = (
             f"{right} of {len(judged)} named right ({100 * right / max(1, len(judged)):.0f} %),"
             f" {alone} of them alone"
         )
-        console.print(f"{size} x: {said}, {sum(one.word != 'valid' for one in judged)} noticed.")
+        console.print(
+            f"{size} x: {sentence}, {sum(item.word != 'valid' for item in judged)} noticed."
+        )
     wrong = Counter(
-        (one.shape, one.kind, one.names)
-        for one in found
-        if one.size == SIZES[-1] and one.judged and not one.right
+        (item.shape, item.kind, item.names)
+        for item in outcomes
+        if item.size == SIZES[-1] and item.judged and not item.right
     )
     for (shape, kind, names), count in wrong.items():
         console.print(
             f"not right at {SIZES[-1]} x: {shape} {kind}: {', '.join(names) or 'nothing'} ({count})"
         )
-    spent = [one.seconds for one in found if one.word]
+    spent = [item.seconds for item in outcomes if item.word]
     console.print(f"A check took {np.median(spent):.2f} s, at most {max(spent):.1f} s.")
 
 
-def _cell(own: Sequence[Outcome]) -> str:
-    judged = [one for one in own if one.judged]
-    right, missed = sum(one.right for one in judged), sum(not one.names for one in judged)
-    return f"{right}/{len(judged) - right - missed}/{missed} ({len(own) - len(judged)})"
+def _cell(outcomes: Sequence[Outcome]) -> str:
+    judged = [item for item in outcomes if item.judged]
+    right, unnamed = sum(item.right for item in judged), sum(not item.names for item in judged)
+    return f"{right}/{len(judged) - right - unnamed}/{unnamed} ({len(outcomes) - len(judged)})"
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
-"""How well corners are measured, against what their pixels allow: `python -m benchmarks.corners
-[PICTURES]`.
+"""The errors of measured corners, compared with the bound that their pixels set: `python -m
+benchmarks.corners [PICTURES]`.
 
 Drawn pictures of known truth, each scene from its reference changed in one way: noise, blur,
 contrast, tilt, the size of squares, JPEG, sharpening, uneven light. Errors are over the Cramer-Rao
@@ -54,7 +54,7 @@ GRID: dict[str, Scene] = {
         for square in (80.0, 120.0)
     },
     **{f"JPEG {quality}": replace(REFERENCE, jpeg=quality) for quality in (100, 95, 90, 80)},
-    **{f"sharpened by {part:g}": replace(REFERENCE, sharpening=part) for part in (0.7, 1.5)},
+    **{f"sharpened by {amount:g}": replace(REFERENCE, sharpening=amount) for amount in (0.7, 1.5)},
     "sharpened by 1, JPEG 90": replace(REFERENCE, sharpening=1.0, jpeg=90),
     **{
         f"light uneven by {part:g}": replace(REFERENCE, contrast=120.0, uneven=part)
@@ -67,39 +67,41 @@ LIMIT = 3.0  # px: a corner further off is none
 
 
 def _others(scene: Scene) -> Iterator[tuple[str, Callable[[Drawn, Floats], Floats | None]]]:
-    yield "until now", lambda one, start: refine(one.picture, start, scene.board)
+    yield "until now", lambda drawn, start: refine(drawn.picture, start, scene.board)
     for name, flags in (
         ("SB", 0),
         ("SB, ACCURACY", cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE),
     ):
-        yield name, lambda one, _, flags=flags: _sectors(one, scene.board, flags)  # type: ignore[misc]
+        yield name, lambda drawn, _, flags=flags: _sectors(drawn, scene.board, flags)  # type: ignore[misc]
     for half in WINDOWS:
-        yield f"cornerSubPix {half}", lambda one, start, half=half: _sub_pixel(one, start, half)  # type: ignore[misc]
+        yield f"cornerSubPix {half}", lambda drawn, start, half=half: _sub_pixel(drawn, start, half)  # type: ignore[misc]
     if mrgingham.can_find(scene.board):
-        for way in mrgingham.WAYS:
-            find = partial(mrgingham.find, board=scene.board, way=way)
-            yield way, lambda one, _, find=find: _near(find(one.picture), one)  # type: ignore[misc]
+        for method in mrgingham.WAYS:
+            find = partial(mrgingham.find, board=scene.board, method=method)
+            yield method, lambda drawn, _, find=find: _near(find(drawn.picture), drawn)  # type: ignore[misc]
 
 
-def _sectors(one: Drawn, board: Board, flags: int) -> Floats | None:
-    found, corners = cv2.findChessboardCornersSB(
-        one.picture, (board.columns, board.rows), flags=flags
+def _sectors(drawn: Drawn, board: Board, flags: int) -> Floats | None:
+    is_found, corners = cv2.findChessboardCornersSB(
+        drawn.picture, (board.columns, board.rows), flags=flags
     )
-    return _near(np.asarray(corners, np.float64).reshape(-1, 2), one) if found else None
+    return _near(np.asarray(corners, np.float64).reshape(-1, 2), drawn) if is_found else None
 
 
-def _near(found: Floats | None, one: Drawn) -> Floats | None:
+def _near(estimate: Floats | None, drawn: Drawn) -> Floats | None:
     """(count, 2) px in the order of the truth; None where a corner has none."""
-    own = None if found is None else mrgingham.nearest(found, one.corners)
+    expected = None if estimate is None else mrgingham.nearest(estimate, drawn.corners)
     return (
-        own if own is not None and np.linalg.norm(own - one.corners, axis=1).max() < LIMIT else None
+        expected
+        if expected is not None and np.linalg.norm(expected - drawn.corners, axis=1).max() < LIMIT
+        else None
     )
 
 
-def _sub_pixel(one: Drawn, start: Floats, half: int) -> Floats:
+def _sub_pixel(drawn: Drawn, start: Floats, half: int) -> Floats:
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
     corners = cv2.cornerSubPix(
-        one.picture, start.reshape(-1, 1, 2).astype(np.float32), (half, half), (-1, -1), stop
+        drawn.picture, start.reshape(-1, 1, 2).astype(np.float32), (half, half), (-1, -1), stop
     )
     return np.asarray(corners, np.float64).reshape(-1, 2)
 
@@ -118,28 +120,32 @@ def main(pictures: int = 6) -> None:
     all_ours, best = [], []
     for number, (name, scene) in enumerate(GRID.items()):
         shown = drawn(scene, pictures, number)
-        bounds = np.stack([one.bounds for one, _ in shown])
-        own = ours(scene, shown)
+        bounds = np.stack([drawn.bounds for drawn, _ in shown])
+        expected = ours(scene, shown)
         scores = [_scored(measured, shown, bounds) for _, measured in _others(scene)]
         bound = float(np.sqrt(np.trace(bounds, axis1=2, axis2=3).mean()))
-        others = [_said(*other, pictures) for other in scores]
+        cells = [_said(*other_score, pictures) for other_score in scores]
         table.add_row(
             name,
             f"{bound:.4f}",
-            f"{own.over_bound:.2f}",
-            f"{own.bias:.4f}",
-            f"{own.over_predicted:.2f}",
-            *others,
+            f"{expected.over_bound:.2f}",
+            f"{expected.bias:.4f}",
+            f"{expected.over_predicted:.2f}",
+            *cells,
         )
-        all_ours.append(own)
+        all_ours.append(expected)
         best.append(np.nanmin([over for over, _ in scores[1:]]))
-    predicted = [own.over_predicted for own in all_ours]
+    predicted = [score.over_predicted for score in all_ours]
+    over_bound = [score.over_bound for score in all_ours]
+    over_best = [
+        our_score / best_other for our_score, best_other in zip(over_bound, best, strict=True)
+    ]
     Console(width=180).print(table)
     print(
-        f"median over the bound {median(own.over_bound for own in all_ours):.2f}; worst bias"
-        f" {max(own.bias for own in all_ours):.4f} px; squared error over predicted"
+        f"median over the bound {median(over_bound):.2f}; worst bias"
+        f" {max(score.bias for score in all_ours):.4f} px; squared error over predicted"
         f" {min(predicted):.2f} to {max(predicted):.2f}; most over the best other"
-        f" {max(own.over_bound / other for own, other in zip(all_ours, best, strict=True)):.2f}"
+        f" {max(over_best):.2f}"
     )
     _speed()
 
@@ -152,26 +158,30 @@ def _scored(
     """The error over the bound in the pictures in which the board was found, and how many these
     are.
     """
-    found = [measured(one, start) for one, start in shown]
-    off = [own - one.corners for own, (one, _) in zip(found, shown, strict=True) if own is not None]
+    results = [measured(drawn, start) for drawn, start in shown]
+    errors = [
+        row - drawn.corners
+        for row, (drawn, _) in zip(results, shown, strict=True)
+        if row is not None
+    ]
     return (
-        score(np.stack(off), bounds[[own is not None for own in found]]).over_bound
-        if off
+        score(np.stack(errors), bounds[[row is not None for row in results]]).over_bound
+        if errors
         else float("nan")
-    ), len(off)
+    ), len(errors)
 
 
-def _said(over: float, found: int, pictures: int) -> str:
+def _said(over: float, count: int, pictures: int) -> str:
     return (
-        f"{over:.2f}" + (f" ({found} of {pictures})" if found < pictures else "")
-        if found
+        f"{over:.2f}" + (f" ({count} of {pictures})" if count < pictures else "")
+        if count
         else "not found"
     )
 
 
 def _speed() -> None:
-    """Of views through a cover: how a board is found, now and until now (SB), and what is done to
-    its corners then.
+    """Print the speed for views through a cover: of the search for a board, now and until now (SB),
+    and of the steps that follow.
     """
     session = read_session(BUMPS)
     board, (saddles, sectors) = session.board, [search for _, search in SEARCHES[:2]]
@@ -187,9 +197,9 @@ def _speed() -> None:
         spent = []
         for picture, corners in shown:
             near = refine(picture, corners, board) if name == "measured" else corners
-            begun = time.perf_counter()
+            start_time = time.perf_counter()
             work(picture, near)
-            spent.append(1e3 * (time.perf_counter() - begun))
+            spent.append(1e3 * (time.perf_counter() - start_time))
         print(f"{len(shown)} views of fixtures/bumps, {name}: {median(spent):.1f} ms a view")
 
 

@@ -1,5 +1,5 @@
-"""What wrong numbers in session.yaml do to the maps: `python -m benchmarks.declared`, and what
-believing them would: `python -m benchmarks.declared SESSION ...`.
+"""The errors of maps with wrong numbers in session.yaml: `python -m benchmarks.declared`, and with
+these numbers held: `python -m benchmarks.declared SESSION ...`.
 
 `fixtures/clean` with one number made wrong at a time, or with its pictures turned, fitted with
 every number held, and as by default, where each may be estimated near what is declared, by the
@@ -32,9 +32,10 @@ from rich.table import Table
 from calib.calibration import Calibration
 from calib.estimation.poses import refit_poses
 from calib.estimation.relief_heights import height_spread
+from calib.fit_record.request import Settings
 from calib.fitting.declared import comparisons
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.fitting.stages import Setup, fit_stages
 from calib.progress import Silent
 from calib.session.freeing import ALL, AUTO, NONE
 from calib.session.session import read_session
@@ -121,7 +122,7 @@ def _row(calibration: Calibration, truth: Path) -> tuple[str, str]:
 
 
 def said_of(calibration: Calibration) -> str:
-    """What was corrected, and whom the verdict suspects."""
+    """Return the corrected numbers, and the suspects of the verdict."""
     corrected = [f"{one.name} {one.estimated}" for one in comparisons(calibration) if one.corrected]
     verdict = judge(calibration)
     suspects = f": {', '.join(verdict.suspects)}" if verdict.suspects else ""
@@ -146,7 +147,7 @@ def rows() -> Iterator[tuple[str, ...]]:
             free = fitted(said, folder)
             errors = f"{free.stages[1].rms_px:.3f}", f"{free.stages[2].rms_px:.3f}"
             held = fitted(said, folder, NONE)
-            gained = free.settings["log_evidence"] - held.settings["log_evidence"]
+            gained = _log_evidence(free) - _log_evidence(held)
             uneven = " -> ".join(
                 f"{1e6 * height_spread(*one.model(), one.observations):.1f}" for one in (held, free)
             )
@@ -159,6 +160,13 @@ def rows() -> Iterator[tuple[str, ...]]:
                 uneven,
                 said_of(free),
             )
+
+
+def _log_evidence(calibration: Calibration) -> float:
+    joint = calibration.outcome.joint
+    assert joint
+    assert joint.log_evidence is not None
+    return joint.log_evidence
 
 
 def cost(seed: int, views: int) -> Iterator[list[str]]:
@@ -193,7 +201,7 @@ def said_to_be_wrong(session: Path) -> tuple[str, ...]:
     held, free, default = (
         fit(read_session(session), Settings(free=(free,)), Silent()) for free in (NONE, ALL, AUTO)
     )
-    gained = free.settings["log_evidence"] - held.settings["log_evidence"]
+    gained = _log_evidence(free) - _log_evidence(held)
     spreads = (f"{1e6 * height_spread(*one.model(), one.observations):.1f}" for one in (held, free))
     wrong = ", ".join(
         f"{one.name} {one.estimated}" for one in comparisons(free) if one.contradicted

@@ -38,20 +38,20 @@ class Outcome:
     seed: int
     word: str
     """The verdict's; "refused", "crashed" or "unreadable"."""
-    off: float
+    deviation: float
     """Standard deviations from the truth; NaN where there is no calibration."""
-    said: str
+    remarks: str
     """Reasons, or the error."""
 
     @property
     def wrong(self) -> bool:
         """Also where the sigma is not a number."""
-        return self.word not in ("refused", "crashed") and not self.off <= WRONG
+        return self.word not in ("refused", "crashed") and not self.deviation <= WRONG
 
 
-def bare_errors(shown: Shown, found: Calibration) -> float:
+def bare_errors(shown: Shown, result: Calibration) -> float:
     """The largest error of fx, fy, cx and cy, in standard deviations."""
-    k = found.camera.intrinsics
+    k = result.camera.intrinsics
     assert k
     return max(
         abs(n.value - true) / n.sigma
@@ -59,10 +59,10 @@ def bare_errors(shown: Shown, found: Calibration) -> float:
     )
 
 
-def covered_errors(shown: Shown, found: Calibration) -> float:
+def covered_errors(shown: Shown, result: Calibration) -> float:
     """The maps' error over their sigma."""
     assert shown.scene
-    ratios = [np.mean(off**2) / np.mean(sigma**2) for off, sigma in errors(shown.scene, found)]
+    ratios = [np.mean(error**2) / np.mean(sigma**2) for error, sigma in errors(shown.scene, result)]
     return float(np.sqrt(np.mean(ratios)))
 
 
@@ -71,9 +71,9 @@ def outcome(kind: str, seed: int, covered: bool) -> Outcome:
     shown = (covered_session if covered else bare_session)(kind, seed)
     with TemporaryDirectory() as folder, single_thread():
         try:
-            found = calibration_of(shown, Path(folder))
-            verdict = judge(found)
-            off = (covered_errors if covered else bare_errors)(shown, found)
+            estimate = calibration_of(shown, Path(folder))
+            verdict = judge(estimate)
+            deviation = (covered_errors if covered else bare_errors)(shown, estimate)
         except RefracalError as error:
             unreadable = (Path(folder) / "calibration").exists()
             return Outcome(
@@ -81,10 +81,10 @@ def outcome(kind: str, seed: int, covered: bool) -> Outcome:
             )
         except Exception as error:
             return Outcome(kind, seed, "crashed", float("nan"), f"{type(error).__name__}: {error}")
-    return Outcome(kind, seed, verdict.word.value, off, " | ".join(verdict.sentences[1:]))
+    return Outcome(kind, seed, verdict.word.value, deviation, " | ".join(verdict.sentences[1:]))
 
 
-def tabulated(found: list[Outcome], title: str) -> Table:
+def tabulated(result: list[Outcome], title: str) -> Table:
     table = Table(
         "kind",
         "sessions",
@@ -97,15 +97,15 @@ def tabulated(found: list[Outcome], title: str) -> Table:
         title=title,
     )
     for kind in (*KINDS, "all"):
-        own = [one for one in found if kind in ("all", one.kind)]
+        matching = [item for item in result if kind in ("all", item.kind)]
         counts = (
-            len(own),
-            sum(one.word == "refused" for one in own),
-            sum(one.word in ("care", "do_not_use") for one in own),
-            sum(one.word == "trusted" for one in own),
-            sum(one.wrong for one in own),
-            sum(one.wrong and one.word in ("trusted", "unreadable") for one in own),
-            sum(one.word in ("crashed", "unreadable") for one in own),
+            len(matching),
+            sum(item.word == "refused" for item in matching),
+            sum(item.word in ("care", "do_not_use") for item in matching),
+            sum(item.word == "trusted" for item in matching),
+            sum(item.wrong for item in matching),
+            sum(item.wrong and item.word in ("trusted", "unreadable") for item in matching),
+            sum(item.word in ("crashed", "unreadable") for item in matching),
         )
         table.add_row(kind, *map(str, counts))
     return table
@@ -120,26 +120,29 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=5000, help="the first seed")
     parser.add_argument("--workers", type=int, help="processes (default: one for every processor)")
     parser.add_argument("--all", action="store_true", help="print every session that is wrong")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     console = Console(width=160)
     for count, covered, title in (
-        (asked.bare, False, "without a cover"),
-        (asked.covered, True, "behind a cone"),
+        (options.bare, False, "without a cover"),
+        (options.covered, True, "behind a cone"),
     ):
-        drawn = [(kind, seed) for kind in KINDS for seed in range(asked.first, asked.first + count)]
+        drawn = [
+            (kind, seed) for kind in KINDS for seed in range(options.first, options.first + count)
+        ]
         if not drawn:
             continue
-        with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
             ran = pool.map(partial(outcome, covered=covered), *zip(*drawn, strict=True))
-            found: list[Outcome] = []
-            for one in track(ran, title, total=len(drawn), console=Console(stderr=True)):
-                found.append(one)
-                if one.word in ("crashed", "unreadable") or (asked.all and one.wrong):
+            results: list[Outcome] = []
+            for item in track(ran, title, total=len(drawn), console=Console(stderr=True)):
+                results.append(item)
+                if item.word in ("crashed", "unreadable") or (options.all and item.wrong):
                     console.print(
-                        f"{one.kind} {one.seed}: {one.word}, {one.off:.1f}: {one.said[:300]}",
+                        f"{item.kind} {item.seed}: {item.word}, {item.deviation:.1f}:"
+                        f" {item.remarks[:300]}",
                         markup=False,
                     )
-        console.print(tabulated(found, title))
+        console.print(tabulated(results, title))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What a calibration says nearer than it was trained, and how long it takes: `python -m
+"""The errors of a calibration nearer than it was trained, and its time: `python -m
 benchmarks.depths`.
 
 45 views at 0.6-1.2 m through 1.15 mm of uneven glass, 0.1 px of noise per axis, 8x8 centres, tested
@@ -31,23 +31,22 @@ def row(seed: int, bumps: int) -> list[str]:
     near = scene(seed, 20, (bumps, bumps), 1e-5, NOISE, depths=(0.17, 0.3), cover=GLASS)
     smooth, values = covered_path(INTRINSICS, GLASS)
     poses = refine_poses(
-        smooth, values, made.observations, pinhole_poses(made.observations, values)
+        smooth, values, made.observations, pinhole_poses(smooth, values, made.observations)
     ).blocks
     path = with_relief(smooth, Relief(*footprint(smooth, values, WIDTH, HEIGHT), CENTRES))
     flat = {**values, "relief.amplitudes": torch.zeros(CENTRES, dtype=torch.float64)}
-    begun = time.perf_counter()
+    start_time = time.perf_counter()
     joint = fit_joint(path, flat, made.observations, poses)
     between = time.perf_counter()
     paper = {**flat, "relief.amplitudes": descend(path, flat, made.observations, poses, steps=1000)}
     ended = time.perf_counter()
-    floor, ours, theirs = (
-        refit_poses(p, v, near.observations, near.poses)[1].rms_px
-        for p, v in ((near.path, near.values), (path, joint.values), (path, paper))
-    )
+    floor = refit_poses(near.path, near.values, near.observations, near.poses)[1].rms_px
+    ours = refit_poses(path, joint.values, near.observations, near.poses)[1].rms_px
+    theirs = refit_poses(path, paper, near.observations, near.poses)[1].rms_px
     spent = (
-        f"{between - begun:.1f} s",
+        f"{between - start_time:.1f} s",
         f"{ended - between:.1f} s",
-        f"{(ended - between) / (between - begun):.0f}",
+        f"{(ended - between) / (between - start_time):.0f}",
     )
     return [
         f"{bumps}x{bumps}, seed {seed}",

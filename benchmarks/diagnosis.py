@@ -1,5 +1,5 @@
-"""What the diagnosis names when an effect of known size is hidden: `python -m benchmarks.diagnosis
-[--views 20] [--seeds 3] [--clean 40]`.
+"""The answers of the diagnosis when an effect of known size is hidden: `python -m
+benchmarks.diagnosis [--views 20] [--seeds 3] [--clean 40]`.
 
 Each session has so many views of 81 corners, 0.1 px noise per axis, uneven glass of 1.15 mm (none
 for flat_port, entrance_pupil), and one effect at once, three and ten times the smallest size that
@@ -28,7 +28,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
 from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS
-from calib.fitting.stages import Settings
+from calib.fit_record.request import Settings
 from calib.progress import Silent
 from calib.threads import single_thread
 from fixtures.calibrated import GLASS, calibrate
@@ -41,7 +41,7 @@ ABSORBED = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one hidden effect."""
+    """The outcome of one hidden effect."""
 
     said: str
     """right, by name or by a family that the truth is in, wrong, missed, or
@@ -68,17 +68,15 @@ class Row:
 
     def cells(self) -> Iterator[str]:
         for size in SIZES:
-            found = self.outcomes.get(size, [])
-            counts = Counter(outcome.said for outcome in found)
-            if counts["unseen"] == len(found):
+            outcomes = self.outcomes.get(size, [])
+            counts = Counter(outcome.said for outcome in outcomes)
+            if counts["unseen"] == len(outcomes):
                 yield "unseen"
                 continue
-            seen = [outcome for outcome in found if outcome.said != "unseen"]
-            absorbed, shift = (
-                np.median([getattr(outcome, of) for outcome in seen])
-                for of in ("absorbed", "shift")
-            )
-            judged = sum(outcome.judged for outcome in seen)
+            visible = [outcome for outcome in outcomes if outcome.said != "unseen"]
+            absorbed = np.median([outcome.absorbed for outcome in visible])
+            shift = np.median([outcome.shift for outcome in visible])
+            judged = sum(outcome.judged for outcome in visible)
             yield (
                 f"{counts['right']}/{counts['wrong']}/{counts['missed']} ({judged}; {shift:.3f} px,"
                 f" {100 * absorbed:.0f} %)"
@@ -86,7 +84,7 @@ class Row:
 
 
 def finding_of(fit: Calibration) -> Diagnosis:
-    """What a person would be told."""
+    """Return the finding that a person would read."""
     return diagnose(fit, Silent())[1]
 
 
@@ -95,9 +93,9 @@ def outcome(hidden: Hidden, size: int) -> Outcome:
     if not hidden.possible(size):
         return Outcome("unseen")
     fit = calibrate(hidden.session(size), Settings())
-    begun = time.process_time()
+    start_time = time.process_time()
     finding = finding_of(fit)
-    spent = time.process_time() - begun
+    spent = time.process_time() - start_time
     truth = hidden.effect.name
     families = [family.members.keys() for family in finding.families if truth in family.members]
     wrong = tuple(
@@ -105,9 +103,9 @@ def outcome(hidden: Hidden, size: int) -> Outcome:
         for name in finding.accepted
         if name != truth and not any(name in members for members in families)
     )
-    said = "wrong" if wrong else "right" if finding.accepted else "missed"
+    message = "wrong" if wrong else "right" if finding.accepted else "missed"
     shift = float(np.sqrt((hidden.shift(size) ** 2).sum(-1).mean()))
-    return Outcome(said, wrong, shift, hidden.absorbed(size, fit), spent)
+    return Outcome(message, wrong, shift, hidden.absorbed(size, fit), spent)
 
 
 def hidden_one(kind: type[Effect], seed: int, views: int) -> dict[int, Outcome]:
@@ -124,7 +122,7 @@ def port(seed: int, views: int) -> Outcome:
 
 
 def alarm(seed: int, views: int) -> str:
-    """What is found in a session without any effect."""
+    """Return the finding in a session without any effect."""
     with single_thread():
         made = scene(2000 + seed, views, (4, 4), 1e-5, NOISE, cover=GLASS)
         return "+".join(finding_of(calibrate(made, Settings())).accepted) or "none"
@@ -150,21 +148,21 @@ def main() -> None:
     seeds = range(options.first, options.first + options.seeds)
     rows, views = [], options.views
     with workers_of(options) as pool:
-        asked = {
+        requested = {
             kind: [pool.submit(hidden_one, kind, seed, views) for seed in seeds]
             for kind in EFFECTS
             if kind.name in options.effects
         }
         in_water = [pool.submit(port, seed, views) for seed in seeds]
         clean = [pool.submit(alarm, options.first + seed, views) for seed in range(options.clean)]
-        for kind, found in asked.items():
+        for kind, result in requested.items():
             rows.append(Row(kind.name))
-            for one in track(found, kind.name, transient=True):
-                for size, said in one.result().items():
-                    rows[-1].outcomes.setdefault(size, []).append(said)
+            for item in track(result, kind.name, transient=True):
+                for size, message in item.result().items():
+                    rows[-1].outcomes.setdefault(size, []).append(message)
             console.print(rows[-1].name, *rows[-1].cells(), highlight=False)
-        ports = [one.result() for one in track(in_water, "water", transient=True)]
-        false = Counter(one.result() for one in track(clean, "clean", transient=True))
+        ports = [item.result() for item in track(in_water, "water", transient=True)]
+        false = Counter(item.result() for item in track(clean, "clean", transient=True))
         scaled = pool.scaled
     table = Table(
         "effect",
@@ -186,15 +184,15 @@ def main() -> None:
         f"A port under water: right {water['right']}, wrong {water['wrong']}, missed"
         f" {water['missed']}."
     )
-    every = [o for shown in rows for found in shown.outcomes.values() for o in found]
+    entries = [o for shown in rows for result in shown.outcomes.values() for o in result]
     console.print(
         "Wrong names:",
-        dict(Counter(name for o in every for name in o.wrong)) or "none",
-        f"in {len(every)} sessions.",
+        dict(Counter(name for o in entries for name in o.wrong)) or "none",
+        f"in {len(entries)} sessions.",
     )
     console.print(
-        f"A diagnosis took {np.nanmedian([o.seconds for o in every]):.1f} s of CPU, at most"
-        f" {np.nanmax([o.seconds for o in every]):.1f} s."
+        f"A diagnosis took {np.nanmedian([o.seconds for o in entries]):.1f} s of CPU, at most"
+        f" {np.nanmax([o.seconds for o in entries]):.1f} s."
     )
     console.print(f"False alarms in {options.clean} clean sessions: {dict(false)}.")
     console.print(scaled)

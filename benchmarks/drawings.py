@@ -29,7 +29,7 @@ class Drawing:
     corner: Point
     size: Point
     scale: float = 5.0
-    parts: list[str] = field(default_factory=list)
+    elements: list[str] = field(default_factory=list)
 
     def at(self, z: float, y: float) -> Point:
         return (z - self.corner[0]) * self.scale, (y - self.corner[1]) * self.scale
@@ -44,7 +44,7 @@ class Drawing:
     ) -> None:
         path = " ".join("{:.1f},{:.1f}".format(*self.at(*point)) for point in points)
         dashed = f' stroke-dasharray="{dashes}"' if dashes else ""
-        self.parts.append(
+        self.elements.append(
             f'<polyline points="{path}" fill="{fill}" stroke="{colour}"'
             f' stroke-width="{wide}"{dashed}/>'
         )
@@ -64,16 +64,16 @@ class Drawing:
                 f" {-2 * r:.1f},0 Z"
                 for r in (large, small)
             )
-        self.parts.append(
+        self.elements.append(
             f'<path d="{path}" fill="{GLASS}" fill-rule="evenodd" stroke="{INK}"'
             ' stroke-width="1.2"/>'
         )
 
-    def measure(self, one: Point, other: Point, name: str, text_at: Point, value: str = "") -> None:
+    def measure(self, start: Point, end: Point, name: str, text_at: Point, value: str = "") -> None:
         """A measured length, with arrows at both ends, and its key of session.yaml."""
-        (x, y), (u, v) = self.at(*one), self.at(*other)
+        (x, y), (u, v) = self.at(*start), self.at(*end)
         arrows = 'marker-start="url(#tip)" marker-end="url(#tip)"'
-        self.parts.append(
+        self.elements.append(
             f'<line x1="{x:.1f}" y1="{y:.1f}" x2="{u:.1f}" y2="{v:.1f}" stroke="{MEASURE}"'
             f' stroke-width="1.4" {arrows}/>'
         )
@@ -92,7 +92,7 @@ class Drawing:
     ) -> None:
         x, y = self.at(*at)
         weight = ' font-weight="bold"' if bold else ""
-        self.parts.append(
+        self.elements.append(
             f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"'
             f' fill="{colour}"{weight}>{words}</text>'
         )
@@ -107,23 +107,26 @@ class Drawing:
             (-5, 0), (self.corner[0] + self.size[0] - 3, 0), colour=FAINT, dashes="7 4", wide=1.2
         )
         x, y = self.at(0, 0)
-        self.parts.append(
+        self.elements.append(
             f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="#facc15" stroke="{INK}"/>'
         )
 
-    def axes(self, down: str = "y") -> None:
+    def axes(self, vertical: str = "y") -> None:
         z, y = self.corner[0] + 3, self.corner[1] + 3
-        for end, name, away in (((z + 9, y), "z", (2, 1)), ((z, y + 9), down, (0, 4))):
+        for end, name, offset in (((z + 9, y), "z", (2, 1)), ((z, y + 9), vertical, (0, 4))):
             (a, b), (c, d) = self.at(z, y), self.at(*end)
-            self.parts.append(
+            self.elements.append(
                 f'<line x1="{a}" y1="{b}" x2="{c}" y2="{d}" stroke="{FAINT}" stroke-width="1.4"'
                 ' marker-end="url(#tip)"/>'
             )
-            self.text((end[0] + away[0], end[1] + away[1]), name, FAINT)
+            self.text((end[0] + offset[0], end[1] + offset[1]), name, FAINT)
 
     def svg(self) -> str:
-        wide, high = (length * self.scale for length in self.size)
-        return HEAD.format(wide, high, self.title, MEASURE) + "\n".join(self.parts) + "\n</svg>\n"
+        wide = self.size[0] * self.scale
+        high = self.size[1] * self.scale
+        return (
+            HEAD.format(wide, high, self.title, MEASURE) + "\n".join(self.elements) + "\n</svg>\n"
+        )
 
 
 def cone_from_the_side() -> Drawing:
@@ -172,7 +175,7 @@ def cone_from_above() -> Drawing:
     made.ring(axis, radius, radius + thick, half=False)
     made.camera()
     x, y = made.at(*axis)
-    made.parts.append(
+    made.elements.append(
         f'<path d="M{x - 6},{y} h12 M{x},{y - 6} v12" stroke="{INK}" stroke-width="1.5"/>'
     )
     made.text((axis[0], axis[1] + 5), "axis", INK)
@@ -181,8 +184,8 @@ def cone_from_above() -> Drawing:
     )
     made.measure((axis[0], -16), (0, -16), "axis_offset_mm, z", (-15, -21), "-30")
     made.measure((4, 0), (4, aside), "axis_offset_mm, x", (-7, 11), "here 5: to the right")
-    for one, other in (((axis[0], -18), axis), ((0, -18), (0, 0)), (axis, (6, aside))):
-        made.line(one, other, colour=MEASURE, wide=0.7, dashes="3 3")
+    for start, end in (((axis[0], -18), axis), ((0, -18), (0, 0)), (axis, (6, aside))):
+        made.line(start, end, colour=MEASURE, wide=0.7, dashes="3 3")
     made.measure(
         (axis[0] + radius, axis[1]), (axis[0] + radius + thick, axis[1]), "thickness_mm", (31, 6)
     )
@@ -234,7 +237,7 @@ def dome() -> Drawing:
     made.text((centre, -61), "through the dome's centre", FAINT)
     made.camera()
     x, y = made.at(centre, 0)
-    made.parts.append(
+    made.elements.append(
         f'<path d="M{x - 6},{y} h12 M{x},{y - 6} v12" stroke="#ffffff" stroke-width="2"/>'
     )
     made.measure(

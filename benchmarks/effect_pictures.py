@@ -26,10 +26,11 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
 from calib.estimation.priors import NONE, Priors
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
+from calib.inference.score_test import tuned_score_tests
 from calib.optics.board_target import FLEX, MOTION
 from calib.optics.build import covered_path, footprint, with_relief
-from calib.optics.params import LINE, TIME
+from calib.optics.exposure import MIDDLE, Exposure
 from calib.optics.projection import project
 from calib.optics.relief import Relief
 from calib.session.board import Board
@@ -81,11 +82,11 @@ class Example:
     name: str
     cover: Cover
     parameters: dict[str, float]
-    """By name; of reliefs and fields, the standard deviation of random ones."""
+    """The values by name; for reliefs and fields, the standard deviation of random ones."""
     panels: tuple[str, str]
-    """Of PANELS."""
+    """The names of the panels, from PANELS."""
     choice: str = ""
-    """Which of the effect's forms."""
+    """The name of the effect's form; empty for the only one."""
     farther: float = 1.0
     """The boards' distance, over the others': water magnifies."""
 
@@ -131,14 +132,15 @@ def main() -> None:
     if "--alike" in sys.argv:
         _print_alike()
         return
-    asked = sys.argv[1:]
+    names = sys.argv[1:]
     for example in EXAMPLES:
-        if not asked or example.name in asked:
-            left = Left.of(example)
-            _draw(example, left)
+        if not names or example.name in names:
+            remaining = Left.of(example)
+            _draw(example, remaining)
             size = (FOLDER / f"{example.name}.png").stat().st_size
             print(
-                f"{example.name:18} leaves {left.rms:7.4f} px RMS  picture {size / 1e3:.0f} kB",
+                f"{example.name:18} leaves {remaining.rms:7.4f} px RMS "
+                f" picture {size / 1e3:.0f} kB",
                 flush=True,
             )
 
@@ -162,11 +164,11 @@ def proposed(kinds: tuple[type[Effect], ...], model: CameraModel) -> list[Effect
     if model.path.cover:
         outer = model.path.cover[-1]
         rays = model.path.trace(
-            torch.tensor([[0.35 * WIDTH, 0.5 * HEIGHT]], dtype=torch.float64), model.means
+            torch.tensor([[0.35 * WIDTH, 0.5 * HEIGHT]], dtype=torch.float64), model.means, MIDDLE
         )
         place = torch.cat(outer.surface.chart(outer.frame.at(model.means).enter(rays.origin)))
-    there = EffectContext(BOARD, WIDTH, HEIGHT, model.path, model.means, place=place)
-    return [effect for kind in kinds for effect in kind.propose(there)]
+    context = EffectContext(BOARD, WIDTH, HEIGHT, model.path, model.means, place=place)
+    return [effect for kind in kinds for effect in kind.propose(context)]
 
 
 def poses_of(model: CameraModel) -> Array:
@@ -181,16 +183,19 @@ def poses_of(model: CameraModel) -> Array:
     )
     while len(poses) < VIEWS:
         depth = rng.uniform(*DEPTHS)
-        across = rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
+        sideways = rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
         if len(poses) in tiles:
             depth = rng.uniform(0.42, 0.5)
-            across = (np.array(tiles[len(poses)]) - [1, 0.5]) * depth * [0.4, 0.43]
+            sideways = (np.array(tiles[len(poses)]) - [1, 0.5]) * depth * [0.4, 0.43]
         turn = rng.uniform(0.25, 0.6, 2) * rng.choice([-1, 1], 2)
-        pose = torch.from_numpy(np.concatenate([turn, rng.uniform(-0.3, 0.3, 1), across, [depth]]))
+        pose = torch.from_numpy(
+            np.concatenate([turn, rng.uniform(-0.3, 0.3, 1), sideways, [depth]])
+        )
         pixels = project(
             model.path,
             model.means,
-            model.path.place(points, model.means, pose.expand(BOARD.count, 6)),
+            model.path.place(points, model.means, pose.expand(BOARD.count, 6), MIDDLE),
+            MIDDLE,
         )
         if bool(((pixels > 30) & (pixels < torch.tensor([WIDTH - 30, HEIGHT - 30]))).all()):
             poses.append(pose.numpy())
@@ -205,21 +210,22 @@ def seen(model: CameraModel, values: dict[str, Tensor], poses: Array) -> Observa
     for view, pose in enumerate(poses):
         parameters = torch.from_numpy(
             np.concatenate(
-                [pose, *(rng.normal(0, DRAWN[part]) for part in model.path.view_blocks[1:])]
+                [pose, *(rng.normal(0, DRAWN[block]) for block in model.path.view_blocks[1:])]
             )
         ).expand(BOARD.count, -1)
         time = torch.full((BOARD.count,), view / (VIEWS - 1) - 0.5, dtype=torch.float64)
         pixels = torch.full((BOARD.count, 2), HEIGHT / 2, dtype=torch.float64)
         for _ in range(8 if model.path.shutter else 1):  # a corner's row says when it was read
-            timed = {**values, TIME: time, LINE: (pixels[:, 1] + 0.5) / HEIGHT - 0.5}
-            pixels = project(model.path, timed, model.path.place(points, timed, parameters))
+            exposure = Exposure(time, line=(pixels[:, 1] + 0.5) / HEIGHT - 0.5)
+            placed = model.path.place(points, values, parameters, exposure)
+            pixels = project(model.path, values, placed, exposure)
         views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count)))
     return Observations.of(views, BOARD).add_times(range(VIEWS), HEIGHT)
 
 
 @dataclass(frozen=True)
 class Left:
-    """What is left of the corners when only poses are fitted, without the effect."""
+    """The residual of the corners when only poses are fitted, without the effect."""
 
     observations: Observations
     errors: Array
@@ -248,18 +254,20 @@ class Left:
         poses = poses_of(without)
         poses[:, 5] *= example.farther
         observations = seen(true, values, poses)
-        _, left = refit_poses(without.path, without.means, observations, torch.from_numpy(poses))
-        return Left(observations, -left.image.numpy())
+        _, residual = refit_poses(
+            without.path, without.means, observations, torch.from_numpy(poses)
+        )
+        return Left(observations, -residual.image.numpy())
 
 
 def _choices(effect: Effect) -> tuple[str, ...]:
     return "", effect.form
 
 
-def _draw(example: Example, left: Left) -> None:
+def _draw(example: Example, remaining: Left) -> None:
     figure, axes = plt.subplots(1, 2, figsize=(8.4, 3.4), layout="constrained")
     for panel, kind in zip(axes, example.panels, strict=True):
-        PANELS[kind](panel, left)
+        PANELS[kind](panel, remaining)
         panel.tick_params(labelsize=7)
         panel.xaxis.label.set_fontsize(8)
         panel.yaxis.label.set_fontsize(8)
@@ -271,66 +279,71 @@ def _draw(example: Example, left: Left) -> None:
     )
 
 
-def _views(panel: Axes, left: Left) -> None:
+def _views(panel: Axes, remaining: Left) -> None:
     """The arrows of some views."""
-    pixels, view = left.observations.pixels.numpy(), left.observations.view.numpy()
+    pixels, view = remaining.observations.pixels.numpy(), remaining.observations.view.numpy()
     shown = np.linspace(0, VIEWS - 1, SHOWN).astype(int)
-    some = np.isin(view, shown)
-    scale = _magnified(left.errors[some], 60.0)
+    in_shown = np.isin(view, shown)
+    scale = _magnified(remaining.errors[in_shown], 60.0)
     for colour, number in zip(COLOURS, shown, strict=True):
-        own = view == number
-        _arrows(panel, pixels[own], left.errors[own] * scale, colour)
+        in_view = view == number
+        _arrows(panel, pixels[in_view], remaining.errors[in_view] * scale, colour)
     _picture(panel)
     _title(panel, f"{SHOWN} of {VIEWS} views, corners as seen less the model, x{scale:,.0f}")
 
 
-def _image(panel: Axes, left: Left) -> None:
+def _image(panel: Axes, remaining: Left) -> None:
     """The mean over parts of the image."""
-    pixels = left.observations.pixels.numpy()
+    pixels = remaining.observations.pixels.numpy()
     cell = np.floor(pixels / [WIDTH / 14, HEIGHT / 10]).astype(int) @ [100, 1]
-    at, mean = _means(cell, pixels, left.errors, least=4)
+    at, mean = _means(cell, pixels, remaining.errors, min_count=4)
     scale = _magnified(mean, 70.0)
     _arrows(panel, at, mean * scale, "#222222")
     _picture(panel)
     _title(panel, f"mean over the image, x{scale:,.0f}")
 
 
-def _board(panel: Axes, left: Left) -> None:
+def _board(panel: Axes, remaining: Left) -> None:
     """The mean of each corner, turned back into the board's directions."""
-    corners, errors = left.observations.corners.numpy(), left.errors.copy()
-    for part in left.observations.per_view(torch.arange(len(errors))):
-        rows = part.numpy()
+    corners, errors = remaining.observations.corners.numpy(), remaining.errors.copy()
+    for view_rows in remaining.observations.per_view(torch.arange(len(errors))):
+        rows = view_rows.numpy()
         affine = np.column_stack([corners[rows], np.ones(len(rows))])
-        jacobian, *_ = np.linalg.lstsq(affine, left.observations.pixels.numpy()[rows], rcond=None)
+        jacobian, *_ = np.linalg.lstsq(
+            affine, remaining.observations.pixels.numpy()[rows], rcond=None
+        )
         errors[rows] = np.linalg.solve(jacobian[:2].T, errors[rows].T).T
     _, place = np.unique(corners.round(9), axis=0, return_inverse=True)
-    at, mean = _means(place.ravel(), corners, errors, least=1)
+    at, mean = _means(place.ravel(), corners, errors, min_count=1)
     scale = _magnified(mean, 0.012)
     _arrows(panel, at * 1e3, mean * scale * 1e3, "#222222", width=0.004)
     panel.set(aspect="equal", xlim=(-100, 100), ylim=(100, -100), xlabel="mm")
     _title(panel, f"mean over views, on the board, x{scale:,.0f}")
 
 
-def _row(panel: Axes, left: Left) -> None:
+def _row(panel: Axes, remaining: Left) -> None:
     """The horizontal error by row."""
-    pixels, view = left.observations.pixels.numpy(), left.observations.view.numpy()
+    pixels, view = remaining.observations.pixels.numpy(), remaining.observations.view.numpy()
     for colour, number in zip(COLOURS, np.linspace(0, VIEWS - 1, SHOWN).astype(int), strict=True):
-        own = view == number
-        panel.plot(left.errors[own, 0], pixels[own, 1], ".", color=colour, markersize=2.5)
+        in_view = view == number
+        panel.plot(
+            remaining.errors[in_view, 0], pixels[in_view, 1], ".", color=colour, markersize=2.5
+        )
     panel.set(ylim=(HEIGHT, 0), ylabel="row, px", xlabel="error to the right, px")
     _title(panel, "by row, the same views")
 
 
-def _time(panel: Axes, left: Left) -> None:
-    """How much of the pattern of a longer focal length each view shows."""
+def _time(panel: Axes, remaining: Left) -> None:
+    """Draw the part of the pattern of a longer focal length that each view shows."""
     constant = next(example for example in EXAMPLES if example.name == "focal")
     pattern = Left.of(constant).errors
     shown = [
-        (left.errors[rows] * pattern[rows]).sum()
+        (remaining.errors[rows] * pattern[rows]).sum()
         / (pattern[rows] ** 2).sum()
         * constant.parameters["change"]
         for rows in (
-            part.numpy() for part in left.observations.per_view(torch.arange(len(pattern)))
+            view_rows.numpy()
+            for view_rows in remaining.observations.per_view(torch.arange(len(pattern)))
         )
     ]
     panel.plot(np.arange(VIEWS), 100 * np.array(shown), "o", color="#222222", markersize=3)
@@ -338,10 +351,10 @@ def _time(panel: Axes, left: Left) -> None:
     _title(panel, "by time")
 
 
-def _phase(panel: Axes, left: Left) -> None:
+def _phase(panel: Axes, remaining: Left) -> None:
     """The error to the right by the corner's place in its pixel."""
-    x = left.observations.pixels.numpy()[:, 0]
-    panel.plot(x - np.round(x), left.errors[:, 0], ".", color="#222222", markersize=2)
+    x = remaining.observations.pixels.numpy()[:, 0]
+    panel.plot(x - np.round(x), remaining.errors[:, 0], ".", color="#222222", markersize=2)
     panel.set(
         xlabel="corner's place in its pixel, px right of its middle",
         ylabel="error to the right, px",
@@ -359,14 +372,16 @@ PANELS = {
 }
 
 
-def _means(label: NDArray[np.int64], at: Array, errors: Array, least: int) -> tuple[Array, Array]:
+def _means(
+    label: NDArray[np.int64], at: Array, errors: Array, min_count: int
+) -> tuple[Array, Array]:
     """(K, 2) places and (K, 2) mean errors of the labels that occur often enough."""
     _, index, count = np.unique(label, return_inverse=True, return_counts=True)
     sums = [
-        np.stack([np.bincount(index, part[:, axis]) for axis in range(2)], -1) / count[:, None]
-        for part in (at, errors)
+        np.stack([np.bincount(index, array[:, axis]) for axis in range(2)], -1) / count[:, None]
+        for array in (at, errors)
     ]
-    return sums[0][count >= least], sums[1][count >= least]
+    return sums[0][count >= min_count], sums[1][count >= min_count]
 
 
 def _magnified(errors: Array, longest: float) -> float:
@@ -399,7 +414,7 @@ def _picture(panel: Axes) -> None:
 
 
 def _print_alike() -> None:
-    """What clean sessions of 20 views with 0.1 px of noise say of effects that they do not have."""
+    """Print which effects are alike in clean sessions of 20 views with 0.1 px of noise."""
     for cover in (BARE, CONE):
         model = base(cover)
         if cover is BARE:  # as a fit whose intrinsics come from the same views
@@ -414,23 +429,23 @@ def _print_alike() -> None:
         noise = torch.from_numpy(np.random.default_rng(1).normal(0, 0.1, observations.pixels.shape))
         observations = replace(observations, pixels=observations.pixels + noise)
         at = FittedModel(model, observations, model.fit(observations, torch.from_numpy(poses)))
-        columns = at.candidates(proposed(tuple(k for k in KINDS if k not in FIELDS), model))
+        columns = tuned_score_tests(at, proposed(tuple(k for k in KINDS if k not in FIELDS), model))
         spans = {
             c.effect.name + _choices(c.effect)[1].join("()" * bool(_choices(c.effect)[1])): c
             for c in columns
             if c.jacobian.size
         }
         print(f"cover: {cover.shape}")
-        for name, one in spans.items():
+        for name, item in spans.items():
             alike = []
-            for other, two in spans.items():
-                if two.effect.name != one.effect.name:
-                    cosines = np.linalg.svd(one.span().T @ two.span(), compute_uv=False)
-                    alike.append((float(cosines[0] ** 2), other))
+            for other_name, two in spans.items():
+                if two.effect.name != item.effect.name:
+                    cosines = np.linalg.svd(item.span().T @ two.span(), compute_uv=False)
+                    alike.append((float(cosines[0] ** 2), other_name))
             best = ", ".join(
-                f"{other} {size:.2f}" for size, other in sorted(alike, reverse=True)[:3]
+                f"{other_name} {size:.2f}" for size, other_name in sorted(alike, reverse=True)[:3]
             )
-            print(f"  {name:22} absorbed {one.absorbed:.4f}  most alike: {best}")
+            print(f"  {name:22} absorbed {item.absorbed:.4f}  most alike: {best}")
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ OPTIONS = ("--grid", "4x4", "--folds", "2")
 EVERY_S = 30.0
 """Between two deaths."""
 FLEETS = 300
-"""That are asked for false alarms."""
+"""The number of fleets that are asked for false alarms."""
 PRIORS = 4
 """Every so manieth camera has one, and so has the one whose fault shows only against it."""
 
@@ -48,18 +48,18 @@ def main() -> None:
         help="seconds between two deaths; 0: nothing is killed",
     )
     parser.add_argument("--alarms", action="store_true")
-    asked = parser.parse_args()
-    if asked.alarms:
+    options = parser.parse_args()
+    if options.alarms:
         for count in (10, 30, 100):
             alarms = sum(bool(made(count, seed=seed).findings) for seed in range(FLEETS))
             print(f"{count} cameras: {100 * alarms / FLEETS:.1f} % of {FLEETS} fleets")
         return
     with TemporaryDirectory() as folder:
-        run(asked.keep or Path(folder), Line(asked.cameras), asked.every)
+        run(options.keep or Path(folder), Line(options.cameras), options.every)
 
 
-def run(folder: Path, line: Line, every: float) -> None:
-    begun = time.monotonic()
+def run(folder: Path, line: Line, interval: float) -> None:
+    start_time = time.monotonic()
     with_prior = [
         number
         for number in range(line.cameras)
@@ -68,7 +68,9 @@ def run(folder: Path, line: Line, every: float) -> None:
     manifest = folder / "sessions" / "fleet.csv"
     if not manifest.exists():
         for number in with_prior:
-            write_session(folder / "before" / line.name(number), line, number, sound=True, again=1)
+            write_session(
+                folder / "before" / line.name(number), line, number, sound=True, attempt=1
+            )
         write_fleet(
             folder / "sessions",
             line,
@@ -76,10 +78,10 @@ def run(folder: Path, line: Line, every: float) -> None:
         )
     print(
         f"{line.cameras} sessions, {len(with_prior)} earlier ones:"
-        f" {time.monotonic() - begun:.0f} s",
+        f" {time.monotonic() - start_time:.0f} s",
         flush=True,
     )
-    begun = time.monotonic()
+    start_time = time.monotonic()
     command = [
         sys.executable,
         "-m",
@@ -91,8 +93,8 @@ def run(folder: Path, line: Line, every: float) -> None:
         *OPTIONS,
     ]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    print(f"their calibrations: {time.monotonic() - begun:.0f} s", flush=True)
-    begun = time.monotonic()
+    print(f"their calibrations: {time.monotonic() - start_time:.0f} s", flush=True)
+    start_time = time.monotonic()
     command = [
         sys.executable,
         "-m",
@@ -104,38 +106,36 @@ def run(folder: Path, line: Line, every: float) -> None:
         *OPTIONS,
         "--json",
     ]
-    said, deaths, restarts = hounded(command, folder / "fleet", line, every)
-    seconds = time.monotonic() - begun
-    named = set(said["stand_out"])
+    answer, deaths, restarts = hounded(command, folder / "fleet", line, interval)
+    seconds = time.monotonic() - start_time
+    names = set(answer["stand_out"])
     broken = {
         line.name(number): line.fault(number)
         for number in range(line.cameras)
         if line.fault(number)
     }
     results = [read_result(folder / "fleet", line.name(number)) for number in range(line.cameras)]
-    whole = sum(result is not None for result in results)
+    finished = sum(result is not None for result in results)
     print(
-        f"{whole} of {line.cameras} results in {seconds:.0f} s; {deaths} workers were killed, and"
-        f" the command {restarts} times"
+        f"{finished} of {line.cameras} results in {seconds:.0f} s; {deaths} workers were killed,"
+        f" and the command {restarts} times"
     )
     print(
         f"cameras took {sorted(r.seconds for r in results if r)[len(results) // 2]:.1f} s in the"
-        f" median; states {said['states']}"
+        f" median; states {answer['states']}"
     )
     print(
-        f"named: {len(named & set(broken))} of {len(broken)} that are broken,"
-        f" {len(named - set(broken))} of the others"
+        f"named: {len(names & set(broken))} of {len(broken)} that are broken,"
+        f" {len(names - set(broken))} of the others"
     )
     for camera, fault in broken.items():
-        print(f"  {fault}: {'; '.join(said['stand_out'].get(camera, ['NOT NAMED'])[:2])}")
-    for camera in sorted(named - set(broken)):
-        print(f"  whole, {camera}: {'; '.join(said['stand_out'][camera][:2])}")
+        print(f"  {fault}: {'; '.join(answer['stand_out'].get(camera, ['NOT NAMED'])[:2])}")
+    for camera in sorted(names - set(broken)):
+        print(f"  whole, {camera}: {'; '.join(answer['stand_out'][camera][:2])}")
 
 
-def hounded(command: list[str], fleet: Path, line: Line, every: float) -> tuple[dict, int, int]:
-    """What the command prints once it ends, how many workers died, and how often it was started
-    again.
-    """
+def hounded(command: list[str], fleet: Path, line: Line, interval: float) -> tuple[dict, int, int]:
+    """Return the command's output, the number of workers that died, and that of its restarts."""
     deaths = restarts = 0
     chance = random.Random(1)
     process = subprocess.Popen(
@@ -145,7 +145,7 @@ def hounded(command: list[str], fleet: Path, line: Line, every: float) -> tuple[
     while process.poll() is None:
         time.sleep(1)
         done = len(list((fleet / "cameras").glob("*.json")))
-        if every and not restarts and done > line.cameras / 2:
+        if interval and not restarts and done > line.cameras / 2:
             process.send_signal(signal.SIGKILL)
             process.wait()
             restarts += 1
@@ -153,7 +153,7 @@ def hounded(command: list[str], fleet: Path, line: Line, every: float) -> tuple[
                 command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
             )
             last = time.monotonic()
-        elif every and time.monotonic() - last > every:
+        elif interval and time.monotonic() - last > interval:
             last = time.monotonic()
             workers = [
                 child.pid

@@ -1,5 +1,5 @@
-"""What a fleet's own prior saves: how many views a new camera takes until its maps are right, with
-the prior and without.
+"""The benefit of a fleet's own prior: how many views a new camera takes until its maps are right,
+with the prior and without.
 
 `python -m benchmarks.fleet_prior [--fleet 12] [--cameras 8] [--seed 1] [--first 100]` calibrates a
 fleet of simulated cameras behind the paper's cone, 16 views each, makes its prior, and fits new
@@ -23,13 +23,12 @@ from rich.table import Table
 
 from calib.calibration import Calibration
 from calib.corners.corners_file import read_corners, write_corners
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.fleet_expectation import KEY
-from calib.fitting.stages import Settings
 from calib.fleet.identity import FleetOptions
 from calib.fleet.job import Job, run_job
 from calib.fleet.manifest import Entry
-from calib.fleet.prior import fleet_prior
+from calib.fleet.prior import estimate_fleet_prior
 from calib.session.fleet_prior import fleet_prior_yaml
 from calib.session.session import read_session
 from calib.threads import single_thread
@@ -87,9 +86,9 @@ def tried(folder: Path, made: Scene, prior: Path, count: int) -> tuple[Tried, Tr
     alone = fit(read_session(few), SETTINGS)
     (few / "session.yaml").write_text(yaml.safe_dump(said | {"prior": str(prior)}))
     found = fit(read_session(few), SETTINGS)
-    return Tried(map_error(made, alone)), Tried(
-        map_error(made, found), bool(found.settings[KEY]["used"])
-    )
+    assert found.outcome.fleet_prior
+    used = found.outcome.fleet_prior.used
+    return Tried(map_error(made, alone)), Tried(map_error(made, found), used)
 
 
 def made_prior(folder: Path, line: Line) -> Path:
@@ -97,7 +96,7 @@ def made_prior(folder: Path, line: Line) -> Path:
         write_session(folder / "sessions" / line.name(number), line, number)
         entry = Entry(line.name(number), str(folder / "sessions" / line.name(number)))
         run_job(Job(entry, FleetOptions(SETTINGS), str(folder / "fleet")))
-    prior = fleet_prior(folder / "fleet")
+    prior = estimate_fleet_prior(folder / "fleet")
     place = folder / "prior.yaml"
     place.write_text(fleet_prior_yaml(prior, VERSION))
     print(

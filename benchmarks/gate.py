@@ -1,5 +1,5 @@
-"""How fast the live finder is, what it costs in corners, and how often the gate is wrong: `python
--m benchmarks.gate [SEED]`.
+"""The speed of the live finder, the corners that it loses, and the errors of the gate: `python -m
+benchmarks.gate [SEED]`.
 
 500 good views: the fixtures' 92 pictures, rendered by Mitsuba, four times each with a flip, another
     exposure and more noise; and 132
@@ -113,8 +113,8 @@ def _speed(rng: np.random.Generator) -> None:
 
 
 def _coded_speed() -> None:
-    """Of boards with markers, whole and reaching out of the picture, beside a checkerboard at the
-    same size.
+    """Print the speed for boards with markers, whole and reaching out of the picture, beside a
+    checkerboard at the same size.
     """
     table = Table("median, 2 threads", "live, ms", "kept, ms", "corners seen")
     lens = Lens(*BINNED, focal=0.78 * BINNED[0])
@@ -123,18 +123,18 @@ def _coded_speed() -> None:
             frame = Frame(kind.view(np.array(pose), lens=lens).picture, 0, 1.0)
             finder = make_finder(kind.board)
             detection = finder.look(frame)
-            seen = (
+            visible_count = (
                 0 if detection.corners is None else int(np.isfinite(detection.corners[:, 0]).sum())
             )
-            live, kept = (
+            live, recorded_ms = (
                 _milliseconds(partial(finder.look, frame), 9),
                 _milliseconds(partial(finder.refine, frame, detection), 3),
             )
             table.add_row(
                 f"{name} {kind.board}, {where}",
                 f"{live:.1f}",
-                f"{kept:.0f}",
-                f"{seen} of {kind.board.count}",
+                f"{recorded_ms:.0f}",
+                f"{visible_count} of {kind.board.count}",
             )
     Console().print(table)
 
@@ -147,22 +147,22 @@ def _live(finder: Finder, picture: Bytes) -> None:
 def _verdicts(rng: np.random.Generator) -> None:
     refused: list[str] = []
     caught: dict[str, list[bool]] = {name: [] for name in (*SPOILED, "moving", "offered again")}
-    apart = []
+    separation = []
     for number, scene in enumerate(_scenes(rng)):
         finder = Finder(scene.board)
         frame = scene.frame(rng)
-        now, before = finder.look(frame), finder.look(scene.frame(rng, time_s=1.0 - PERIOD))
-        verdict = judge_frame(now, before, ())
+        current, earlier = finder.look(frame), finder.look(scene.frame(rng, time_s=1.0 - PERIOD))
+        verdict = judge_frame(current, earlier, ())
         if not verdict.keep:
             refused.append(verdict.sentence)
             continue
-        corners = finder.refine(frame, now)
+        corners = finder.refine(frame, current)
         if number % 5 == 0 and corners is not None:
-            whole = find_corners(frame.pixels, scene.board)
-            if whole is not None:
-                apart.append(_rms(corners, whole.corners))
+            all_corners = find_corners(frame.pixels, scene.board)
+            if all_corners is not None:
+                separation.append(_rms(corners, all_corners.corners))
         for name, spoil in SPOILED.items():
-            light = spoil(scene.light, _corners(now), scene.board, rng)
+            light = spoil(scene.light, _corners(current), scene.board, rng)
             caught[name].append(not _is_kept(finder, scene, light, rng))
         angle = rng.uniform(0, 2 * np.pi)
         shift = np.array([[1, 0, 3 * np.cos(angle)], [0, 1, 3 * np.sin(angle)]])
@@ -173,10 +173,12 @@ def _verdicts(rng: np.random.Generator) -> None:
             np.float32,
         )
         caught["moving"].append(
-            not judge_frame(finder.look(scene.frame(rng, moved, 1.0)), before, ()).keep
+            not judge_frame(finder.look(scene.frame(rng, moved, 1.0)), earlier, ()).keep
         )
         caught["offered again"].append(
-            not judge_frame(now, before, [_corners(now) if corners is None else corners]).keep
+            not judge_frame(
+                current, earlier, [_corners(current) if corners is None else corners]
+            ).keep
         )
     table = Table("views", "how many", "refused", "share")
     table.add_row("good", str(GOOD_VIEWS), str(len(refused)), f"{len(refused) / GOOD_VIEWS:.1%}")
@@ -185,17 +187,20 @@ def _verdicts(rng: np.random.Generator) -> None:
     Console().print(table)
     for sentence in sorted(set(refused)):
         print(f"{refused.count(sentence)} good views refused: {sentence}")
-    rms, worst = np.sqrt(np.mean(np.square(apart))), max(apart)
+    rms, worst = np.sqrt(np.mean(np.square(separation))), max(separation)
     print(
-        f"Refined corners are {rms:.4f} px RMS from those of the whole frame in {len(apart)} good"
-        f" views, {worst:.4f} px in the worst."
+        f"Refined corners are {rms:.4f} px RMS from those of the whole frame in {len(separation)}"
+        f" good views, {worst:.4f} px in the worst."
     )
 
 
 def _is_kept(finder: Finder, scene: Scene, light: Floats, rng: np.random.Generator) -> bool:
-    """Where nothing but this light is spoiled: the board is still, and the session empty."""
-    now, before = (finder.look(scene.frame(rng, light, time_s)) for time_s in (1.0, 1.0 - PERIOD))
-    return judge_frame(now, before, ()).keep
+    """Return whether the gate keeps a view in which only this light is spoiled: the board is at
+    rest, and the session empty.
+    """
+    current = finder.look(scene.frame(rng, light, 1.0))
+    earlier = finder.look(scene.frame(rng, light, 1.0 - PERIOD))
+    return judge_frame(current, earlier, ()).keep
 
 
 def _scenes(rng: np.random.Generator) -> Iterator[Scene]:
@@ -222,7 +227,7 @@ def _scenes(rng: np.random.Generator) -> Iterator[Scene]:
 
 
 Spoil = Callable[[Floats, NDArray[np.float64], Board, np.random.Generator], Floats]
-"""Of a good view's light, its corners and its board: the light of a bad one."""
+"""A function from a good view's light, its corners and its board to the light of a bad view."""
 
 
 def _streaked(light: Floats, _corners: NDArray, _board: Board, rng: np.random.Generator) -> Floats:
@@ -251,10 +256,12 @@ def _cut(light: Floats, corners: NDArray, board: Board, rng: np.random.Generator
     grid = corners.reshape(board.rows, board.columns, 2)
     square = np.linalg.norm(np.diff(grid, axis=0), axis=-1).mean()
     inward = rng.uniform(0, 2.5) * square
-    left, top = np.ceil(corners.min(0) + inward).astype(int)
+    left_edge, top = np.ceil(corners.min(0) + inward).astype(int)
     right, bottom = np.floor(corners.max(0) - inward).astype(int)
     return np.ascontiguousarray(
-        (light[:, left:], light[top:], light[:, : right + 1], light[: bottom + 1])[rng.integers(4)]
+        (light[:, left_edge:], light[top:], light[:, : right + 1], light[: bottom + 1])[
+            rng.integers(4)
+        ]
     )
 
 
@@ -271,8 +278,8 @@ def _corners(detection: LiveDetection) -> NDArray[np.float64]:
     return detection.corners
 
 
-def _rms(one: NDArray, other: NDArray) -> float:
-    return float(np.sqrt(((one - other) ** 2).sum(1).mean()))
+def _rms(item: NDArray, second: NDArray) -> float:
+    return float(np.sqrt(((item - second) ** 2).sum(1).mean()))
 
 
 def _milliseconds(work: Callable[[], object], times: int) -> float:
@@ -280,9 +287,9 @@ def _milliseconds(work: Callable[[], object], times: int) -> float:
     work()
     spent = []
     for _ in range(times):
-        begun = time.perf_counter()
+        start_time = time.perf_counter()
         work()
-        spent.append(time.perf_counter() - begun)
+        spent.append(time.perf_counter() - start_time)
     return 1e3 * median(spent)
 
 

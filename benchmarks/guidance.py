@@ -1,4 +1,4 @@
-"""What following the guide is worth: `python -m benchmarks.guidance [--seeds 20] [--first 2000]
+"""The benefit of following the guide: `python -m benchmarks.guidance [--seeds 20] [--first 2000]
 [--bumps 4]`.
 
 Each seed has its own glass (random bumps that nobody declared), camera noise of 0.1 px per axis,
@@ -24,6 +24,7 @@ from rich.table import Table
 from benchmarks.workers import add_workers, workers_of
 from calib.corners.view import View
 from calib.fitting.stages import Setup
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.planning.design import Design
 from calib.planning.information import PlanningFit, estimate
@@ -69,19 +70,22 @@ class Person:
         self._hold(lambda: pose + self.rng.normal(0, error))
 
     def _anywhere(self) -> Array:
-        """As in fixtures.synthetic."""
+        """Return a random pose, as in fixtures.synthetic."""
         depth = self.rng.uniform(REACH.near, REACH.far)
-        across = self.rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
+        sideways = self.rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
         return np.concatenate(
-            [self.rng.uniform(-0.6, 0.6, 2), self.rng.uniform(-0.3, 0.3, 1), across, [depth]]
+            [self.rng.uniform(-0.6, 0.6, 2), self.rng.uniform(-0.3, 0.3, 1), sideways, [depth]]
         )
 
     def _hold(self, draw: Callable[[], Array]) -> None:
         while True:
             points = self.truth.path.place(
-                torch.from_numpy(BOARD.points()), self.truth.values, torch.from_numpy(draw())
+                torch.from_numpy(BOARD.points()),
+                self.truth.values,
+                torch.from_numpy(draw()),
+                MIDDLE,
             )
-            corners = project(self.truth.path, self.truth.values, points).numpy()
+            corners = project(self.truth.path, self.truth.values, points, MIDDLE).numpy()
             if not np.all((corners >= BORDER) & (corners <= [WIDTH - BORDER, HEIGHT - BORDER])):
                 continue
             corners = corners + self.rng.normal(0, NOISE, corners.shape)
@@ -100,13 +104,13 @@ class Person:
                 return
 
 
-def follow(person: Person, nominal: Design, count: int, every: int) -> None:
+def follow(person: Person, nominal: Design, count: int, interval: int) -> None:
     """Take views where the guide asks, or only every so-manieth of them; the others at random."""
     design = nominal
     for number in range(count):
         if number and number % AFRESH == 0:
             design = design_of(estimate(SETUP, person.views, RELIEF_GRID))
-        if number % every:
+        if number % interval:
             person.at_random()
             continue
         hint = InformedGuide(BOARD, CAMERA, REACH, design).next_pose(seen(person.views))
@@ -132,43 +136,40 @@ def seen(views: Sequence[View]) -> list[KeptView]:
     return [KeptView(view.corners) for view in views]
 
 
-def design_of(known: PlanningFit) -> Design:
-    return known.design(
+def design_of(planning_fit: PlanningFit) -> Design:
+    return planning_fit.design(
         SETUP, make_pose_bank(BOARD, CAMERA, REACH).poses, COVERAGE_CELLS, REACH.levels()
     )
 
 
 def judged(person: Person) -> tuple[float, float]:
     """The error of the map that these views give, and what the guide predicts for it, px."""
-    known = estimate(SETUP, person.views, RELIEF_GRID)
-    design = design_of(known)
+    planning_fit = estimate(SETUP, person.views, RELIEF_GRID)
+    design = design_of(planning_fit)
     x, y = (
         (np.arange(n) + 0.5) / n * length - 0.5
         for n, length in zip(COVERAGE_CELLS[::-1], (WIDTH, HEIGHT), strict=True)
     )
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-    ours, true = (
-        rays_of(p, dict(v), pixels)
-        for p, v in (
-            (known.model.path, known.model.means),
-            (person.truth.path, person.truth.values),
-        )
-    )
+    ours = rays_of(planning_fit.model.path, dict(planning_fit.model.means), pixels)
+    true = rays_of(person.truth.path, dict(person.truth.values), pixels)
     at = [np.full(len(pixels), depth) for depth in REACH.levels()]
-    off = np.concatenate([(seen_at(*true, depth) - seen_at(*ours, depth)).ravel() for depth in at])
+    error = np.concatenate(
+        [(seen_at(*true, depth) - seen_at(*ours, depth)).ravel() for depth in at]
+    )
     moved = np.concatenate([motions(*ours, depth) for depth in at])
-    left = off - moved @ np.linalg.lstsq(moved, off, rcond=None)[0]
-    return float(np.sqrt((left**2).mean() * 2)), design.sigma(design.precision())
+    remainder = error - moved @ np.linalg.lstsq(moved, error, rcond=None)[0]
+    return float(np.sqrt((remainder**2).mean() * 2)), design.sigma(design.precision())
 
 
 Judged = dict[str, tuple[float, float]]
 
 
 def ways_of(seed: int, bumps: int) -> Judged:
-    """By each way of taking views: the map's error, and what the guide predicts for it, px."""
+    """Return for each way of taking views the map's error, and the guide's prediction of it, px."""
     with single_thread():
         nominal = design_of(estimate(SETUP, (), RELIEF_GRID))
-        ways: dict[str, Callable[[Person], None]] = {
+        methods: dict[str, Callable[[Person], None]] = {
             f"{GUIDED} views, guided": lambda person: follow(person, nominal, GUIDED, 1),
             f"{GUIDED} views, every second hint": lambda person: follow(person, nominal, GUIDED, 2),
             f"{GUIDED} views, plain rule": lambda person: follow_plainly(person, GUIDED),
@@ -176,12 +177,12 @@ def ways_of(seed: int, bumps: int) -> Judged:
             f"{RANDOM} views at random": lambda person: go_anywhere(person, RANDOM),
         }
         truth = scene(seed, 1, (bumps, bumps), 1e-5, cover=GLASS)
-        found: Judged = {}
-        for way, (name, take) in enumerate(ways.items()):
-            person = Person(truth, np.random.default_rng([seed, way]), [])
+        results: Judged = {}
+        for method, (name, take) in enumerate(methods.items()):
+            person = Person(truth, np.random.default_rng([seed, method]), [])
             take(person)
-            found[name] = judged(person)
-        return found
+            results[name] = judged(person)
+        return results
 
 
 def main() -> None:
@@ -197,17 +198,20 @@ def main() -> None:
         help="of the true glass, along each side of the paper's patch",
     )
     add_workers(parser)
-    asked = parser.parse_args()
-    with workers_of(asked) as pool:
+    options = parser.parse_args()
+    with workers_of(options) as pool:
         seeds = list(
             pool.each(
                 ways_of,
-                [(seed, asked.bumps) for seed in range(asked.first, asked.first + asked.seeds)],
+                [
+                    (seed, options.bumps)
+                    for seed in range(options.first, options.first + options.seeds)
+                ],
                 "seeds",
             )
         )
         scaled = pool.scaled
-    found = {name: [one[name] for one in seeds] for name in seeds[0]}
+    results = {name: [item[name] for item in seeds] for name in seeds[0]}
     table = Table(
         "",
         "map error, px: median",
@@ -217,13 +221,11 @@ def main() -> None:
         "median",
         "10 % to 90 %",
     )
-    for name, pairs in found.items():
+    for name, pairs in results.items():
         error, sigma = np.array(pairs).T
         ratio = error / sigma
-        spread, ratios = (
-            " to ".join(f"{v:.2f}" for v in np.quantile(part, (0.1, 0.9)))
-            for part in (error, ratio)
-        )
+        spread = " to ".join(f"{v:.2f}" for v in np.quantile(error, (0.1, 0.9)))
+        ratios = " to ".join(f"{v:.2f}" for v in np.quantile(ratio, (0.1, 0.9)))
         cells = (
             f"{np.median(error):.3f}",
             spread,
@@ -233,7 +235,8 @@ def main() -> None:
         table.add_row(name, *cells, f"{np.median(ratio):.2f}", ratios)
     Console(width=150).print(table)
     print(
-        f"{asked.bumps}x{asked.bumps} bumps, seeds {asked.first} to {asked.first + asked.seeds - 1}"
+        f"{options.bumps}x{options.bumps} bumps, seeds {options.first} to"
+        f" {options.first + options.seeds - 1}"
     )
     print(scaled)
 

@@ -20,8 +20,9 @@ from calib.effects.fine_surface import CENTRES, FineSurface
 from calib.effects.flat_port import WALL_THICKNESS, FlatPort
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import residuals
-from calib.fitting.stages import Settings
+from calib.fit_record.request import Settings
 from calib.optics.board_target import FLEX, MOTION
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.session.cover import Cover
 from fixtures.calibrated import GLASS, calibrate
@@ -32,7 +33,7 @@ Array = NDArray[np.float64]
 NOISE = 0.1
 """px per axis"""
 SMALL = {"m": 1e-5, "rad": 1e-4, "px": 0.01, "": 1e-4}
-"""What the search for the smallest size begins with."""
+"""The start of the search for the smallest size."""
 THICKEST = 0.02
 """m, of a window in air."""
 FARTHEST = 5.0
@@ -53,7 +54,7 @@ class Hidden:
     own: Tensor
     """(V, 6)"""
     seed: int
-    """Of the noise."""
+    """The seed of the noise."""
 
     @classmethod
     def drawn(cls, kind: type[Effect], seed: int, views: int) -> Self | None:
@@ -134,10 +135,8 @@ class Hidden:
         seen = self.made.observations.add_times(
             [float(i) for i in range(len(self.made.views))], HEIGHT
         )
-        timed = seen.with_times(values)
-        pixels = project(
-            path, timed, path.place(seen.corners, timed, poses[seen.view]), start=seen.pixels
-        ).numpy()
+        placed = path.place(seen.corners, values, poses[seen.view], seen.exposure)
+        pixels = project(path, values, placed, seen.exposure, start=seen.pixels).numpy()
         return with_corners(self.made, self.noisy(pixels, noise))
 
     def shift(self, size: float) -> Array:
@@ -163,8 +162,8 @@ class Hidden:
 
 
 def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
-    """By how much each of its parameters differs from neutral: at random, in proportion of what may
-    well be.
+    """Return a random direction: the differences of the parameters from neutral, in proportion to
+    plausible sizes.
     """
     match effect:
         case FlatPort():
@@ -200,7 +199,11 @@ def bare(seed: int, views: int) -> Scene:
     values = {name: value for name, value in covered.values.items() if name.startswith("camera.")}
     seen = covered.observations
     pixels = project(
-        path, values, path.place(seen.corners, values, covered.poses[seen.view]), start=seen.pixels
+        path,
+        values,
+        path.place(seen.corners, values, covered.poses[seen.view], MIDDLE),
+        MIDDLE,
+        start=seen.pixels,
     ).numpy()
     return with_corners(replace(covered, cover=Cover("none", {}), path=path, values=values), pixels)
 

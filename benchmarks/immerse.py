@@ -1,5 +1,5 @@
-"""How good a calibration made in air is under water: `python -m benchmarks.immerse [--sessions 16]
-[--pictures 24]`.
+"""The errors of a calibration made in air when it is used under water: `python -m
+benchmarks.immerse [--sessions 16] [--pictures 24]`.
 
 For each rendered pair, wet-flat, wet-dome and wet-cone: the session in air is fitted and put under
 water as `calib immerse` does. Its maps there are compared with the rays that Mitsuba traced under
@@ -32,9 +32,10 @@ from calib.checking.check import Checker
 from calib.checking.pictures import read_pictures
 from calib.checking.update import update
 from calib.diagnosis.all_free import all_free
+from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings, Setup
+from calib.fitting.stages import Setup
 from calib.progress import Silent
 from calib.session.cover import Cover
 from calib.session.schema import Number
@@ -76,7 +77,7 @@ def measured(
 
 
 def updated(calibration: Calibration, water: Path) -> Calibration:
-    """By the first pictures taken there."""
+    """Update the calibration by the first pictures in the new medium."""
     checker = Checker.of(calibration)
     pictures = read_pictures(sorted((water / "frames").glob("*.jpg"))[:POOL], calibration, Silent())
     return update(calibration, checker.prior, checker.check(pictures), pictures)[0]
@@ -91,7 +92,7 @@ def drawn(seed: int) -> tuple[float, float, float]:
     intrinsics, said = misdeclared(np.random.default_rng(seed), INTRINSICS, cover)
     told = Setup(made.board, replace(CAMERA, intrinsics=intrinsics), intrinsics, said)
     dry = calibrated(made, told, Settings())
-    dry = all_free(replace(dry, settings={**dry.settings, "free": list(Settings().free)}))
+    dry = all_free(replace(dry, request=FitRequest(Settings())))
     carried = replace_medium(dry, Number(WATER))
     values = {**made.values, "cover.outside_index": torch.tensor(WATER, dtype=torch.float64)}
     ratios = [

@@ -62,7 +62,7 @@ def _rows(views: Sequence[View], board: Board, size: Size) -> list[tuple[str, fl
     plain: dict[int, LensFit] = {}
     lenses: tuple[RayLens | int, ...] = (*COUNTS, PLAIN, *SPLINES)
     for lens in lenses:
-        begun = time.process_time()
+        start_time = time.process_time()
         try:
             errors = held_out_errors(views, board, partial(_fit, lens, plain, board, size))
         except NotEnoughDataError:
@@ -73,7 +73,7 @@ def _rows(views: Sequence[View], board: Board, size: Size) -> list[tuple[str, fl
                 name,
                 clipped_mean(errors),
                 float(np.sqrt(np.mean(errors**2))),
-                time.process_time() - begun,
+                time.process_time() - start_time,
             )
         )
     return rows

@@ -31,9 +31,9 @@ from calib.corners.detect import refine
 from calib.corners.detect_all import detect
 from calib.corners.view import View
 from calib.diagnosis.requested_effects import with_requested
+from calib.fit_record.request import Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.inference.calibration_model import full_model
 from calib.inference.cross_validation import fold_split, hold_out
 from calib.progress import Silent
@@ -60,7 +60,7 @@ class Folder:
 
     path: Path
     views: tuple[View, ...]
-    """Whose boards are seen wholly, with our corners."""
+    """The views whose boards are completely visible, with our corners."""
     by: dict[str, list[Floats | None]]
 
 
@@ -71,8 +71,8 @@ def estimators(board: Board) -> dict[str, Estimator]:
     def sub_pixel(half: int) -> Estimator:
         return lambda grey, start: _sub_pixel(grey, start, half)
 
-    def gingham(way: str) -> Estimator:
-        return lambda grey, start: _near(mrgingham.find(grey, board, way), start)
+    def gingham(method: str) -> Estimator:
+        return lambda grey, start: _near(mrgingham.find(grey, board, method), start)
 
     return {
         OURS: lambda _, start: start,
@@ -82,26 +82,34 @@ def estimators(board: Board) -> dict[str, Estimator]:
         "SB": sectors(0),
         "SB, ACCURACY": sectors(cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE),
         **{f"cornerSubPix {half}": sub_pixel(half) for half in WINDOWS},
-        **({way: gingham(way) for way in mrgingham.WAYS} if mrgingham.can_find(board) else {}),
+        **(
+            {method: gingham(method) for method in mrgingham.WAYS}
+            if mrgingham.can_find(board)
+            else {}
+        ),
     }
 
 
 def _sectors(grey: NDArray[np.uint8], start: Floats, board: Board, flags: int) -> Floats | None:
-    found, corners = cv2.findChessboardCornersSB(grey, (board.columns, board.rows), flags=flags)
-    return _near(np.asarray(corners, np.float64).reshape(-1, 2), start) if found else None
+    is_found, corners = cv2.findChessboardCornersSB(grey, (board.columns, board.rows), flags=flags)
+    return _near(np.asarray(corners, np.float64).reshape(-1, 2), start) if is_found else None
 
 
-def _near(found: Floats | None, start: Floats) -> Floats | None:
+def _near(result: Floats | None, start: Floats) -> Floats | None:
     """In our order; None where one is too far from ours."""
-    own = None if found is None else mrgingham.nearest(found, start)
-    return own if own is not None and np.linalg.norm(own - start, axis=1).max() < LIMIT else None
+    nearest = None if result is None else mrgingham.nearest(result, start)
+    return (
+        nearest
+        if nearest is not None and np.linalg.norm(nearest - start, axis=1).max() < LIMIT
+        else None
+    )
 
 
 def _sub_pixel(grey: NDArray[np.uint8], start: Floats, half: int) -> Floats:
-    found = cv2.cornerSubPix(
+    refined = cv2.cornerSubPix(
         grey, start.astype(np.float32).reshape(-1, 1, 2), (half, half), (-1, -1), STOP
     )
-    return np.asarray(found, np.float64).reshape(-1, 2)
+    return np.asarray(refined, np.float64).reshape(-1, 2)
 
 
 def measured(path: Path) -> Folder:
@@ -117,12 +125,12 @@ def measured(path: Path) -> Folder:
     return Folder(path, views, by)
 
 
-def take(folder: Folder, name: str, kept: Sequence[bool], *, weighted: bool) -> None:
+def take(folder: Folder, name: str, selected: Sequence[bool], *, weighted: bool) -> None:
     """Make the folder a session of one estimator's corners, all of one weight, or as their own
     covariances weigh them.
     """
     chosen = []
-    for view, corners, keep in zip(folder.views, folder.by[name], kept, strict=True):
+    for view, corners, keep in zip(folder.views, folder.by[name], selected, strict=True):
         if keep and corners is not None:
             chosen.append(
                 replace(view, covariance=None)
@@ -149,8 +157,8 @@ def judged(path: Path, effects: Sequence[str]) -> tuple[float, float]:
     model, observations = full_model(made), made.observations
     with single_thread():
         joint = model.fit(observations, torch.from_numpy(made.poses))
-        left = hold_out(model, observations, joint, fold_split(range(len(made.views))))
-    return made.stages[-1].rms_px, left.rms
+        held_out = hold_out(model, observations, joint, fold_split(range(len(made.views))))
+    return made.stages[-1].rms_px, held_out.rms
 
 
 def main(session: Path, effects: Sequence[str]) -> None:
@@ -158,20 +166,24 @@ def main(session: Path, effects: Sequence[str]) -> None:
         path = Path(place) / session.name
         shutil.copytree(session, path)
         folders = [measured(part) for part in (path, path / "holdout") if part.is_dir()]
-        every = sum(len(folder.views) for folder in folders)
-        found = {
-            name: sum(own is not None for folder in folders for own in folder.by[name])
+        view_count = sum(len(folder.views) for folder in folders)
+        found_counts = {
+            name: sum(
+                selected_views is not None
+                for folder in folders
+                for selected_views in folder.by[name]
+            )
             for name in folders[0].by
         }
-        compared = [name for name, count in found.items() if count >= ENOUGH * every]
-        kept = [
+        compared = [name for name, count in found_counts.items() if count >= ENOUGH * view_count]
+        selected = [
             [
                 all(folder.by[name][view] is not None for name in compared)
                 for view in range(len(folder.views))
             ]
             for folder in folders
         ]
-        views = " and ".join(str(sum(own)) for own in kept)
+        views = " and ".join(str(sum(selected_views)) for selected_views in selected)
         table = Table(
             "corners",
             "fitted, px",
@@ -179,13 +191,13 @@ def main(session: Path, effects: Sequence[str]) -> None:
             title=f"{session.name}: {views} views that all of them have",
         )
         for name, weighted in track([*((name, False) for name in compared), (OURS, True)], "Fits"):
-            for folder, own in zip(folders, kept, strict=True):
-                take(folder, name, own, weighted=weighted)
-            said = f"{name}, weighted as calib does" if weighted else name
-            table.add_row(said, *(f"{px:.4f}" for px in judged(path, effects)))
+            for folder, selected_views in zip(folders, selected, strict=True):
+                take(folder, name, selected_views, weighted=weighted)
+            label = f"{name}, weighted as calib does" if weighted else name
+            table.add_row(label, *(f"{px:.4f}" for px in judged(path, effects)))
     Console(width=120).print(table)
-    for name in found.keys() - set(compared):
-        print(f"{name}: the board in {found[name]} of {every} pictures")
+    for name in found_counts.keys() - set(compared):
+        print(f"{name}: the board in {found_counts[name]} of {view_count} pictures")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What a calibration is worth in millimetres, beside OpenCV and mrcal on the same views: `python -m
+"""The errors of a calibration in millimetres, beside OpenCV and mrcal on the same views: `python -m
 benchmarks.metric`.
 
 The rendered fixtures: calibrated from their 24 training views, tried on 10 held-out ones, whose
@@ -40,10 +40,11 @@ from calib.corners.corners_file import write_corners
 from calib.corners.detect import find_corners
 from calib.corners.detect_all import detect
 from calib.corners.view import View
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.io.images import read_grey
 from calib.optics.build import pinhole_path
+from calib.optics.exposure import MIDDLE
 from calib.optics.relief import Relief
 from calib.session.camera import Intrinsics
 from calib.session.schema import Number
@@ -81,7 +82,7 @@ class Score:
     all_mm: float
     band_mm: float
     median_mm: float
-    """Of all."""
+    """The median of all distances."""
     sigma_ratio: float | None = None
     """RMS of the errors over their predicted sigmas."""
 
@@ -101,16 +102,20 @@ def main() -> None:
             calibration = replace(
                 fitted, board=replace(fitted.board, square_sigma=0.0)
             )  # the renderer's
-            seen = held_out(folder / "holdout")
+            held_out_views = held_out(folder / "holdout")
             rows = {
-                "ours": ours(calibration, seen),
-                "ours, in linear pictures": in_pictures(calibration, seen, cv2.INTER_LINEAR),
-                "ours, in cubic pictures": in_pictures(calibration, seen, cv2.INTER_CUBIC),
+                "ours": ours(calibration, held_out_views),
+                "ours, in linear pictures": in_pictures(
+                    calibration, held_out_views, cv2.INTER_LINEAR
+                ),
+                "ours, in cubic pictures": in_pictures(
+                    calibration, held_out_views, cv2.INTER_CUBIC
+                ),
             }
-            rows["true glass"] = ours(true_glass(calibration, folder), seen)
-            rows["OpenCV, 8 coefficients"] = peer(opencv(calibration), calibration, seen)
+            rows["true glass"] = ours(true_glass(calibration, folder), held_out_views)
+            rows["OpenCV, 8 coefficients"] = peer(opencv(calibration), calibration, held_out_views)
             if splined := mrcal(calibration, Path(scratch)):
-                rows["mrcal splined 10x8"] = peer(splined, calibration, seen)
+                rows["mrcal splined 10x8"] = peer(splined, calibration, held_out_views)
             console.print(table(name, rows))
     print(
         f"OpenCV {cv2.__version__}"
@@ -129,9 +134,10 @@ def held_out(folder: Path) -> HeldOut:
     session = read_session(folder)
     views = detect(session.frames, session.board).views
     with np.load(folder / "truth.npz") as file:
-        corners, turns, shifts, board = (
-            file[key] for key in ("corners", "rotations", "translations", "board")
-        )
+        corners = file["corners"]
+        turns = file["rotations"]
+        shifts = file["translations"]
+        board = file["board"]
     points = np.einsum("vij,nj->vni", turns, board) + shifts[:, None]
     noise = np.stack([view.corners for view in views]) - corners
     for i, view in enumerate(views):
@@ -144,30 +150,30 @@ def held_out(folder: Path) -> HeldOut:
 def true_glass(calibration: Calibration, folder: Path) -> Calibration:
     with np.load(folder / "truth.npz") as file:
         amplitudes, centres = file["amplitudes"], file["centres"]
-    told = read_session(folder)
+    session = read_session(folder)
     return replace(
         calibration,
-        camera=told.camera,
-        cover=told.cover,
+        camera=session.camera,
+        cover=session.cover,
         relief=Relief(tuple(centres.min(0)), tuple(centres.max(0)), amplitudes.shape),
         amplitudes=amplitudes,
         covariance=np.zeros((0, 0)),
     )
 
 
-def ours(calibration: Calibration, seen: HeldOut) -> Score:
-    """By calib.apply.measure, and points undistorted at the depth at which their rays meet the
+def ours(calibration: Calibration, views: HeldOut) -> Score:
+    """Score calib.apply.measure, and points undistorted at the depth at which their rays meet the
     board.
     """
     measurer = Measurer(calibration)
-    boards = [measurer.board_pose(view) for view in seen.views]
+    boards = [measurer.board_pose(view) for view in views.views]
     count = calibration.board.count
     measured = measurer.on_planes(
-        seen.pixels.reshape(-1, 2), boards, np.repeat(np.arange(len(boards)), count).tolist()
+        views.pixels.reshape(-1, 2), boards, np.repeat(np.arange(len(boards)), count).tolist()
     )
     field = calibration.ray_field()
-    straight = field.undistort_pixels(seen.pixels.reshape(-1, 2), measured.points[:, 2]).reshape(
-        seen.pixels.shape
+    straight = field.undistort_pixels(views.pixels.reshape(-1, 2), measured.points[:, 2]).reshape(
+        views.pixels.shape
     )
     errors, sigmas = [], []
     for first, second in combinations(range(len(boards)), 2):
@@ -175,7 +181,7 @@ def ours(calibration: Calibration, seen: HeldOut) -> Score:
             metres, sigma = measured.distance(first * count + corner, second * count + corner)
             errors.append(
                 metres
-                - float(np.linalg.norm(seen.points[second, corner] - seen.points[first, corner]))
+                - float(np.linalg.norm(views.points[second, corner] - views.points[first, corner]))
             )
             sigmas.append(sigma)
     ratio = (
@@ -184,22 +190,22 @@ def ours(calibration: Calibration, seen: HeldOut) -> Score:
         else None
     )
     return Score(
-        bend(straight) / floor(calibration, seen),
-        *distances(measured.points.reshape(seen.points.shape), seen),
+        bend(straight) / floor(calibration, views),
+        *distances(measured.points.reshape(views.points.shape), views),
         ratio,
     )
 
 
-def in_pictures(calibration: Calibration, seen: HeldOut, interpolation: int) -> Score:
+def in_pictures(calibration: Calibration, views: HeldOut, interpolation: int) -> Score:
     """Lines only: each picture is undistorted with the depth image of its board's plane, and its
     corners are found once more.
     """
     measurer, camera = Measurer(calibration), calibration.camera
-    across, down = np.meshgrid(
+    sideways, downwards = np.meshgrid(
         np.arange(camera.width, dtype=np.float64), np.arange(camera.height, dtype=np.float64)
     )
     undistorter, straight = None, []
-    for frame, view in zip(seen.session.frames, seen.views, strict=True):
+    for frame, view in zip(views.session.frames, views.views, strict=True):
         pose = measurer.board_pose(view).pose
         normal = cv2.Rodrigues(pose[:3])[0][:, 2]
         k = (
@@ -208,8 +214,8 @@ def in_pictures(calibration: Calibration, seen: HeldOut, interpolation: int) -> 
             else undistorter.camera_matrix
         )
         towards = (
-            normal[0] * (across - k[0, 2]) / k[0, 0]
-            + normal[1] * (down - k[1, 2]) / k[1, 1]
+            normal[0] * (sideways - k[0, 2]) / k[0, 0]
+            + normal[1] * (downwards - k[1, 2]) / k[1, 1]
             + normal[2]
         )
         depth = (normal @ pose[3:]) / np.where(np.abs(towards) < 1e-9, np.nan, towards)
@@ -218,28 +224,28 @@ def in_pictures(calibration: Calibration, seen: HeldOut, interpolation: int) -> 
             if undistorter
             else Undistorter(calibration, depth, interpolation=interpolation)
         )
-        found = find_corners(undistorter.undistort(read_grey(frame)), calibration.board)
-        assert found, f"no board in the undistorted {frame.name}"
-        straight.append(found.corners)
-    return Score(bend(np.stack(straight)) / floor(calibration, seen), np.nan, np.nan, np.nan)
+        detection = find_corners(undistorter.undistort(read_grey(frame)), calibration.board)
+        assert detection, f"no board in the undistorted {frame.name}"
+        straight.append(detection.corners)
+    return Score(bend(np.stack(straight)) / floor(calibration, views), np.nan, np.nan, np.nan)
 
 
-def peer(rays: Callable[[Array], Array], calibration: Calibration, seen: HeldOut) -> Score:
+def peer(rays: Callable[[Array], Array], calibration: Calibration, views: HeldOut) -> Score:
     """A central model: (N, 2) px to (N, 2) tangents."""
-    tangents = np.stack([rays(pixels) for pixels in seen.pixels])
+    tangents = np.stack([rays(pixels) for pixels in views.pixels])
     board = np.column_stack([calibration.board.points(), np.zeros(calibration.board.count)])
     points = []
-    for some in tangents:
-        _, turn, shift = cv2.solvePnP(board, some, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
-        turn, shift = cv2.solvePnPRefineLM(board, some, np.eye(3), None, turn, shift)
+    for subset in tangents:
+        _, turn, shift = cv2.solvePnP(board, subset, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+        turn, shift = cv2.solvePnPRefineLM(board, subset, np.eye(3), None, turn, shift)
         pose = np.concatenate([np.ravel(turn), np.ravel(shift)])
-        directions = np.column_stack([some, np.ones(len(some))])
+        directions = np.column_stack([subset, np.ones(len(subset))])
         points.append(
-            intersect(np.zeros_like(directions), directions, np.tile(pose, (len(some), 1)))
+            intersect(np.zeros_like(directions), directions, np.tile(pose, (len(subset), 1)))
         )
     return Score(
-        bend(tangents * focal(calibration)) / floor(calibration, seen),
-        *distances(np.stack(points), seen),
+        bend(tangents * focal(calibration)) / floor(calibration, views),
+        *distances(np.stack(points), views),
     )
 
 
@@ -247,19 +253,24 @@ def opencv(calibration: Calibration) -> Callable[[Array], Array]:
     board = np.column_stack([calibration.board.points(), np.zeros(calibration.board.count)]).astype(
         np.float32
     )
-    seen = [view.corners.astype(np.float32)[:, None] for view in calibration.views]
+    corners = [view.corners.astype(np.float32)[:, None] for view in calibration.views]
     size = calibration.camera.width, calibration.camera.height
     _, matrix, lens, *_ = cv2.calibrateCamera(
-        [board] * len(seen), seen, size, None, None, flags=cv2.CALIB_RATIONAL_MODEL
+        [board] * len(corners), corners, size, None, None, flags=cv2.CALIB_RATIONAL_MODEL
     )
-    fx, fy, cx, cy = (Number(float(matrix[at])) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    fx = Number(float(matrix[0, 0]))
+    fy = Number(float(matrix[1, 1]))
+    cx = Number(float(matrix[0, 2]))
+    cy = Number(float(matrix[1, 2]))
     path, values = pinhole_path(
         Intrinsics(fx, fy, cx, cy, tuple(Number(float(k)) for k in np.ravel(lens)[:8]))
     )
 
     def rays(pixels: Array) -> Array:
         """OpenCV's own inversion stops after a few steps; this one goes on."""
-        directions = path.trace(torch.from_numpy(pixels), values).direction.stacked().numpy()
+        directions = (
+            path.trace(torch.from_numpy(pixels), values, MIDDLE).direction.stacked().numpy()
+        )
         return np.asarray(directions[:, :2] / directions[:, 2:])
 
     return rays
@@ -311,28 +322,26 @@ def bend(pixels: Array) -> float:
     """
     lattice = pixels.reshape(len(pixels), 9, 9, 2)
     lines = np.concatenate([lattice, lattice.swapaxes(1, 2)]).reshape(-1, 9, 2)
-    across = np.linalg.svd(lines - lines.mean(1, keepdims=True), compute_uv=False)[:, 1]
-    return float(np.sqrt((across**2).mean() / 9))
+    spreads = np.linalg.svd(lines - lines.mean(1, keepdims=True), compute_uv=False)[:, 1]
+    return float(np.sqrt((spreads**2).mean() / 9))
 
 
-def floor(calibration: Calibration, seen: HeldOut) -> float:
-    return bend(focal(calibration) * seen.points[..., :2] / seen.points[..., 2:] + seen.noise)
+def floor(calibration: Calibration, views: HeldOut) -> float:
+    return bend(focal(calibration) * views.points[..., :2] / views.points[..., 2:] + views.noise)
 
 
-def distances(points: Array, seen: HeldOut) -> tuple[float, float, float]:
+def distances(points: Array, views: HeldOut) -> tuple[float, float, float]:
     """RMS mm of all and of those in BAND, and the median of all."""
     pairs = list(combinations(range(len(points)), 2))
-    apart, true = (
-        np.stack([np.linalg.norm(at[i] - at[j], axis=-1) for i, j in pairs])
-        for at in (points, seen.points)
-    )
-    off = 1e3 * (apart - true)
-    depth = seen.points.mean(1)[:, 2]
-    within = [all(BAND[0] <= depth[i] <= BAND[1] for i in pair) for pair in pairs]
+    separation = np.stack([np.linalg.norm(points[i] - points[j], axis=-1) for i, j in pairs])
+    true = np.stack([np.linalg.norm(views.points[i] - views.points[j], axis=-1) for i, j in pairs])
+    error = 1e3 * (separation - true)
+    depth = views.points.mean(1)[:, 2]
+    in_band = [all(BAND[0] <= depth[i] <= BAND[1] for i in pair) for pair in pairs]
     return (
-        float(np.sqrt((off**2).mean())),
-        float(np.sqrt((off[within] ** 2).mean())),
-        float(np.median(np.abs(off))),
+        float(np.sqrt((error**2).mean())),
+        float(np.sqrt((error[in_band] ** 2).mean())),
+        float(np.median(np.abs(error))),
     )
 
 

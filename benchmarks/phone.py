@@ -1,4 +1,4 @@
-"""What a page for a thumb costs: the app's processor time with one and with a terminal, and what
+"""The cost of a page for a thumb: the app's processor time with one and with a terminal, and what
 goes over the network.
 
     python -m benchmarks.phone [--seconds 20]
@@ -55,9 +55,11 @@ def used_s(server: int) -> float:
 
 def resident_mb(server: int) -> float:
     for status in Path("/proc").glob("[0-9]*/status"):
-        said = dict(line.split(":", 1) for line in status.read_text().splitlines() if ":" in line)
-        if int(said["PPid"]) == server:
-            return int(said["VmRSS"].split()[0]) / 1024
+        status_lines = dict(
+            line.split(":", 1) for line in status.read_text().splitlines() if ":" in line
+        )
+        if int(status_lines["PPid"]) == server:
+            return int(status_lines["VmRSS"].split()[0]) / 1024
     raise SystemExit("The app has ended.")
 
 
@@ -79,23 +81,23 @@ async def window(port: int, server: int, seconds: float, *, phone: bool) -> str:
         if phone:
             await link.send_json(["phone", {"view": True}])
         started = asyncio.get_running_loop().time()
-        begun, used = 0.0, 0.0
+        start_time, used = 0.0, 0.0
         starting = asyncio.create_task(start(link))
-        while (now := asyncio.get_running_loop().time()) < started + BEGIN_S + seconds:
-            if not begun and now > started + BEGIN_S:
-                begun, used, pictures, sizes = now, used_s(server), [], 0
+        while (current := asyncio.get_running_loop().time()) < started + BEGIN_S + seconds:
+            if not start_time and current > started + BEGIN_S:
+                start_time, used, pictures, sizes = current, used_s(server), [], 0
             message = await link.receive(timeout=30)
             sizes += len(message.data)
             if message.type is WSMsgType.BINARY and message.data[:1] == b"\xff":
                 pictures.append(len(message.data))
             elif (
                 message.type is WSMsgType.TEXT
-                and (said := json.loads(message.data)[1])
-                and "number" in said
+                and (answer := json.loads(message.data)[1])
+                and "number" in answer
             ):
-                await link.send_json(["phone", {"drawn": said["number"]}])
+                await link.send_json(["phone", {"drawn": answer["number"]}])
         await starting
-        length, spent, resident = now - begun, used_s(server) - used, resident_mb(server)
+        length, spent, resident = current - start_time, used_s(server) - used, resident_mb(server)
     line = (
         f"{100 * spent / length:.0f} % of a core, {resident:.0f} MB, {sizes / length / 1000:.0f}"
         " kB/s"
@@ -116,9 +118,9 @@ def encoding_ms() -> float:
     picture = cv2.imread(str(sorted((FIXTURE / "frames").glob("*.jpg"))[0]), cv2.IMREAD_GRAYSCALE)
     taken = []
     for _ in range(50):
-        begun = time.perf_counter()
+        start_time = time.perf_counter()
         encode_jpeg(Preview.of(np.asarray(picture, np.uint8), sharp=True).image)
-        taken.append(time.perf_counter() - begun)
+        taken.append(time.perf_counter() - start_time)
     return 1000 * float(np.median(taken))
 
 
@@ -156,10 +158,10 @@ def main() -> None:
                 process.stdout.readline()
                 time.sleep(1.0)
                 try:
-                    said = asyncio.run(window(port, process.pid, seconds, phone=phone))
+                    answers = asyncio.run(window(port, process.pid, seconds, phone=phone))
                 finally:
                     process.terminate()
-            print(f"{'page for a thumb' if phone else 'terminal':<17}{said}", flush=True)
+            print(f"{'page for a thumb' if phone else 'terminal':<17}{answers}", flush=True)
 
 
 if __name__ == "__main__":

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from calib.apply.undistorter import Undistorter
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.io.images import read_grey
 from calib.progress import Silent
 from calib.report.evidence import gather_evidence
@@ -28,7 +28,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 MAGNIFIED = 25
-"""How much larger bends are drawn, before and after alike: they are of some px."""
+"""The factor by which bends are drawn larger, before and after alike: they are of some px."""
 BENT, STRAIGHT = "#e8833a", "#2f8fdd"
 TITLES = {"pinhole": "camera alone", "cover": "smooth cover", "cover+rbf": "uneven cover"}
 GHOST = np.array([200, 160, 0])
@@ -42,18 +42,18 @@ def main() -> None:
     evidence = gather_evidence(calibration)
     view, lines = max(
         enumerate(list(lines_across(evidence, view)) for view in range(len(calibration.views))),
-        key=lambda one: _bend(one[1]),
+        key=lambda item: _bend(item[1]),
     )
     depth = float(np.median(evidence.depth[evidence.view == view]))
     frame = read_grey(session.path / "frames" / calibration.views[view].name)
     straight = Undistorter(calibration, depth, interpolation=cv2.INTER_CUBIC).undistort(frame)
-    off = np.concatenate(
+    error = np.concatenate(
         [
             line.undistorted_corners - _on(line.undistorted_corners, line.undistorted)
             for line in lines
         ]
     )
-    left = float(np.sqrt((off**2).sum(-1).mean()))
+    rms = float(np.sqrt((error**2).sum(-1).mean()))
 
     figure, panels = plt.subplots(
         2, 2, figsize=(11, 7.7), gridspec_kw={"wspace": 0.04, "hspace": 0.14}
@@ -63,43 +63,45 @@ def main() -> None:
         frame,
         lines,
         f"Through the cover: lines bend by up to {_bend(lines):.1f} px",
-        after=False,
+        is_straight=False,
     )
     _panel(
         panels[0, 1],
         straight,
         lines,
-        f"Undistorted for {depth:.2f} m: corners straight to {left:.2f} px",
-        after=True,
+        f"Undistorted for {depth:.2f} m: corners straight to {rms:.2f} px",
+        is_straight=True,
     )
     panels[1, 0].imshow(_screen(), interpolation="antialiased")
     panels[1, 0].set_title("The screen guides: where to hold the board next", fontsize=12)
     for panel in panels.flat[:3]:
         panel.set_axis_off()
     _bars(panels[1, 1], [(TITLES[stage.name], stage.rms_px) for stage in calibration.stages])
-    said = (
+    sentence = (
         f"Rows and columns of the board, continued. What they bend is drawn {MAGNIFIED} times as"
         " large, in both pictures alike."
     )
-    figure.text(0.5, 0.497, said, ha="center", color="#64748b", fontsize=10)
+    figure.text(0.5, 0.497, sentence, ha="center", color="#64748b", fontsize=10)
     figure.savefig("docs/picture.png", dpi=110, bbox_inches="tight")
     print(
         *(f"{stage.name}: {stage.rms_px:.3f} px" for stage in calibration.stages),
-        f"{calibration.views[view].name}: bend {_bend(lines):.1f} px, left {left:.2f} px",
+        f"{calibration.views[view].name}: bend {_bend(lines):.1f} px, left {rms:.2f} px",
         sep="; ",
     )
 
 
 def _panel(
-    panel: Axes, picture: NDArray[Any], lines: list[BoardLine], title: str, *, after: bool
+    panel: Axes, picture: NDArray[Any], lines: list[BoardLine], title: str, *, is_straight: bool
 ) -> None:
     panel.imshow(picture, cmap="gray", vmin=0, vmax=255)
     height, width = picture.shape
     panel.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     for line in lines:
-        points = line.undistorted if after else line.distorted
-        corners = line.undistorted_corners if after else line.corners
-        panel.plot(*_magnified(points, points).T, color=STRAIGHT if after else BENT, linewidth=1.4)
+        points = line.undistorted if is_straight else line.distorted
+        corners = line.undistorted_corners if is_straight else line.corners
+        panel.plot(
+            *_magnified(points, points).T, color=STRAIGHT if is_straight else BENT, linewidth=1.4
+        )
         panel.plot(*_magnified(corners, points).T, ".", color="white", markersize=2.5)
     panel.set_title(title, fontsize=12)
 
@@ -133,8 +135,8 @@ def _bend(lines: list[BoardLine]) -> float:
 def _on(points: Array, line: Array) -> Array:
     """(n, 2) px: the feet of points on the straight line that misses a line's points least."""
     middle = line.mean(0)
-    along = np.linalg.svd(line - middle, full_matrices=False)[2][0]
-    return np.asarray(middle + np.outer((points - middle) @ along, along))
+    direction = np.linalg.svd(line - middle, full_matrices=False)[2][0]
+    return np.asarray(middle + np.outer((points - middle) @ direction, direction))
 
 
 def _magnified(points: Array, line: Array) -> Array:
@@ -143,7 +145,7 @@ def _magnified(points: Array, line: Array) -> Array:
 
 
 def _screen() -> NDArray[np.uint8]:
-    """Of the film's pictures, the one with most of the frame that shows where to hold the board."""
+    """Return the picture of the film that shows most of the frame in which to hold the board."""
     with Image.open("docs/tui.gif") as film:
         pictures = []
         for number in range(getattr(film, "n_frames", 1)):

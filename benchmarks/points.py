@@ -1,4 +1,4 @@
-"""How fast many rays and points are: `python -m benchmarks.points`.
+"""The speed of many rays and points: `python -m benchmarks.points`.
 
 A cone of the paper, uneven by 8x8 bumps of 30 um, 3280x2464 px. A million pixels' rays, and the
 pixels of the points that these rays meet from 0.15 to 3 m, by `Calibration.rays` and `project`,
@@ -34,9 +34,9 @@ def rate(count: int, work: Callable[[], object]) -> float:
     spent = []
     for _ in range(3):
         room._point_field.cache_clear()
-        begun = time.process_time()
+        start_time = time.process_time()
         work()
-        spent.append(time.process_time() - begun)
+        spent.append(time.process_time() - start_time)
     return count / median(spent) / 1e6
 
 
@@ -54,12 +54,12 @@ def main() -> None:
             [0, 0, 1],
         ]
     )
-    traced, found = calibration.rays(pixels[:FEW])[1], calibration.project(points[:FEW])
-    off = {
+    traced, projected = calibration.rays(pixels[:FEW])[1], calibration.project(points[:FEW])
+    errors = {
         "rays": (
             float(np.linalg.norm(traced - directions[:FEW], axis=1).max()) * INTRINSICS.fx.value
         ),
-        "project": float(np.abs(calibration.project(points)[:FEW] - found).max()),
+        "project": float(np.abs(calibration.project(points)[:FEW] - projected).max()),
     }
     work: dict[str, tuple[Callable[[], object], Callable[[], object], Callable[[], object]]] = {
         "rays": (
@@ -78,17 +78,17 @@ def main() -> None:
     )
     cv2.setNumThreads(1)
     with single_thread():
-        for name, (ours, each, theirs) in work.items():
-            many, few, peer = rate(MANY, ours), rate(FEW, each), rate(MANY, theirs)
+        for name, (ours, one_call, theirs) in work.items():
+            many, few_rate, peer = rate(MANY, ours), rate(FEW, one_call), rate(MANY, theirs)
             bar = f"{BARS[name]:g} {'met' if many >= BARS[name] else 'MISSED'}"
             table.add_row(
                 name,
                 f"{many:.2f}",
                 bar,
-                f"{few:.3f}",
-                f"{many / few:.1f}",
+                f"{few_rate:.3f}",
+                f"{many / few_rate:.1f}",
                 f"{peer:.2f}",
-                f"{off[name]:.1e}",
+                f"{errors[name]:.1e}",
             )
     Console(width=120).print(table)
     print(f"Load of the machine in the last minute: {os.getloadavg()[0]:.1f}.")

@@ -1,4 +1,4 @@
-"""How exactly tags are placed, over depth: `python -m benchmarks.pose [--sessions 8]`.
+"""The errors of placed tags, over depth: `python -m benchmarks.pose [--sessions 8]`.
 
 The pictures in fixtures/bumps/tags, which Mitsuba rendered through the 3 mm cone of that session:
 tags of 50 and 100 mm at 0.2 to 1.5 m, two families, six tags to a picture. `calib pose` with the
@@ -33,10 +33,11 @@ from calib.calibration import Calibration
 from calib.corners.markers import read_markers
 from calib.export.central import best_central
 from calib.export.formats import OPENCV
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.fitting.inputs import read_views
-from calib.fitting.stages import Settings
 from calib.io.images import read_grey
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Silent
 from calib.session.session import read_session
@@ -71,7 +72,7 @@ class Placed:
     """(3,) m"""
     opencv: Array
     own_corners: Array
-    """By OpenCV with its own corners."""
+    """The place by OpenCV with its own corners."""
     exported: Array
 
 
@@ -87,7 +88,7 @@ def pictures(
 ) -> list[Placed]:
     model = best_central(calibration, EXPORTED_AT, OPENCV)
     exported = Central(model.matrix, np.array(model.distortion), model.lens.coefficients, 0.0, 0.0)
-    found = []
+    placed_tags = []
     for picture, (name, side) in enumerate(zip(truth.names, truth.sides.tolist(), strict=True)):
         family, grey = name.split("-")[0], read_grey(truth.folder / name)
         grey = srgb(grey) if curved else grey
@@ -95,15 +96,22 @@ def pictures(
         for tag in (
             TagLocator(calibration, DICTIONARIES[family], side, side_sigma=0.0).locate(grey).tags
         ):
-            ours, own = (
+            ours, central_place = (
                 central.position(tag.corners, side),
                 central.position(theirs[tag.number], side),
             )
             by_export = exported.position(tag.corners, side) + model.centre
-            found.append(
-                Placed(picture, tag, truth.translations[picture, tag.number], ours, own, by_export)
+            placed_tags.append(
+                Placed(
+                    picture,
+                    tag,
+                    truth.translations[picture, tag.number],
+                    ours,
+                    central_place,
+                    by_export,
+                )
             )
-    return found
+    return placed_tags
 
 
 def refined(grey: NDArray[np.uint8], family: str) -> dict[int, Array]:
@@ -117,23 +125,23 @@ def refined(grey: NDArray[np.uint8], family: str) -> dict[int, Array]:
     turned = np.roll(
         np.asarray(corners, np.float64).reshape(-1, 4, 2), 2 if family == "april" else 0, 1
     )
-    return {int(number): own for number, own in zip(np.ravel(numbers), turned, strict=True)}
+    return {int(number): points for number, points in zip(np.ravel(numbers), turned, strict=True)}
 
 
 def by_depth(placed: list[Placed], truth: TagTruth, title: str) -> Table:
-    true = np.array([one.true for one in placed])
-    ways = (
-        np.array([one.tag.poses[0].position for one in placed]),
-        np.array([one.opencv for one in placed]),
-        np.array([one.own_corners for one in placed]),
-        np.array([one.exported for one in placed]),
+    true = np.array([item.true for item in placed])
+    estimates = (
+        np.array([item.tag.poses[0].position for item in placed]),
+        np.array([item.opencv for item in placed]),
+        np.array([item.own_corners for item in placed]),
+        np.array([item.exported for item in placed]),
     )
-    left = [np.linalg.norm(aligned(places, true), axis=-1) for places in ways]
-    spread = np.array([np.linalg.norm(one.tag.poses[0].sigma[3:]) for one in placed])
-    at = np.array([(truth.sides[one.picture], truth.depths[one.picture]) for one in placed])
+    errors = [np.linalg.norm(aligned(places, true), axis=-1) for places in estimates]
+    spread = np.array([np.linalg.norm(item.tag.poses[0].sigma[3:]) for item in placed])
+    at = np.array([(truth.sides[item.picture], truth.depths[item.picture]) for item in placed])
     wide = [
-        np.linalg.norm(one.tag.corners - np.roll(one.tag.corners, 1, 0), axis=-1).mean()
-        for one in placed
+        np.linalg.norm(item.tag.corners - np.roll(item.tag.corners, 1, 0), axis=-1).mean()
+        for item in placed
     ]
     titles = (
         "side",
@@ -148,34 +156,38 @@ def by_depth(placed: list[Placed], truth: TagTruth, title: str) -> Table:
     )
     table = Table(*titles, title=f"{title}: error of a tag's place, mm RMS; 12 tags a row")
     for side, depth in np.unique(at, axis=0).tolist():
-        here = (at == (side, depth)).all(-1)
-        ours, opencv, own, exported = (
-            1e3 * float(np.sqrt((one[here] ** 2).mean())) for one in left
+        selected = (at == (side, depth)).all(-1)
+        ours, opencv, own_error, exported = (
+            1e3 * float(np.sqrt((item[selected] ** 2).mean())) for item in errors
         )
-        sigma = 1e3 * float(np.sqrt((spread[here] ** 2).mean()))
-        cells = (f"{1e3 * side:.0f} mm", f"{depth:g} m", f"{np.mean(np.array(wide)[here]):.0f} px")
+        sigma = 1e3 * float(np.sqrt((spread[selected] ** 2).mean()))
+        cells = (
+            f"{1e3 * side:.0f} mm",
+            f"{depth:g} m",
+            f"{np.mean(np.array(wide)[selected]):.0f} px",
+        )
         table.add_row(
             *cells,
             f"{ours:.3f}",
             f"{sigma:.3f}",
             f"{opencv:.2f}",
             f"{opencv / ours:.1f}",
-            f"{own:.2f}",
+            f"{own_error:.2f}",
             f"{exported:.2f}",
         )
     return table
 
 
 def distances(placed: list[Placed], depths: Array) -> dict[float, float]:
-    """By depth, the error of the distances between tags of one picture over their sigma, root mean
-    square.
+    """Return for each depth the error of the distances between tags of one picture over their
+    sigma, root mean square.
     """
     ratios: dict[float, list[float]] = {}
-    for one, other in combinations(placed, 2):
-        if one.picture == other.picture:
-            metres, sigma = one.tag.poses[0].distance(other.tag.poses[0])
-            off = metres - float(np.linalg.norm(one.true - other.true))
-            ratios.setdefault(float(depths[one.picture]), []).append(off / sigma)
+    for first_tag, second_tag in combinations(placed, 2):
+        if first_tag.picture == second_tag.picture:
+            metres, sigma = first_tag.tag.poses[0].distance(second_tag.tag.poses[0])
+            error = metres - float(np.linalg.norm(first_tag.true - second_tag.true))
+            ratios.setdefault(float(depths[first_tag.picture]), []).append(error / sigma)
     return {depth: float(np.sqrt(np.mean(np.square(ratios[depth])))) for depth in sorted(ratios)}
 
 
@@ -189,7 +201,7 @@ def tags_of(made: Scene, depth: float, rng: np.random.Generator) -> tuple[Array,
             np.array([*rng.uniform(-0.6, 0.6, 2), 1.0]) * depth,
         )
         square = SIDE * SQUARE * [1, -1, 1] @ turn.T + place
-        pixels = project(made.path, made.values, torch.from_numpy(square)).numpy()
+        pixels = project(made.path, made.values, torch.from_numpy(square), MIDDLE).numpy()
         if (pixels > 20).all() and (pixels < [WIDTH - 20, HEIGHT - 20]).all():
             places.append(place)
             corners.append(pixels)
@@ -206,23 +218,25 @@ def synthetic(seed: int) -> tuple[Array, list[list[float]]]:
     errors, ratios = [], []
     for depth in DEPTHS:
         true, corners = tags_of(made, depth, rng)
-        seen = corners + rng.normal(0, NOISE, corners.shape)
-        ways = locator.place(seen, np.broadcast_to(NOISE**2 * np.eye(8), (TAGS, 8, 8)))
+        noisy = corners + rng.normal(0, NOISE, corners.shape)
+        places = locator.place(noisy, np.broadcast_to(NOISE**2 * np.eye(8), (TAGS, 8, 8)))
         best = [
-            (one[0], place)
-            for one, place in zip(ways, true, strict=True)
-            if isinstance(one, tuple) and one[0].probability > MIN_PROBABILITY
+            (item[0], place)
+            for item, place in zip(places, true, strict=True)
+            if isinstance(item, tuple) and item[0].probability > MIN_PROBABILITY
         ]
-        poses, kept = [one for one, _ in best], np.array([place for _, place in best])
+        poses, kept_places = [item for item, _ in best], np.array([place for _, place in best])
         errors.append(
             float(
                 np.sqrt(
-                    (aligned(np.array([one.position for one in poses]), kept) ** 2).sum(-1).mean()
+                    (aligned(np.array([item.position for item in poses]), kept_places) ** 2)
+                    .sum(-1)
+                    .mean()
                 )
             )
         )
         ratios.append(
-            [error_over_sigma(poses, kept, together=together) for together in (False, True)]
+            [error_over_sigma(poses, kept_places, together=together) for together in (False, True)]
         )
     return np.array(errors), ratios
 
@@ -238,7 +252,7 @@ def milliseconds(
         read_grey(truth.folder / truth.names[at]).astype(np.uint8),
         TagLocator(calibration, "DICT_4X4_50", SIDE),
     )
-    corners = np.array([one.tag.corners for one in placed if one.picture == at])
+    corners = np.array([item.tag.corners for item in placed if item.picture == at])
     noise = np.broadcast_to(NOISE**2 * np.eye(8), (len(corners), 8, 8))
 
     def least(task: Callable[[], object]) -> float:
@@ -252,7 +266,7 @@ def milliseconds(
     reading = least(lambda: read_markers(grey, "DICT_4X4_50", 1))
     solved, opencv = (
         least(lambda: locator.place(corners, noise)),
-        least(lambda: [central.position(one, SIDE) for one in corners]),
+        least(lambda: [central.position(item, SIDE) for item in corners]),
     )
     return least(lambda: locator.locate(grey)) - reading, solved, opencv
 
@@ -285,21 +299,20 @@ def main() -> None:
             "Stored with the tones of sRGB",
         )
     )
-    poses, true = [one.tag.poses[0] for one in placed], np.array([one.true for one in placed])
-    each, together = (
-        error_over_sigma(poses, true, together=together) for together in (False, True)
-    )
+    poses, true = [item.tag.poses[0] for item in placed], np.array([item.true for item in placed])
+    apart_ratio = error_over_sigma(poses, true, together=False)
+    together = error_over_sigma(poses, true, together=True)
     console.print(
-        f"{len(placed)} rendered tags: squared error over predicted variance {each:.2f} each,"
-        f" {together:.2f} together."
+        f"{len(placed)} rendered tags: squared error over predicted variance"
+        f" {apart_ratio:.2f} each, {together:.2f} together."
     )
-    told = ", ".join(
+    expected = ", ".join(
         f"{over:.2f} at {depth:g} m" for depth, over in distances(placed, truth.depths).items()
     )
-    console.print(f"Distances between tags of a picture, error over sigma: {told}.")
+    console.print(f"Distances between tags of a picture, error over sigma: {expected}.")
     if sessions:
         errors, ratios = (
-            np.array(part) for part in zip(*map(synthetic, range(sessions)), strict=True)
+            np.array(piece) for piece in zip(*map(synthetic, range(sessions)), strict=True)
         )
         title = (
             f"{sessions} synthetic sessions, {TAGS} tags of {1e3 * SIDE:.0f} mm to a depth in each"
@@ -318,9 +331,9 @@ def main() -> None:
                 *(f"{ratio:.2f}" for ratio in ratios[:, at].mean(0)),
             )
         console.print(table)
-    whole, solved, opencv = milliseconds(placed, calibration, central, truth)
+    full, solved, opencv = milliseconds(placed, calibration, central, truth)
     times = f"poses alone {solved:.1f} ms, {solved / opencv:.0f} times solvePnP's {opencv:.2f} ms"
-    console.print(f"A tag that was read: corners and poses {whole:.1f} ms; {times}.")
+    console.print(f"A tag that was read: corners and poses {full:.1f} ms; {times}.")
 
 
 if __name__ == "__main__":

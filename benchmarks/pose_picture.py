@@ -37,18 +37,23 @@ def main() -> None:
         calibration.views, held, calibration.board, (camera.width, camera.height), camera.intrinsics
     )
     placed = pictures(calibration, central, truth)
-    figure, (left, right) = plt.subplots(
+    figure, (left_axes, right) = plt.subplots(
         1, 2, figsize=(13, 4.6), layout="constrained", width_ratios=(1.25, 1)
     )
-    _draw(left, calibration, [one for one in placed if truth.names[one.picture] == SHOWN], truth)
+    _draw(
+        left_axes,
+        calibration,
+        [item for item in placed if truth.names[item.picture] == SHOWN],
+        truth,
+    )
     _chart(right, placed, truth)
     figure.savefig("docs/pose.png", dpi=80)
 
 
 def _draw(panel: Axes, calibration: Calibration, placed: list[Placed], truth: TagTruth) -> None:
     panel.imshow(read_grey(truth.folder / SHOWN), cmap="gray")
-    for one in placed:
-        pose, side = one.tag.poses[0], truth.sides[one.picture]
+    for item in placed:
+        pose, side = item.tag.poses[0], truth.sides[item.picture]
         ends = calibration.project(
             pose.position
             + np.concatenate([np.zeros((1, 3)), 0.8 * side * pose.turn.T * [[1], [1], [-1]]])
@@ -56,7 +61,7 @@ def _draw(panel: Axes, calibration: Calibration, placed: list[Placed], truth: Ta
         for end, (_, colour) in zip(ends[1:], AXES, strict=True):
             panel.plot(*np.stack([ends[0], end], -1), color=colour, lw=3)
         x, y, z = 1000 * pose.position
-        at_x, at_y = float(one.tag.corners[:, 0].mean()), float(one.tag.corners[:, 1].max()) + 45
+        at_x, at_y = float(item.tag.corners[:, 0].mean()), float(item.tag.corners[:, 1].max()) + 45
         panel.text(
             at_x,
             at_y,
@@ -73,19 +78,18 @@ def _draw(panel: Axes, calibration: Calibration, placed: list[Placed], truth: Ta
 
 
 def _chart(panel: Axes, placed: list[Placed], truth: TagTruth) -> None:
-    true = np.array([one.true for one in placed])
-    side, depth = (
-        np.array([part[one.picture] for one in placed]) for part in (truth.sides, truth.depths)
-    )
+    true = np.array([item.true for item in placed])
+    side = np.array([truth.sides[item.picture] for item in placed])
+    depth = np.array([truth.depths[item.picture] for item in placed])
     places = (
-        np.array([one.tag.poses[0].position for one in placed]),
-        np.array([one.opencv for one in placed]),
+        np.array([item.tag.poses[0].position for item in placed]),
+        np.array([item.opencv for item in placed]),
     )
-    for (name, colour, mark), found in zip(WAYS, places, strict=True):
-        off = 1000 * np.linalg.norm(aligned(found, true), axis=-1)
+    for (name, colour, mark), positions in zip(WAYS, places, strict=True):
+        error = 1000 * np.linalg.norm(aligned(positions, true), axis=-1)
         for size in np.unique(side).tolist():
             at = np.unique(depth[side == size])
-            rms = [np.sqrt((off[(side == size) & (depth == one)] ** 2).mean()) for one in at]
+            rms = [np.sqrt((error[(side == size) & (depth == item)] ** 2).mean()) for item in at]
             small = size == side.min()
             label, face = f"{name}, {1000 * size:.0f} mm", colour if small else "white"
             panel.plot(

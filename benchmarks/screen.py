@@ -1,4 +1,4 @@
-"""How soon the terminal UI answers a key, and how often its picture changes, while it detects
+"""The time until the terminal UI answers a key, and the rate of its pictures, while it detects
 boards and refits.
 
     python -m benchmarks.screen [--keys 100] [--runs 3]
@@ -31,7 +31,7 @@ FIXTURE = Path(__file__).parents[1] / "fixtures" / "bumps"
 RATE = 20.0  # frames a second
 SAME = 12  # frames of each pose: the board is held still for 0.6 s
 ROW = re.compile(rb"\x1b\[9;1H")
-"""Where a row of the picture begins to be written: once each time the picture changes."""
+"""The sequence that begins a row of the picture, once each time the picture changes."""
 
 
 class Terminal:
@@ -50,10 +50,10 @@ class Terminal:
     def press(self, key: str) -> None:
         os.write(self._end, key.encode())
 
-    def wait(self, words: bytes, begin: int, within_s: float = 60) -> float:
+    def wait(self, words: bytes, start: int, within_s: float = 60) -> float:
         """The monotonic time at which these words have come out after `begin` bytes."""
         with self._came:
-            if not self._came.wait_for(lambda: self.out.find(words, begin) >= 0, within_s):
+            if not self._came.wait_for(lambda: self.out.find(words, start) >= 0, within_s):
                 raise SystemExit(f"{words!r} never came:\n{self.out[-2000:]!r}")
             return time.monotonic()
 
@@ -102,19 +102,19 @@ def run(keys: int) -> tuple[np.ndarray, float]:
             terminal.press("\x13")
             terminal.wait(b"auto ON", 0)
             terminal.wait(b"TAKEN", 0)  # from here on, refits run
-            begun, from_byte = time.monotonic(), len(terminal.out)
+            start_time, from_byte = time.monotonic(), len(terminal.out)
             taken = []
             for number in range(keys):
-                begin = len(terminal.out)
+                start = len(terminal.out)
                 pressed = time.monotonic()
                 terminal.press("a")
                 taken.append(
-                    terminal.wait(b"auto OFF" if number % 2 == 0 else b"auto ON", begin) - pressed
+                    terminal.wait(b"auto OFF" if number % 2 == 0 else b"auto ON", start) - pressed
                 )
                 time.sleep(
                     0.1 + 0.1 * np.random.default_rng(number).random()
                 )  # in no step with the pictures
-            seconds = time.monotonic() - begun
+            seconds = time.monotonic() - start_time
             return np.array(taken), len(ROW.findall(terminal.out[from_byte:])) / seconds
         finally:
             terminal.end()
@@ -129,10 +129,10 @@ def main() -> None:
     args = parser.parse_args()
     for _ in range(args.runs):
         taken, rate = run(args.keys)
-        median, most, worst = 1000 * np.percentile(taken, (50, 95, 100))
+        median, high, worst = 1000 * np.percentile(taken, (50, 95, 100))
         load = os.getloadavg()[0]
         print(
-            f"key {median:.0f} ms (median), {most:.0f} ms (95 %), {worst:.0f} ms (worst);"
+            f"key {median:.0f} ms (median), {high:.0f} ms (95 %), {worst:.0f} ms (worst);"
             f" {rate:.1f} pictures a second; load {load:.1f}"
         )
 

@@ -1,5 +1,5 @@
-"""What `calib fit` takes for many corners, in time and memory: `python -m benchmarks.size
-[--corners 10000 100000 1000000]`.
+"""The time and memory of `calib fit` for many corners: `python -m benchmarks.size [--corners 10000
+100000 1000000]`.
 
 Views of one large board behind the paper's cone, from a corners file to the report. Linear means
 that the last two columns stay.
@@ -18,17 +18,17 @@ from fixtures.large import write_session
 
 def taken(command: list[str]) -> tuple[int, float, float, float]:
     """The exit code of a command; its wall clock and its processor's s; and the most memory, GB."""
-    begun = time.monotonic()
+    start_time = time.monotonic()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     assert process.stderr
-    said = process.stderr.read()
+    errors = process.stderr.read()
     _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
-        print(said.decode(errors="replace")[-400:], file=sys.stderr)
+        print(errors.decode(errors="replace")[-400:], file=sys.stderr)
     return (
         process.returncode,
-        time.monotonic() - begun,
+        time.monotonic() - start_time,
         used.ru_utime + used.ru_stime,
         used.ru_maxrss / 1e6,
     )
@@ -40,19 +40,19 @@ def main() -> None:
     )
     parser.add_argument("--corners", type=int, nargs="+", default=[10_000, 100_000, 1_000_000])
     parser.add_argument("--views", type=int, default=10)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     print(
         "| corners | views | exit code | s | processor s | GB | processor ms a corner | KB a corner"
         " |\n|---|---|---|---|---|---|---|---|"
     )
-    for corners in asked.corners:
+    for corners in options.corners:
         with TemporaryDirectory() as folder:
-            count = write_session(Path(folder), corners, asked.views)
+            count = write_session(Path(folder), corners, options.views)
             code, wall, processor, memory = taken([sys.executable, "-m", "calib", "fit", folder])
-        each = f"{1e3 * processor / count:.2f} | {1e6 * memory / count:.1f}"
+        cost = f"{1e3 * processor / count:.2f} | {1e6 * memory / count:.1f}"
         print(
-            f"| {count} | {asked.views} | {code} | {wall:.0f} | {processor:.0f} | {memory:.2f} |"
-            f" {each} |",
+            f"| {count} | {options.views} | {code} | {wall:.0f} | {processor:.0f} | {memory:.2f} |"
+            f" {cost} |",
             flush=True,
         )
 

@@ -1,4 +1,4 @@
-"""What scipy's splines would cost where calib.undistortion.spline keeps its own: `python -m
+"""The cost of scipy's splines in the place of those of calib.undistortion.spline: `python -m
 benchmarks.splines`.
 
 For two components at once, over a 3280x2464 picture with nodes 64, 16 and 4 px apart. In pairs,
@@ -27,7 +27,7 @@ PAIRS = 15
 SPACINGS = (64, 16, 4)
 """px between nodes: a smooth field, one with failures in it, a lens that needs fine nodes."""
 POINTS = (2_000, 8_000, 40_000)
-"""Of one step of Newton's method."""
+"""The number of points of one step of Newton's method."""
 ROUNDING = 1e-9
 """px: coordinates of 3280 px in float64, whose errors grow at most 243-fold on their way to
 coefficients.
@@ -58,11 +58,11 @@ def main() -> None:
         )
         for count in POINTS:
             points = in_order(count)
-            off = max(
+            error = max(
                 np.abs(a - b).max()
                 for a, b in zip(ours.at(points), evaluated(theirs, points), strict=True)
             )
-            assert off < ROUNDING, off
+            assert error < ROUNDING, error
             table.add_row(
                 "",
                 f"{count} points",
@@ -72,9 +72,9 @@ def main() -> None:
 
 
 def fitted(columns: Array, rows: Array, values: Array) -> NdBSpline:
-    down = make_interp_spline(rows, values, 3, check_finite=False)
-    across = make_interp_spline(columns, down.c, 3, axis=1, check_finite=False)
-    return NdBSpline((down.t, across.t), across.c.swapaxes(0, 1), 3)
+    by_rows = make_interp_spline(rows, values, 3, check_finite=False)
+    by_columns = make_interp_spline(columns, by_rows.c, 3, axis=1, check_finite=False)
+    return NdBSpline((by_rows.t, by_columns.t), by_columns.c.swapaxes(0, 1), 3)
 
 
 def evaluated(spline: NdBSpline, points: Array) -> tuple[Array, Array]:
@@ -105,8 +105,8 @@ def in_order(count: int) -> Array:
     """Row by row over the picture, as Newton's method has them, each moved from its place in the
     row by up to 20 px.
     """
-    across = round(np.sqrt(count * WIDTH / HEIGHT))
-    xs, ys = np.linspace(25, WIDTH - 25, across), np.linspace(25, HEIGHT - 25, count // across)
+    columns = round(np.sqrt(count * WIDTH / HEIGHT))
+    xs, ys = np.linspace(25, WIDTH - 25, columns), np.linspace(25, HEIGHT - 25, count // columns)
     at = np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 2)
     return np.asarray(at + 20 * np.sin(at[:, ::-1] / 300))
 
@@ -115,15 +115,15 @@ def pairs(ours: Callable[[], object], theirs: Callable[[], object]) -> tuple[str
     """Our median time, and the median ratio, after a first pair that does not count."""
     spent = [(seconds(ours), seconds(theirs)) for _ in range(PAIRS + 1)][1:]
     return (
-        f"{1e3 * median(own for own, _ in spent):.2f}",
-        f"{median(other / own for own, other in spent):.2f}",
+        f"{1e3 * median(our_seconds for our_seconds, _ in spent):.2f}",
+        f"{median(scipy_seconds / our_seconds for our_seconds, scipy_seconds in spent):.2f}",
     )
 
 
 def seconds(work: Callable[[], object]) -> float:
-    begun = time.process_time()
+    start_time = time.process_time()
     work()
-    return time.process_time() - begun
+    return time.process_time() - start_time
 
 
 if __name__ == "__main__":

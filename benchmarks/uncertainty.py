@@ -22,8 +22,9 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.workers import Workers, add_workers, workers_of
+from calib.fit_record.request import Settings
 from calib.fitting.declared import comparisons
-from calib.fitting.stages import Settings, Setup
+from calib.fitting.stages import Setup
 from calib.session.freeing import ALL, AUTO, NONE
 from calib.threads import single_thread
 from calib.verdict.judge import judge
@@ -43,7 +44,7 @@ They overlap to six times as much: glass that is uneven by 20 um, twice what che
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one session."""
+    """The outcome of one session."""
 
     seed: int
     off: tuple[float, ...]
@@ -71,16 +72,16 @@ def _outcome(seed: int, views: int, wrong: bool, free: str) -> Outcome:
         if wrong
         else (INTRINSICS, cover)
     )
-    found = calibrated(made, Setup(made.board, CAMERA, *said), Settings(free=(free,)))
-    off, predicted = zip(
-        *((np.sqrt(np.mean(e**2)), np.sqrt(np.mean(s**2))) for e, s in errors(made, found)),
+    fitted = calibrated(made, Setup(made.board, CAMERA, *said), Settings(free=(free,)))
+    error, predicted = zip(
+        *((np.sqrt(np.mean(e**2)), np.sqrt(np.mean(s**2))) for e, s in errors(made, fitted)),
         strict=True,
     )
-    verdict = judge(found)
-    contradicted = tuple(one.name for one in comparisons(found) if one.contradicted)
+    verdict = judge(fitted)
+    contradicted = tuple(item.name for item in comparisons(fitted) if item.contradicted)
     return Outcome(
         seed,
-        off,
+        error,
         predicted,
         contradicted,
         verdict.word.value,
@@ -89,13 +90,13 @@ def _outcome(seed: int, views: int, wrong: bool, free: str) -> Outcome:
 
 
 def exact(seed: int, bumps: int, amplitude: float) -> list[tuple[float, float, float]]:
-    """By depth: the mean squares of error, predicted sigma and their ratio."""
+    """Return for each depth the mean squares of error, predicted sigma and their ratio."""
     with single_thread():
         made = scene(seed, VIEWS, (bumps, bumps), amplitude, NOISE, cover=GLASS)
-        found = errors(made, calibrate(made, Settings()))
+        fitted_errors = errors(made, calibrate(made, Settings()))
         return [
             (float(np.mean(e**2)), float(np.mean(s**2)), float(np.mean((e / s) ** 2)))
-            for e, s in found
+            for e, s in fitted_errors
         ]
 
 
@@ -116,18 +117,18 @@ def exactly_declared(repeats: int, pool: Workers) -> Table:
     return table
 
 
-def spread(found: list[Outcome], title: str) -> Table:
+def spread(results: list[Outcome], title: str) -> Table:
     table = Table(
         "depth",
         "map error: median, root mean square, worst",
         "predicted: median",
-        title=f"{len(found)} sessions, {title}",
+        title=f"{len(results)} sessions, {title}",
     )
-    off, predicted = (
-        np.array([one.off for one in found]),
-        np.array([one.predicted for one in found]),
+    deviation, predicted = (
+        np.array([item.off for item in results]),
+        np.array([item.predicted for item in results]),
     )
-    for depth, error, sigma in zip(DEPTHS, off.T, predicted.T, strict=True):
+    for depth, error, sigma in zip(DEPTHS, deviation.T, predicted.T, strict=True):
         root = np.sqrt(np.mean(error**2))
         table.add_row(
             f"{depth} m",
@@ -137,20 +138,20 @@ def spread(found: list[Outcome], title: str) -> Table:
     return table
 
 
-def said(console: Console, found: list[Outcome], title: str) -> None:
-    console.print(spread(found, title))
-    ratios = np.array([one.ratio for one in found])
+def said(console: Console, results: list[Outcome], title: str) -> None:
+    console.print(spread(results, title))
+    ratios = np.array([item.ratio for item in results])
     console.print(
         f"Map error over predicted sigma: median {np.median(ratios):.2f}, root mean square"
         f" {np.sqrt(np.mean(ratios**2)):.2f}, above 2.5 in {100 * np.mean(ratios > 2.5):.0f} %."
     )
     console.print(
         "Numbers called contradicted:"
-        f" {dict(Counter(name for one in found for name in one.contradicted))}."
+        f" {dict(Counter(name for item in results for name in item.contradicted))}."
     )
-    console.print(f"Verdicts: {dict(Counter(one.word for one in found))}.")
+    console.print(f"Verdicts: {dict(Counter(item.word for item in results))}.")
     for sentence, count in Counter(
-        reason.split(":")[0][:90] for one in found for reason in one.reasons
+        reason.split(":")[0][:90] for item in results for reason in item.reasons
     ).most_common():
         console.print(f"{count}: {sentence}", markup=False)
 
@@ -173,19 +174,19 @@ def main() -> None:
         "--free", choices=(AUTO, ALL, NONE), default=AUTO, help="how they are fitted"
     )
     add_workers(parser)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     console = Console(width=140)
-    with workers_of(asked) as pool:
-        if asked.repeats:
-            console.print(exactly_declared(asked.repeats, pool))
+    with workers_of(options) as pool:
+        if options.repeats:
+            console.print(exactly_declared(options.repeats, pool))
         for count, wrong, title in (
-            (asked.sessions, True, "every number drawn"),
-            (asked.clean, False, "every number true"),
+            (options.sessions, True, "every number drawn"),
+            (options.clean, False, "every number true"),
         ):
             if count:
                 rows = [
-                    (seed, asked.views, wrong, asked.free)
-                    for seed in range(asked.first, asked.first + count)
+                    (seed, options.views, wrong, options.free)
+                    for seed in range(options.first, options.first + count)
                 ]
                 said(console, list(pool.each(outcome, rows, "Sessions")), title)
         console.print(pool.scaled)

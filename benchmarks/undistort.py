@@ -1,4 +1,4 @@
-"""How fast pictures are undistorted, and what a file that holds all depths is worth: `python -m
+"""The speed of undistortion, and the benefit of a file that holds all depths: `python -m
 benchmarks.undistort`.
 
 A cone of the paper, uneven by 8x8 bumps of 30 um. Times are medians; the stream alternates frame by
@@ -26,6 +26,7 @@ from rich.table import Table
 from calib.apply.undistorter import Undistorter
 from calib.export.npz import read_field, write_npz
 from calib.io.file_set import FileSet
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Silent
 from fixtures.known import known
@@ -42,11 +43,11 @@ class Time(NamedTuple):
 
     wall: float
     cpu: float
-    """Of all threads: what the work takes on a machine that others use as well."""
+    """Return the time of all threads, which other users of the machine do not change."""
 
 
 Row = tuple[str, float, float, str]
-"""What, the figure, its bar, and "at most" or "at least"."""
+"""The name, the figure, its bar, and "at most" or "at least"."""
 EVERY = 8
 """Pixels in each direction between those that are traced."""
 
@@ -151,7 +152,7 @@ def saved(made: Scene) -> list[Row]:
             )
             * depth
         )
-        seen = project(*calibration.model(), torch.from_numpy(points)).numpy()
+        seen = project(*calibration.model(), torch.from_numpy(points), MIDDLE).numpy()
         at = field.map_at(depth)
         off = np.hypot(at.x[v, h] - seen[:, 0], at.y[v, h] - seen[:, 1])[at.valid[v, h]]
         worst = max(worst, float(off.max()))

@@ -1,5 +1,5 @@
-"""What the verdict says of rendered and of synthetic sessions, and how long it takes: the figures
-of docs/verdict.md.
+"""The verdicts on rendered and on synthetic sessions, and their time: the figures of
+docs/verdict.md.
 
 `python -m benchmarks.verdict` for the rendered ones, `python -m benchmarks.verdict synthetic` for
 random ones without any fault.
@@ -15,8 +15,8 @@ import numpy as np
 import yaml
 
 from calib.corners.corners_file import write_corners
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.session.camera import Camera
 from calib.session.freeing import ALL, AUTO
 from calib.session.session import read_session, session_to_yaml
@@ -32,15 +32,15 @@ SEEDS = range(100, 114)
 def rows(name: str, folder: Path) -> Iterator[str]:
     """A session's, as by default and with all numbers free."""
     session = read_session(folder)
-    for free, said in ((AUTO, "as by default"), (ALL, "all free")):
+    for free, words in ((AUTO, "as by default"), (ALL, "all free")):
         calibration = fit(session, Settings(free=(free,)))
         with single_thread():
-            begun = time.process_time()
+            start_time = time.process_time()
             verdict = judge(calibration)
-            spent = time.process_time() - begun
+            spent = time.process_time() - start_time
         command = " ".join(verdict.next.split()[:2])
         yield (
-            f"| {name} | {said} | {verdict.word.value} | {', '.join(verdict.suspects)} |"
+            f"| {name} | {words} | {verdict.word.value} | {', '.join(verdict.suspects)} |"
             f" `{command}` | {spent:.2f} |"
         )
 

@@ -18,7 +18,7 @@ MARGIN = 1.0  # squares of white around the print
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """What the lens gives, before the sensor."""
+    """The picture that the lens gives, before the sensor."""
 
     light: NDArray[np.float32]
     """(H, W) grey levels without noise, not cut off at 255."""
@@ -112,16 +112,18 @@ def _pose(
     )
     while True:
         rotation = np.eye(3)
-        for axis, most in zip(np.eye(3), (0.7, 0.7, np.pi), strict=True):
-            rotation = rotation @ cv2.Rodrigues(axis * rng.uniform(-most, most))[0]
+        for axis, largest in zip(np.eye(3), (0.7, 0.7, np.pi), strict=True):
+            rotation = rotation @ cv2.Rodrigues(axis * rng.uniform(-largest, largest))[0]
         distance = float(np.exp(rng.uniform(np.log(8), np.log(70))))
         place = np.array([*rng.uniform(-0.5, 0.5, 2) * np.array(size) / focal * distance, distance])
         px_from_print = camera @ np.column_stack([rotation[:, :2], place]) @ squares_from_texels
-        seen = cv2.perspectiveTransform(outline.reshape(-1, 1, 2), px_from_print).reshape(-1, 2)
-        sides = np.linalg.norm(np.diff(seen[[0, 1, 3, 2, 0]], axis=0), axis=1) / np.array(
+        projected = cv2.perspectiveTransform(outline.reshape(-1, 1, 2), px_from_print).reshape(
+            -1, 2
+        )
+        sides = np.linalg.norm(np.diff(projected[[0, 1, 3, 2, 0]], axis=0), axis=1) / np.array(
             [wide - 1, high - 1, wide - 1, high - 1]
         )
-        if (seen > 0).all() and (seen < np.array(size) - 1).all() and sides.min() > 13:
+        if (projected > 0).all() and (projected < np.array(size) - 1).all() and sides.min() > 13:
             return np.asarray(px_from_print)
 
 
@@ -151,8 +153,8 @@ def _streak(x: float, y: float) -> NDArray[np.float32]:
     """The kernel of a straight motion."""
     half = int(np.ceil(np.hypot(x, y) / 2)) + 1
     kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
-    for part in np.linspace(-0.5, 0.5, 201):
-        column, row = half + part * x, half + part * y
+    for fraction in np.linspace(-0.5, 0.5, 201):
+        column, row = half + fraction * x, half + fraction * y
         i, j = int(column), int(row)
         u, v = column - i, row - j
         kernel[j : j + 2, i : i + 2] += np.outer((1 - v, v), (1 - u, u)).astype(np.float32)

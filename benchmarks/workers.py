@@ -1,5 +1,5 @@
-"""Where a large benchmark's sessions run: in processes of this machine, or on a Dask cluster by the
-adapter of `calib batch`.
+"""The workers that run a large benchmark's sessions: processes of this machine, or on a Dask
+cluster by the adapter of `calib batch`.
 
 A cluster's workers need this checkout, at the same place: python -m benchmarks.diagnosis
 --scheduler tls://head:8786
@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 
 class Future(Protocol):
-    """Of concurrent.futures and of Dask."""
+    """The common part of the futures of concurrent.futures and of Dask."""
 
     def result(self) -> Any: ...
 
@@ -46,19 +46,19 @@ class Session(Generic[T]):
     workers: Workers
 
     def result(self) -> T:
-        found: T
-        found, seconds = self.future.result()
+        outcome: T
+        outcome, seconds = self.future.result()
         self.workers.spent.append(seconds)
-        return found
+        return outcome
 
 
 @dataclass(slots=True)
 class Workers:
-    """What sessions are given to; and how they scaled."""
+    """The workers that get the sessions, and their scaling."""
 
     submit_one: Submit
     count: Callable[[], int]
-    begun: float = field(default_factory=time.monotonic)
+    start_time: float = field(default_factory=time.monotonic)
     spent: list[float] = field(default_factory=list)
     """s that each session took where it ran."""
 
@@ -70,12 +70,12 @@ class Workers:
         self, function: Callable[..., T], rows: Sequence[Sequence[object]], title: str
     ) -> Iterator[T]:
         """Results in the order of their arguments."""
-        for one in track([self.submit(function, *row) for row in rows], title, transient=True):
-            yield one.result()
+        for item in track([self.submit(function, *row) for row in rows], title, transient=True):
+            yield item.result()
 
     @property
     def scaled(self) -> str:
-        wall, work, count = time.monotonic() - self.begun, sum(self.spent), self.count()
+        wall, work, count = time.monotonic() - self.start_time, sum(self.spent), self.count()
         workers = f"{count} worker{'s' * (count != 1)}"
         longest = max(self.spent, default=0.0)
         return (
@@ -108,7 +108,9 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def workers_of(options: argparse.Namespace) -> Iterator[Workers]:
-    """As the options say; ends the program with a sentence where there is no such cluster."""
+    """Return the workers that the options name; end the program with a sentence if there is no such
+    cluster.
+    """
     if not (options.scheduler or options.jobqueue):
         with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
             yield Workers(pool.submit, lambda: options.jobs)
@@ -132,10 +134,10 @@ def importable(function: Callable[..., T]) -> Callable[..., T]:
     main = sys.modules["__main__"]
     if function.__module__ != "__main__" or not main.__spec__:
         return function
-    found: Callable[..., T] = getattr(import_module(main.__spec__.name), function.__name__)
-    return found
+    function_found: Callable[..., T] = getattr(import_module(main.__spec__.name), function.__name__)
+    return function_found
 
 
 def timed(function: Callable[..., T], *arguments: object) -> tuple[T, float]:
-    begun = time.monotonic()
-    return function(*arguments), time.monotonic() - begun
+    start_time = time.monotonic()
+    return function(*arguments), time.monotonic() - start_time

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from calib.calibration import Calibration
     from calib.diagnosis.diagnose import diagnose
     from calib.errors import InputError, NotEnoughDataError, RefracalError
+    from calib.fit_record.request import Settings
     from calib.fitting.evaluate import evaluate
     from calib.fitting.fit import fit
-    from calib.fitting.stages import Settings
     from calib.progress import Progress, Silent
     from calib.session.session import read_session
 else:  # hidden from the type checker, so that it still refuses a misspelt name
@@ -43,7 +43,7 @@ else:  # hidden from the type checker, so that it still refuses a misspelt name
         "NotEnoughDataError": "calib.errors",
         "Progress": "calib.progress",
         "RefracalError": "calib.errors",
-        "Settings": "calib.fitting.stages",
+        "Settings": "calib.fit_record.request",
         "Silent": "calib.progress",
         "TagLocator": "calib.apply.tags",
         "Undistorter": "calib.apply.undistorter",

@@ -21,7 +21,7 @@ from torch import Tensor
 from calib.calibration_file import (
     CALIBRATION,
     check_arrays,
-    check_settings,
+    check_joint,
     check_stages,
     read_arrays,
     relief_from_yaml,
@@ -34,14 +34,19 @@ from calib.errors import InputError, NotEnoughDataError, brief
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
+from calib.fit_record.history import History
+from calib.fit_record.outcome import FitOutcome
+from calib.fit_record.record_file import record_from_yaml, record_to_yaml
+from calib.fit_record.request import FitRequest
 from calib.io.array_arguments import on_finite_rows, pixel_rows, point_rows
 from calib.io.arrays import decode_npz
 from calib.io.file_set import FileSet, find_current
 from calib.io.files import npz, reading
-from calib.io.numerals import number
+from calib.io.numerals import real_number
 from calib.io.yaml_reader import read_yaml
 from calib.optics.board_target import POSE, VIEW_BLOCKS
 from calib.optics.build import covered_path, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
 from calib.optics.projection import project
 from calib.optics.relief import Relief
@@ -148,14 +153,18 @@ class Calibration:
     """
     rejected: tuple[RejectedPicture, ...]
     stages: tuple[Stage, ...]
-    noise_px: float
+    noise_px: float | None
     """Noise of the corners: root mean square of the two-dimensional error, from the short-scale
-    residual.
+    residual; None if too few corners tell it.
     """
-    settings: dict[str, Any]
-    """The options and the record of the fit; `calib.calibration_file.SETTINGS` lists them."""
     gauge: str
     """The convention that fixes the rigid motion which board views do not determine."""
+    request: FitRequest = field(default_factory=FitRequest)
+    """The request of the fit."""
+    outcome: FitOutcome = field(default_factory=FitOutcome)
+    """The record of its outcome."""
+    history: History = field(default_factory=History)
+    """The changes since the fit."""
     effects: tuple[AddedEffect, ...] = ()
     """The effects of the model."""
     stated: Declared | None = None
@@ -251,17 +260,18 @@ class Calibration:
             None if path.directly_projects or len(points) < MIN_FIELD_POINTS else _point_field(self)
         )
         if not field:
-            return (project(path, values, torch.from_numpy(points)).numpy(),)
+            return (project(path, values, torch.from_numpy(points), MIDDLE).numpy(),)
         pixels, covered = field.pixels(points)
         if not covered.all():
-            pixels[~covered] = project(path, values, torch.from_numpy(points[~covered])).numpy()
+            remainder = torch.from_numpy(points[~covered])
+            pixels[~covered] = project(path, values, remainder, MIDDLE).numpy()
         return (pixels,)
 
     def _trace(
         self, pixels: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         path, values = self.model()
-        rays = path.trace(torch.from_numpy(pixels), values)
+        rays = path.trace(torch.from_numpy(pixels), values, MIDDLE)
         failed = (rays.failure != 0).unsqueeze(-1)
         origins = torch.where(failed, torch.nan, rays.origin.stacked()).numpy()
         directions = torch.where(failed, torch.nan, rays.direction.stacked()).numpy()
@@ -278,7 +288,7 @@ class Calibration:
         A pixel that the camera does not see through the cover is -1, which is outside the picture,
         so cv2.remap's constant border fills it.
         """
-        maps = self.ray_field().map_at(number(depth, "depth"))
+        maps = self.ray_field().map_at(real_number(depth, "depth"))
         return maps.x, maps.y
 
     def save(self, folder: str | FilePath, *, overwrite: bool = False) -> FilePath:
@@ -348,6 +358,10 @@ class Calibration:
             arrays["corners_at"] = self.corners_at
         return npz(arrays, compressed=False)  # not compressed: the same bytes on every machine
 
+    def record(self) -> dict[str, Any]:
+        """Return the entries of the key `settings` in calibration.yaml."""
+        return record_to_yaml(self.request, self.outcome, self.history)
+
     def _as_mapping(self, digest: str) -> dict[str, object]:
         relief = self.relief and {
             "low": list(self.relief.low),
@@ -369,8 +383,8 @@ class Calibration:
             "relief": relief,
             "effects": [effect_to_yaml(added.effect, added.parameters) for added in self.effects],
             "gauge": self.gauge,
-            "settings": self.settings,
-            "noise_px": self.noise_px,
+            "settings": self.record(),
+            "noise_px": math.nan if self.noise_px is None else self.noise_px,
             "stages": [
                 {"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in self.stages
             ],
@@ -457,8 +471,9 @@ def _from_mapping(
         has_cover=cover.shape != "none",
         has_views=len(arrays["names"]) > 0,
     )
-    check_settings(
-        document["settings"],
+    request, outcome, history = record_from_yaml(document["settings"])
+    check_joint(
+        outcome.joint,
         has_covariance=arrays["covariance"].size > 0,
         has_relief=relief is not None,
     )
@@ -500,9 +515,11 @@ def _from_mapping(
         stages=tuple(
             Stage(s["name"], float(s["rms_px"]), float(s["rmse_cm"])) for s in document["stages"]
         ),
-        noise_px=float(document["noise_px"]),
-        settings=dict(document["settings"]),
+        noise_px=None if math.isnan(document["noise_px"]) else float(document["noise_px"]),
         gauge=document["gauge"],
+        request=request,
+        outcome=outcome,
+        history=history,
         effects=effects,
         stated=Declared(
             declared.intrinsics,
@@ -546,8 +563,9 @@ def _check_views(calibration: Calibration) -> None:
     with single_thread():
         _, failure = path.land(
             sample.pixels,
-            sample.with_times(values),
+            values,
             torch.from_numpy(calibration.poses)[sample.view],
+            sample.exposure,
         )
     landed = torch.bincount(sample.view[failure == 0], minlength=len(views))
     implausible = landed < MIN_LANDED_FRACTION * sample.starts.diff()

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import InputError, brief
+from calib.fit_record.outcome import JointOutcome
+from calib.fit_record.shapes import RECORD
 from calib.io.arrays import decode_npz
 from calib.io.files import read_file, reading
 from calib.io.frames_table import LATEST_S
 from calib.io.shapes import (
-    Shape,
     anything,
     choice,
-    count,
     either,
     flag,
     many,
@@ -35,7 +35,6 @@ from calib.io.shapes import (
 )
 from calib.optics.relief import Relief
 from calib.session.board import Board
-from calib.session.freeing import option_names
 
 MAX_AMPLITUDE = 0.1
 """m, of the relief: a thousand times that of any glass."""
@@ -46,60 +45,6 @@ rational lens that cancel each other have standard deviations of 1e7 of their sc
 STAGES = ("pinhole", "cover", "cover+rbf", "cover+rbf+effects")
 """The stages of a fit, in their order; a fit may lack any but the first."""
 COVER_STAGES = STAGES[1:3]
-_QUALITY = record({"rms_px": number, "rmse_cm": number, "held_out_px": number})
-_CANDIDATE = record(
-    {
-        "effect": text,
-        "accepted": flag,
-        "held_out_px_before": maybe(number),
-        "held_out_px_after": maybe(number),
-        "parameters": table(record({"value": number, "sigma": number, "unit": text})),
-    }
-)
-SETTINGS: Mapping[str, Shape] = {
-    "method": choice("joint", "paper"),
-    "grid": either(many(count, of=2), many(count, of=0)),
-    "grid_held_out_px": table(number),
-    "free": many(lambda value, where: choice(*option_names())(value, where)),
-    "steps": count,
-    "exact_hit": flag,
-    "intrinsics_from": choice("session.yaml", "bare", "prior", "views"),
-    "lens_held_out_px": table(number),
-    "view_noise": table(positive),
-    "second_look": many(record({"file": text, "found": count, "refused": count, "dropped": count})),
-    "made_by": table(text),
-    "fleet_prior": record(
-        {
-            "file": text,
-            "sha256": text,
-            "cameras": count,
-            "used": flag,
-            "p_value": number,
-            "farthest": text,
-            "farthest_sigmas": number,
-        }
-    ),
-    "cross_validation": record(
-        {"folds": count, "held_out_px": number, "fitted_px": number}, {"held_out_sigma_px": number}
-    ),
-    "outcome": text,
-    "iterations": count,
-    "sigma_px": positive,
-    "log_evidence": number,
-    "relief_prior": maybe(record({"height_m": positive, "length_of_patch": positive})),
-    "asked": record({}, {"effects": many(text), "depths": many(number)}),
-    "immersed": record(
-        {"from_index": number, "to_index": number, "sigma": number, "calibration": text}
-    ),
-    "diagnosed": many(record({"calibration": text, "holdout": text})),
-    "diagnosis": record(
-        {"candidates": many(_CANDIDATE)},
-        {"before": _QUALITY, "after": _QUALITY, "remarks": many(text)},
-    ),
-}
-"""The keys of `Calibration.settings`, each optional. Every key that is read anywhere has its line
-here.
-"""
 COVER = either(many(table(anything)), table(anything))
 CALIBRATION = record(
     {
@@ -130,7 +75,7 @@ CALIBRATION = record(
             )
         ),
         "gauge": text,
-        "settings": record({}, SETTINGS),
+        "settings": record({}, RECORD),
         "noise_px": number,
         "stages": many(record({"name": choice(*STAGES), "rms_px": number, "rmse_cm": number})),
         "frames_rejected": many(record({"file": text, "reason": text})),
@@ -175,11 +120,11 @@ def check_stages(names: Sequence[str], *, has_cover: bool, has_views: bool) -> N
         raise ValueError("there is a stage of the cover and no cover")
 
 
-def check_settings(settings: Mapping[str, Any], *, has_covariance: bool, has_relief: bool) -> None:
-    """Raise ValueError if the settings lack an input of the covariance."""
-    if has_covariance and "sigma_px" not in settings:
+def check_joint(joint: JointOutcome | None, *, has_covariance: bool, has_relief: bool) -> None:
+    """Raise ValueError if the record of the joint fit lacks an input of the covariance."""
+    if has_covariance and not joint:
         raise ValueError("settings.sigma_px is missing")
-    if has_covariance and has_relief and not settings.get("relief_prior"):
+    if has_covariance and has_relief and not (joint and joint.relief_prior):
         raise ValueError("settings.relief_prior is missing")
 
 

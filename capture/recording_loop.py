@@ -84,7 +84,7 @@ def refusal_reason(step: Step) -> str:
     )
 
 
-def record(
+def record_views(
     frames: Iterable[Frame],
     finder: LiveFinder,
     recorder: Recorder,

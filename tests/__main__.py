@@ -9,14 +9,14 @@ import subprocess
 import sys
 
 STYLE = (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"])
-"""What .pre-commit-config.yaml runs too."""
+"""The checks that .pre-commit-config.yaml runs as well."""
 WORKERS = "3"
 """On two cores: tests of the terminal UI and of processes wait for a tenth of their time."""
 COVERAGE = ("--cov=calib", "--cov=capture", "--cov-report=")
 
 if __name__ == "__main__":
-    asked = [argument for argument in sys.argv[1:] if argument != "--cov"]
-    counted = len(asked) < len(sys.argv) - 1
+    arguments = [argument for argument in sys.argv[1:] if argument != "--cov"]
+    counted = len(arguments) < len(sys.argv) - 1
     pytest = [
         "pytest",
         "-n",
@@ -26,7 +26,7 @@ if __name__ == "__main__":
         "-m",
         "not slow",
         *(COVERAGE if counted else ()),
-        *asked,
+        *arguments,
     ]
     for check in (*STYLE, pytest, *([["coverage", "report", "--format=total"]] if counted else ())):
         print("$", *check, flush=True)

@@ -1,4 +1,4 @@
-"""What every test runs under."""
+"""The settings and fixtures of all tests."""
 
 import gc
 import os
@@ -62,7 +62,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def _own_state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """What the terminal UI keeps for its person: not into the home of who runs the tests."""
+    """Keep the terminal UI's saved state out of the home of the person who runs the tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         yield
@@ -70,9 +70,7 @@ def _own_state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def _activated() -> Iterator[None]:
-    """As in an activated virtual environment: what the commands say to type next begins with their
-    bare names.
-    """
+    """Activate the virtual environment, so that the next commands are named without a folder."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)
         yield
@@ -88,7 +86,7 @@ def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def _frozen() -> None:
-    """What is loaded by now stays: no collection looks through torch again."""
+    """Freeze the loaded objects, so that no garbage collection looks through torch again."""
     gc.collect()
     gc.freeze()
 

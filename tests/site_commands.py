@@ -12,7 +12,7 @@ TYPED = re.compile(
     r"(\S+=\S+"
     r" )*(\S*/)?(calib|capture|python3?|pip|smoke|pi\.sh|pi_wheel\.sh|sudo|apt-get|git|uname|rpicam-hello|cd|\.)(?= |$)"  # noqa: E501
 )
-"""How a line begins that is typed; all other lines of a block are what is printed."""
+"""The beginning of a typed line; all other lines of a block are printed ones."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class Typed:
 
     @property
     def program(self) -> str:
-        begin = TYPED.match(self.line)
-        return begin[3] if begin else ""
+        match = TYPED.match(self.line)
+        return match[3] if match else ""
 
     @property
     def kind(self) -> str:
@@ -53,9 +53,12 @@ def commands() -> Iterator[Typed]:
         for language, block in BLOCK.findall(page.read_text(encoding="utf-8")):
             for line in block.splitlines() if not language else ():
                 if TYPED.match(line):
-                    said = re.sub(r"\s+#.*$", "", line)
-                    parts = [said] if "sha256sum" in said else said.split(" && ")
-                    yield from (Typed(page.relative_to(ROOT).as_posix(), part) for part in parts)
+                    command = re.sub(r"\s+#.*$", "", line)
+                    command_parts = [command] if "sha256sum" in command else command.split(" && ")
+                    yield from (
+                        Typed(page.relative_to(ROOT).as_posix(), command_part)
+                        for command_part in command_parts
+                    )
 
 
 def mentioned() -> Iterator[tuple[str, str]]:

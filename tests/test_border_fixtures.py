@@ -35,10 +35,12 @@ PIXELS = {"charuco": 3300, "aprilgrid": 4000}
 @pytest.fixture(scope="module")
 def sessions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Session]:
     folder = tmp_path_factory.mktemp("border")
-    found = {
+    results = {
         name: read_session(copied(FIXTURES / name, folder / name)) for name in (WHOLE, *REACHING)
     }
-    return found | {f"{name}/holdout": read_session(folder / name / "holdout") for name in REACHING}
+    return results | {
+        f"{name}/holdout": read_session(folder / name / "holdout") for name in REACHING
+    }
 
 
 @pytest.fixture(scope="module")
@@ -61,39 +63,42 @@ def test_boards_reach_out_where_they_should(name: str) -> None:
     as inside.
     """
     corners = true_corners(name)
-    seen = inside(corners)
-    reaching = ~seen.all(1)
+    points = inside(corners)
+    reaching = ~points.all(1)
     held = name.endswith("/holdout")
     assert np.array_equal(reaching, np.ones(8, bool) if held else np.arange(24) % 3 == 2)
     border = np.array(
-        [(at_border(own[here], *SIZE)).sum() for own, here in zip(corners, seen, strict=True)]
+        [
+            (at_border(view_corners[visible_rows], *SIZE)).sum()
+            for view_corners, visible_rows in zip(corners, points, strict=True)
+        ]
     )
     assert (border[reaching] >= 10).all(), border
     if held:
-        assert 0.4 < border.sum() / seen.sum() < 0.6
+        assert 0.4 < border.sum() / points.sum() < 0.6
 
 
 @pytest.mark.parametrize("name", FOLDERS)
 def test_detected_corners_are_the_renderer_s(sessions: dict[str, Session], name: str) -> None:
-    """As those of whole boards, an eighth more than was measured allowed, a quarter for the worst.
-    Nearly all are found that lie six pixels and more inside, in the held-out AprilGrids 95 %: tags
-    that the border cuts are not read. None is made up outside.
+    """The limits are those of whole boards: an eighth more than was measured, and a quarter for the
+    worst. Nearly all are found that lie six pixels and more inside, in the held-out AprilGrids 95
+    %: tags that the border cuts are not read. None is made up outside.
     """
     session = sessions[name]
     views, true = detect(session.frames, session.board).views, true_corners(name)
-    off = detected_off(views, true)
-    rms, worst = float(np.sqrt((off**2).sum(-1).mean())), float(np.hypot(*off.T).max())
+    error = detected_off(views, true)
+    rms, worst = float(np.sqrt((error**2).sum(-1).mean())), float(np.hypot(*error.T).max())
     clear = inside(true, 6.0)
-    found = np.array([view.seen for view in views])
+    result = np.array([view.seen for view in views])
     print(
-        f"{name}: {rms:.4f} px RMS, mean {off.mean(0).round(4)}, worst {worst:.3f};"
-        f" {100 * found[clear].mean():.1f} % found"
+        f"{name}: {rms:.4f} px RMS, mean {error.mean(0).round(4)}, worst {worst:.3f};"
+        f" {100 * result[clear].mean():.1f} % found"
     )
     assert rms < 9 / 8 * RMS[name][0]
     assert worst < 5 / 4 * RMS[name][1]
-    assert np.abs(off.mean(0)).max() < 0.002
-    assert found[clear].mean() > (0.94 if name == "aprilgrid/holdout" else 0.99)
-    assert not found[~inside(true)].any()
+    assert np.abs(error.mean(0)).max() < 0.002
+    assert result[clear].mean() > (0.94 if name == "aprilgrid/holdout" else 0.99)
+    assert not result[~inside(true)].any()
 
 
 @pytest.mark.parametrize("name", REACHING)
@@ -110,8 +115,8 @@ def test_every_view_is_used_and_the_calibration_trusted(
 
 @pytest.mark.parametrize("name", REACHING)
 def test_rays_are_the_renderer_s_to_the_border(fitted: dict[str, Calibration], name: str) -> None:
-    """As those of whole boards, in more of the picture: an eighth more than was measured is
-    allowed.
+    """The limits are those of whole boards, in more of the picture: an eighth more than was
+    measured.
     """
     error = map_error(fitted[name], FIXTURES / name / "truth.npz", near=40.0)
     print(
@@ -126,8 +131,8 @@ def test_rays_are_the_renderer_s_to_the_border(fitted: dict[str, Calibration], n
 def test_held_out_views_are_within_5_percent_of_what_the_true_glass_leaves(
     fitted: dict[str, Calibration], sessions: dict[str, Session], name: str
 ) -> None:
-    """As of whole boards; 1.035 and 1.01 were measured, where each view has fewer corners than of
-    those.
+    """The limits are those of whole boards; 1.035 and 1.01 were measured, where each view has fewer
+    corners than of those.
     """
     session = sessions[f"{name}/holdout"]
     ours = evaluate(fitted[name], session, Silent())
@@ -148,8 +153,8 @@ def test_the_border_is_a_quarter_better_than_with_whole_boards(
     """
     errors = {}
     for name, calibration in fitted.items():
-        every, border = held_out(calibration, sessions[f"{judge_of}/holdout"])
-        errors[name] = float(np.sqrt((every[border] ** 2).mean()))
+        all_errors, border = held_out(calibration, sessions[f"{judge_of}/holdout"])
+        errors[name] = float(np.sqrt((all_errors[border] ** 2).mean()))
     print(f"{judge_of}/holdout, at the border, px RMS: {errors}")
     for name in REACHING:
         assert errors[name] < 0.75 * errors[WHOLE]

@@ -10,17 +10,28 @@ import numpy as np
 import pytest
 import yaml
 
+from calib.apply.measure import Measurer
 from calib.calibration import Calibration, Declared
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
+from calib.fit_record.history import (
+    DiagnosisRecord,
+    DiagnosisRun,
+    History,
+    MediumChange,
+    UpdateRecord,
+)
+from calib.fit_record.outcome import CrossValidation, FitOutcome, FleetPriorTest, Redetection
+from calib.fit_record.request import CommandOptions, Settings
+from calib.fit_record.shapes import RECORD
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.inference.calibration_model import base_model
 from calib.progress import Silent
 from calib.session.camera import Camera, Intrinsics
 from calib.session.schema import Number
 from calib.session.session import read_session, session_to_yaml
+from calib.verdict.judge import judge
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
 SHORT = Settings(grid=(5, 5), steps=60)
@@ -65,7 +76,7 @@ def test_the_noise_is_found_from_the_residual(calibration: Calibration) -> None:
     )  # 0.05 px in x and in y, from 648 corners
 
 
-def test_what_is_saved_comes_back(calibration: Calibration, tmp_path: Path) -> None:
+def test_a_saved_calibration_is_read_as_it_was(calibration: Calibration, tmp_path: Path) -> None:
     path = calibration.save(tmp_path / "out")
     back = Calibration.load(path)
     pixels = np.random.default_rng(0).uniform(0, [WIDTH, HEIGHT], (200, 2))
@@ -73,7 +84,7 @@ def test_what_is_saved_comes_back(calibration: Calibration, tmp_path: Path) -> N
         assert np.abs(ours - theirs).max() < 1e-15  # millimetres in the file cost the last bit
     assert back.stages == calibration.stages
     assert back.rejected == calibration.rejected
-    assert back.settings == calibration.settings
+    assert back.record() == calibration.record()
     assert [view.name for view in back.views] == [view.name for view in calibration.views]
     assert np.array_equal(back.poses, calibration.poses)
     assert all(
@@ -88,8 +99,8 @@ def test_what_is_saved_comes_back(calibration: Calibration, tmp_path: Path) -> N
 def test_a_saved_calibration_can_be_fitted_again_from_itself(
     calibration: Calibration, tmp_path: Path
 ) -> None:
-    """It carries its inputs: the same board, camera, cover, corners and settings give the same
-    rays.
+    """A calibration carries its inputs: the same board, camera, cover, corners and settings give
+    the same rays.
     """
     calibration.save(tmp_path)
     back = Calibration.load(tmp_path)
@@ -99,12 +110,8 @@ def test_a_saved_calibration_can_be_fitted_again_from_itself(
     session = {"format": 1, **described, "corners": "corners.vnl"}
     (tmp_path / "session.yaml").write_text(yaml.safe_dump(session))
     write_corners(tmp_path / "corners.vnl", back.views)
-    said = back.settings
-    again = fit(
-        read_session(tmp_path),
-        Settings(said["method"], tuple(said["grid"]), said["steps"], said["exact_hit"]),
-        Silent(),
-    )
+    assert back.request.settings
+    again = fit(read_session(tmp_path), back.request.settings, Silent())
     pixels = np.random.default_rng(2).uniform(0, [WIDTH, HEIGHT], (200, 2))
     for first, second in zip(calibration.rays(pixels), again.rays(pixels), strict=True):
         assert np.abs(first - second).max() < 1e-9
@@ -113,8 +120,8 @@ def test_a_saved_calibration_can_be_fitted_again_from_itself(
 def test_the_priors_of_a_bare_calibration_come_back(
     calibration: Calibration, tmp_path: Path
 ) -> None:
-    """With their correlations, a doubted number's among them; a diagnosis starts from the same
-    ones. A file from before there were any has none.
+    """The correlations come back as well, a doubted number's among them, and a diagnosis starts
+    from the same priors. An older file has none.
     """
     replace(calibration, stated=Declared(BARE, calibration.declared.cover, ("camera.fy",))).save(
         tmp_path
@@ -130,21 +137,55 @@ def test_the_priors_of_a_bare_calibration_come_back(
 
 
 def test_views_that_gave_the_intrinsics_count_once(calibration: Calibration) -> None:
-    """What they said of them is no prior for them."""
+    """Intrinsics from these views are no prior for the same views."""
     made = replace(
         calibration,
         stated=Declared(BARE, calibration.declared.cover),
-        settings={"intrinsics_from": "views"},
+        outcome=FitOutcome(intrinsics_from="views"),
     )
     priors = base_model(made).priors
     assert priors.correlations == {}
     assert priors.sigmas["camera.fx"] == pytest.approx(128.0)
 
 
-def test_settings_come_back_equal(calibration: Calibration, tmp_path: Path) -> None:
-    settings = calibration.settings | {"lens_held_out_px": {"0": 1.0, "12": 0.25}}
-    replace(calibration, settings=settings).save(tmp_path)
-    assert Calibration.load(tmp_path).settings == settings
+def test_the_record_comes_back_equal(calibration: Calibration, tmp_path: Path) -> None:
+    outcome = replace(
+        calibration.outcome,
+        lens_held_out_px={"0": 1.0, "12": 0.25},
+        redetections=(Redetection("0000.png", new_corners=3, refused=1, dropped=0),),
+        cross_validation=CrossValidation(5, 0.2, 0.1, 0.01),
+        fleet_prior=FleetPriorTest("prior.yaml", "00", 6, True, 0.5, "cover.inner_radius", 1.2),
+    )
+    assert calibration.request.settings
+    request = replace(
+        calibration.request,
+        settings=replace(calibration.request.settings, folds=5),
+        command=CommandOptions(("lens", "focal"), (0.5, 1.0)),
+    )
+    document = {"candidates": [], "remarks": ["none"]}
+    history = History(
+        medium_change=MediumChange(1.0, 1.34, 0.001, "00"),
+        updates=(UpdateRecord("00", "2026-01-01", "valid", ("a", "b"), "", {"camera.fx": 0.1}),),
+        diagnosis=DiagnosisRecord(document),
+        diagnosis_runs=(DiagnosisRun("/a", ""), DiagnosisRun("/b", "/c")),
+    )
+    recorded = replace(calibration, request=request, outcome=outcome, history=history)
+    recorded.save(tmp_path)
+    back = Calibration.load(tmp_path)
+    assert (back.request, back.outcome, back.history) == (request, outcome, history)
+    assert tuple(back.record()) == tuple(RECORD)
+
+
+def test_an_unknown_noise_comes_back_unknown(calibration: Calibration, tmp_path: Path) -> None:
+    """The file has .nan for it, and the verdict does not compare with it."""
+    path = replace(calibration, noise_px=None).save(tmp_path)
+    assert "noise_px: .nan\n" in path.read_text(encoding="utf-8")
+    back = Calibration.load(path)
+    assert back.noise_px is None
+    assert not any("noise is about" in sentence for sentence in judge(back).sentences)
+    with pytest.raises(InputError, match="give noise_px"):
+        Measurer(back)
+    assert Measurer(back, 0.1).noise_px == 0.1
 
 
 def test_projection_inverts_rays(calibration: Calibration) -> None:
@@ -171,7 +212,7 @@ def test_maps_are_the_rays(calibration: Calibration) -> None:
     assert np.abs(calibration.project(at)[0] - [map_x[v, u], map_y[v, u]]).max() < 0.01
 
 
-def test_partly_seen_boards_are_welcome(made: Scene, tmp_path: Path) -> None:
+def test_partly_visible_boards_are_used(made: Scene, tmp_path: Path) -> None:
     views = []
     for i, view in enumerate(made.views):
         hidden = np.zeros(81, dtype=bool)
@@ -202,7 +243,7 @@ def test_a_view_that_disagrees_is_rejected_and_listed(made: Scene, tmp_path: Pat
     assert result.stages[2].rms_px < 0.15
 
 
-def test_too_few_views_say_so(made: Scene, tmp_path: Path) -> None:
+def test_too_few_views_get_a_sentence(made: Scene, tmp_path: Path) -> None:
     with pytest.raises(NotEnoughDataError, match="A fit needs 3 usable views and there are 2"):
         fit(read_session(write_session(tmp_path, made, made.views[:2])), SHORT, Silent())
 
@@ -397,7 +438,7 @@ def test_a_covariance_may_hold_squares_of_large_numbers(
 
 
 def test_a_new_npz_beside_an_old_yaml_is_refused(calibration: Calibration, tmp_path: Path) -> None:
-    """What a fit leaves that is interrupted between its two files."""
+    """A fit that is interrupted between its two files leaves such a pair."""
     calibration.save(tmp_path)
     replace(calibration, poses=calibration.poses + 1e-3).save(tmp_path / "new")
     (tmp_path / "new" / "calibration.npz").replace(tmp_path / "calibration.npz")
@@ -422,7 +463,7 @@ def test_paths_that_cannot_be_looked_up_get_their_sentence(
         Calibration.load(tmp_path)
 
 
-def test_what_could_not_be_read_back_is_not_written(
+def test_values_that_could_not_be_read_back_are_not_written(
     calibration: Calibration, tmp_path: Path
 ) -> None:
     """A sigma that is not a number, and correlations that no numbers have."""

@@ -1,6 +1,4 @@
-"""What a run on devices says of itself: a group that ran nothing, though it could have, is a
-failure.
-"""
+"""The tally of a run on devices: a group that ran nothing, though it could have, is a failure."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a message says to install is what pyproject.toml names, and no document promises a package
+"""The extras that messages name are those of pyproject.toml, and no document promises a package
 that is on no index.
 """
 
@@ -22,7 +22,7 @@ WRITTEN = [
 ]
 
 
-def test_they_are_those_of_the_project() -> None:
+def test_the_extras_are_those_of_the_project() -> None:
     assert {name: list(needed) for name, needed in EXTRAS.items()} == {
         name: needed
         for name, needed in PROJECT["optional-dependencies"].items()
@@ -34,11 +34,13 @@ def test_they_are_those_of_the_project() -> None:
 def test_the_command_is_pip_of_this_very_python(extra: str) -> None:
     words = shlex.split(how_to_install(extra))
     assert words == [sys.executable, "-m", "pip", "install", *EXTRAS[extra]]
-    said = subprocess.run([*words[:4], "--help"], capture_output=True, text=True, check=True).stdout
-    assert "pip install [options] <requirement specifier>" in said
+    output = subprocess.run(
+        [*words[:4], "--help"], capture_output=True, text=True, check=True
+    ).stdout
+    assert "pip install [options] <requirement specifier>" in output
 
 
-def test_nothing_says_to_install_what_is_on_no_index() -> None:
+def test_no_message_names_a_package_that_is_on_no_index() -> None:
     texts = [
         ROOT / "README.md",
         ROOT / "CONTRIBUTING.md",

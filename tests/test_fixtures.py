@@ -13,9 +13,9 @@ import pytest
 from calib.calibration import Calibration
 from calib.corners.detect_all import detect
 from calib.diagnosis.diagnose import diagnose
+from calib.fit_record.request import Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.optics.relief import Relief
 from calib.progress import Silent
 from calib.session.session import Session, read_session
@@ -81,9 +81,8 @@ def by_the_paper(sessions: dict[str, Session]) -> Calibration:
 def test_every_view_is_used_and_the_cover_explains_most_of_the_error(
     fitted: dict[str, Calibration], name: str
 ) -> None:
-    """Of the pinhole's error the cover leaves 0.045, 0.235 and 0.093, and of that the relief 0.78,
-    0.16 and 0.94; a tenth more is allowed, as much as another version of OpenCV's corners may
-    bring.
+    """The cover leaves 0.045, 0.235 and 0.093 of the pinhole's error, and the relief 0.78, 0.16 and
+    0.94 of that. A tenth more is allowed, as much as another version of OpenCV's corners may bring.
     """
     result = fitted[name]
     assert result.rejected == ()
@@ -112,15 +111,15 @@ def test_detected_corners_are_the_renderer_s(
     views = detect(session.frames, session.board).views
     with np.load(FIXTURES / name / "truth.npz") as file:
         truth = file["corners"]
-    off = detected_off(views, truth)
+    error = detected_off(views, truth)
     print(
-        f"{name}: corners {np.sqrt((off**2).sum(-1).mean()):.3f} px RMS, mean"
-        f" {off.mean(0).round(3)}, worst {np.hypot(*off.T).max():.2f}"
+        f"{name}: corners {np.sqrt((error**2).sum(-1).mean()):.3f} px RMS, mean"
+        f" {error.mean(0).round(3)}, worst {np.hypot(*error.T).max():.2f}"
     )
-    assert np.sqrt((off**2).sum(-1).mean()) < (0.025 if bumpy else 0.0195)
-    assert np.hypot(*off.T).max() < (0.19 if bumpy else 0.10)
+    assert np.sqrt((error**2).sum(-1).mean()) < (0.025 if bumpy else 0.0195)
+    assert np.hypot(*error.T).max() < (0.19 if bumpy else 0.10)
     assert (
-        np.abs(off.mean(0)).max() < 0.002
+        np.abs(error.mean(0)).max() < 0.002
     )  # 648 corners and more of 0.016 px each way: three standard deviations of a mean
 
 
@@ -141,8 +140,9 @@ def test_rays_of_the_clean_session_are_the_renderer_s(
     for name, result, px, over_expected in measured:
         error = map_error(result, FIXTURES / name / "truth.npz", near=40.0)
         assert error.pixels > 2000
+        method = "paper" if result is by_the_paper else "joint"
         print(
-            f"{name}, {result.settings['method']}: map error, px RMS by depth: {error.by_depth},"
+            f"{name}, {method}: map error, px RMS by depth: {error.by_depth},"
             f" expected: {error.predicted}"
         )
         assert (np.array(list(error.by_depth.values())) / px < 9 / 8).all()
@@ -154,8 +154,8 @@ def test_rays_of_the_clean_session_are_the_renderer_s(
 
 
 def test_rays_behind_a_bare_calibration_are_the_renderer_s(fitted: dict[str, Calibration]) -> None:
-    """As those of the clean session, from twelve views of a quarter of its pixels: an eighth more
-    than was measured is allowed.
+    """The limits are those of the clean session, from twelve views of a quarter of its pixels: an
+    eighth more than was measured.
     """
     error = map_error(fitted["covered-bare"], FIXTURES / "covered-bare" / "truth.npz", near=40.0)
     assert error.pixels > 900
@@ -187,13 +187,15 @@ def test_held_out_views_are_within_5_percent_of_what_the_true_rays_leave(
 
 
 def test_bare_views_give_the_renderer_s_camera(fitted: dict[str, Calibration]) -> None:
-    found = fitted["covered-bare"].camera.intrinsics
-    assert found
+    intrinsics = fitted["covered-bare"].camera.intrinsics
+    assert intrinsics
     with np.load(FIXTURES / "covered-bare" / "truth.npz") as file:
         true, lens = file["intrinsics"], file["distortion"]
-    for number, value in zip((found.fx, found.fy, found.cx, found.cy), true, strict=True):
+    for number, value in zip(
+        (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy), true, strict=True
+    ):
         assert abs(number.value - value) < 4 * number.sigma
-    assert abs(found.distortion[0].value - lens[0]) < 4 * found.distortion[0].sigma
+    assert abs(intrinsics.distortion[0].value - lens[0]) < 4 * intrinsics.distortion[0].sigma
 
 
 def test_undistorting_a_held_out_view_straightens_its_board(
@@ -206,15 +208,15 @@ def test_undistorting_a_held_out_view_straightens_its_board(
     session = sessions["bumps/holdout"]
     with np.load(FIXTURES / "bumps" / "holdout" / "truth.npz") as file:
         depths = file["translations"][:, 2]
-    before, after = [], []
+    bent, after = [], []
     field = fitted["bumps"].ray_field()
     for view, depth in zip(detect(session.frames, session.board).views, depths, strict=True):
         straight = field.undistort_pixels(view.corners, float(depth))
-        before.append(_bend(view.corners))
+        bent.append(_bend(view.corners))
         after.append(_bend(straight))
-    print(f"bends {np.mean(before):.4f} px, straightened {np.mean(after):.4f} px")
+    print(f"bends {np.mean(bent):.4f} px, straightened {np.mean(after):.4f} px")
     assert np.mean(after) < 0.0178
-    assert np.mean(before) > 0.17
+    assert np.mean(bent) > 0.17
 
 
 def _bend(corners: np.ndarray) -> float:
@@ -223,8 +225,8 @@ def _bend(corners: np.ndarray) -> float:
     """
     grid = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0)), -1).reshape(-1, 2)
     homography, _ = cv2.findHomography(grid, corners)
-    seen = cv2.perspectiveTransform(grid[None], homography)[0]
-    return float(np.sqrt(((seen - corners) ** 2).sum(-1).mean()))
+    projected = cv2.perspectiveTransform(grid[None], homography)[0]
+    return float(np.sqrt(((projected - corners) ** 2).sum(-1).mean()))
 
 
 @pytest.mark.slow
@@ -285,7 +287,7 @@ def test_pi_underwater_through_its_port(tmp_path: Path) -> None:
     normal free: no cover leaves 1.2 px.
     """
     folder = copied(MEASURED / "pi-underwater", tmp_path / "s")
-    said = (folder / "session.yaml").read_text()
+    text = (folder / "session.yaml").read_text()
     port = """cover:
   shape: flat
   distance_mm: {value: 30, sigma: 15}
@@ -294,7 +296,7 @@ def test_pi_underwater_through_its_port(tmp_path: Path) -> None:
   refractive_index: 1.49
   outside_index: 1.333
 """
-    (folder / "session.yaml").write_text(said.replace("cover: {shape: none}\n", port))
+    (folder / "session.yaml").write_text(text.replace("cover: {shape: none}\n", port))
     result = fit(read_session(folder), Settings(), Silent())
     assert len(result.views) == 49
     assert result.stages[-1].rms_px < 0.19
@@ -306,7 +308,7 @@ def test_pi_underwater_through_its_port(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_a_motion_left_idle_is_no_finding(tmp_path: Path) -> None:
+def test_an_idle_effect_after_a_motion_is_no_finding(tmp_path: Path) -> None:
     """blind-h: the board's scale lowers the held-out error before every view has a motion, and does
     nothing beside it.
     """

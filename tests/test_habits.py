@@ -1,4 +1,4 @@
-"""What runs before a commit and on GitHub is what the README's test command runs."""
+"""The checks before a commit and on GitHub are those of the README's test command."""
 
 import re
 from pathlib import Path
@@ -33,8 +33,8 @@ def test_github_runs_the_test_command_of_the_readme() -> None:
     assert command[1] in [step.get("run") for step in job["steps"]]
 
 
-def test_the_top_level_is_what_it_was_agreed_to_be() -> None:
-    """Beside folders whose name begins with a dot, and what builds leave there."""
+def test_the_top_level_has_the_agreed_files_only() -> None:
+    """Folders whose name begins with a dot, and those that builds leave, do not count."""
     left_by_builds = {"out", "build", "dist", "refracal.egg-info"}
     agreed = {
         "pyproject.toml",
@@ -47,5 +47,5 @@ def test_the_top_level_is_what_it_was_agreed_to_be() -> None:
         "README.md",
         "CONTRIBUTING.md",
     }
-    there = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")} - left_by_builds
-    assert there == agreed | {"CHANGELOG.md", "LICENSE"}
+    names = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")} - left_by_builds
+    assert names == agreed | {"CHANGELOG.md", "LICENSE"}

@@ -25,6 +25,7 @@ LAYERS = {
         ("effects",),
         ("estimation",),
         ("undistortion",),
+        ("fit_record",),
         ("calibration_file",),
         ("calibration",),
         ("intrinsics",),
@@ -137,7 +138,7 @@ Graph = dict[str, set[str]]
 
 def imported(tree: ast.AST) -> set[str]:
     """Modules that it imports anywhere, within functions too, but not for annotations alone."""
-    found: set[str] = set()
+    modules: set[str] = set()
     for node in ast.iter_child_nodes(tree):
         if (
             isinstance(node, ast.If)
@@ -146,31 +147,32 @@ def imported(tree: ast.AST) -> set[str]:
         ):
             continue
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-        found |= imported(node)
-    return found
+            modules |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        modules |= imported(node)
+    return modules
 
 
 @pytest.fixture(scope="module")
 def graph() -> Graph:
-    """Of the files of both packages, their faces left out: which imports which."""
+    """Return the imports of each file of both packages, without the packages' public interfaces."""
     files: dict[str, Path] = {}
     for package in (calib, capture):
         folder = Path(str(package.__file__)).parent
-        inside = (path for path in folder.rglob("*.py") if path.name != "__init__.py")
+        files_inside = (path for path in folder.rglob("*.py") if path.name != "__init__.py")
         files |= {
-            ".".join(path.relative_to(folder.parent).with_suffix("").parts): path for path in inside
+            ".".join(path.relative_to(folder.parent).with_suffix("").parts): path
+            for path in files_inside
         }
-    found = {
+    imports = {
         name: imported(ast.parse(path.read_text())) & files.keys() for name, path in files.items()
     }
     assert (
-        "calib.calibration" in found["calib.fitting.fit"]
+        "calib.calibration" in imports["calib.fitting.fit"]
     )  # so that nothing found is not taken for nothing wrong
-    assert "capture.tui.results" in found["capture.tui.fit"]
-    return found
+    assert "capture.tui.results" in imports["capture.tui.fit"]
+    return imports
 
 
 def place(module: str) -> tuple[str, int, str]:
@@ -181,16 +183,16 @@ def place(module: str) -> tuple[str, int, str]:
 
 
 def test_every_import_runs_downwards(graph: Graph) -> None:
-    for module, others in graph.items():
+    for module, imports in graph.items():
         package, layer, room = place(module)
-        for other in others:
-            below, under, beside = place(other)
+        for imported_module in imports:
+            below, under, imported_room = place(imported_module)
             allowed = (
-                (below, beside) == (package, room)
+                (below, imported_room) == (package, room)
                 or (below == package and under < layer)
                 or (package, below) == ("capture", "calib")
             )
-            assert allowed, f"{module} imports {other}"
+            assert allowed, f"{module} imports {imported_module}"
 
 
 def test_no_files_import_each_other_in_a_circle(graph: Graph) -> None:
@@ -223,14 +225,16 @@ loaded.
 
 @pytest.fixture(scope="module")
 def loaded() -> dict[str, set[str]]:
-    """What a fresh interpreter has after it imported a module, and what that may load."""
-    found: dict[str, set[str]] = {}
+    """Return the slow libraries that a fresh interpreter has after it imported each module."""
+    loads: dict[str, set[str]] = {}
     for allowed in {frozenset(allowed) for allowed in LOADS.values()}:
-        modules = " ".join(module for module, own in LOADS.items() if own == allowed)
+        modules = " ".join(
+            module for module, allowed_names in LOADS.items() if allowed_names == allowed
+        )
         command = [sys.executable, "-c", IMPORTER, " ".join(sorted(allowed)), modules]
-        said = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
-        found |= {module: set(names) for module, names in map(json.loads, said.splitlines())}
-    return found
+        answer = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
+        loads |= {module: set(names) for module, names in map(json.loads, answer.splitlines())}
+    return loads
 
 
 @pytest.mark.parametrize("module", LOADS)
@@ -251,7 +255,7 @@ def test_reading_a_session_by_the_librarys_face_loads_no_torch() -> None:
 
 def test_what_tests_and_benchmarks_share_is_a_fixture() -> None:
     root = Path(__file__).parents[1]
-    for folder, other in (
+    for folder, second_folder in (
         ("tests", "benchmarks"),
         ("benchmarks", "tests"),
         ("fixtures", "tests"),
@@ -263,5 +267,5 @@ def test_what_tests_and_benchmarks_share_is_a_fixture() -> None:
             assert not {
                 name
                 for name in imported(ast.parse(path.read_text()))
-                if name.split(".")[0] == other
+                if name.split(".")[0] == second_folder
             }, path

@@ -1,5 +1,6 @@
 """The rules for the language of the code, on every file of calib and capture: names are nouns,
-docstrings are sentences, and a statement does one thing.
+docstrings are sentences, and a statement does one thing. The docstrings of tests, benchmarks and
+fixtures are sentences as well.
 """
 
 import ast
@@ -11,6 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("calib", "capture")
+FOLDERS = (*PACKAGES, "tests", "benchmarks", "fixtures")
 MAX_NAMES = 0.005
 """The fraction of names that may be a refused word: some, such as `inside`, are a term
 in some places.
@@ -22,6 +24,9 @@ MAX_NAN_ARGUMENTS = 2
 """A call with more arguments nan builds a result that nobody measured, or a type that is too
 large.
 """
+
+PROTOCOL_NAMES = frozenset(("add_arguments", "export", "inventory", "main", "open_source", "run"))
+"""Functions that each module of a registry has: commands, export formats, sources of frames."""
 
 NAME_WORDS = """
 told known seen own left missed found said given named kept lost asked begun apart away off along
@@ -121,6 +126,22 @@ def is_nan(value: ast.expr) -> bool:
     return ast.unparse(value) in ("nan", "np.nan", "math.nan", "torch.nan", "float('nan')")
 
 
+def public_names(tree: ast.Module) -> set[str]:
+    """Return the public classes and functions of a file."""
+    definitions = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    names = {node.name for node in tree.body if isinstance(node, definitions)}
+    return {name for name in names - PROTOCOL_NAMES if not name.startswith("_")}
+
+
+def repeated_names(trees: dict[str, ast.Module]) -> dict[str, list[str]]:
+    """Return the public names of more than one file, with these files."""
+    files: dict[str, list[str]] = {}
+    for file, tree in trees.items():
+        for name in public_names(tree):
+            files.setdefault(name, []).append(file)
+    return {name: places for name, places in files.items() if len(places) > 1}
+
+
 def imported_modules(tree: ast.AST) -> set[str]:
     """Return the names that a file may import as modules, those under TYPE_CHECKING included."""
     names = set()
@@ -160,10 +181,10 @@ def test_names_are_nouns(package: str) -> None:
     assert len(refused) <= MAX_NAMES * count, "\n".join(refused)
 
 
-@each_package
-def test_docstrings_are_sentences(package: str) -> None:
-    count = sum(len(list(docstrings(tree))) for tree in parsed_files(package).values())
-    refused = places(package, refused_openings)
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_docstrings_are_sentences(folder: str) -> None:
+    count = sum(len(list(docstrings(tree))) for tree in parsed_files(folder).values())
+    refused = places(folder, refused_openings)
     assert len(refused) <= MAX_OPENINGS * count, "\n".join(refused)
 
 
@@ -181,6 +202,15 @@ def test_lines_fit_a_screen(package: str) -> None:
         for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1)
         if len(line) > MAX_COLUMNS
     ] == []
+
+
+def test_a_public_name_stands_in_one_file() -> None:
+    trees = {
+        str(file.relative_to(ROOT)): tree
+        for package in PACKAGES
+        for file, tree in parsed_files(package).items()
+    }
+    assert repeated_names(trees) == {}
 
 
 def test_no_two_files_import_each_other() -> None:
@@ -217,3 +247,8 @@ def convert(told, seen_pixels):
         "package.cell": ast.parse("import package.row"),
     }
     assert import_circles(trees) == {("package.row", "package.table")}
+    trees = {
+        "row.py": ast.parse("class Line: ...\ndef run(): ...\ndef _read(): ..."),
+        "table.py": ast.parse("async def run(): ...\ndef Line(): ...\ndef _read(): ..."),
+    }
+    assert repeated_names(trees) == {"Line": ["row.py", "table.py"]}

@@ -41,11 +41,11 @@ def test_every_name_is_there_for_type_checkers_and_at_run_time() -> None:
         for node in ast.walk(tree)
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("calib.")
     ]
-    seen = {alias.name: node.module for node in imports for alias in node.names}
-    assert seen == calib._MODULES  # type: ignore[attr-defined]  # hidden from type checkers
-    assert sorted(seen) == sorted(calib.__all__)
+    modules = {alias.name: node.module for node in imports for alias in node.names}
+    assert modules == calib._MODULES  # type: ignore[attr-defined]  # hidden from type checkers
+    assert sorted(modules) == sorted(calib.__all__)
     assert set(calib.__all__) <= set(dir(calib))
-    assert all(getattr(calib, name).__module__ == home for name, home in seen.items())
+    assert all(getattr(calib, name).__module__ == home for name, home in modules.items())
 
 
 def test_no_name_is_also_a_module() -> None:
@@ -92,7 +92,7 @@ def test_the_other_programs_print_what_the_page_says(
 
 
 def _run(title: str, folder: Path) -> str:
-    """What a program prints in a folder that has the fixtures of which it speaks."""
+    """Return the output of a program in a folder that has the fixtures that it names."""
     program = PROGRAMS[title]
     for name in set(re.findall(r"fixtures/(\w+)", program)):
         shutil.copytree(
@@ -116,5 +116,6 @@ def _run(title: str, folder: Path) -> str:
 def _compare(printed: str, page: str) -> None:
     """The same words, and about the same numbers."""
     assert NUMBER.sub("#", printed) == NUMBER.sub("#", page)
-    numbers, expected = ([float(n) for n in NUMBER.findall(text)] for text in (printed, page))
+    numbers = [float(n) for n in NUMBER.findall(printed)]
+    expected = [float(n) for n in NUMBER.findall(page)]
     assert numbers == pytest.approx(expected, rel=CLOSE, abs=LAST), printed

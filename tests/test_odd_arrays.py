@@ -32,7 +32,7 @@ COVARIANCES = np.array([0.01 * np.eye(8)] * 2)
 
 @dataclass(frozen=True)
 class Library:
-    """What the calls are made on."""
+    """The objects on which the calls are made."""
 
     calibration: Calibration
     undistorter: Undistorter
@@ -212,13 +212,13 @@ def odd(array: np.ndarray) -> dict[str, Any]:
     """Arrays of other shapes, kinds and contents."""
     values = [NAN, INF, -INF, 1e308, -1e308, 1e-308, 1e20, 0.0, -1.0, -5e5]
     real = array.astype(np.float64)
-    some = []
+    copies = []
     for value in values:
         changed = real.copy()
         changed.flat[0] = value
-        some.append(changed)
+        copies.append(changed)
     return {
-        **{f"one is {value}": part for value, part in zip(values, some, strict=True)},
+        **{f"one is {value}": copy for value, copy in zip(values, copies, strict=True)},
         **{f"all are {value}": np.full_like(real, value) for value in values},
         "int8": np.clip(real, 0, 100).astype(np.int8),
         "int64": np.nan_to_num(real).astype(np.int64),
@@ -265,7 +265,7 @@ def cases(array: np.ndarray) -> dict[str, Any]:
 
 
 def answer(call: Call, library: Library, value: Any) -> object:
-    """What the call returns, or the sentence of its refusal; anything else is raised here."""
+    """Return the result of the call, or the sentence of its refusal; raise anything else."""
     with warnings.catch_warnings(action="error"):
         try:
             return call.of(library, value)
@@ -274,14 +274,12 @@ def answer(call: Call, library: Library, value: Any) -> object:
 
 
 def numbers_of(result: object) -> list[np.ndarray]:
-    parts = result if isinstance(result, tuple) else (result,)
-    return [part for part in parts if isinstance(part, np.ndarray)]
+    pieces = result if isinstance(result, tuple) else (result,)
+    return [array for array in pieces if isinstance(array, np.ndarray)]
 
 
 @each_call
-def test_whatever_is_passed_is_answered_or_refused_in_a_sentence(
-    name: str, library: Library
-) -> None:
+def test_any_argument_is_answered_or_refused_in_a_sentence(name: str, library: Library) -> None:
     array = np.asarray(good(name, library))
     wrong = []
     for kind, value in (
@@ -300,36 +298,34 @@ def test_whatever_is_passed_is_answered_or_refused_in_a_sentence(
 def test_an_array_is_the_same_in_another_order_or_type(name: str, library: Library) -> None:
     call, array = CALLS[name], np.asarray(CALLS[name].good)
     expected = numbers_of(call.of(library, array))
-    assert all(np.isfinite(part).all() for part in expected)
+    assert all(np.isfinite(numbers).all() for numbers in expected)
     for kind, value in alike(array).items():
-        for part, wanted in zip(numbers_of(answer(call, library, value)), expected, strict=True):
-            np.testing.assert_array_equal(part, wanted, err_msg=kind)
-    whole = np.round(array)
-    if np.isfinite(numbers_of(call.of(library, whole))[0]).all():
-        for part, wanted in zip(
-            numbers_of(answer(call, library, whole.astype(np.int16))),
-            numbers_of(call.of(library, whole)),
+        for numbers, wanted in zip(numbers_of(answer(call, library, value)), expected, strict=True):
+            np.testing.assert_array_equal(numbers, wanted, err_msg=kind)
+    rounded = np.round(array)
+    if np.isfinite(numbers_of(call.of(library, rounded))[0]).all():
+        for numbers, wanted in zip(
+            numbers_of(answer(call, library, rounded.astype(np.int16))),
+            numbers_of(call.of(library, rounded)),
             strict=True,
         ):
-            np.testing.assert_array_equal(part, wanted, err_msg="whole numbers")
+            np.testing.assert_array_equal(numbers, wanted, err_msg="whole numbers")
 
 
 @pytest.mark.parametrize("name", [name for name, call in CALLS.items() if call.by_row])
 @pytest.mark.parametrize("value", [NAN, INF, -INF])
-def test_a_row_that_is_nowhere_is_nan_and_no_other(
-    name: str, value: float, library: Library
-) -> None:
+def test_only_rows_without_a_result_are_nan(name: str, value: float, library: Library) -> None:
     call, array = CALLS[name], np.array(CALLS[name].good)
     if value == INF and "depth" in name:
         return  # the farthest depth there is
     expected = numbers_of(call.of(library, array))
     array[1, ...] = value
-    for part, wanted in zip(numbers_of(answer(call, library, array)), expected, strict=True):
-        assert np.isnan(part[1]).all()
-        np.testing.assert_allclose(np.delete(part, 1, 0), np.delete(wanted, 1, 0), atol=1e-9)
+    for numbers, wanted in zip(numbers_of(answer(call, library, array)), expected, strict=True):
+        assert np.isnan(numbers[1]).all()
+        np.testing.assert_allclose(np.delete(numbers, 1, 0), np.delete(wanted, 1, 0), atol=1e-9)
 
 
-def test_a_wrong_shape_is_told_with_the_expected_one(library: Library) -> None:
+def test_a_wrong_shape_is_refused_with_the_expected_one(library: Library) -> None:
     for name, says in (
         ("Calibration.rays", r"pixels has shape \(4,\) where \(N, 2\) is expected"),
         ("Calibration.project", r"points has shape \(4,\) where \(N, 3\) is expected"),
@@ -343,9 +339,9 @@ def test_a_wrong_shape_is_told_with_the_expected_one(library: Library) -> None:
 
 
 def test_points_that_are_not_seen_can_be_handed_back(library: Library) -> None:
-    away = library.undistorter.undistort_points(np.array([[-1e6, 5.0], [80.0, 60.0]]))
-    assert np.isnan(away[0]).all()
-    back = library.undistorter.distort_points(away)
+    distant = library.undistorter.undistort_points(np.array([[-1e6, 5.0], [80.0, 60.0]]))
+    assert np.isnan(distant[0]).all()
+    back = library.undistorter.distort_points(distant)
     assert np.isnan(back[0]).all()
     np.testing.assert_allclose(back[1], [80.0, 60.0], atol=1e-5)
 
@@ -365,6 +361,6 @@ def test_a_camera_matrix_that_shows_far_more_than_the_camera_sees_is_refused(
     for focal in (1.0, 1e-3, 1e-300):
         with pytest.raises(InputError, match=r"give focal lengths of \d+ px or more") as caught:
             Undistorter(library.calibration, 0.5, camera_matrix=np.diag([focal, focal, 1.0]))
-    least = float(str(caught.value).partition("lengths of ")[2].split()[0])
-    matrix = np.array([[least, 0, W / 2], [0, least, H / 2], [0, 0, 1.0]])
+    smallest = float(str(caught.value).partition("lengths of ")[2].split()[0])
+    matrix = np.array([[smallest, 0, W / 2], [0, smallest, H / 2], [0, 0, 1.0]])
     assert Undistorter(library.calibration, 0.5, camera_matrix=matrix).size == (W, H)

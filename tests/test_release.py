@@ -49,11 +49,12 @@ def test_a_release_is_checked_before_it_is_published() -> None:
     assert publish == {"uses": "pypa/gh-action-pypi-publish@release/v1"}, (
         "no password: trusted publishing"
     )
-    (upload,) = (
+    uploads = [
         step
         for step in jobs("checks")["wheel"]["steps"]
         if "upload-artifact" in step.get("uses", "")
-    )
+    ]
+    (upload,) = uploads
     assert upload["with"]["name"] == download["with"]["name"]
     assert yaml.load(WORKFLOWS["release"], yaml.BaseLoader)["on"] == {"push": {"tags": ["v*"]}}
     assert "workflow_call" in yaml.load(WORKFLOWS["checks"], yaml.BaseLoader)["on"]
@@ -70,8 +71,8 @@ def test_both_machines_and_every_python_run_the_checks_and_the_wheel() -> None:
 
 @pytest.mark.parametrize("name", WORKFLOWS)
 def test_a_workflow_is_well_formed(name: str) -> None:
-    """Its steps name an action of a version or run something; what they need is there; what they
-    run is in the tree.
+    """The steps of a workflow name an action with its version or run something. The jobs that they
+    need exist, and the files that they run are in the tree.
     """
     for job, described in jobs(name).items():
         needed = described.get("needs", [])
@@ -91,12 +92,17 @@ def test_a_workflow_is_well_formed(name: str) -> None:
 @pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
 @pytest.mark.parametrize("python", [*PYTHONS, "3.15"])
 def test_each_machine_and_python_gets_one_torch(machine: str, python: str) -> None:
-    """By the markers: below 2.10 on aarch64, where later ones die on a Pi 4 or bring CUDA; on
-    Python 3.15 the first that has a wheel.
+    """The markers choose a torch below 2.10 on aarch64, where later ones die on a Pi 4 or bring
+    CUDA; on Python 3.15 the first that has a wheel.
     """
-    named = [Requirement(line) for line in PROJECT["dependencies"] if line.startswith("torch")]
+    names = [Requirement(line) for line in PROJECT["dependencies"] if line.startswith("torch")]
     environment = {"platform_machine": machine, "python_version": python}
-    (chosen,) = (one for one in named if one.marker is None or one.marker.evaluate(environment))
+    matching = [
+        requirement
+        for requirement in names
+        if requirement.marker is None or requirement.marker.evaluate(environment)
+    ]
+    (chosen,) = matching
     versions = ["2.7.0", "2.9.1", "2.10.0", "2.13.0", "2.14.1", "2.15.0"]
     expected = "2.15.0" if python == "3.15" else "2.13.0" if machine == "x86_64" else "2.9.1"
     assert max(chosen.specifier.filter(versions), key=versions.index) == expected

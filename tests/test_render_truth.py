@@ -81,21 +81,21 @@ def leave(truth: dict[str, Array], pixels: Array) -> tuple[Array, Array]:
     o = np.tile(cover_from_camera.apply(-AXIS), (len(pixels), 1))
 
     def inner(p: Array) -> Array:
-        beyond: Array = np.hypot(p[:, 0], p[:, 2]) - INNER_RADIUS - RADIUS_SLOPE * p[:, 1]
-        return beyond
+        distance: Array = np.hypot(p[:, 0], p[:, 2]) - INNER_RADIUS - RADIUS_SLOPE * p[:, 1]
+        return distance
 
     def outer(p: Array) -> Array:
         y, theta = p[:, 1], np.arctan2(p[:, 0], p[:, 2])
         n = len(truth["amplitudes"])
         wide = np.array([0.020, np.deg2rad(30)]) / (n - 1)
-        away = (np.column_stack([y, theta])[:, None] - truth["centres"]) / wide  # (N, n * n, 2)
-        relief = np.exp(-(away**2).sum(-1) / 2) @ truth["amplitudes"].ravel()
+        offset = (np.column_stack([y, theta])[:, None] - truth["centres"]) / wide  # (N, n * n, 2)
+        relief = np.exp(-(offset**2).sum(-1) / 2) @ truth["amplitudes"].ravel()
         if len(truth["bump"]):
             height, sigma, at_y, at_theta = truth["bump"]
             arc = (theta - at_theta) * (INNER_RADIUS + THICKNESS)
             relief += height * np.exp(-((y - at_y) ** 2 + arc**2) / (2 * sigma**2))
-        beyond: Array = inner(p) - THICKNESS - relief
-        return beyond
+        distance: Array = inner(p) - THICKNESS - relief
+        return distance
 
     for surface, ratio in ((inner, 1 / INDEX), (outer, INDEX)):
         o = o + intersect(surface, o, d)[:, None] * d
@@ -103,10 +103,10 @@ def leave(truth: dict[str, Array], pixels: Array) -> tuple[Array, Array]:
             [surface(o + step) - surface(o - step) for step in 1e-6 * np.eye(3)]
         )
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        along = ratio * (
+        refracted = ratio * (
             d - (d * normal).sum(1, keepdims=True) * normal
         )  # the part in the surface keeps n sin
-        d = along + np.sqrt(1 - (along**2).sum(1, keepdims=True)) * normal
+        d = refracted + np.sqrt(1 - (refracted**2).sum(1, keepdims=True)) * normal
     return cover_from_camera.inv().apply(o) + AXIS, cover_from_camera.inv().apply(d)
 
 
@@ -115,20 +115,20 @@ def intersect(surface: Callable[[Array], Array], o: Array, d: Array) -> Array:
     low, high = np.zeros(len(o)), np.full(len(o), 0.06)
     for _ in range(52):
         middle = (low + high) / 2
-        beyond = surface(o + middle[:, None] * d) > 0
-        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+        is_beyond = surface(o + middle[:, None] * d) > 0
+        low, high = np.where(is_beyond, low, middle), np.where(is_beyond, middle, high)
     return low
 
 
 def off(truth: dict[str, Array]) -> Array:
     """(V * 81,) px between each true corner and where the light of its pixel goes."""
-    missed = []
+    misses = []
     for view, pixels in enumerate(truth["corners"]):
         o, d = leave(truth, pixels)
         points = corner_points(truth, view)
         miss = o + d * ((points - o)[:, 2:] / d[:, 2:]) - points
-        missed.append(np.linalg.norm(miss[:, :2] / points[:, 2:] * truth["intrinsics"][0], axis=1))
-    return np.concatenate(missed)
+        misses.append(np.linalg.norm(miss[:, :2] / points[:, 2:] * truth["intrinsics"][0], axis=1))
+    return np.concatenate(misses)
 
 
 @each_folder

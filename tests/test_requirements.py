@@ -39,39 +39,41 @@ print("torch" in sys.modules)
 """  # noqa: E501
 
 
-def needed(requirement: str, seen: set[str]) -> Iterator[str]:
+def needed(requirement: str, visited: set[str]) -> Iterator[str]:
     """The distributions that a requirement brings in, without those of extras."""
     match = re.match(r"[\w.-]+", requirement)
     assert match
     name = match[0].lower().replace("_", "-")
     conditions = requirement.partition(";")[2]
     if (
-        name in seen
+        name in visited
         or "extra ==" in conditions
         or re.search(r"platform_system == .Windows|python_version < .3\.1[01]", conditions)
     ):
         return
-    seen.add(name)
+    visited.add(name)
     yield name
     for further in distribution(name).requires or ():
-        yield from needed(further, seen)
+        yield from needed(further, visited)
 
 
 @pytest.fixture(scope="module")
 def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of an environment that has what the file names, what that needs, and both packages."""
+    """Return the Python of an environment with the packages of the file, their dependencies, and
+    both packages of the project.
+    """
     folder = tmp_path_factory.mktemp("environment")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder], check=True)
     (packages,) = folder.glob("lib/python*/site-packages")
-    seen: set[str] = set()
-    for name in [name for requirement in NAMED for name in needed(requirement, seen)]:
-        found = distribution(name)
+    visited: set[str] = set()
+    for name in [name for requirement in NAMED for name in needed(requirement, visited)]:
+        result = distribution(name)
         for entry in {
             file.parts[0]
-            for file in found.files or ()
+            for file in result.files or ()
             if file.parts[0] not in ("..", "__pycache__")
         }:
-            place = Path(str(found.locate_file(entry)))
+            place = Path(str(result.locate_file(entry)))
             if place.exists() and not (packages / entry).exists():
                 (packages / entry).symlink_to(place)
     for package in ("calib", "capture"):
@@ -100,24 +102,22 @@ def test_every_line_is_one_of_the_project() -> None:
 
 
 def test_the_file_for_all_names_extras_of_the_project() -> None:
-    (line,) = (
-        line
-        for line in (FOLDER / "all.txt").read_text(encoding="utf-8").splitlines()
-        if not line.startswith("#")
-    )
+    text = (FOLDER / "all.txt").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    (line,) = lines
     match = re.fullmatch(r"-e \.\[([\w,]+)\]", line)
     assert match
     assert set(match[1].split(",")) < PROJECT["optional-dependencies"].keys()
 
 
 def test_the_environment_has_no_torch(python: Path) -> None:
-    found = run(
+    outcome = run(
         python,
         "-c",
         "from importlib.util import find_spec as f; print(*map(bool, map(f, ['cv2', 'torch',"
         " 'scipy', 'matplotlib'])))",
     )
-    assert found.split() == ["True", "False", "False", "False"]
+    assert outcome.split() == ["True", "False", "False", "False"]
 
 
 def test_a_session_is_recorded(python: Path, tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ def test_a_session_is_recorded(python: Path, tmp_path: Path) -> None:
         "20",
         "--json",
     )
-    said = run(
+    output = run(
         python,
         "-m",
         "capture",
@@ -140,7 +140,7 @@ def test_a_session_is_recorded(python: Path, tmp_path: Path) -> None:
         f"folder:{FIXTURE / 'holdout'}?speed=max",
         *options,
     )
-    assert json.loads(said)["views"] == len(list((tmp_path / "s" / "frames").iterdir())) >= 8
+    assert json.loads(output)["views"] == len(list((tmp_path / "s" / "frames").iterdir())) >= 8
 
 
 def test_cameras_are_listed(python: Path) -> None:
@@ -152,13 +152,13 @@ def test_cameras_are_listed(python: Path) -> None:
 
 def test_the_plain_guide_leads(python: Path, tmp_path: Path) -> None:
     shutil.copy(FIXTURE / "session.yaml", tmp_path)
-    said = run(python, "-c", GUIDED, str(tmp_path), f"folder:{FIXTURE / 'holdout'}", path=ROOT)
-    assert said.splitlines()[-1] == "False"
+    output = run(python, "-c", GUIDED, str(tmp_path), f"folder:{FIXTURE / 'holdout'}", path=ROOT)
+    assert output.splitlines()[-1] == "False"
     assert len(list((tmp_path / "frames").iterdir())) >= 1
 
 
 @pytest.mark.parametrize("missing", NAMED)
-def test_nothing_is_named_that_is_not_used(python: Path, tmp_path: Path, missing: str) -> None:
+def test_every_named_requirement_is_used(python: Path, tmp_path: Path, missing: str) -> None:
     """Without any one of them, the screen cannot be loaded."""
     name = re.match(r"\w+", missing)
     module = {"opencv": "cv2", "pyyaml": "yaml"}.get(name[0], name[0]) if name else ""

@@ -42,7 +42,7 @@ HOOKS = _hooks()
 
 
 def anchors(page: Path) -> set[str]:
-    """As GitHub and the site make them of headings."""
+    """Return the anchors that GitHub and the site make of headings."""
     text = re.sub(
         r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
     )

@@ -33,7 +33,7 @@ ALL = tuple(dict.fromkeys(commands()))
 RUN = [typed for typed in ALL if typed.kind == "run"]
 FIXTURE = ROOT / "fixtures" / "bumps"
 MADE = {"NEW", "DIR", "STRAIGHT", "FLEET", "out", "out-bow"}
-"""What a command makes; it is not there before."""
+"""The folders that a command makes; they do not exist before."""
 
 
 def test_there_are_commands_of_every_kind() -> None:
@@ -50,7 +50,7 @@ def test_there_are_commands_of_every_kind() -> None:
 
 
 @pytest.mark.parametrize("typed", ALL, ids=lambda typed: f"{typed.page}: {typed.line}")
-def test_its_own_parser_reads_it(typed: Typed) -> None:
+def test_each_command_line_is_accepted_by_its_parser(typed: Typed) -> None:
     words = shlex.split(typed.line.partition(" > ")[0])
     if typed.program == "calib" and "--print-completion" not in words:
         _parser("calib", "", cli.COMMANDS).parse_args(words[1:])
@@ -73,42 +73,42 @@ def test_its_own_parser_reads_it(typed: Typed) -> None:
 
 def options_of(parser: argparse.ArgumentParser) -> dict[str, set[str]]:
     """The options of each command, by its name."""
-    (choices,) = (
+    choices = next(
         action.choices
         for action in parser._actions
         if isinstance(action, argparse._SubParsersAction)
     )
-    own = {option for action in parser._actions for option in action.option_strings}
-    found = {"": own}
+    options = {option for action in parser._actions for option in action.option_strings}
+    results = {"": options}
     for name, command in choices.items():
-        found[name] = {option for action in command._actions for option in action.option_strings}
+        results[name] = {option for action in command._actions for option in action.option_strings}
         for action in command._actions:
             if isinstance(action, argparse._SubParsersAction):
-                found[name] |= {
+                results[name] |= {
                     option
                     for inner in action.choices.values()
-                    for one in inner._actions
-                    for option in one.option_strings
+                    for item in inner._actions
+                    for option in item.option_strings
                 }
-    return found
+    return results
 
 
-def test_what_sentences_name_is_there() -> None:
+def test_names_in_sentences_exist() -> None:
     """Commands, their options, and modules."""
-    known = {
+    choices = {
         name: options_of(_parser(name, "", main.COMMANDS))
         for name, main in (("calib", cli), ("capture", capture_cli))
     }
-    named = list(mentioned())
-    assert len(named) > 100
-    for page, line in named:
-        program, first, *rest = line.split()
+    mentioned_options = list(mentioned())
+    assert len(mentioned_options) > 100
+    for page, line in mentioned_options:
+        program, first, *arguments = line.split()
         if program == "python":
-            assert find_spec(rest[0]), (page, line)
+            assert find_spec(arguments[0]), (page, line)
             continue
         command = (
             first
-            if first in known[program]
+            if first in choices[program]
             else ""
             if first.startswith("-")
             else "ui"
@@ -116,20 +116,22 @@ def test_what_sentences_name_is_there() -> None:
             else None
         )
         assert command is not None, (page, line)
-        options = {word.partition("=")[0] for word in (first, *rest) if re.match(r"-\w|--\w", word)}
-        assert options <= known[program][command] | {"-m"}, (page, line)
+        options = {
+            word.partition("=")[0] for word in (first, *arguments) if re.match(r"-\w|--\w", word)
+        }
+        assert options <= choices[program][command] | {"-m"}, (page, line)
 
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with all that the commands speak of, by the names that they use."""
     folder = tmp_path_factory.mktemp("world")
-    kept = shutil.ignore_patterns(".detections.json", "calibration")
+    stored = shutil.ignore_patterns(".detections.json", "calibration")
     for name in ("bumps", "bow"):
-        shutil.copytree(ROOT / "fixtures" / name, folder / "fixtures" / name, ignore=kept)
+        shutil.copytree(ROOT / "fixtures" / name, folder / "fixtures" / name, ignore=stored)
     for name in ("SESSION", "OTHER", "HELDOUT", "first", "sessions/A17", "sessions/A18"):
-        shutil.copytree(FIXTURE / "holdout", folder / name, ignore=kept)
-    shutil.copytree(FIXTURE / "holdout" / "frames", folder / "PICTURES", ignore=kept)
+        shutil.copytree(FIXTURE / "holdout", folder / name, ignore=stored)
+    shutil.copytree(FIXTURE / "holdout" / "frames", folder / "PICTURES", ignore=stored)
     (folder / "fleet.csv").write_text("id,session\nA17,sessions/A17\nA18,sessions/A18\n")
     picture = cv2.imread(str(FIXTURE / "holdout" / "frames" / "0000.jpg"))
     assert picture is not None
@@ -167,13 +169,13 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", dict.fromkeys(typed.page for typed in RUN))
-def test_it_runs(page: str, world: Path, tmp_path: Path) -> None:
+def test_each_command_line_runs(page: str, world: Path, tmp_path: Path) -> None:
     """A page's commands in their order, each with what the ones before it left."""
-    here = shutil.copytree(world, tmp_path / "world", symlinks=True)
+    copied_world = shutil.copytree(world, tmp_path / "world", symlinks=True)
     lines = [typed.line for typed in RUN if typed.page == page]
     for line in lines:
-        with _without_what_it_makes(here, line):
-            _bash(here, line)
+        with _without_what_it_makes(copied_world, line):
+            _bash(copied_world, line)
     print(f"{page}: {len(lines)} of {sum(typed.page == page for typed in ALL)} commands ran")
 
 

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 
 
 @pytest.mark.parametrize("program", ["calib", "capture"])
-def test_a_checkout_that_is_not_installed_says_it(program: str, tmp_path: Path) -> None:
+def test_a_checkout_that_is_not_installed_gives_its_version(program: str, tmp_path: Path) -> None:
     for package in ("calib", "capture"):
         shutil.copytree(
             ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
@@ -32,5 +32,5 @@ def test_a_checkout_that_is_not_installed_says_it(program: str, tmp_path: Path) 
     assert (done.stdout, done.stderr) == (f"refracal {VERSION}\n", "")
 
 
-def test_it_is_that_of_what_is_installed() -> None:
+def test_the_version_is_that_of_the_installed_package() -> None:
     assert version("refracal") == VERSION

@@ -1,4 +1,4 @@
-"""What is installed without a checkout: the wheel holds both packages and nothing else, and its
+"""The installation without a checkout: the wheel holds both packages and nothing else, and its
 commands run by themselves.
 """
 
@@ -85,7 +85,7 @@ def test_the_commands_run_from_an_empty_folder(
 
 
 def _run(folder: Path, *words: str, path: Path | None = None) -> str:
-    """What Python prints in a folder, with `path` before all that is installed."""
+    """Return the output of Python in a folder, with `path` before all installed packages."""
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     environment |= {"PYTHONPATH": str(path)} if path else {}
     done = subprocess.run(

@@ -1,4 +1,6 @@
-"""What the parts share: the glass, the paper's procedure, and what a part returns."""
+"""The common parts of the figures and tables: the glass, the paper's procedure, and the type of a
+result.
+"""
 
 from dataclasses import dataclass
 
@@ -28,7 +30,7 @@ BLUE, ORANGE, GREY = "#2a6fb0", "#d9772b", "#777777"
 @dataclass(frozen=True, slots=True)
 class Result:
     text: str
-    """What is printed."""
+    """The printed text."""
     figure: Figure | None = None
 
 
@@ -72,7 +74,7 @@ def procedure(
     over the glass that is seen.
     """
     bare, camera = pinhole_path(intrinsics)
-    poses = pinhole_poses(observations, camera)
+    poses = pinhole_poses(bare, camera, observations)
     pinhole = residuals(bare, camera, observations, poses).rmse_cm
     path, values = covered_path(intrinsics, cover)
     poses = refine_poses(path, values, observations, poses).blocks

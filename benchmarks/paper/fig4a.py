@@ -33,17 +33,19 @@ def run(progress: Progress) -> Result:
 def _errors(amplitude: float, seed: int) -> list[float]:
     """The RMSE of each model, cm."""
     made = scene(seed, views=10, amplitude=amplitude, cover=paper_cone(THICKNESS))
-    seen, true = made.observations, made.poses
+    observations, true = made.observations, made.poses
     bare, camera = pinhole_path(INTRINSICS)
     smooth, values = covered_path(INTRINSICS, paper_cone(THICKNESS))
-    uneven, fitted = relief_fit(smooth, values, Relief(*PATCH, (4, 4)), seen, true, steps=500)
+    uneven, fitted = relief_fit(
+        smooth, values, Relief(*PATCH, (4, 4)), observations, true, steps=500
+    )
     cases = (
         (bare, camera, true),
-        (bare, camera, pinhole_poses(seen, camera)),
+        (bare, camera, pinhole_poses(bare, camera, observations)),
         (smooth, values, true),
         (uneven, fitted, true),
     )
-    return [residuals(path, values, seen, poses).rmse_cm for path, values, poses in cases]
+    return [residuals(path, values, observations, poses).rmse_cm for path, values, poses in cases]
 
 
 def _text(rmse: np.ndarray) -> str:

@@ -14,6 +14,7 @@ from benchmarks.paper.common import THICKNESS, Result, relief_fit
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.optics.relief import Relief
 from calib.progress import Progress
@@ -24,8 +25,8 @@ COUNTS = (2, 3, 4, 5, 7, 10)
 AMPLITUDE = 1e-5
 SEEDS = (0, 1)
 WIDTHS = (1, 2)
-"""Of the true Gaussians, in spacings of their centres (the square root of beta), which the paper
-does not state.
+"""The widths of the true Gaussians, in spacings of their centres (the square root of beta), which
+the paper does not state.
 """
 
 
@@ -60,7 +61,10 @@ def _seen(made: Scene, width: int) -> Observations:
     return replace(
         seen,
         pixels=project(
-            path, made.values, path.place(seen.corners, made.values, made.poses[seen.view])
+            path,
+            made.values,
+            path.place(seen.corners, made.values, made.poses[seen.view], MIDDLE),
+            MIDDLE,
         ),
     )
 

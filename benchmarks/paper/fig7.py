@@ -16,7 +16,8 @@ from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
 
 DEPTH = 1.0  # m
 LEVELS = (2.5, 5.0, 10.0)  # px
-COLUMNS, ROWS = (np.linspace(0, n - 1, n // 16) for n in (WIDTH, HEIGHT))  # px
+COLUMNS = np.linspace(0, WIDTH - 1, WIDTH // 16)  # px
+ROWS = np.linspace(0, HEIGHT - 1, HEIGHT // 16)  # px
 MIDDLE = 1232  # px, the row of Fig. 8's pixels
 
 Field = NDArray[np.float64]
@@ -38,9 +39,9 @@ def run(progress: Progress) -> Result:
         made = scene(7, views=15, amplitude=1e-5, cover=paper_cone(thickness))
         fitted = procedure(INTRINSICS, paper_cone(thickness), made.observations, WIDTH, HEIGHT)
         field = _distortion(fitted.path, fitted.values)
-        off = np.linalg.norm(field - _distortion(made.path, made.values), axis=-1)
+        error = np.linalg.norm(field - _distortion(made.path, made.values), axis=-1)
         lines += [f"glass {1e3 * thickness:.2f} mm", *_where(np.linalg.norm(field, axis=-1))]
-        off_true = f"{(off**2).mean() ** 0.5:.2f} px RMS, {off.max():.2f} px at most"
+        off_true = f"{(error**2).mean() ** 0.5:.2f} px RMS, {error.max():.2f} px at most"
         lines.append(
             f"  left on the boards {fitted.final:.4f} cm (regular cone {fitted.cone:.4f}); off the"
             f" true field {off_true}, gauge included"
@@ -66,18 +67,19 @@ def _crossings(size: Field, level: float) -> tuple[float, float]:
     """x, px, left and right, at which a contour crosses the middle row."""
     row = size[np.abs(ROWS - MIDDLE).argmin()]
     lowest = int(row.argmin())
-    left = np.interp(-level, -row[: lowest + 1], COLUMNS[: lowest + 1])
-    return float(left), float(np.interp(level, row[lowest:], COLUMNS[lowest:]))
+    left_edge = np.interp(-level, -row[: lowest + 1], COLUMNS[: lowest + 1])
+    return float(left_edge), float(np.interp(level, row[lowest:], COLUMNS[lowest:]))
 
 
 def _where(size: Field) -> list[str]:
-    """Where the contours lie, and how large the distortion is along the image's sides."""
+    """Return lines with the places of the contours and the distortion along the image's sides."""
     lines = []
     for level in LEVELS:
-        left, right = _crossings(size, level)
-        within = f"{100 * (size < level).mean():.0f} % of the image lies within"
+        left_edge, right = _crossings(size, level)
+        sentence = f"{100 * (size < level).mean():.0f} % of the image lies within"
         lines.append(
-            f"  {level:4.1f} px: crosses row {MIDDLE} at x = {left:.0f} and {right:.0f}; {within}"
+            f"  {level:4.1f} px: crosses row {MIDDLE} at x = {left_edge:.0f} and {right:.0f};"
+            f" {sentence}"
         )
     sides = {"left": size[:, 0], "right": size[:, -1], "top": size[0], "bottom": size[-1]}
     means = ", ".join(f"{name} {edge.mean():.1f}" for name, edge in sides.items())
@@ -95,9 +97,9 @@ def _draw(axes: Axes, field: Field) -> None:
     )
     places = [(x, MIDDLE) for level in LEVELS for x in _crossings(size, level)]
     axes.clabel(lines, fmt="%g px", fontsize=9, manual=places)
-    every = 13
-    x, y = np.meshgrid(COLUMNS[every // 2 :: every], ROWS[every // 2 :: every])
-    u, v = np.moveaxis(field[every // 2 :: every, every // 2 :: every], -1, 0)
+    interval = 13
+    x, y = np.meshgrid(COLUMNS[interval // 2 :: interval], ROWS[interval // 2 :: interval])
+    u, v = np.moveaxis(field[interval // 2 :: interval, interval // 2 :: interval], -1, 0)
     scale = size.max() / 200  # the longest arrow is 200 image pixels long
     arrows = axes.quiver(
         x, y, u, v, angles="xy", scale_units="xy", scale=scale, width=0.002, color="#777777"

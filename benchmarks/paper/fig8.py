@@ -13,6 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from benchmarks.paper.common import BLUE, GREY, NOMINAL, ORANGE, THICKNESS, Result
 from calib.optics.build import covered_path
+from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.progress import Progress
@@ -83,7 +84,7 @@ def _norms(path: Path, values: Values, pixels: Floats) -> tuple[Floats, float]:
     """(N, depths) px distortion norms, traced depth by depth; and how far, px, their components are
     off straight lines.
     """
-    rays = path.trace(torch.from_numpy(pixels), values)
+    rays = path.trace(torch.from_numpy(pixels), values, MIDDLE)
     depths = torch.from_numpy(1 / INVERSE)
     points = (
         rays.at_depth(depths[:, None]).numpy() * INVERSE[:, None, None]
@@ -107,15 +108,15 @@ def _curves(thickness: float) -> tuple[list[Floats], float]:
     a component, px.
     """
     path, values = covered_path(INTRINSICS, paper_cone(thickness))
-    own, _ = _norms(path, values, np.array(PIXELS))
-    every, bend = _norms(path, values, GRID)
-    return [*own, every.mean(0)], bend
+    at_pixels, _ = _norms(path, values, np.array(PIXELS))
+    on_grid, bend = _norms(path, values, GRID)
+    return [*at_pixels, on_grid.mean(0)], bend
 
 
 def _changes(thickness: float) -> Floats:
     """(2,) px: the change of the norm at the two pixels."""
-    own, _ = _norms(*covered_path(INTRINSICS, paper_cone(thickness)), np.array(PIXELS))
-    return np.asarray(own[:, -1] - own[:, 0])
+    at_pixels, _ = _norms(*covered_path(INTRINSICS, paper_cone(thickness)), np.array(PIXELS))
+    return np.asarray(at_pixels[:, -1] - at_pixels[:, 0])
 
 
 def _bumpy(thickness: float) -> Floats:
@@ -124,7 +125,10 @@ def _bumpy(thickness: float) -> Floats:
         scene(seed, views=1, amplitude=1e-5, cover=paper_cone(thickness)) for seed in range(DRAWS)
     ]
     return np.array(
-        [(own := _norms(g.path, g.values, np.array(PIXELS))[0])[:, -1] - own[:, 0] for g in glasses]
+        [
+            (at_pixels := _norms(g.path, g.values, np.array(PIXELS))[0])[:, -1] - at_pixels[:, 0]
+            for g in glasses
+        ]
     )
 
 

@@ -35,33 +35,33 @@ def run(progress: Progress) -> Result:
     ).views
     order = np.random.default_rng(0).permutation(len(views))
     advance = progress.task("Table 1: fits", SETS)
-    fits, again = [], []
+    fits, refits = [], []
     for k, chosen in enumerate(np.array_split(order, SETS)):
-        seen = Observations.of([views[i] for i in sorted(chosen)], session.board)
-        fits.append(_fit(session, seen))
-        again.append(_once_more(fits[-1], seen))
+        observations = Observations.of([views[i] for i in sorted(chosen)], session.board)
+        fits.append(_fit(session, observations))
+        refits.append(_once_more(fits[-1], observations))
         advance(k + 1, "")
     error = _detection_error(views, np.load(session.path / "truth.npz")["corners"])
     floor = (
         f"The detected corners are {error:.3f} px RMS off the true ones: at 0.9 m,"
         f" {100 * 0.9 * error / 1279.18:.4f} cm."
     )
-    return Result(f"{_text(fits, again)}\n{floor}")
+    return Result(f"{_text(fits, refits)}\n{floor}")
 
 
-def _fit(session: Session, seen: Observations) -> Fitted:
+def _fit(session: Session, observations: Observations) -> Fitted:
     camera = session.camera
     assert camera.intrinsics
-    return procedure(camera.intrinsics, session.cover, seen, camera.width, camera.height)
+    return procedure(camera.intrinsics, session.cover, observations, camera.width, camera.height)
 
 
-def _once_more(fitted: Fitted, seen: Observations) -> float:
+def _once_more(fitted: Fitted, observations: Observations) -> float:
     """The RMSE, cm, with the poses refined through the fitted glass."""
-    poses = refine_poses(fitted.path, fitted.values, seen, fitted.poses).blocks
-    return residuals(fitted.path, fitted.values, seen, poses).rmse_cm
+    poses = refine_poses(fitted.path, fitted.values, observations, fitted.poses).blocks
+    return residuals(fitted.path, fitted.values, observations, poses).rmse_cm
 
 
-def _text(fits: Sequence[Fitted], again: Sequence[float]) -> str:
+def _text(fits: Sequence[Fitted], refits: Sequence[float]) -> str:
     lines = [
         (
             "Table 1  RMSE in cm; ours: 45 rendered views, glass 3 mm with bumps of 30 um, board at"
@@ -75,7 +75,7 @@ def _text(fits: Sequence[Fitted], again: Sequence[float]) -> str:
         lines.append(f"{k:>4} |{ours} |{initial:10.4f}{final:10.4f}{gain:10.2f} % |")
     between = {
         "regular cone, before the bumps are fitted": [fit.cone for fit in fits],
-        "poses refined once more, through the fitted bumps": again,
+        "poses refined once more, through the fitted bumps": refits,
         "pinhole model with the cone's poses": [fit.pinhole_elsewhere for fit in fits],
     }
     lines.append("Ours, not in the paper's table, sets 1 to 3:")
@@ -93,7 +93,7 @@ def _detection_error(views: Sequence[View], truth: np.ndarray) -> float:
     """
     pairs = [(view.corners, truth[int(view.name.split(".")[0])]) for view in views]
     errors = [
-        min(float(((seen - t) ** 2).sum(-1).mean()) for t in (true, true[::-1]))
-        for seen, true in pairs
+        min(float(((fitted - t) ** 2).sum(-1).mean()) for t in (true, true[::-1]))
+        for fitted, true in pairs
     ]
     return float(np.mean(errors) ** 0.5)

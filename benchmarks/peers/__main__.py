@@ -62,7 +62,7 @@ COLUMNS = (
 )
 """Head, format, and whether a column with the ratio to ours follows."""
 CPU = 3
-"""Of COLUMNS, the process's."""
+"""The index of the process's time in COLUMNS."""
 Row = tuple[float | None, ...]
 """One number for each of COLUMNS."""
 
@@ -96,14 +96,14 @@ def main() -> None:
             ("refracal joint fit, 12x12, on the GPU", sys.executable, "refracal", "joint 12 cuda")
         )
     if options.opencv:
-        other = shutil.which(options.opencv)
-        if not other:
+        program = shutil.which(options.opencv)
+        if not program:
             parser.error(
                 f"--opencv: {options.opencv} is not a program; give the path of a Python"
                 " interpreter"
             )
         peers += [
-            (f"the other {name}", str(Path(other).absolute()), module, which)
+            (f"the other {name}", str(Path(program).absolute()), module, which)
             for name, module, which in PEERS
             if module == "opencv"
         ]
@@ -115,9 +115,8 @@ def main() -> None:
         for i, glass in enumerate(glasses):
             with single_thread():
                 cases = [make(glass, seed) for seed in range(1, options.seeds + 1)]
-            test, near = (
-                median(floors) for floors in zip(*(floor for _, floor in cases), strict=True)
-            )
+            test = median(floor[0] for _, floor in cases)
+            near = median(floor[1] for _, floor in cases)
             rows: dict[str, Row] = {"true glass (the floor)": (test, near, None, None, None, None)}
             for j, (name, python, module, which) in enumerate(peers):
                 advance(i * len(peers) + j, name)
@@ -143,9 +142,9 @@ def main() -> None:
 
 
 def _mrcal_missing() -> str | None:
-    found = shutil.which("mrcal-calibrate-cameras") and shutil.which(DEBIAN)
+    result = shutil.which("mrcal-calibrate-cameras") and shutil.which(DEBIAN)
     if (
-        found
+        result
         and subprocess.run(
             [DEBIAN, "-c", "import mrcal, scipy"], capture_output=True, check=False
         ).returncode
@@ -166,13 +165,18 @@ def _medians(reports: list[Report]) -> Row:
 
 
 def _commands(rows: dict[str, Row]) -> Iterator[str]:
-    """How whole commands compare."""
-    own = rows[OUR_COMMAND][CPU]
+    """Yield sentences that compare whole commands."""
+    own_seconds = rows[OUR_COMMAND][CPU]
     for name, row in rows.items():
-        if name.endswith("whole command") and name != OUR_COMMAND and own and (other := row[CPU]):
+        if (
+            name.endswith("whole command")
+            and name != OUR_COMMAND
+            and own_seconds
+            and (seconds := row[CPU])
+        ):
             yield (
-                f"{OUR_COMMAND}, its report included: {own:.2f} s of cpu, {own / other:.2f} times"
-                f" {name}, {other:.2f} s."
+                f"{OUR_COMMAND}, its report included: {own_seconds:.2f} s of cpu,"
+                f" {own_seconds / seconds:.2f} times {name}, {seconds:.2f} s."
             )
 
 
@@ -183,15 +187,15 @@ def _table(title: str, rows: dict[str, Row]) -> Table:
             table.add_column(text, justify="right")
     for name, row in rows.items():
         cells = [name]
-        for value, own, (_, form, compared) in zip(row, rows[OURS], COLUMNS, strict=True):
+        for value, reference, (_, form, compared) in zip(row, rows[OURS], COLUMNS, strict=True):
             cells.append("" if value is None else format(value, form))
             if compared:
                 cells.append(
                     ""
-                    if value is None or own is None
-                    else f"{value / own:.2f}"
-                    if value < 10 * own
-                    else f"{value / own:.0f}"
+                    if value is None or reference is None
+                    else f"{value / reference:.2f}"
+                    if value < 10 * reference
+                    else f"{value / reference:.0f}"
                 )
         table.add_row(*cells)
     return table

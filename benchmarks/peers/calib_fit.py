@@ -1,5 +1,5 @@
-"""This project as a person runs it: `calib fit SESSION -o OUT` on a session of corners, all by
-default, with its report.
+"""The project itself as a person runs it: `calib fit SESSION -o OUT` on a session of corners, all
+by default, with its report.
 """
 
 import sys
@@ -35,10 +35,12 @@ def fit(case: Case, _: str) -> Fitted:
         if not (out / "report.html").is_file():
             raise SystemExit("calib fit left no report")
         made = Calibration.load(out)
+    joint = made.outcome.joint
+    assert joint
     return Fitted(
         f"refracal {made.refracal}",
         used.seconds,
-        made.settings["iterations"],
+        joint.iterations,
         partial(left, *made.model()),
         used,
     )

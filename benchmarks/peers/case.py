@@ -1,6 +1,6 @@
-"""What every peer is given: corners to calibrate with and two sets to be tested on.
+"""The input of every peer: corners to calibrate with and two sets to be tested on.
 
-No torch, so it costs a peer no memory.
+The module loads no torch, so it costs a peer no memory.
 """
 
 from dataclasses import dataclass
@@ -50,9 +50,9 @@ class Case:
     def save(self, file: Path) -> None:
         sets = {"train": self.train, "test": self.test, "near": self.near}
         arrays = {
-            f"{name}_{part}": getattr(shots, part)
+            f"{name}_{array}": getattr(shots, array)
             for name, shots in sets.items()
-            for part in ("pixels", "poses")
+            for array in ("pixels", "poses")
         }
         np.savez(file, thickness=self.thickness, size=self.size, focal=self.focal, **arrays)
 

@@ -26,16 +26,16 @@ def scorer(project: Project, corners: Floats = CORNERS) -> Callable[[Shots], flo
 
 def _left(project: Project, corners: Floats, shots: Shots) -> float:
     squared = 0.0
-    for pixels, known, pose in zip(shots.pixels, shots.seen, shots.poses, strict=True):
-        found = least_squares(
+    for pixels, board_points, pose in zip(shots.pixels, shots.seen, shots.poses, strict=True):
+        solution = least_squares(
             _miss,
             pose,
             method="lm",
             xtol=1e-12,
             ftol=1e-12,
-            args=(project, corners[known], pixels[known]),
+            args=(project, corners[board_points], pixels[board_points]),
         )
-        squared += 2 * found.cost
+        squared += 2 * solution.cost
     return float(np.sqrt(squared / shots.seen.sum()))
 
 

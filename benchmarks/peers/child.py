@@ -21,10 +21,10 @@ ROOT = Path(__file__).parents[2]
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """What a peer's fit returns."""
+    """The result of a peer's fit."""
 
     version: str
-    """Of the software, in words."""
+    """The version of the software, in words."""
     seconds: float
     """Wall time from corners to model, after imports."""
     iterations: int | None
@@ -32,12 +32,12 @@ class Fitted:
     score: Callable[[Shots], float]
     """px RMS with each view's pose refitted."""
     command: Usage | None = None
-    """What a command took that did the fit, where one did; None: this process did."""
+    """The resources of the command that did the fit; None if this process did it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a peer's process hands back."""
+    """The report of a peer's process."""
 
     version: str
     seconds: float
@@ -56,11 +56,11 @@ class Report:
 
 def main(fit: Callable[[Case, str], Fitted]) -> None:
     """The arguments are the case, the file for the report, and what the peer is to be told."""
-    given, asked, which = sys.argv[1:]
-    case = Case.load(Path(given))
+    case_file, report_file, which = sys.argv[1:]
+    case = Case.load(Path(case_file))
     done = fit(case, which)
-    own = resource.getrusage(resource.RUSAGE_SELF)
-    used = done.command or Usage(done.seconds, own.ru_utime + own.ru_stime, _peak())
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    used = done.command or Usage(done.seconds, usage.ru_utime + usage.ru_stime, _peak())
     report = Report(
         done.version,
         done.seconds,
@@ -70,22 +70,22 @@ def main(fit: Callable[[Case, str], Fitted]) -> None:
         done.score(case.test),
         done.score(case.near),
     )
-    Path(asked).write_text(json.dumps(asdict(report)))
+    Path(report_file).write_text(json.dumps(asdict(report)))
 
 
 def start(python: str, module: str, which: str, case: Case) -> Report | str:
     """Run one peer on a case: its report, or the last line of its complaint."""
     with tempfile.TemporaryDirectory() as folder:
-        given, asked = Path(folder, "case.npz"), Path(folder, "report.json")
-        case.save(given)
+        case_file, report_file = Path(folder, "case.npz"), Path(folder, "report.json")
+        case.save(case_file)
         command = [
             python,
             "-W",
             "ignore",
             "-m",
             f"benchmarks.peers.{module}",
-            str(given),
-            str(asked),
+            str(case_file),
+            str(report_file),
             which,
         ]
         ended = subprocess.run(
@@ -98,7 +98,7 @@ def start(python: str, module: str, which: str, case: Case) -> Report | str:
         )
         if ended.returncode:
             return (ended.stderr.strip().splitlines() or [f"exit code {ended.returncode}"])[-1]
-        return Report(**json.loads(asked.read_text()))
+        return Report(**json.loads(report_file.read_text()))
 
 
 def _peak() -> float:

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""What keeps a peer on one thread, which no command is told."""
+"""The environment that keeps a peer on one thread."""
 
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """What ended child processes took."""
+    """The resources of ended child processes."""
 
     seconds: float
     """Wall time."""
@@ -25,7 +25,7 @@ class Usage:
 
 def run(command: Sequence[str]) -> Usage:
     """Run a command with as many threads as it likes; its complaint is passed on."""
-    before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    initial, start_time = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     environment = {name: value for name, value in os.environ.items() if name not in ONE_THREAD}
     ended = subprocess.run(
         command,
@@ -35,8 +35,8 @@ def run(command: Sequence[str]) -> Usage:
         text=True,
         check=False,
     )
-    seconds, after = time.perf_counter() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds, final = time.perf_counter() - start_time, resource.getrusage(resource.RUSAGE_CHILDREN)
     if ended.returncode:
         raise SystemExit(ended.stderr or f"exit code {ended.returncode}")
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Usage(seconds, cpu, after.ru_maxrss * 1024 / 1e6)
+    cpu = final.ru_utime + final.ru_stime - initial.ru_utime - initial.ru_stime
+    return Usage(seconds, cpu, final.ru_maxrss * 1024 / 1e6)

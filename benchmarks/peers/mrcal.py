@@ -25,9 +25,9 @@ from benchmarks.peers.command import Usage, run
 
 COMMAND = "mrcal-calibrate-cameras"
 TIMED = ("seed_stereographic", "optimize")
-"""What the command calls to get from corners to a model.
+"""The functions that the command calls to get from corners to a model.
 
-It also reads, writes, and maps the uncertainty.
+The command also reads, writes, and maps the uncertainty.
 """
 
 
@@ -38,18 +38,18 @@ class Clock:
         self.seconds = 0.0
 
     def around(self, call: Callable[..., object]) -> Callable[..., object]:
-        def timed(*args: object, **named: object) -> object:
-            begun = time.perf_counter()
+        def timed(*args: object, **keywords: object) -> object:
+            start_time = time.perf_counter()
             try:
-                return call(*args, **named)
+                return call(*args, **keywords)
             finally:
-                self.seconds += time.perf_counter() - begun
+                self.seconds += time.perf_counter() - start_time
 
         return timed
 
 
 def fit(case: Case, which: str) -> Fitted:
-    *whole, model = which.split()
+    *switches, model = which.split()
     used: Usage | None = None
     clock = Clock()
     command = shutil.which(COMMAND)
@@ -67,15 +67,15 @@ def fit(case: Case, which: str) -> Fitted:
             "--object-height-n": [str(BOARD.rows)],
             "--outdir": [folder],
         }
-        asked = [
+        command_line = [
             command,
             *(word for name, words in options.items() for word in (name, *words)),
             "view*.png",
         ]
-        if whole:
-            used = run(asked)
+        if switches:
+            used = run(command_line)
         else:
-            _run_here(asked, clock)
+            _run_here(command_line, clock)
         camera = mrcal.cameramodel(str(Path(folder, "camera-0.cameramodel")))
 
     version = subprocess.run(
@@ -93,12 +93,12 @@ def fit(case: Case, which: str) -> Fitted:
     )
 
 
-def _run_here(asked: list[str], clock: Clock) -> None:
+def _run_here(command: list[str], clock: Clock) -> None:
     for name in TIMED:
         setattr(mrcal, name, clock.around(getattr(mrcal, name)))
-    sys.argv = asked
+    sys.argv = command
     with suppress(SystemExit):
-        runpy.run_path(asked[0], run_name="__main__")
+        runpy.run_path(command[0], run_name="__main__")
 
 
 def _rows(case: Case) -> list[str]:

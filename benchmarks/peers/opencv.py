@@ -23,12 +23,12 @@ CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, float(np.finfo(
 def fit(case: Case, coefficients: str) -> Fitted:
     cv2.setNumThreads(1)
     boards = [CORNERS.astype(np.float32)] * len(case.train.pixels)
-    seen = [pixels.astype(np.float32)[:, None] for pixels in case.train.pixels]
-    begun = time.perf_counter()
+    pixels_of_views = [pixels.astype(np.float32)[:, None] for pixels in case.train.pixels]
+    start_time = time.perf_counter()
     _, camera, lens, *_ = cv2.calibrateCamera(
-        boards, seen, case.size, None, None, flags=FLAGS[coefficients], criteria=CRITERIA
+        boards, pixels_of_views, case.size, None, None, flags=FLAGS[coefficients], criteria=CRITERIA
     )
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - start_time
 
     def project(points: Floats) -> Floats:
         return np.asarray(

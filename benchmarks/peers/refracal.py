@@ -1,5 +1,5 @@
-"""This project: the joint fit or the paper's procedure, with the camera and the smooth cover
-known.
+"""The project itself as a peer: the joint fit or the paper's procedure, with the camera and the
+smooth cover known.
 """
 
 import time
@@ -24,23 +24,24 @@ STEPS = 1000
 def fit(case: Case, which: str) -> Fitted:
     method, centres, device = which.split()
     grid = int(centres), int(centres)
-    seen = observed(case.train)
-    begun = time.perf_counter()
+    observations = observed(case.train)
+    start_time = time.perf_counter()
     smooth, values = covered_path(INTRINSICS, paper_cone(case.thickness))
-    poses = refine_poses(smooth, values, seen, pinhole_poses(seen, values)).blocks
+    start = pinhole_poses(smooth, values, observations)
+    poses = refine_poses(smooth, values, observations, start).blocks
     path = with_relief(smooth, Relief(*footprint(smooth, values, *case.size), grid))
     values["relief.amplitudes"] = torch.zeros(grid, dtype=torch.float64)
     if method == "joint":
-        there = {name: value.to(device) for name, value in values.items()}
-        found = fit_joint(path, there, seen.to(device), poses.to(device))
+        device_values = {name: value.to(device) for name, value in values.items()}
+        fitted = fit_joint(path, device_values, observations.to(device), poses.to(device))
         values, iterations = (
-            {name: value.cpu() for name, value in found.values.items()},
-            found.iterations,
+            {name: value.cpu() for name, value in fitted.values.items()},
+            fitted.iterations,
         )
     else:
-        values["relief.amplitudes"] = descend(path, values, seen, poses, steps=STEPS)
+        values["relief.amplitudes"] = descend(path, values, observations, poses, steps=STEPS)
         iterations = STEPS
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - start_time
     return Fitted(f"torch {torch.__version__}", seconds, iterations, partial(left, path, values))
 
 

@@ -10,6 +10,7 @@ from benchmarks.peers.case import BOARD, CORNERS, Case, Shots
 from calib.corners.view import View
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
+from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.projection import project
@@ -26,7 +27,7 @@ MARGIN = 20.0  # px
 
 @dataclass(frozen=True, slots=True)
 class Glass:
-    """What differs between scenes."""
+    """The glass, which differs between scenes."""
 
     thickness: float
     """m"""
@@ -94,8 +95,10 @@ def _near(path: Path, values: Values, rng: np.random.Generator) -> Shots:
         pose = np.concatenate(
             [rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.3, 0.3, 1), across, [depth]]
         )
-        points = path.place(torch.from_numpy(CORNERS[:, :2]), values, torch.from_numpy(pose))
-        pixels = project(path, values, points).numpy()
+        points = path.place(
+            torch.from_numpy(CORNERS[:, :2]), values, torch.from_numpy(pose), MIDDLE
+        )
+        pixels = project(path, values, points, MIDDLE).numpy()
         inside = np.all(
             (pixels >= MARGIN) & (pixels <= [WIDTH - MARGIN, HEIGHT - MARGIN]), -1
         )  # false for NaN

@@ -26,8 +26,11 @@ from calib.apply.map_uncertainty import UndistortedChange, corners_at, frames_al
 from calib.calibration import Calibration
 from calib.effects.flat_port import FlatPort
 from calib.errors import InputError
+from calib.estimation.covariance import regression
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
+from calib.fit_record.history import MediumChange
+from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import AMPLITUDES
@@ -128,6 +131,12 @@ def replace_medium(calibration: Calibration, medium: Number) -> Calibration:
         )
     declared = calibration.declared
     medium_name = calibration.cover.medium_name
+    change = MediumChange(
+        from_index=original.value,
+        to_index=medium.value,
+        sigma=medium.sigma,
+        calibration=calibration.digest,
+    )
     wet = replace(
         calibration,
         cover=calibration.cover.replace_numbers({medium_name: medium}),
@@ -138,15 +147,7 @@ def replace_medium(calibration: Calibration, medium: Number) -> Calibration:
         stages=(),
         corners_at=corners_at(calibration),
         stated=replace(declared, cover=declared.cover.replace_numbers({medium_name: medium})),
-        settings={
-            **calibration.settings,
-            "immersed": {
-                "from_index": original.value,
-                "to_index": medium.value,
-                "sigma": medium.sigma,
-                "calibration": calibration.digest,
-            },
-        },
+        history=replace(calibration.history, medium_change=change),
     )
     if not calibration.covariance.size:
         return wet
@@ -193,12 +194,10 @@ def _widen_to_declared(calibration: Calibration, parameters: Parameters) -> Arra
     if calibration.relief is None or not numbers:
         return covariance
     at = parameters.entries([param.name for param in numbers])
-    block = covariance[np.ix_(at, at)]
-    # (S, n): how all parameters move with these
-    regression = covariance[:, at] @ np.linalg.pinv(block, hermitian=True)
+    by_numbers = regression(covariance, at)
     spread = np.array([declared[param.name].sigma / param.scale for param in numbers]) ** 2
-    excess = np.diag(np.maximum(spread - block.diagonal(), 0.0))
-    return np.asarray(covariance + regression @ excess @ regression.T)
+    excess = np.diag(np.maximum(spread - covariance.diagonal()[at], 0.0))
+    return np.asarray(covariance + by_numbers @ excess @ by_numbers.T)
 
 
 def _set_sigmas(wet: Calibration, covariance: Array) -> Cover:
@@ -246,7 +245,8 @@ def _other_face_errors(
     valid = ~invalid
     if path.lens.wide:
         valid &= calibration.ray_field().holds(pixels)
-        depth = depth * path.trace(torch.from_numpy(pixels), values).direction.z.numpy()
+        rays = path.trace(torch.from_numpy(pixels), values, MIDDLE)
+        depth = depth * rays.direction.z.numpy()
 
     def difference(metres: Array) -> Array:
         """Return (M, 2) px at (N,) m for the M valid pixels."""
@@ -286,7 +286,7 @@ def _undistort(path: Path, values: Values, pixels: Array, depth: Array) -> Array
     """Return the (N, 2) px of the undistorted picture, less its principal point, of (N, 2) px of
     the camera at (N,) m.
     """
-    rays = path.trace(torch.from_numpy(pixels), values)
+    rays = path.trace(torch.from_numpy(pixels), values, MIDDLE)
     origin = rays.origin.stacked().numpy()
     direction = rays.direction.stacked().numpy()
     tangent = direction[:, :2] / direction[:, 2:]

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.apply.map_uncertainty import covariance_root
 from calib.calibration import Calibration
+from calib.estimation.covariance import covariance_root, regression
 from calib.session.cover import MEDIUM
 
 Array = NDArray[np.float64]
@@ -124,9 +124,8 @@ def _without_group(
     """Return the sigma of the maps if the parameters of one group had no error."""
     parameters, covariance = wet.camera_model().parameters, wet.covariance
     at = parameters.entries(names)
-    # (S, n): how all parameters move with these
-    regression = covariance[:, at] @ np.linalg.pinv(covariance[np.ix_(at, at)], hermitian=True)
-    sigma = np.array(sigmas(errors, covariance - regression @ covariance[at], depths))
+    by_group = regression(covariance, at)
+    sigma = np.array(sigmas(errors, covariance - by_group @ covariance[at], depths))
     params = [param for param in parameters.free if param.name in names]
     dimension = wet.cover.dimensions.get(names[0])
     words = dimension.words if dimension else WORDS.get(group, f"the effect {group}")
@@ -139,7 +138,7 @@ def _without_group(
         return DominantUncertainty(group, words, tuple(sigma))
     unit, per_si = DISPLAY_UNITS[params[0].unit]
     # px for each depth, if sigma of these parameters were one of their scale
-    unit_sigma = np.maximum(_map_sigmas(errors, regression, depths), np.finfo(float).tiny)
+    unit_sigma = np.maximum(_map_sigmas(errors, by_group, depths), np.finfo(float).tiny)
     return DominantUncertainty(
         group,
         words,

@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.errors import InputError
+from calib.estimation.covariance import covariance_root
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import BATCH_SIZE
+from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
 from calib.optics.rotation import onto_z
 from calib.threads import single_thread
@@ -134,19 +136,6 @@ def _no_errors(pixels: Array, frames: Array | None = None) -> Array:  # noqa: AR
     return np.zeros((len(pixels), 4, 0))
 
 
-def covariance_root(covariance: Array) -> Array:
-    """Return the (n, n) root R of a covariance, R R^T. Eigenvalues that rounding makes negative
-    count as zero.
-
-    The root is taken of the correlations: a relief's variances are 1e-12 of a focal length's, and
-    would be lost in rounding beside it.
-    """
-    spread = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    scale = np.where(spread > 0, spread, 1.0)
-    variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(variances, 0.0)))
-
-
 def corners_at(calibration: Calibration) -> Array:
     """Return (N, 3): x and y in px of the training corners, and their distance in m
     (`Path.distance`).
@@ -155,8 +144,8 @@ def corners_at(calibration: Calibration) -> Array:
         return calibration.corners_at
     model, observations = calibration.camera_model(), calibration.observations
     poses = torch.from_numpy(calibration.poses)[observations.view]
-    timed = observations.with_times(model.means)
-    distance = model.path.distance(model.path.place(observations.corners, timed, poses))
+    points = model.path.place(observations.corners, model.means, poses, observations.exposure)
+    distance = model.path.distance(points)
     return np.column_stack([observations.pixels.numpy(), distance.numpy()])
 
 
@@ -200,7 +189,7 @@ class UndistortedChange:
             near = 1 / distance[batch]
             frames = None
             if path.lens.wide:
-                rays = path.trace(torch.from_numpy(pixels), model.means)
+                rays = path.trace(torch.from_numpy(pixels), model.means, MIDDLE)
                 frames = frames_along(rays.direction.stacked().numpy())
             jacobian, motions, invalid = undistorted_jacobian(path, parameters, pixels, frames)
             at_depth = (

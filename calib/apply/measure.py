@@ -34,7 +34,7 @@ from calib.io.array_arguments import (
     numbers,
     pixel_rows,
 )
-from calib.io.numerals import number
+from calib.io.numerals import real_number
 from calib.threads import single_thread
 from calib.undistortion.grids import Array
 from calib.undistortion.ray_field import check_depth
@@ -75,7 +75,7 @@ class BoardPose:
     @staticmethod
     def facing(depth: float) -> BoardPose:
         """Return a plane perpendicular to the optical axis, at a depth in m."""
-        metres = number(depth, "depth")
+        metres = real_number(depth, "depth")
         check_depth(metres)
         return BoardPose.exactly(np.array([0, 0, 0, 0, 0, metres]))
 
@@ -138,8 +138,17 @@ class Measurer:
                 that of the calibration's corners.
         """
         self.calibration = calibration
-        self._corner_noise = calibration.noise_px / 2**0.5
-        self.noise_px = self._corner_noise if noise_px is None else number(noise_px, "noise_px")
+        corner_noise = calibration.noise_px
+        if noise_px is not None:
+            self.noise_px = real_number(noise_px, "noise_px")
+        elif corner_noise is not None:
+            self.noise_px = corner_noise / 2**0.5
+        else:
+            raise InputError(
+                "the calibration has too few corners to tell their noise: give noise_px, the"
+                " standard deviation of a pixel's coordinate."
+            )
+        self._corner_noise = self.noise_px if corner_noise is None else corner_noise / 2**0.5
         if not 0 <= self.noise_px < FARTHEST_PX:
             raise InputError(
                 f"noise_px is {self.noise_px:g}: give the standard deviation of a pixel's"
@@ -161,7 +170,7 @@ class Measurer:
         usable, unusable = split_usable_views((view,), self.calibration.board)
         path, values = self.calibration.model()
         observations = Observations.of(usable, self.calibration.board)
-        start = pinhole_poses(observations, values)
+        start = pinhole_poses(path, values, observations)
         if unusable or not bool(torch.isfinite(start).all()):
             reason = unusable[0].reason if unusable else "no board pose explains its corners"
             raise NotEnoughDataError(
@@ -169,9 +178,10 @@ class Measurer:
             )
         with single_thread():
             poses, _ = refit_poses(path, values, observations, start)
-            visible = observations.select_rows(
-                path.land(observations.pixels, values, poses[observations.view])[1] == 0
+            _, failure = path.land(
+                observations.pixels, values, poses[observations.view], observations.exposure
             )
+            visible = observations.select_rows(failure == 0)
             weights = pixel_weights(path, values, visible, poses, self._corner_noise)
             (landing,) = make_residual_blocks(path, Parameters.none(values), visible, weights)
             by_pose = landing.linearise(values, poses).jacobian_block.flatten(0, 1).numpy()

@@ -32,7 +32,7 @@ OTHER_BORDER = {1: 2, 2: 1}
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class TagPicture:
     """A picture with its tags."""
 
     path: Path
@@ -60,7 +60,7 @@ def pictures_of(inputs: Sequence[Path]) -> list[Path]:
 
 def locate_in_files(
     locator: TagLocator, inputs: Sequence[Path], progress: Progress
-) -> tuple[list[Picture], list[Refused]]:
+) -> tuple[list[TagPicture], list[Refused]]:
     """Locate the tags of pictures, and of folders of pictures. Return the pictures with their tags,
     and the pictures that cannot be read or have another size than the calibration's.
 
@@ -74,7 +74,7 @@ def locate_in_files(
     for done, path in enumerate(paths):
         advance(done, path.name)
         try:
-            pictures.append(Picture(path, locator.locate(read_grey(path))))
+            pictures.append(TagPicture(path, locator.locate(read_grey(path))))
         except InputError as error:
             sentence = str(error) if str(path) in str(error) else f"{path}: {error}"
             refused.append(Refused(path, sentence))
@@ -86,7 +86,7 @@ def locate_in_files(
     return pictures, refused
 
 
-def _explain_no_tag(locator: TagLocator, pictures: Sequence[Picture]) -> str:
+def _explain_no_tag(locator: TagLocator, pictures: Sequence[TagPicture]) -> str:
     """Return a sentence on why no tag of these pictures has a pose."""
     unplaced = [(picture, tag) for picture in pictures for tag in picture.located.unplaced]
     border = OTHER_BORDER.get(locator.border)
@@ -112,7 +112,7 @@ def _explain_no_tag(locator: TagLocator, pictures: Sequence[Picture]) -> str:
     )
 
 
-def as_table(pictures: Sequence[Picture]) -> str:
+def as_table(pictures: Sequence[TagPicture]) -> str:
     """Return the poses as CSV, with the columns COLUMNS."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

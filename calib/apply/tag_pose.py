@@ -103,7 +103,7 @@ class Lines:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Misfit:
+class TagMisfit:
     """The distances of a square's four corners from their rays, and their derivatives."""
 
     px: Array
@@ -116,7 +116,7 @@ class Misfit:
     """(8,) derivatives by the side's relative length."""
 
 
-def misfit(lines: Lines, side: float, turn: Array, shift: Array) -> Misfit:
+def measure_misfit(lines: Lines, side: float, turn: Array, shift: Array) -> TagMisfit:
     """Return the misfit of four rays and a square.
 
     Args:
@@ -145,7 +145,7 @@ def misfit(lines: Lines, side: float, turn: Array, shift: Array) -> Misfit:
         [-_cross_matrices(arm), np.broadcast_to(np.eye(3), (4, 3, 3))], -1
     )  # (4, 3, 6)
     by_line = np.concatenate([to_pixels, to_pixels * inverse[:, None, None]], -1)
-    return Misfit(
+    return TagMisfit(
         px.ravel(), (by_point @ motion).reshape(8, 6), by_line, (by_point @ arm[..., None]).ravel()
     )
 
@@ -172,7 +172,7 @@ def starts(lines: Lines, side: float) -> list[tuple[Array, Array]]:
     return pose_starts
 
 
-def refine(
+def refine_pose(
     lines: Lines, side: float, whiten: Array, turn: Array, shift: Array
 ) -> tuple[Array, Array, float]:
     """Return the nearest minimum, T_camera_tag, and its chi^2, which is infinite if the square is
@@ -208,7 +208,7 @@ def poses(lines: Lines, side: float, whiten: Array) -> list[tuple[Array, Array, 
     """Return the minima, the least chi^2 first: T_camera_tag, (3, 3) and (3,) m, and chi^2."""
     minima: list[tuple[Array, Array, float]] = []
     for start in starts(lines, side):
-        turn, shift, cost = refine(lines, side, whiten, *start)
+        turn, shift, cost = refine_pose(lines, side, whiten, *start)
         is_duplicate = any(
             np.linalg.norm(cv2.Rodrigues(turn @ minimum[0].T)[0]) < MIN_SEPARATION
             for minimum in minima
@@ -220,9 +220,9 @@ def poses(lines: Lines, side: float, whiten: Array) -> list[tuple[Array, Array, 
 
 def _evaluate(
     lines: Lines, side: float, whiten: Array, turn: Array, shift: Array
-) -> tuple[Misfit, float]:
+) -> tuple[TagMisfit, float]:
     """Return the misfit and chi^2, which is infinite for a square behind the camera."""
-    current = misfit(lines, side, turn, shift)
+    current = measure_misfit(lines, side, turn, shift)
     ahead = bool(((side * SQUARE @ turn.T + shift)[:, 2] > 0).all())
     return current, float(((whiten @ current.px) ** 2).sum()) if ahead else np.inf
 

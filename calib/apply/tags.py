@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from calib.apply.located_tags import LocatedTags, Tag, TagPose, Unplaced, UnplacedReason
 from calib.apply.map_uncertainty import frames_along, ray_errors
-from calib.apply.tag_pose import SQUARE, Lines, misfit, poses
+from calib.apply.tag_pose import SQUARE, Lines, measure_misfit, poses
 from calib.calibration import Calibration
 from calib.corners.detect import eight_bits
 from calib.corners.ink_spread import NO_INK_SPREAD, InkSpread, measure_ink_spread, remove_ink_spread
@@ -26,7 +26,7 @@ from calib.corners.markers import black_cells, read_markers, size_of_markers
 from calib.corners.tag_outline import edge_vectors, measure_outlines
 from calib.errors import InputError, brief
 from calib.io.array_arguments import numbers, one_of, picture, pixel_rows
-from calib.io.numerals import number
+from calib.io.numerals import real_number
 from calib.session.coding import DICTIONARIES
 from calib.session.tolerances import SQUARE_SIDE
 from calib.threads import single_thread
@@ -93,14 +93,16 @@ class TagLocator:
                 f"{brief(repr(dictionary))} is no dictionary of tags: write"
                 f" {near[0] if near else 'DICT_APRILTAG_36h11, say'}."
             )
-        side = number(side, "side")
+        side = real_number(side, "side")
         if not MIN_SIDE <= side <= MAX_SIDE:
             raise InputError(
                 f"a tag of {1000 * side:g} mm will not do: give the side of its black square, from"
                 " 0.05 to 100000 mm."
             )
         spread = (
-            SQUARE_SIDE.sigma * side if side_sigma is None else number(side_sigma, "side_sigma")
+            SQUARE_SIDE.sigma * side
+            if side_sigma is None
+            else real_number(side_sigma, "side_sigma")
         )
         if not 0 <= spread < side:
             raise InputError(
@@ -324,14 +326,14 @@ class TagLocator:
 
     def _misfit_by_rays(self, lines: Lines, errors: Array, turn: Array, shift: Array) -> Array:
         """Return the (8, S) px change of the misfit by each of the rays' errors."""
-        by_line = misfit(lines, self.side, turn, shift).by_line / np.tile(self._focal, 2)
+        by_line = measure_misfit(lines, self.side, turn, shift).by_line / np.tile(self._focal, 2)
         return np.asarray((by_line @ errors).reshape(8, -1))
 
     def _make_pose(
         self, lines: Lines, noise: Array, errors: Array, whiten: Array, turn: Array, shift: Array
     ) -> TagPose:
         """Return a pose with its errors. Its probability is not known yet, and is 1 here."""
-        tag_misfit = misfit(lines, self.side, turn, shift)
+        tag_misfit = measure_misfit(lines, self.side, turn, shift)
         # (6, 8): the change of the pose by a misfit, with the opposite sign
         gain = np.linalg.pinv(whiten @ tag_misfit.by_pose) @ whiten
         by_all = np.column_stack(

@@ -32,7 +32,7 @@ from calib.io.array_arguments import (
     row_numbers,
 )
 from calib.io.images import Image as Stored
-from calib.io.numerals import number
+from calib.io.numerals import real_number
 from calib.undistortion.crop import crop_window
 from calib.undistortion.depth_stack import DepthStack, depth_stack
 from calib.undistortion.grids import Array, Mask
@@ -99,7 +99,7 @@ class Undistorter:
         self.calibration = calibration
         self.field: RayField = calibration.ray_field()
         self._interpolation = one_of(interpolation, INTERPOLATIONS, "interpolation")
-        self.near = near = number(near, "near")
+        self.near = near = real_number(near, "near")
         check_depth(near)
         if not np.isfinite(near):
             raise InputError(
@@ -258,7 +258,7 @@ class Undistorter:
                 if _is_image(self._depth)
                 else (float(cast(float, self._depth)),)
             )
-            return crop_window(self.field, depths, number(crop, "crop"), size)
+            return crop_window(self.field, depths, real_number(crop, "crop"), size)
         if camera_matrix is None:
             return Window(*size)
         (fx, fy), (cx, cy) = self._pinhole()
@@ -315,7 +315,7 @@ def _is_image(depth: Depth) -> bool:
 
 
 def _check_metres(depth: Depth) -> float:
-    metres = number(depth, "depth")
+    metres = real_number(depth, "depth")
     check_depth(metres)
     return metres
 

@@ -7,7 +7,7 @@ Optics 34 (1995) 3477, equation 3. It holds to 1.5e-5 from 0 to 30 degrees C, 0 
 """
 
 from calib.errors import InputError, brief
-from calib.io.numerals import number
+from calib.io.numerals import real_number
 
 SALINITY = (0.0, 35.0)
 """per mille: the range of the equation."""
@@ -35,7 +35,7 @@ def index_of_water(salinity: float, temperature: float, wavelength: float = GREE
         (temperature, TEMPERATURE, "temperature"),
         (wavelength, WAVELENGTH, "wavelength"),
     ):
-        if not low <= number(value, name) <= high:
+        if not low <= real_number(value, name) <= high:
             raise InputError(
                 f"{name} is {brief(repr(value))}: give a number from {low:g} to {high:g}."
             )

@@ -20,7 +20,7 @@ from calib.effects.cover_tilt import CoverTilt
 from calib.effects.effect import Effect, EffectContext, is_possible
 from calib.effects.focal import Focal
 from calib.effects.inner_surface import InnerSurface
-from calib.effects.lens import Lens
+from calib.effects.lens import LensEffect
 from calib.effects.principal_point import PrincipalPoint
 from calib.effects.refractive_index import RefractiveIndex
 from calib.effects.thickness import Thickness
@@ -48,7 +48,7 @@ KINDS: Mapping[type[Effect], Words] = {
     PrincipalPoint: Words(
         "the lens has moved against the sensor: the principal point has shifted by", "px", 1.0
     ),
-    Lens: Words("the lens distortion has changed, by"),
+    LensEffect: Words("the lens distortion has changed, by"),
     CoverTilt: Words("the cover has turned by", "degrees", float(np.degrees(1.0))),
     CoverSpin: Words(
         "the cover has turned about its own axis by", "degrees", float(np.degrees(1.0))

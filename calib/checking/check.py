@@ -23,8 +23,8 @@ from calib.checking.naming import name_changes, probabilities, rms_shift
 from calib.checking.overdispersion import Overdispersion
 from calib.checking.picture_mode import PictureMode
 from calib.checking.pictures import Pictures
+from calib.checking.posterior_predictive import PosteriorPredictive
 from calib.checking.prior import CalibrationPrior
-from calib.checking.reduced_equations import ReducedEquations
 from calib.checking.result import Change, CheckResult, CheckStatistics, CheckStatus
 from calib.checking.significance import Significance, significance
 from calib.corners.view import RejectedPicture, View
@@ -68,8 +68,8 @@ class Checker:
     prior: CalibrationPrior
     changes: tuple[Effect, ...]
     overdispersion: Overdispersion
-    noise: float
-    """The short-scale noise of the calibration's own corners in px; NaN if it has too few."""
+    noise: float | None
+    """The short-scale noise of the calibration's own corners in px; None if it has too few."""
 
     @staticmethod
     def of(calibration: Calibration) -> Checker:
@@ -77,7 +77,7 @@ class Checker:
         with single_thread():
             prior = CalibrationPrior.of(calibration)
             changes = changes_of(calibration)
-            noise = float("nan")
+            noise = None
             if calibration.views:
                 poses = torch.from_numpy(calibration.poses)
                 residual = residuals(
@@ -111,16 +111,16 @@ class Checker:
         camera = self.calibration.camera
         observations = Observations.of(views, pictures.board).add_times(None, camera.height)
         advance(1, "test")
-        equations = ReducedEquations.of(self.prior, self.changes, observations, poses)
+        predictive = PosteriorPredictive.of(self.prior, self.changes, observations, poses)
         noise_ratio = self._noise_ratio(residual, views, pictures.board)
-        test = significance(equations, self.overdispersion, noise_ratio)
-        expected = self._expected_error(equations, observations, noise_ratio)
+        test = significance(predictive, self.overdispersion, noise_ratio)
+        expected = self._expected_error(predictive, observations, noise_ratio)
         statistics = self._statistics(test, residual.rms_px, expected, noise_ratio, len(views))
         result = CheckResult(CheckStatus.VALID, statistics, (), rejected)
         if not test.significant:
             return result
         advance(2, "what has changed")
-        checked = CheckedViews(observations, poses, equations, camera.width, camera.height)
+        checked = CheckedViews(observations, poses, predictive, camera.width, camera.height)
         ranking, noise_ratio = self._ranking(
             checked, views, pictures.board, residual.rms_px, noise_ratio
         )
@@ -133,7 +133,7 @@ class Checker:
         noise = self._noise_px(noise_ratio * self.overdispersion.typical)
         added = rms_shift(best, checked)
         if added is None or not added < GROSS * noise:  # no size, or too large for the first order
-            expected = self._expected_error(equations, observations, noise_ratio)
+            expected = self._expected_error(predictive, observations, noise_ratio)
             added = max(0.0, residual.rms_px**2 - expected**2) ** 0.5
         statistics = replace(statistics, added_px=added)
         if added < NOTICEABLE * noise:
@@ -219,8 +219,9 @@ class Checker:
     def _fit_poses(
         self, pictures: Pictures
     ) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[RejectedPicture, ...]]:
+        model = self.prior.model
         views, poses, rejected = with_initial_pose(
-            pictures.views, pictures.board, self.prior.model.means
+            model.path, model.means, pictures.views, pictures.board
         )
         if not views:
             raise InputError(
@@ -238,15 +239,18 @@ class Checker:
         """
         grid = on_board_grid(residual.image, views)
         noises = [short_scale_noise(grid[view : view + 1], board) for view in range(len(views))]
-        noise = float(np.median(noises))  # robust against a single bad view
-        return max(1.0, (noise / self.noise) ** 2) if np.isfinite(noise) and self.noise > 0 else 1.0
+        known = [noise for noise in noises if noise is not None]
+        if len(known) < len(noises) or not self.noise:
+            return 1.0
+        noise = float(np.median(known))  # robust against a single bad view
+        return max(1.0, (noise / self.noise) ** 2)
 
     def _expected_error(
-        self, equations: ReducedEquations, observations: Observations, noise_ratio: float
+        self, predictive: PosteriorPredictive, observations: Observations, noise_ratio: float
     ) -> float:
         """Return the mean error of a valid calibration in px."""
-        noise = float(equations.freedom.sum()) * self.overdispersion.typical * noise_ratio
-        squares = noise + float(equations.calibration_variance.sum())
+        noise = float(predictive.freedom.sum()) * self.overdispersion.typical * noise_ratio
+        squares = noise + float(predictive.calibration_variance.sum())
         corners = len(observations.pixels)
         variance = 2 * self.prior.sigma**2 * float((observations.weight**-2).mean())
         return float(np.sqrt(variance * squares / (2 * corners)))

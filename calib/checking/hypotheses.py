@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.checking.picture_mode import SCALES, PictureMode
+from calib.checking.posterior_predictive import PosteriorPredictive, prior_spread
 from calib.checking.prior import CalibrationPrior
-from calib.checking.reduced_equations import ReducedEquations, prior_spread
 from calib.checking.refit import refit
 from calib.effects.effect import Effect, log_bayes_factor
 from calib.estimation.observations import Observations
@@ -65,7 +65,7 @@ class CheckedViews:
     observations: Observations
     poses: Tensor
     """(V, B) through the calibration."""
-    equations: ReducedEquations
+    predictive: PosteriorPredictive
     width: int
     height: int
 
@@ -85,7 +85,7 @@ def rank_hypotheses(
         error: the error of the calibration in px.
     """
     variance = (sigma / prior.sigma) ** 2
-    products = views.equations.predicted() / variance
+    products = views.predictive.normalised_products() / variance
     if error > GROSS * 2**0.5 * prior.sigma:
         fits = [_fit_change(prior, change, views, sigma) for change in changes]
         candidates = [fit for fit in fits if fit and fit.name != PictureMode.name]
@@ -93,10 +93,10 @@ def rank_hypotheses(
             candidates.append(mode)
         ranking = [_relative(candidate, products) for candidate in candidates]
     else:
-        ranking = [_first_order(change, products, views.equations) for change in changes]
+        ranking = [_first_order(change, products, views.predictive) for change in changes]
     whole_pictures = (*_turned(prior, views, sigma), *_uncovered(prior, views, sigma))
     ranking += [_relative(candidate, products) for candidate in whole_pictures]
-    evidence = _variance_evidence(products[0, 0], views.equations.freedom.sum())
+    evidence = _variance_evidence(products[0, 0], views.predictive.freedom.sum())
     ranking.append(Hypothesis("unknown", evidence, words=UNKNOWN))
     ranking += _bad_views(views, variance)
     return sorted(ranking, key=lambda hypothesis: -hypothesis.log_evidence)
@@ -108,9 +108,9 @@ def _relative(hypothesis: Hypothesis, products: Array) -> Hypothesis:
     return replace(hypothesis, log_evidence=log_evidence)
 
 
-def _first_order(change: Effect, products: Array, equations: ReducedEquations) -> Hypothesis:
+def _first_order(change: Effect, products: Array, predictive: PosteriorPredictive) -> Hypothesis:
     """Estimate a change to first order; `products` are inner products over the noise variance."""
-    columns = equations.columns(change.name)
+    columns = predictive.columns(change.name)
     spread = prior_spread(change)
     information = products[columns, columns]
     score = products[columns, 0]
@@ -141,9 +141,9 @@ def _fit_change(
         return None
     if not fit.finite:
         return None
-    equations = ReducedEquations.of(prior, (change,), views.observations, fit.poses, fit.values)
-    products = equations.predicted() * (prior.sigma / sigma) ** 2
-    columns = equations.columns(change.name)
+    predictive = PosteriorPredictive.of(prior, (change,), views.observations, fit.poses, fit.values)
+    products = predictive.normalised_products() * (prior.sigma / sigma) ** 2
+    columns = predictive.columns(change.name)
     spread = prior_spread(change)
     information = products[columns, columns]
     score = products[columns, 0]
@@ -177,18 +177,18 @@ def _bad_views(views: CheckedViews, variance: float) -> list[Hypothesis]:
     """Return a hypothesis for each view: its variance is estimated, and the calibration holds for
     the other views.
     """
-    equations = views.equations
+    predictive = views.predictive
     indices = np.arange(len(views.observations.names))
     if len(indices) < 2:
         return []
-    squares = equations.predicted()[0, 0]
-    log_determinant = equations.log_determinant(indices)
+    squares = predictive.normalised_products()[0, 0]
+    log_determinant = predictive.log_determinant(indices)
     hypotheses = []
     for view in indices:
         good_views = indices[indices != view]
-        decrease = (squares - equations.predicted(good_views)[0, 0]) / variance
-        gain = (decrease + log_determinant - equations.log_determinant(good_views)) / 2
-        view_squares = float(equations.products[view, 0, 0]) / variance
+        decrease = (squares - predictive.normalised_products(good_views)[0, 0]) / variance
+        gain = (decrease + log_determinant - predictive.log_determinant(good_views)) / 2
+        view_squares = float(predictive.products[view, 0, 0]) / variance
         hypotheses.append(_bad_view(views, int(view), gain, view_squares))
     return hypotheses
 
@@ -201,7 +201,7 @@ def _bad_view(views: CheckedViews, view: int, gain: float, squares: float) -> Hy
         squares: the view's own sum of squares, over the noise variance.
     """
     name = views.observations.names[view]
-    freedom = float(views.equations.freedom[view])
+    freedom = float(views.predictive.freedom[view])
     evidence = gain - freedom / 2 * (1 + np.log(max(1.0, squares / freedom)))
     return Hypothesis(
         name="bad_view",
@@ -228,8 +228,9 @@ def _fit_mode(
     for factor in SCALES:
         start = {scale: torch.tensor(np.log(factor), dtype=torch.float64)}
         values = {**prior.model.means, **prior.model.neutral_values(mode), **start}
-        pixels = path.adjustments[0](views.observations.pixels, values)[0]
-        observations = replace(views.observations, pixels=pixels)
+        observations = views.observations
+        pixels, _ = path.adjustments[0](observations.pixels, values, observations.exposure)
+        observations = replace(observations, pixels=pixels)
         if (fit := _fit_poses(prior, observations)) is not None:
             poses, residuals = fit
             starts.append((residuals.rms_px / factor, start, poses))
@@ -271,7 +272,7 @@ def _fixed_evidence(
     prior: CalibrationPrior, observations: Observations, poses: Tensor, sigma: float
 ) -> float:
     """Return the evidence of a hypothesis without parameters."""
-    products = ReducedEquations.of(prior, (), observations, poses).predicted()
+    products = PosteriorPredictive.of(prior, (), observations, poses).normalised_products()
     return -float(products[0, 0] * (prior.sigma / sigma) ** 2) / 2
 
 
@@ -279,7 +280,7 @@ def _fit_poses(
     prior: CalibrationPrior, observations: Observations
 ) -> tuple[Tensor, Residuals] | None:
     """Return fitted poses and residuals; None if a view has no pose."""
-    poses = pinhole_poses(observations, prior.model.means)
+    poses = pinhole_poses(prior.model.path, prior.model.means, observations)
     if not bool(torch.isfinite(poses).all()):
         return None
     poses, residuals = prior.fit_poses(observations, poses)

@@ -23,7 +23,7 @@ def stages_of(calibration: Calibration) -> tuple[Stage, ...]:
 def _stages(calibration: Calibration) -> Iterator[Stage]:
     declared, observations = calibration.declared, calibration.observations
     path, values = pinhole_path(declared.intrinsics)
-    poses = pinhole_poses(observations, values)
+    poses = pinhole_poses(path, values, observations)
     bare = residuals(path, values, observations, poses)
     yield Stage("pinhole", bare.rms_px, bare.rmse_cm)
     path, values = covered_path(declared.intrinsics, declared.cover)

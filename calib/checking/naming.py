@@ -82,7 +82,7 @@ def _describe(hypothesis: Hypothesis, chance: float, views: CheckedViews) -> Cha
 
 def _shift_metric(change: Effect, views: CheckedViews) -> Array:
     """Return the (k, k) px^2 metric of `size_of`."""
-    place = views.equations.places[change.name]
-    squares = views.equations.products[:, place, place].sum(0)
+    place = views.predictive.places[change.name]
+    squares = views.predictive.products[:, place, place].sum(0)
     weight = float((views.observations.weight**2).mean())
-    return np.asarray(squares * views.equations.sigma**2 / weight / len(views.observations.pixels))
+    return np.asarray(squares * views.predictive.sigma**2 / weight / len(views.observations.pixels))

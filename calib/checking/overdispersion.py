@@ -15,8 +15,8 @@ import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
+from calib.checking.posterior_predictive import PosteriorPredictive
 from calib.checking.prior import CalibrationPrior
-from calib.checking.reduced_equations import ReducedEquations
 from calib.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -62,14 +62,14 @@ class Overdispersion:
                 logs=np.zeros(0),
             )
         poses = torch.from_numpy(calibration.poses)
-        equations = ReducedEquations.of(prior, changes, calibration.observations, poses)
-        left_out = [equations.left_out(view) for view in range(len(calibration.views))]
+        predictive = PosteriorPredictive.of(prior, changes, calibration.observations, poses)
+        left_out = [predictive.leave_one_out(view) for view in range(len(calibration.views))]
         products = [view_products for view_products, _ in left_out]
         by_change = {}
         freedom = {}
         lacking = {}
         for change in changes:
-            columns = equations.columns(change.name)
+            columns = predictive.columns(change.name)
             explanations = [explained_squares(view_products, columns) for view_products in products]
             directions = float(sum(count for _, count in explanations)) or np.inf
             squares = sum(square for square, _ in explanations)
@@ -85,7 +85,7 @@ class Overdispersion:
         """Return the variance along a change's directions in other views over the predicted one.
 
         Args:
-            products: inner products of the other views, from `ReducedEquations.predicted`.
+            products: `PosteriorPredictive.normalised_products` of the other views.
             noise_ratio: the noise variance of these views over that of the calibration's.
         """
         excess, information = self.lacking[name]

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from calib.effects.effect import Effect, EffectContext, EffectParameter
+from calib.optics.exposure import Exposure
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 
@@ -51,7 +52,9 @@ class PictureMode(Effect):
     def apply(self, path: Path) -> Path:
         return replace(path, adjustments=(self, *path.adjustments))
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         scale = values["picture_mode.log_scale"]
         shift_x = values["picture_mode.shift.x"]
         shift_y = values["picture_mode.shift.y"]

@@ -11,9 +11,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.apply.map_uncertainty import covariance_root
 from calib.calibration import Calibration
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.covariance import covariance_root
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refit_poses
@@ -78,8 +78,10 @@ class CalibrationPrior:
 
 
 def _sigma(calibration: Calibration, model: CameraModel) -> float:
-    sigma = float(calibration.settings.get("sigma_px", calibration.noise_px / 2**0.5))
-    if not np.isfinite(sigma) and calibration.views:
+    if joint := calibration.outcome.joint:
+        return max(joint.sigma_px, MIN_NOISE)
+    error = calibration.noise_px
+    if error is None and calibration.views:
         poses = torch.from_numpy(calibration.poses)
-        sigma = residuals(model.path, model.means, calibration.observations, poses).rms_px / 2**0.5
-    return max(sigma, MIN_NOISE) if np.isfinite(sigma) else 1.0
+        error = residuals(model.path, model.means, calibration.observations, poses).rms_px
+    return max(error / 2**0.5, MIN_NOISE) if error is not None and np.isfinite(error) else 1.0

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from torch import Tensor
 
+from calib.checking.posterior_predictive import parameters_with_changes, prior_spread
 from calib.checking.prior import CalibrationPrior
-from calib.checking.reduced_equations import parameters_with_changes, prior_spread
 from calib.effects.effect import Effect
-from calib.estimation.joint_fit import invert_precision
+from calib.estimation.covariance import invert_precision
 from calib.estimation.levenberg_marquardt import Outcome, minimise
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
@@ -91,8 +91,9 @@ def refit(
         precision = torch.from_numpy(_precision(prior, parameters, change, new))
     shared = parameters.vector({**parameters.origin, **(start or {})})
     initial = parameters.values(shared)
-    timed = observations.with_times(initial)
-    _, failure = path.land(observations.pixels, timed, poses[observations.view])
+    _, failure = path.land(
+        observations.pixels, initial, poses[observations.view], observations.exposure
+    )
     visible_observations = observations.select_rows(failure == 0)
     weights = pixel_weights(path, initial, visible_observations, poses, sigma)
     problem = LandingProblem(
@@ -108,7 +109,7 @@ def refit(
         steps=MAX_STEPS,
         tolerance=ROUGH_TOLERANCE if change_only else TOLERANCE,
     )
-    hessian, _ = solution.equations.schur_complement()
+    hessian = solution.equations.eliminate_blocks().hessian
     covariance = invert_precision(hessian + precision).numpy()
     if solution.outcome is Outcome.NOT_FINITE:
         covariance = np.full_like(covariance, np.nan)

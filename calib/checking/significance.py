@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc, stdtr, stdtrit
 
 from calib.checking.overdispersion import Overdispersion, explained_squares
-from calib.checking.reduced_equations import ReducedEquations
+from calib.checking.posterior_predictive import PosteriorPredictive
 
 Array = NDArray[np.float64]
 
@@ -51,52 +51,53 @@ class Significance:
 
 
 def significance(
-    equations: ReducedEquations, overdispersion: Overdispersion, noise_ratio: float
+    predictive: PosteriorPredictive, overdispersion: Overdispersion, noise_ratio: float
 ) -> Significance:
     """Test views; `noise_ratio` is the noise variance of their corners over that of the
     calibration's, at least 1.
     """
-    products = equations.predicted()
+    products = predictive.normalised_products()
     by_change = [
-        _change_p_value(products, equations, overdispersion, name, noise_ratio)
-        for name in equations.places
+        _change_p_value(products, predictive, overdispersion, name, noise_ratio)
+        for name in predictive.places
     ]
     change_p_value = len(by_change) * min(by_change, default=1.0)
-    statistic, allowed, size_p_value = _size_test(equations, overdispersion, noise_ratio)
+    statistic, allowed, size_p_value = _size_test(predictive, overdispersion, noise_ratio)
     p_value = min(change_p_value / (1 - SIZE_SHARE), size_p_value / SIZE_SHARE, 1.0)
-    return Significance(p_value, statistic, allowed, int(equations.freedom.sum()))
+    return Significance(p_value, statistic, allowed, int(predictive.freedom.sum()))
 
 
 def _change_p_value(
     products: Array,
-    equations: ReducedEquations,
+    predictive: PosteriorPredictive,
     overdispersion: Overdispersion,
     name: str,
     noise_ratio: float,
 ) -> float:
-    square, directions = explained_squares(products, equations.columns(name))
+    square, directions = explained_squares(products, predictive.columns(name))
     if not directions:
         return 1.0
-    scale = overdispersion.scale(name, products, equations.columns(name), directions, noise_ratio)
+    scale = overdispersion.scale(name, products, predictive.columns(name), directions, noise_ratio)
     return float(
         fdtrc(directions, min(overdispersion.freedom[name], 1e9), square / directions / scale)
     )
 
 
 def _size_test(
-    equations: ReducedEquations, overdispersion: Overdispersion, noise_ratio: float
+    predictive: PosteriorPredictive, overdispersion: Overdispersion, noise_ratio: float
 ) -> tuple[float, float, float]:
     """Return the statistic, its largest value without alarm, and its p-value by Student's test of
     the logarithms of the views' squares.
     """
-    views = len(equations.freedom)
+    views = len(predictive.freedom)
     ratios = [
-        equations.predicted(slice(view, view + 1))[0, 0] / max(1.0, equations.freedom[view])
+        predictive.normalised_products(slice(view, view + 1))[0, 0]
+        / max(1.0, predictive.freedom[view])
         for view in range(views)
     ]
     logs = np.log(np.maximum(ratios, 1e-12)) - np.log(noise_ratio)
     reference = overdispersion.logs if overdispersion.logs.size else np.zeros(1)
-    by_theory = float(np.sqrt((2 / np.maximum(equations.freedom, 1)).mean()))
+    by_theory = float(np.sqrt((2 / np.maximum(predictive.freedom, 1)).mean()))
     spread = max(float(reference.std(ddof=1)), by_theory) if reference.size > 1 else by_theory
     freedom = reference.size - 1 if reference.size > 1 else 1e9
     error = (

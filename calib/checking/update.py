@@ -29,13 +29,13 @@ from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.joint_fit import Estimate
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
+from calib.fit_record.history import UpdateRecord
+from calib.fit_record.outcome import JointOutcome
 from calib.fitting.declared import comparisons
 from calib.fitting.fit_result import with_estimate
 from calib.optics.relief import AMPLITUDES
 from calib.threads import single_thread
 
-UPDATES = "updates"
-"""The key in a calibration's settings for the list of its updates, the oldest first."""
 NOT_IN_CALIBRATION = frozenset({CoverSpin.name, PictureMode.name, "board_scale", "board_shape"})
 """Changes that a calibration cannot contain, or that are not changes of the camera."""
 
@@ -93,7 +93,8 @@ def update(
         observations = Observations.of(views, pictures.board).add_times(
             None, calibration.camera.height
         )
-        poses, _ = prior.fit_poses(observations, pinhole_poses(observations, prior.model.means))
+        poses = pinhole_poses(prior.model.path, prior.model.means, observations)
+        poses, _ = prior.fit_poses(observations, poses)
         fit = refit(prior, change, observations, poses, prior.sigma * _noise_ratio(result))
         if not fit.finite:
             raise NotEnoughDataError(
@@ -101,16 +102,17 @@ def update(
             )
         updated = _apply_fit(calibration, prior, change, fit, views)
     numbers = tuple(_number_updates(calibration, updated))
-    record = {
-        "calibration_sha256": calibration.digest,
-        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-        "answer": result.status.value,
-        "views": [view.name for view in views],
-        "change": change.name if change else "",
-        "moved_sigmas": {number.name: number.sigmas for number in numbers},
-    }
-    history = [*calibration.settings.get(UPDATES, []), record]
-    return replace(updated, settings=updated.settings | {UPDATES: history}), numbers
+    record = UpdateRecord(
+        calibration_sha256=calibration.digest,
+        finished=datetime.now(UTC).isoformat(timespec="seconds"),
+        answer=result.status.value,
+        views=tuple(view.name for view in views),
+        change=change.name if change else "",
+        moved_sigmas={number.name: number.sigmas for number in numbers},
+    )
+    history = calibration.history
+    history = replace(history, updates=(*history.updates, record))
+    return replace(updated, history=history), numbers
 
 
 def is_updatable(result: CheckResult) -> bool:
@@ -184,12 +186,15 @@ def _apply_fit(
     updated = replace(updated, covariance=fit.covariance[np.ix_(places, places)])
     if not calibration.stages:  # its fit saw no view of this medium
         updated = replace(updated, stages=stages_of(updated))
-    about_fit = {
-        "outcome": fit.outcome.value,
-        "iterations": fit.iterations,
-        "sigma_px": prior.sigma,
-    }
-    return replace(updated, settings=calibration.settings | about_fit)
+    former = calibration.outcome.joint
+    joint = JointOutcome(
+        outcome=fit.outcome.value,
+        iterations=fit.iterations,
+        sigma_px=prior.sigma,
+        log_evidence=former.log_evidence if former else None,
+        relief_prior=former.relief_prior if former else None,
+    )
+    return replace(updated, outcome=replace(calibration.outcome, joint=joint))
 
 
 def _free_name(name: str, taken: set[str]) -> str:

@@ -31,7 +31,7 @@ def quoted(text: str) -> str:
     return repr(brief(text))
 
 
-def positive(text: str) -> float:
+def positive_number(text: str) -> float:
     """Return a finite number above 0."""
     try:
         number = float(text)

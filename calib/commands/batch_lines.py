@@ -10,7 +10,7 @@ from rich.console import Console
 from calib.errors import harmless
 from calib.fleet.findings import Fleet
 from calib.fleet.page import headline
-from calib.fleet.result import State
+from calib.fleet.result import JobState
 
 MAX_CAMERAS = 40
 """Cameras that are listed. The page lists all."""
@@ -34,7 +34,8 @@ def fleet_json(fleet: Fleet, written: Sequence[Path]) -> dict[str, object]:
     return {
         "cameras": len(fleet.entries),
         "states": {
-            state.value: sum(result.state is state for result in fleet.results) for state in State
+            state.value: sum(result.state is state for result in fleet.results)
+            for state in JobState
         },
         "stand_out": {
             camera: [finding.sentence for finding in fleet.findings[camera]]

@@ -123,9 +123,9 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _pattern(args: argparse.Namespace) -> "Pattern":
-    from calib.sheet.aprilgrid import AprilGrid
-    from calib.sheet.charuco import Charuco
-    from calib.sheet.checkerboard import Checkerboard
+    from calib.sheet.aprilgrid import AprilGridPattern
+    from calib.sheet.charuco import CharucoPattern
+    from calib.sheet.checkerboard import CheckerboardPattern
 
     for option in OPTIONS:
         if getattr(args, option) is not None and option not in BY_TYPE[args.type]:
@@ -140,15 +140,15 @@ def _pattern(args: argparse.Namespace) -> "Pattern":
     columns = args.columns or (6 if args.type == "aprilgrid" else 9)
     rows = args.rows or 6
     if args.type == "aprilgrid":
-        return AprilGrid(columns, rows, **shape)
+        return AprilGridPattern(columns, rows, **shape)
     if min(columns, rows) < 3:
         raise InputError(
             f"a board of --type {args.type} has 3 corners or more in each direction: write"
             " --columns 9 --rows 6, say."
         )
     if args.type == "charuco":
-        return Charuco(columns, rows, **shape)
-    return Checkerboard(columns, rows)
+        return CharucoPattern(columns, rows, **shape)
+    return CheckerboardPattern(columns, rows)
 
 
 def _as_mapping(kind: str, pattern: "Pattern", sheet: "Sheet") -> dict[str, object]:
@@ -162,7 +162,7 @@ def _as_mapping(kind: str, pattern: "Pattern", sheet: "Sheet") -> dict[str, obje
 
 
 def _remarks(pattern: "Pattern", sheet: "Sheet") -> list[str]:
-    from calib.sheet.checkerboard import Checkerboard
+    from calib.sheet.checkerboard import CheckerboardPattern
 
     remarks = []
     if sheet.white < sheet.side:
@@ -171,7 +171,7 @@ def _remarks(pattern: "Pattern", sheet: "Sheet") -> list[str]:
             f" this board on black all the same, other programs may not; smaller {pattern.cell}s or"
             " a larger --paper leave more."
         )
-    if isinstance(pattern, Checkerboard) and pattern.looks_the_same_upside_down:
+    if isinstance(pattern, CheckerboardPattern) and pattern.looks_the_same_upside_down:
         remarks.append(
             f"A board of {pattern} looks the same upside down, so it must keep the same side up in"
             " all views: one odd and one even number, such as 9x6, leave no doubt."

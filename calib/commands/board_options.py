@@ -3,7 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import millimetres, positive
+from calib.commands.arguments import millimetres, positive_number
 from calib.errors import InputError
 from calib.session.coding import DICTIONARIES, TYPES
 
@@ -40,7 +40,7 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--spacing",
-        type=positive,
+        type=positive_number,
         metavar="PART",
         help="gap between an aprilgrid's tags, as a fraction of a tag's side, such as 0.3",
     )

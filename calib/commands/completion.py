@@ -99,9 +99,9 @@ def _joined(key: str, names: Sequence[str]) -> dict[str, object]:
 
 
 def _effects() -> tuple[str, Sequence[str]]:
-    from calib.commands.effect_names import effect_names
+    from calib.commands.effect_names import registered_names
 
-    return "effects", ("none", "auto", *effect_names())
+    return "effects", ("none", "auto", *registered_names())
 
 
 def _free() -> tuple[str, Sequence[str]]:

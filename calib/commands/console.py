@@ -20,9 +20,8 @@ from calib.corners.view import RejectedPicture
 from calib.errors import brief, harmless
 from calib.fitting.declared import comparisons, effect_comparisons
 from calib.fitting.evaluate import Evaluation
-from calib.fitting.fleet_expectation import KEY as PRIOR
-from calib.fitting.guided_redetection import REDETECTION, Redetection, describe_redetection
-from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views
+from calib.fitting.guided_redetection import describe_redetection
+from calib.fitting.view_noise import describe_noisy_views
 from calib.progress import Advance
 from calib.session.lens import NAMES
 
@@ -75,16 +74,14 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         table.add_row(stage.title, f"{stage.rms_px:.3f} px", f"{stage.rmse_cm:.4f} cm", change)
     console.print(table)
     corners = sum(view.count for view in calibration.views)
+    noise = calibration.noise_px
+    words = "unknown" if noise is None else f"about {noise:.3f} px"
     console.print(
-        f"{len(calibration.views)} views with {corners} corners, noise of the corners about"
-        f" {calibration.noise_px:.3f} px, {seconds:.1f} s."
+        f"{len(calibration.views)} views with {corners} corners, noise of the corners {words},"
+        f" {seconds:.1f} s."
     )
-    looks = describe_redetection(
-        [Redetection.from_record(record) for record in calibration.settings.get(REDETECTION, [])]
-    )
-    view_lines = filter(
-        None, (looks, describe_noisy_views(calibration.settings.get(VIEW_NOISE, {})))
-    )
+    looks = describe_redetection(calibration.outcome.redetections or ())
+    view_lines = filter(None, (looks, describe_noisy_views(calibration.outcome.view_noise)))
     reach = filter(None, [undistortion_limit(calibration)])
     for line in (
         *view_lines,
@@ -94,10 +91,10 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         *reach,
     ):
         console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
-    if validation := calibration.settings.get("cross_validation"):
+    if validation := calibration.outcome.cross_validation:
         console.print(
-            f"Held out in {validation['folds']} folds: {validation['held_out_px']:.3f} px, where"
-            f" the fitted views have {validation['fitted_px']:.3f} px."
+            f"Held out in {validation.folds} folds: {validation.held_out_px:.3f} px, where"
+            f" the fitted views have {validation.fitted_px:.3f} px."
         )
     _list_rejected(console, calibration.rejected)
 
@@ -105,7 +102,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
 def _lens(calibration: Calibration) -> Iterator[str]:
     """Yield a line on the lens model that held-out views chose, if there was a choice of models."""
     intrinsics = calibration.camera.intrinsics
-    held_out_px = dict(calibration.settings.get("lens_held_out_px", {}))
+    held_out_px = calibration.outcome.lens_held_out_px or {}
     models = {name: error for name, error in held_out_px.items() if name.split()[0] in NAMES}
     if not (intrinsics and models):
         return
@@ -119,9 +116,9 @@ def _lens(calibration: Calibration) -> Iterator[str]:
 
 def _prior(calibration: Calibration) -> Iterator[str]:
     """Yield a line that says whether the fit used a fleet's prior."""
-    if prior := calibration.settings.get(PRIOR):
-        source = f"{prior['cameras']} cameras ({prior['file']})"
-        if prior["used"]:
+    if prior := calibration.outcome.fleet_prior:
+        source = f"{prior.cameras} cameras ({prior.file})"
+        if prior.used:
             yield (
                 f"Prior: the numbers and the glass of {source}, which stand below for what is"
                 " declared."

@@ -59,7 +59,8 @@ def _errors(finding: Diagnosis) -> Table:
             f"{quality.rmse_cm:.4f} cm",
             f"{quality.held_out_px:.3f} px",
         )
-    table.add_row("noise", f"{finding.noise_px:.3f} px", "", "")
+    noise = finding.noise_px
+    table.add_row("noise", "unknown" if noise is None else f"{noise:.3f} px", "", "")
     return table
 
 

@@ -11,10 +11,12 @@ EFFECTS = Path(__file__).parents[1] / "effects"
 
 def effects_help() -> str:
     """Return a line for each effect, in the registry's order: its name and its description."""
-    return "\n".join(["effects:", *(f"  {name:<18}{_summary(name)}" for name in effect_names())])
+    return "\n".join(
+        ["effects:", *(f"  {name:<18}{_summary(name)}" for name in registered_names())]
+    )
 
 
-def effect_names() -> Iterator[str]:
+def registered_names() -> Iterator[str]:
     """Yield the names in the registry's order."""
     registry = (EFFECTS / "registry.py").read_text(encoding="utf-8")
     modules = {

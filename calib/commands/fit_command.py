@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.diagnosis.diagnose import diagnose
         from calib.diagnosis.possible_effects import check_possible
         from calib.diagnosis.requested_effects import with_requested
-        from calib.export.npz import file_names, write_npz
+        from calib.export.npz import npz_file_names, write_npz
         from calib.fitting.fit import fit
         from calib.fitting.provenance import record_request
         from calib.io.file_set import FileSet
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> None:
     if args.effects != ("auto",):
         check_possible(session, settings, args.effects)
     with FileSet(output, overwrite=args.overwrite, inputs=session.files) as files:
-        files.reserve([*FILES, *file_names(args.depth), NAME])
+        files.reserve([*FILES, *npz_file_names(args.depth), NAME])
         with Bars() as bars:
             calibration = fit(session, settings, bars)
             finding = None
@@ -98,18 +98,15 @@ def run(args: argparse.Namespace) -> None:
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
     """Return the JSON object of the command contract."""
-    from calib.fitting.guided_redetection import REDETECTION
-    from calib.fitting.view_noise import VIEW_NOISE
-
     intrinsics = calibration.camera.intrinsics
-    held_out = calibration.settings.get("lens_held_out_px", {})
+    record = calibration.record()
     assert intrinsics
     return {
         "frames_used": len(calibration.views),
         "frames_rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "corners": sum(view.count for view in calibration.views),
-        REDETECTION: calibration.settings.get(REDETECTION, []),
-        VIEW_NOISE: calibration.settings.get(VIEW_NOISE, {}),
+        "second_look": record.get("second_look", []),
+        "view_noise": record.get("view_noise", {}),
         "noise_px": calibration.noise_px,
         "seconds": seconds,
         "stages": [
@@ -119,10 +116,6 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         "lens": {
             "model": intrinsics.model,
             "coefficients": len(intrinsics.distortion),
-            "held_out_px": held_out,
+            "held_out_px": record.get("lens_held_out_px", {}),
         },
-    } | {
-        key: calibration.settings[key]
-        for key in ("cross_validation", "fleet_prior")
-        if key in calibration.settings
-    }
+    } | {key: record[key] for key in ("cross_validation", "fleet_prior") if key in record}

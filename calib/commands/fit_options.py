@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from calib.commands.arguments import folds, free, grid, steps
 
 if TYPE_CHECKING:
-    from calib.fitting.stages import Settings
+    from calib.fit_record.request import Settings
 
 
 def add_fit_options(parser: argparse.ArgumentParser, *, default_folds: int = 0) -> None:
@@ -55,7 +55,7 @@ def add_fit_options(parser: argparse.ArgumentParser, *, default_folds: int = 0) 
 
 
 def settings_of(args: argparse.Namespace) -> "Settings":
-    from calib.fitting.stages import Settings
+    from calib.fit_record.request import Settings
 
     return Settings(
         args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds

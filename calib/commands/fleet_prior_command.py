@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     from calib.commands.fleet_prior_lines import print_prior, prior_json
     from calib.commands.printing import print_json
-    from calib.fleet.prior import fleet_prior
+    from calib.fleet.prior import estimate_fleet_prior
     from calib.fleet.result import fleet_files
     from calib.io.output_folder import ANOTHER_FILE, OutputFolder
     from calib.session.fleet_prior import fleet_prior_yaml
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
         elsewhere=ANOTHER_FILE,
     )
     output.check([args.output.name])
-    prior = fleet_prior(args.fleet)
+    prior = estimate_fleet_prior(args.fleet)
     output.write(args.output.name, fleet_prior_yaml(prior, VERSION))
     if args.json:
         print_json(prior_json(prior, args.output))

@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.console import Bars
         from calib.commands.printing import print_json
         from calib.diagnosis.all_free import all_free
-        from calib.export.npz import file_names, write_npz
+        from calib.export.npz import npz_file_names, write_npz
         from calib.io.file_set import FileSet
         from calib.io.output_folder import check_no_link
         from calib.session.schema import Number
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> None:
     output = args.output or check_no_link(folder_of(args.calibration) / "immersed")
     inputs = calibration_files(args.calibration)
     with Bars() as bars, FileSet(output, overwrite=args.overwrite, inputs=inputs) as files:
-        files.reserve([*FILES, *file_names(depths)])
+        files.reserve([*FILES, *npz_file_names(depths)])
         immersion = immerse(all_free(calibration), Number(index, sigma), depths or DEPTHS)
         written = [
             immersion.calibration.write(files),

@@ -9,7 +9,7 @@ from calib.commands.board_options import add_coding, board_from_options
 from calib.errors import harmless
 
 if TYPE_CHECKING:
-    from calib.importing.session_draft import Draft
+    from calib.importing.session_draft import SessionDraft
 
 SUMMARY = "Make a session folder from the pictures or corners of another program."
 DESCRIPTION = """
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> None:
     print(harmless(f"{args.output} has {count} {kind}: calibrate it with calib fit {args.output}"))
 
 
-def _draft(args: argparse.Namespace) -> "Draft":
+def _draft(args: argparse.Namespace) -> "SessionDraft":
     from calib.importing.from_kalibr import from_kalibr
     from calib.importing.from_mrcal import from_cameramodel, from_corners
     from calib.importing.from_pictures import from_pictures

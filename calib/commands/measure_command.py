@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_calibration, depth, positive
+from calib.commands.arguments import add_calibration, depth, positive_number
 from calib.commands.loading import fast_imports
 from calib.errors import brief, harmless
 
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "noise of the given pixels, per axis (default: that of the calibration's corners, which a"
         " click seldom reaches)"
     )
-    parser.add_argument("--noise", type=positive, metavar="PX", help=noise)
+    parser.add_argument("--noise", type=positive_number, metavar="PX", help=noise)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from calib.apply.located_tags import TagPose
-    from calib.apply.tag_files import Picture, Refused
+    from calib.apply.tag_files import Refused, TagPicture
     from calib.apply.tags import TagLocator
 
 SUMMARY = "Locate AprilTags and ArUco markers in pictures: poses in metres, with sigma."
@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _as_mapping(
     locator: "TagLocator",
-    pictures: "Sequence[Picture]",
+    pictures: "Sequence[TagPicture]",
     refused: "Sequence[Refused]",
     written: Sequence[Path],
 ) -> dict[str, object]:
@@ -159,7 +159,7 @@ def _pose(pose: "TagPose") -> dict[str, object]:
     }
 
 
-def _print(pictures: "Sequence[Picture]") -> None:
+def _print(pictures: "Sequence[TagPicture]") -> None:
     import numpy as np
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
@@ -216,7 +216,7 @@ def _rounded(numbers: list[float], sigma: float, max_digits: int) -> tuple[list[
     )
 
 
-def _print_remarks(console: "Console", picture: "Picture") -> None:
+def _print_remarks(console: "Console", picture: "TagPicture") -> None:
     """Print a sentence for each tag without a pose, or with two poses."""
     growth = picture.located.growth
     lines = []

@@ -51,7 +51,7 @@ on a picture enlarged by cubic splines it does not.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Grid:
+class CornerGrid:
     """A chessboard of unknown size in a picture."""
 
     size: tuple[int, int]
@@ -97,7 +97,7 @@ def shows_two(grid: SaddleGrid, board: Board) -> bool:
     )
 
 
-def largest_grid(grey: NDArray) -> Grid | None:
+def largest_grid(grey: NDArray) -> CornerGrid | None:
     """Return the largest chessboard in a (H, W) uint8 picture, whatever its size; where the rest is
     hidden, a part of a board.
     """
@@ -111,7 +111,7 @@ def largest_grid(grey: NDArray) -> Grid | None:
     grid = _enlarge(_pairs(corners), scale).reshape(*meta.shape[:2], 2)
     if grid.shape[0] > grid.shape[1]:
         grid = grid.swapaxes(0, 1)
-    return Grid((grid.shape[1], grid.shape[0]), grid.reshape(-1, 2))
+    return CornerGrid((grid.shape[1], grid.shape[0]), grid.reshape(-1, 2))
 
 
 def has_grid(grey: NDArray, board: Board) -> bool:

@@ -14,7 +14,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.detect import Grid, eight_bits, is_inside, is_smooth_grid, largest_grid, refine
+from calib.corners.detect import (
+    CornerGrid,
+    eight_bits,
+    is_inside,
+    is_smooth_grid,
+    largest_grid,
+    refine,
+)
 from calib.corners.detection import Detection, NotFound
 from calib.corners.grid_growth import fill_grid, grow_grid
 from calib.corners.measure import measure_corners
@@ -79,7 +86,7 @@ def find_partial_board(grey: NDArray, board: Board) -> Detection | NotFound | No
     return Detection(measured.corners, measured.covariances, "part")
 
 
-def _refine_single_squares(grey: NDArray[np.uint8], grid: Grid) -> Floats | None:
+def _refine_single_squares(grey: NDArray[np.uint8], grid: CornerGrid) -> Floats | None:
     """Return (rows, columns, 2) px at every corner: where something is hidden, the lines of the
     detected grid may be two squares apart.
     """

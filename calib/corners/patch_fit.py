@@ -112,7 +112,7 @@ def fit_patches(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Equations:
+class _CornerEquations:
     """The normal equations of N corners, whose pixels are summed in C chunks.
 
     In place of x and y, they have the px across each edge.
@@ -128,9 +128,9 @@ class _Equations:
     """(N,) grey levels^2, the sums of all squared residuals."""
 
     @staticmethod
-    def from_chunks(by_chunk: NDArray[np.float32], squared: Floats) -> "_Equations":
+    def from_chunks(by_chunk: NDArray[np.float32], squared: Floats) -> "_CornerEquations":
         total = by_chunk.sum(0, dtype=np.float64)
-        return _Equations(by_chunk, total[..., :-1], total[..., -1], squared)
+        return _CornerEquations(by_chunk, total[..., :-1], total[..., -1], squared)
 
     def step(self, parameters: Floats, damping: Floats) -> Floats:
         """Return the (N, 11) step from these parameters, with (N,) dampings."""
@@ -144,7 +144,7 @@ class _Equations:
         diagonal += REGULARISATION
         return np.asarray(np.linalg.solve(normal, gradient[..., None])[..., 0])
 
-    def replace(self, corners: Indices, equations: "_Equations") -> None:
+    def replace(self, corners: Indices, equations: "_CornerEquations") -> None:
         """Replace the equations of the corners at these indices."""
         self.by_chunk[:, corners] = equations.by_chunk
         self.normals[corners] = equations.normals
@@ -208,7 +208,7 @@ class _Comparison:
         bulk = np.minimum(size, 1)
         return _by_corner((bulk * (2 * size - bulk)).sum(1))
 
-    def equations(self, threshold: float, chunks: list[slice]) -> _Equations:
+    def equations(self, threshold: float, chunks: list[slice]) -> _CornerEquations:
         """Return the normal equations.
 
         Args:
@@ -238,7 +238,7 @@ class _Comparison:
                 # the two factors have different shapes: a product with itself is slower
                 np.matmul(block[:, :-1], block.swapaxes(1, 2), out=sums[edge, index])
         squared = _by_corner(np.einsum("rp,rp->r", self.residuals, self.residuals))
-        return _Equations.from_chunks(sums.reshape(-1, *sums.shape[2:]), squared)
+        return _CornerEquations.from_chunks(sums.reshape(-1, *sums.shape[2:]), squared)
 
 
 class _Descent:
@@ -307,7 +307,7 @@ class _Descent:
                 comparison = _Comparison.evaluate(current, patches, curvatures, self._brightest)
 
     def _store(
-        self, corners: Indices, parameters: Floats, last_step: Floats, equations: _Equations
+        self, corners: Indices, parameters: Floats, last_step: Floats, equations: _CornerEquations
     ) -> None:
         """Store these corners' parameters, the step that led to them, and the equations from before
         that step.

@@ -26,7 +26,7 @@ def all_free(calibration: Calibration) -> Calibration:
     is_unchanged = (intrinsics, cover) == (declared.intrinsics, declared.cover)
     if (
         is_unchanged
-        or AUTO not in calibration.settings.get("free", ())
+        or AUTO not in calibration.request.free
         or not (calibration.views and calibration.covariance.size)
     ):
         return calibration

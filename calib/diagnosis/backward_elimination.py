@@ -10,7 +10,7 @@ from calib.diagnosis.trial import MIN_GAIN, is_worthwhile
 from calib.effects.effect import Effect
 from calib.estimation.joint_fit import ROUNDS
 from calib.inference.cross_validation import held_out_gain
-from calib.inference.score_test import ModelFit
+from calib.inference.fitted_model import ModelFit
 from calib.inference.vuong import vuong_statistic
 
 MAX_P_VALUE = 0.05

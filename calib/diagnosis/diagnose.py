@@ -24,17 +24,18 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.noise import burst_noise, on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
+from calib.fit_record.history import DiagnosisRecord
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit_result import with_fit
-from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views
+from calib.fitting.view_noise import describe_noisy_views
 from calib.inference.calibration_model import base_model, full_model
 from calib.inference.cross_validation import FOLDS, depth_split, fold_split
+from calib.inference.fitted_model import ModelFit
 from calib.inference.residual_structure import (
     VarianceShare,
     significant_shares,
     variance_shares,
 )
-from calib.inference.score_test import ModelFit
 from calib.progress import Advance, Progress, Silent
 from calib.session.session import Session
 from calib.threads import single_thread
@@ -103,7 +104,7 @@ def diagnose(
         formulas = tuple(printed_forms(state))
         structure = significant_shares(_shares(calibration, state.fit, observations))
         timed = are_timed(calibration.views)
-        noisy_views = describe_noisy_views(calibration.settings.get(VIEW_NOISE, {}))
+        noisy_views = describe_noisy_views(calibration.outcome.view_noise)
         sentences = (
             *scores,
             *([noisy_views] if noisy_views else []),
@@ -133,8 +134,8 @@ def diagnose(
         organised_by=structure[0].organised_by if structure else "",
         remarks=sentences,
     )
-    settings = extended.settings | {"diagnosis": diagnosis.as_json()}
-    return replace(extended, noise_px=noise, settings=settings), diagnosis
+    history = replace(extended.history, diagnosis=DiagnosisRecord(diagnosis.as_json()))
+    return replace(extended, noise_px=noise, history=history), diagnosis
 
 
 class _Reporter:
@@ -151,9 +152,10 @@ class _Reporter:
 
 def _view_distances(fit: ModelFit, observations: Observations) -> NDArray[np.float64]:
     """Return (V,) m, the mean distance of the corners of each view (`Path.distance`)."""
-    timed = observations.with_times(fit.joint.values)
     poses = fit.joint.poses[observations.view]
-    points = fit.model.path.place(observations.corners, timed, poses)
+    points = fit.model.path.place(
+        observations.corners, fit.joint.values, poses, observations.exposure
+    )
     distance = fit.model.path.distance(points).numpy()
     view = observations.view.numpy()
     return np.asarray(np.bincount(view, distance) / np.bincount(view))
@@ -174,23 +176,23 @@ def _shares(
 
 def _noise(
     calibration: Calibration, residual: Residuals, poses: NDArray[np.int64]
-) -> tuple[float, str]:
-    """Return the noise floor in px, and its source in words."""
+) -> tuple[float | None, str]:
+    """Return the noise floor in px, None if it is unknown, and its source in words."""
     grid = on_board_grid(residual.image, calibration.views)
     noise = burst_noise(grid, poses)
-    if np.isfinite(noise):
+    if noise is not None:
         return noise, "pictures of one pose of the board"
     return short_scale_noise(grid, calibration.board), "the residual's short-scale part"
 
 
 def _unexplained(
-    residual: Residuals, noise: float, observations: Observations, joint: JointFit
-) -> float:
+    residual: Residuals, noise: float | None, observations: Observations, joint: JointFit
+) -> float | None:
     """Return the fraction of the residual's variance above the noise floor, corrected for the
-    degrees of freedom; NaN if the noise is unknown.
+    degrees of freedom; None if the noise is unknown.
     """
-    if not np.isfinite(noise):
-        return float("nan")
+    if noise is None:
+        return None
     count = 2 * len(observations.pixels)
     freedom = max(1, count - joint.poses.numel()) / count
     return max(0.0, 1.0 - noise**2 * freedom / residual.rms_px**2)

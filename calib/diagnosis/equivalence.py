@@ -31,8 +31,9 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.inference.cross_validation import held_out_gain
 from calib.inference.effect_context import effect_context
+from calib.inference.fitted_model import FittedModel, ModelFit
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
-from calib.inference.score_test import FittedModel, ModelFit, ScoreTest
+from calib.inference.score_test import ScoreTest, score_test, tuned_score_tests
 from calib.inference.vuong import vuong_statistic
 from calib.inference.warm_start import rough_fit
 
@@ -160,7 +161,7 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
         return []
     present = {e.name for e in state.model.effects}
     context = effect_context(fitted, problem.board, problem.camera, locate=False)
-    test = fitted.test(effect)
+    test = score_test(fitted, effect)
     shift = _corner_shift(test, state.joint)
     proposals = [
         proposal
@@ -169,7 +170,7 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
         for proposal in kind.propose(context)
     ]
     rivals = []
-    for candidate in fitted.candidates(proposals):
+    for candidate in tuned_score_tests(fitted, proposals):
         if shift.size and candidate.jacobian.size:
             overlap = float(((candidate.span().T @ shift) ** 2).sum() / (shift @ shift))
         else:

@@ -106,8 +106,8 @@ class Quality:
 class Diagnosis:
     """The result of a diagnosis."""
 
-    noise_px: float
-    """The two-dimensional noise floor."""
+    noise_px: float | None
+    """The two-dimensional noise floor; None if too few corners tell it."""
     noise_from: str
     residual: tuple[VarianceShare, ...]
     """The structure of the residual of the diagnosed fit."""
@@ -116,8 +116,10 @@ class Diagnosis:
     """The accepted effects; of a family, the most probable member."""
     base_quality: Quality
     final_quality: Quality
-    unexplained: float
-    """The fraction of the final residual's variance that is not noise."""
+    unexplained: float | None
+    """The fraction of the final residual's variance that is not noise; None if the noise is
+    unknown.
+    """
     organised_by: str
     """The coordinate that explains most of it; empty if it is noise."""
     remarks: tuple[str, ...]

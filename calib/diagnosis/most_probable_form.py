@@ -1,11 +1,7 @@
 """The most probable form of an effect, among forms with different numbers of parameters.
 
 A form with fewer parameters is the largest form with the other parameters at their neutral values.
-So one fit gives the evidence of all forms: the density of the neutral values after the fit over
-their density in the prior (the Savage-Dickey ratio).
-
-Source: J. M. Dickey, The weighted likelihood ratio, linear hypotheses on normal location parameters
-    (1971).
+So one fit gives the evidence of all forms, by the Savage-Dickey ratio.
 """
 
 from __future__ import annotations
@@ -16,11 +12,12 @@ import numpy as np
 
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import ROUNDS, JointFit, invert_precision
+from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.objective import view_precision
 from calib.estimation.observations import Observations
+from calib.inference.fitted_model import FittedModel
 from calib.inference.laplace_evidence import LaplaceEvidence
-from calib.inference.score_test import FittedModel
+from calib.inference.savage_dickey import savage_dickey_log_odds
 from calib.inference.warm_start import start_with_effect, start_without_effects
 
 
@@ -46,23 +43,6 @@ def with_most_probable(
         return largest, joint
     best_start = start_without_effects(best, largest, joint, observations)
     return best, best.fit(observations, joint.poses, best_start, ROUNDS)
-
-
-def savage_dickey_log_odds(form: CameraModel, largest: CameraModel, joint: JointFit) -> float:
-    """Return the log evidence of a form minus that of the largest form, whose fit is `joint`."""
-    names = {param.name for param in form.parameters.free}
-    parameters = joint.parameters
-    removed = [param for param in parameters.free if param.name not in names]
-    if not removed:
-        return 0.0
-    entries = parameters.entries(param.name for param in removed)
-    neutral = parameters.vector(largest.means)[entries]
-    distance = parameters.vector(joint.values)[entries] - neutral
-    covariance = joint.covariance[entries][:, entries]
-    sigmas = [np.ravel(largest.priors.sigmas[param.name]) / param.scale for param in removed]
-    square = distance @ invert_precision(covariance) @ distance
-    log_posterior = -float(square + covariance.slogdet().logabsdet) / 2
-    return float(log_posterior + np.log(np.concatenate(sigmas)).sum())
 
 
 def _fit_most_probable_size(

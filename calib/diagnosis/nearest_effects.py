@@ -8,7 +8,8 @@ import numpy as np
 import torch
 
 from calib.effects.effect import Effect
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
+from calib.inference.score_test import score_test, tuned_score_tests
 
 MIN_SHARE = 0.1
 """The smallest fraction of the field that a reported effect explains."""
@@ -35,9 +36,9 @@ def nearest_named(
     vector = [
         (values[u.param.name] / u.param.scale).numpy().ravel() for u in field.effect_parameters
     ]
-    shift = fitted.test(field).jacobian @ np.concatenate(vector)
+    shift = score_test(fitted, field).jacobian @ np.concatenate(vector)
     shares = dict[str, float]()
-    for test in fitted.candidates(candidates):
+    for test in tuned_score_tests(fitted, candidates):
         if test.jacobian.size:  # parameters of single views could explain anything
             share = float(((test.span().T @ shift) ** 2).sum() / (shift @ shift))
             shares[test.effect.name] = max(share, shares.get(test.effect.name, 0.0))

@@ -9,7 +9,8 @@ from calib.effects.effect import EffectContext
 from calib.effects.registry import KINDS
 from calib.errors import InputError
 from calib.estimation.stated_priors import priors_of
-from calib.fitting.stages import Settings, Setup
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup
 from calib.optics.build import covered_path, with_relief
 from calib.optics.relief import AMPLITUDES, Relief
 from calib.session.camera import Intrinsics

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.estimation.orthogonal_projection import project_out
+
 Array = NDArray[np.float64]
 
 PERIODS = 40
@@ -69,12 +71,12 @@ def closed_forms(points: Array, shifts: Array, spacing: float) -> list[ClosedFor
     """
     centred = points - (points.min(0) + points.max(0)) / 2
     pose_columns = _pose_columns(centred)
-    field = _project_out(pose_columns, shifts.T.ravel())
+    field = project_out(pose_columns, shifts.T.ravel())
     if not field.any():
         return []
 
     def fraction(form: _Form) -> float:
-        return _adjusted_share(_project_out(pose_columns, form.columns), field, form.scanned)
+        return _adjusted_share(project_out(pose_columns, form.columns), field, form.scanned)
 
     waves = [
         _wave(centred, period, angle)
@@ -99,14 +101,10 @@ def closed_forms(points: Array, shifts: Array, spacing: float) -> list[ClosedFor
 
 
 def _adjusted_share(columns: Array, field: Array, scanned: int) -> float:
-    remainder = _project_out(columns, field)
+    remainder = project_out(columns, field)
     count, parameters = len(field), columns.shape[1] + scanned
     ratio = float((remainder**2).sum() / (field**2).sum())
     return float(max(0.0, 1.0 - ratio * count / max(1, count - parameters)))
-
-
-def _project_out(columns: Array, rows: Array) -> Array:
-    return np.asarray(rows - columns @ np.linalg.lstsq(columns, rows, rcond=1e-9)[0])
 
 
 def _pose_columns(points: Array) -> Array:

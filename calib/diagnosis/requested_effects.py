@@ -16,7 +16,8 @@ from calib.estimation.residuals import residuals
 from calib.fitting.fit_result import with_fit
 from calib.inference.calibration_model import full_model
 from calib.inference.effect_context import effect_context
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
+from calib.inference.score_test import tuned_score_tests
 from calib.inference.warm_start import start_with_effect
 from calib.progress import Progress
 from calib.threads import single_thread
@@ -50,7 +51,7 @@ def with_requested(
                     " already: leave it out."
                 )
             trials: list[tuple[float, CameraModel, JointFit]] = []
-            for test in fitted.candidates(forms):
+            for test in tuned_score_tests(fitted, forms):
                 extended = model.with_effect(test.effect)
                 start = start_with_effect(extended, observations, joint)
                 fit = extended.fit(observations, start.poses, start.start)

@@ -22,8 +22,9 @@ from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS, FIELDS
 from calib.inference.cross_validation import held_out_gain, hold_out
 from calib.inference.effect_context import effect_context
+from calib.inference.fitted_model import FittedModel, ModelFit
 from calib.inference.model_discrepancy import discrepancy_gain
-from calib.inference.score_test import FittedModel, ModelFit, ScoreTest
+from calib.inference.score_test import ScoreTest, tuned_score_tests
 from calib.inference.warm_start import rough_fit
 
 MAX_SCORE_P_VALUE = 0.05
@@ -74,7 +75,7 @@ def score(state: SearchState, kinds: Sequence[type[Effect]]) -> tuple[SearchStat
     proposals = [
         effect for kind in kinds if kind.name not in excluded for effect in kind.propose(context)
     ]
-    tests = state.fitted_model.candidates(proposals)
+    tests = tuned_score_tests(state.fitted_model, proposals)
     for test in tests:
         trial = state.trials.get((test.effect.name, test.effect.form))
         if trial is None or (not trial.gain and test.p_value < trial.test.p_value):

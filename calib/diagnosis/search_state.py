@@ -14,8 +14,8 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.inference.cross_validation import HeldOutErrors, Split, hold_out
+from calib.inference.fitted_model import FittedModel, ModelFit
 from calib.inference.model_discrepancy import discrepancy_gain
-from calib.inference.score_test import FittedModel, ModelFit
 from calib.inference.warm_start import start_without_effects
 from calib.session.board import Board
 from calib.session.camera import Camera

@@ -12,8 +12,9 @@ from calib.diagnosis.separating_view import separating_view
 from calib.diagnosis.trial import ALPHA, MIN_GAIN, Trial
 from calib.effects.effect import Effect, is_possible
 from calib.effects.free_field import FreeField
+from calib.inference.fitted_model import FittedModel
 from calib.inference.residual_structure import VarianceShare
-from calib.inference.score_test import FittedModel, ScoreTest
+from calib.inference.score_test import ScoreTest
 from calib.planning.hints import placement_hint
 
 ABSORBED = 0.95

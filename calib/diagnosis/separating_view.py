@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 from calib.corners.view import View
 from calib.effects.effect import Effect
 from calib.estimation.observations import Observations
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -68,8 +69,8 @@ def separating_view(
     count = board.count
     index = torch.arange(len(poses)).repeat_interleave(count)
     static = fitted.model.pad_poses(poses)
-    points = path.place(corners.repeat(len(poses), 1), values, static[index])
-    pixels = project(path, values, points)
+    points = path.place(corners.repeat(len(poses), 1), values, static[index], MIDDLE)
+    pixels = project(path, values, points, MIDDLE)
     last = torch.tensor([camera.width - 1, camera.height - 1])
     in_picture = ((pixels >= 0) & (pixels <= last)).all(-1)
     visible = in_picture.reshape(-1, count).all(-1)
@@ -97,10 +98,10 @@ def _pose_bank(fitted: FittedModel, camera: Camera) -> Iterator[Array]:
     """Yield (6,) poses that place the board's centre over the picture of a pinhole."""
     observations = fitted.observations
     values = fitted.joint.values
-    timed = observations.with_times(values)
+    path = fitted.model.path
     view_poses = fitted.joint.poses[observations.view]
-    points = fitted.model.path.place(observations.corners, timed, view_poses)
-    median_distance = float(fitted.model.path.distance(points).median())
+    points = path.place(observations.corners, values, view_poses, observations.exposure)
+    median_distance = float(path.distance(points).median())
     focal = float(values[CAMERA.fx])
     cx = float(values[CAMERA.cx])
     cy = float(values[CAMERA.cy])

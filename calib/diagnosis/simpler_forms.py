@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from calib.diagnosis.most_probable_form import savage_dickey_log_odds
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS
 from calib.estimation.observations import Observations
-from calib.inference.score_test import ModelFit
+from calib.inference.fitted_model import ModelFit
+from calib.inference.savage_dickey import savage_dickey_log_odds
 from calib.inference.warm_start import start_without_effects
 
 

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 from calib.inference.cross_validation import HeldOutGain
-from calib.inference.score_test import ModelFit, ScoreTest
+from calib.inference.fitted_model import ModelFit
+from calib.inference.score_test import ScoreTest
 
 ALPHA = 0.05
 """The probability of a false acceptance in a round, over all candidates of the round."""

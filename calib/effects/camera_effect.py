@@ -11,6 +11,7 @@ from typing import ClassVar, Self
 from torch import Tensor
 
 from calib.effects.effect import Effect, EffectContext, EffectParameter
+from calib.optics.exposure import Exposure
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 
@@ -41,4 +42,6 @@ class CameraEffect(Effect):
         return replace(path, adjustments=(*path.adjustments, self))
 
     @abstractmethod
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]: ...
+    def __call__(
+        self, pixels: Tensor, values: Values, exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]: ...

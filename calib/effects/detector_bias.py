@@ -9,6 +9,7 @@ from torch import Tensor
 
 from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import EffectParameter
+from calib.optics.exposure import Exposure
 from calib.optics.params import Values
 from calib.session.tolerances import DETECTOR
 
@@ -31,7 +32,9 @@ class DetectorBias(CameraEffect):
     advice: ClassVar[str] = "take sharper pictures, at a higher resolution"
     camera_parameters: ClassVar[tuple[EffectParameter, ...]] = UNKNOWNS
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         wave = torch.sin(tau * pixels)
         return (
             pixels

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.cover_frame import CoverFrame
+from calib.optics.exposure import Exposure
 from calib.optics.flat import Flat
 from calib.optics.interface import SmoothCover, interfaces_of
 from calib.optics.params import Param, Values
@@ -100,7 +101,9 @@ class FlatPort(Effect):
         window = interfaces_of(SmoothCover(Flat(), frame))
         return replace(path, cover=window, adjustments=(*path.adjustments, self))
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         """Return the values with the window's parameters as those of the cover."""
         thickness = values["flat_port.thickness"]
         wall = torch.full_like(thickness, WALL_INDEX)

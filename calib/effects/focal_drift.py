@@ -7,7 +7,8 @@ from torch import Tensor
 
 from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import EffectParameter
-from calib.optics.params import TIME, Values
+from calib.optics.exposure import Exposure
+from calib.optics.params import Values
 from calib.session.parameter_names import CAMERA
 from calib.session.tolerances import FOCAL
 
@@ -26,10 +27,12 @@ class FocalDrift(CameraEffect):
     advice: ClassVar[str] = "take the same board pose at the beginning and at the end"
     camera_parameters: ClassVar[tuple[EffectParameter, ...]] = (DRIFT,)
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        if TIME not in values:
+    def __call__(
+        self, pixels: Tensor, values: Values, exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
+        if exposure is None:
             return pixels, values
-        factor = 1 + values[DRIFT.param.name] * values[TIME]
+        factor = 1 + values[DRIFT.param.name] * exposure.time
         return pixels, {
             **values,
             **{name: values[name] * factor for name in CAMERA.focal},

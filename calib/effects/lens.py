@@ -12,6 +12,7 @@ from torch import Tensor
 
 from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import EffectParameter
+from calib.optics.exposure import Exposure
 from calib.optics.lens import normalise_pixels
 from calib.optics.params import Values
 from calib.session.parameter_names import CAMERA
@@ -24,7 +25,7 @@ UNKNOWNS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Lens(CameraEffect):
+class LensEffect(CameraEffect):
     """A shift of the pixels in front of the stated lens."""
 
     name: ClassVar[str] = "lens"
@@ -35,7 +36,9 @@ class Lens(CameraEffect):
     )
     camera_parameters: ClassVar[tuple[EffectParameter, ...]] = UNKNOWNS
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         k1 = values["lens.k1"]
         k2 = values["lens.k2"]
         k3 = values["lens.k3"]

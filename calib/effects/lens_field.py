@@ -12,6 +12,7 @@ from torch import Tensor
 
 from calib.effects.cosine_field import FIRST_KNEE, CosineField
 from calib.effects.effect import EffectContext
+from calib.optics.exposure import Exposure
 from calib.optics.linear_term import with_slopes
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -47,7 +48,9 @@ class LensField(CosineField):
     def apply(self, path: Path) -> Path:
         return replace(path, adjustments=(*path.adjustments, self))
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         x, y = pixels.unbind(-1)
         shifts = [
             with_slopes(shift, x, y, by_x, by_y) for shift, by_x, by_y in self.shift(x, y, values)

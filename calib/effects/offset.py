@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from calib.effects.effect import EffectParameter
+from calib.optics.exposure import Exposure
 from calib.optics.params import Param, Values
 from calib.session.parameter_names import COVER
 from calib.session.tolerances import Tolerance
@@ -23,7 +24,9 @@ class Offsets:
     def params(self) -> tuple[Param, ...]:
         return tuple(parameter.param for parameter in self.effect_parameters)
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         return pixels, add_increments(values, self.effect_parameters)
 
 

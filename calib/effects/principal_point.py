@@ -8,6 +8,7 @@ from torch import Tensor
 from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import EffectContext, EffectParameter
 from calib.effects.offset import add_increments
+from calib.optics.exposure import Exposure
 from calib.optics.params import Values
 from calib.session.parameter_names import CAMERA
 from calib.session.tolerances import PRINCIPAL_POINT
@@ -32,5 +33,7 @@ class PrincipalPoint(CameraEffect):
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
         return () if {*CAMERA.centre} & context.estimated else (cls(),)
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         return pixels, add_increments(values, UNKNOWNS)

@@ -15,7 +15,7 @@ from calib.effects.focal import Focal
 from calib.effects.focal_drift import FocalDrift
 from calib.effects.free_field import FreeField
 from calib.effects.inner_surface import InnerSurface
-from calib.effects.lens import Lens
+from calib.effects.lens import LensEffect
 from calib.effects.lens_field import LensField
 from calib.effects.principal_point import PrincipalPoint
 from calib.effects.refractive_index import RefractiveIndex
@@ -24,7 +24,7 @@ from calib.effects.thickness import Thickness
 from calib.effects.wedge import Wedge
 
 EFFECTS: tuple[type[Effect], ...] = (
-    Lens,
+    LensEffect,
     EntrancePupil,
     PrincipalPoint,
     Focal,

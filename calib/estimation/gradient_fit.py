@@ -76,7 +76,9 @@ def _loss(
     The part of the path that the amplitudes do not change is traced once.
     """
     *inner, outer = path.cover
-    rays = Path(path.lens, tuple[Interface, ...](inner)).trace(observations.pixels, values)
+    rays = Path(path.lens, tuple[Interface, ...](inner)).trace(
+        observations.pixels, values, observations.exposure
+    )
     placements = Placement.of(poses)[observations.view]
 
     def loss(amplitudes: Tensor) -> Tensor:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from calib.estimation.parameters import Parameters
 from calib.estimation.probes import ProbedValues, TracedRows
+from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path, row_derivatives
 from calib.optics.rays import Rays
@@ -41,12 +42,12 @@ def undistorted_jacobian(
     frame = None if frames is None else Rotation.of(torch.from_numpy(frames))
     motion = torch.zeros(rows, 6, dtype=torch.float64, requires_grad=True)
     with torch.enable_grad():
-        rays = path.trace(points, probed.values)
+        rays = path.trace(points, probed.values, MIDDLE)
         by_motion, *by_leaves = row_derivatives(
             _undistorted(rays, motion, values, frame), [motion, *probed.leaves.values()]
         )
         valid = _in_frame(frame, rays).in_pinhole
-    traced = TracedRows(points, rays, values, path.linear_terms(points, values))
+    traced = TracedRows(points, rays, values, MIDDLE, path.linear_terms(points, values, MIDDLE))
     columns = probed.columns(by_leaves, traced)
     by_shared = by_motion[..., :0] if columns is None else columns
     jacobian = by_shared.reshape(rows, 2, 2, by_shared.shape[-1]).numpy()

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from calib.estimation.covariance import invert_precision
 from calib.estimation.levenberg_marquardt import Outcome, Solution, minimise
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
@@ -133,20 +134,6 @@ class JointFit(Estimate):
         """True if the fit ended at finite values."""
         return self.outcome is not Outcome.NOT_FINITE
 
-    def record(self) -> dict[str, object]:
-        """Return the entries about the fit in a calibration file."""
-        prior = self.smoothness and {
-            "height_m": self.smoothness.height,
-            "length_of_patch": self.smoothness.length,
-        }
-        return {
-            "outcome": self.outcome.value,
-            "iterations": self.iterations,
-            "sigma_px": self.sigma,
-            "log_evidence": self.log_evidence,
-            "relief_prior": prior,
-        }
-
 
 def fit_joint(
     path: Path,
@@ -176,7 +163,7 @@ def fit_joint(
     # not make every step impossible.
     initial = start.values if start else values
     _, failure = path.land(
-        observations.pixels, observations.with_times(initial), poses[observations.view]
+        observations.pixels, initial, poses[observations.view], observations.exposure
     )
     observations = observations.select_rows(failure == 0)
     parameters = Parameters.of(path, values, priors)
@@ -201,7 +188,7 @@ def fit_joint(
         if tolerance != rounds[-1]:
             evidence, apparent = _evidence(solution, observations, sigma, parameters)
             sigma, smoothness = maximise_evidence(evidence, apparent, smoothness)
-    hessian, _ = solution.equations.schur_complement()
+    hessian = solution.equations.eliminate_blocks().hessian
     covariance = invert_precision(hessian + precision) if parameters.count else hessian
     finite = solution.outcome is not Outcome.NOT_FINITE and bool(torch.isfinite(covariance).all())
     outcome = solution.outcome if finite else Outcome.NOT_FINITE
@@ -227,25 +214,6 @@ def fit_joint(
     )
 
 
-def invert_precision(precision: Tensor) -> Tensor:
-    """Return the (n, n) covariance, symmetric to the last bit, of parameters whose units may differ
-    by any power of ten. A direction that rounding alone determines gets the variance that rounding
-    leaves it.
-    """
-    scale = precision.diagonal().clamp_min(torch.finfo(precision.dtype).tiny).rsqrt()
-    scales = scale[:, None] * scale
-    scaled = precision * scales
-    factor, failed = torch.linalg.cholesky_ex(scaled)
-    if failed and torch.isfinite(scaled).all():
-        size, vectors = torch.linalg.eigh(scaled)
-        size = size.clamp_min(len(size) * torch.finfo(size.dtype).eps)
-        covariance = (vectors / size) @ vectors.mT
-    else:
-        covariance = torch.cholesky_inverse(factor)
-    symmetric: Tensor = (covariance + covariance.mT) / 2
-    return symmetric * scales
-
-
 def _evidence(
     solution: Solution, observations: Observations, sigma: float, parameters: Parameters
 ) -> tuple[MarginalLikelihood, float]:
@@ -253,9 +221,9 @@ def _evidence(
     the noise `sigma`; and the RMS residual of that solution, px per axis.
     """
     freedom = 2 * len(observations.pixels) - solution.blocks.numel()
-    hessian_tensor, gradient_tensor = solution.equations.schur_complement()
-    hessian = hessian_tensor.cpu().numpy() * sigma**2
-    gradient = gradient_tensor.cpu().numpy() * sigma**2
+    reduced = solution.equations.eliminate_blocks()
+    hessian = reduced.hessian.cpu().numpy() * sigma**2
+    gradient = reduced.gradient.cpu().numpy() * sigma**2
     square = solution.equations.sum_of_squares * sigma**2
     quadratic = Quadratic.around(hessian, gradient, square, freedom, solution.shared.cpu().numpy())
     glass = parameters.glass_prior

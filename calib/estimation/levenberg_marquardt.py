@@ -39,6 +39,14 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from calib.estimation.normal_equations import (
+    LinearisedBlocks,
+    NormalEquations,
+    damped,
+    normal_equations,
+    solve,
+)
+
 FIRST_DAMPING = 1e-9
 """The first damping, as a fraction of the diagonal: almost none, because the fits here are nearly
 linear.
@@ -74,22 +82,6 @@ class Outcome(Enum):
         "No step of any length lowers the error: the start is too far away, or the model does not"
         " fit these data."
     )
-
-
-@dataclass(frozen=True, slots=True)
-class LinearisedBlocks:
-    """The residuals of some consecutive blocks and their Jacobian at one point, in standard
-    deviations and with robust weights.
-    """
-
-    starts: Tensor
-    """(v + 1,) int64: the rows of the v-th of these blocks are starts[v] to starts[v + 1]."""
-    residual: Tensor
-    """(M, D)"""
-    jacobian_block: Tensor
-    """(M, D, B) derivatives by the parameters of the row's own block."""
-    jacobian_shared: Tensor
-    """(M, D, S) derivatives by the shared parameters."""
 
 
 class Problem(Protocol):
@@ -137,53 +129,6 @@ class Problem(Protocol):
         residuals along a (S,) and (V, B) move.
         """
         ...
-
-
-@dataclass(frozen=True, slots=True)
-class NormalEquations:
-    """The normal equations of the rows, without the prior, by blocks: V blocks of B parameters, and
-    S shared parameters.
-    """
-
-    hessian_block: Tensor
-    """(V, B, B), the diagonal blocks of J^T J."""
-    hessian_cross: Tensor
-    """(V, B, S)"""
-    hessian_shared: Tensor
-    """(S, S)"""
-    gradient_block: Tensor
-    """(V, B), the part of J^T r for the blocks."""
-    gradient_shared: Tensor
-    """(S,)"""
-    sum_of_squares: float
-    """The sum of the squared residuals."""
-
-    @property
-    def finite(self) -> bool:
-        tensors = (
-            self.hessian_block,
-            self.hessian_cross,
-            self.hessian_shared,
-            self.gradient_block,
-            self.gradient_shared,
-        )
-        return math.isfinite(self.sum_of_squares) and all(
-            bool(torch.isfinite(tensor).all()) for tensor in tensors
-        )
-
-    def schur_complement(self) -> tuple[Tensor, Tensor]:
-        """Return the (S, S) Hessian and (S,) gradient of the shared parameters after the
-        elimination of all blocks: the reduced camera system. They are NaN if the equations are not
-        finite.
-        """
-        damped = self.hessian_block + 1e-12 * torch.diag_embed(_diagonal(self.hessian_block))
-        solved = _solve(
-            damped, torch.cat([self.hessian_cross, self.gradient_block.unsqueeze(-1)], -1)
-        )
-        cross = self.hessian_cross.flatten(0, 1)
-        hessian = self.hessian_shared - cross.mT @ solved[..., :-1].flatten(0, 1)
-        gradient = self.gradient_shared - cross.mT @ solved[..., -1].flatten()
-        return (hessian + hessian.mT) / 2, gradient
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,48 +249,14 @@ def minimise(
     )
 
 
-def normal_equations(pieces: Iterable[LinearisedBlocks]) -> NormalEquations:
-    """Return the normal equations of linearised rows, block by block."""
-    block, cross, gradient, shared, gradient_shared = [], [], [], [], []
-    sum_of_squares = 0.0
-    for piece in pieces:
-        for first, last in pairwise(piece.starts.tolist()):
-            jacobian = piece.jacobian_block[first:last].flatten(0, 1)
-            block.append(jacobian.mT @ jacobian)
-            cross.append(jacobian.mT @ piece.jacobian_shared[first:last].flatten(0, 1))
-            gradient.append(jacobian.mT @ piece.residual[first:last].flatten())
-        jacobian, residual = piece.jacobian_shared.flatten(0, 1), piece.residual.flatten()
-        shared.append(jacobian.mT @ jacobian)
-        gradient_shared.append(jacobian.mT @ residual)
-        sum_of_squares += float(residual @ residual)
-    return NormalEquations(
-        hessian_block=torch.stack(block),
-        hessian_cross=torch.stack(cross),
-        hessian_shared=torch.stack(shared).sum(0),
-        gradient_block=torch.stack(gradient),
-        gradient_shared=torch.stack(gradient_shared).sum(0),
-        sum_of_squares=sum_of_squares,
-    )
-
-
 def _damped_step(equations: NormalEquations, damping: float) -> tuple[Tensor, Tensor]:
     """Return the (S,) and (V, B) step: the shared parameters by the Schur complement, then the
     blocks by back-substitution. It is NaN if the damped equations are singular.
     """
-    hessian_block = equations.hessian_block
-    hessian_shared = equations.hessian_shared
-    block = hessian_block + damping * torch.diag_embed(_diagonal(hessian_block))
-    shared = hessian_shared + damping * torch.diag_embed(_diagonal(hessian_shared))
-    right = torch.cat([equations.hessian_cross, equations.gradient_block.unsqueeze(-1)], -1)
-    solved = _solve(block, right)  # (V, B, S + 1)
-    from_cross, from_gradient = solved[..., :-1], solved[..., -1]
-    cross = equations.hessian_cross.flatten(0, 1)
-    gradient_shared = equations.gradient_shared
-    move_shared = torch.zeros_like(gradient_shared)
-    if len(move_shared):
-        schur = shared - cross.mT @ from_cross.flatten(0, 1)
-        move_shared = -_solve(schur, gradient_shared - cross.mT @ from_gradient.flatten())
-    return move_shared, -(from_gradient + from_cross @ move_shared)
+    shared = damped(equations.hessian_shared, damping)
+    reduced = replace(equations, hessian_shared=shared).eliminate_blocks(damping)
+    step = -solve(reduced.hessian, reduced.gradient) if len(shared) else reduced.gradient
+    return step, reduced.block_step(step)
 
 
 def _acceleration_step(
@@ -388,22 +299,6 @@ class _CachedPieces:
             cache = [*cache, piece] if count < MAX_CACHED_PIECES else []
             yield piece
         self._cache = cache
-
-
-def _solve(matrix: Tensor, right: Tensor) -> Tensor:
-    """Solve `matrix` times x = `right` for (..., n, n) matrices and (..., n, k) or (n,) right
-    sides; NaN where a matrix is singular.
-    """
-    solved, singular = torch.linalg.solve_ex(matrix, right)
-    failed = (singular != 0).reshape(singular.shape + (1,) * (right.ndim - singular.ndim))
-    return torch.where(failed, torch.nan, solved)
-
-
-def _diagonal(matrix: Tensor) -> Tensor:
-    """Return the (..., n) diagonal, with a floor above zero for parameters that move nothing."""
-    diagonal = matrix.diagonal(dim1=-2, dim2=-1)
-    floor = 1e-12 * diagonal.amax(-1, keepdim=True) if diagonal.shape[-1] else 0.0
-    return diagonal.clamp_min(1e-30) + floor
 
 
 def _model_change(equations: NormalEquations, shared: Tensor, blocks: Tensor) -> float:

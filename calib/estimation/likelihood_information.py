@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from calib.session.deviation import normalised_deviation
+
 Array = NDArray[np.float64]
 
 MIN_GAIN = 0.05
@@ -60,11 +62,8 @@ class LikelihoodInformation:
         """
         posterior = np.linalg.inv(self.information + np.linalg.inv(covariance))
         shift = posterior @ (self.score - self.information @ mean)
-        variance = (covariance - posterior).diagonal()
-        informed = variance > MIN_GAIN * covariance.diagonal()
-        return np.asarray(
-            np.where(informed, shift, 0.0) / np.sqrt(np.where(informed, variance, 1.0))
-        )
+        tolerance = np.sqrt(covariance.diagonal())
+        return normalised_deviation(shift, tolerance, np.sqrt(posterior.diagonal()), MIN_GAIN)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,5 +91,7 @@ def prior_conflict(
     directions = int(informed.sum())
     if not directions:
         return PriorConflict(0.0, 0, 1.0)
-    square = float((pull[informed] ** 2 / (gain[informed] * (1 + gain[informed]))).sum())
+    variance = 1 / (1 + gain[informed])  # of the posterior; the prior's is 1
+    deviations = normalised_deviation(variance * pull[informed], 1.0, np.sqrt(variance))
+    square = float((deviations**2).sum())
     return PriorConflict(square, directions, float(chdtrc(directions, square)))

@@ -30,7 +30,7 @@ polynomial absorbs 3 % of the differences themselves.
 """
 
 
-def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float:
+def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float | None:
     """Return the noise floor of a fit, from its own residuals.
 
     The offset of a corner from the line through its two neighbours in a row or a column cancels
@@ -42,7 +42,7 @@ def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float:
         residuals: (V, corners of the board, 2) px, NaN where not detected.
 
     Returns:
-        px, the root mean square of the two-dimensional error from noise alone; NaN with too few
+        px, the root mean square of the two-dimensional error from noise alone; None with too few
         corners.
     """
     return _robust_noise(_second_differences(residuals, board).ravel())
@@ -61,7 +61,7 @@ def noise_of_views(
     views = _second_differences(
         np.stack([_without_polynomial(view, board) for view in residuals]), board
     )
-    noise = np.array([_robust_noise(view) for view in views])
+    noise = np.array([_robust_noise(view) for view in views], dtype=np.float64)  # NaN for None
     return noise, SPREAD / np.sqrt(np.maximum(np.isfinite(views).sum(1), 1))
 
 
@@ -90,13 +90,11 @@ def _second_differences(residuals: NDArray[np.float64], board: Board) -> NDArray
     )
 
 
-def _robust_noise(differences: NDArray[np.float64]) -> float:
+def _robust_noise(differences: NDArray[np.float64]) -> float | None:
     differences = differences[np.isfinite(differences)]
-    return (
-        float(2**0.5 * SIGMA * np.median(np.abs(differences)))
-        if differences.size >= MIN_DIFFERENCES
-        else float("nan")
-    )
+    if differences.size < MIN_DIFFERENCES:
+        return None
+    return float(2**0.5 * SIGMA * np.median(np.abs(differences)))
 
 
 def _line_differences(
@@ -110,7 +108,9 @@ def _line_differences(
     return np.asarray(offset / np.sqrt(1 + fraction**2 + (1 - fraction) ** 2))
 
 
-def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[np.int64]) -> float:
+def burst_noise(
+    residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[np.int64]
+) -> float | None:
     """Return the noise from the differences between pictures of the same pose of the board.
 
     The pose of each picture was fitted, so a board that trembles in the hand contributes its motion
@@ -121,7 +121,7 @@ def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[n
         poses: (V,) integer labels, equal for the pictures of one burst.
 
     Returns:
-        px, the root mean square of the two-dimensional noise; NaN if there are too few such
+        px, the root mean square of the two-dimensional noise; None if there are too few such
         pictures.
     """
     differences = []
@@ -137,7 +137,7 @@ def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[n
         )
     offsets = np.concatenate(differences)
     if offsets.size < 20:
-        return float("nan")
+        return None
     return float(2**0.5 * SIGMA * np.median(np.abs(offsets)))
 
 

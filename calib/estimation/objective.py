@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from calib.estimation.levenberg_marquardt import LinearisedBlocks
+from calib.estimation.normal_equations import LinearisedBlocks
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ResidualBlock
 from calib.optics.board_target import FLEX, MOTION, POSE, blocks_of_size

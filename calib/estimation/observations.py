@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.corners.view import View
-from calib.optics.params import LINE, TIME, Values
+from calib.optics.exposure import Exposure
 from calib.session.board import Board
 
 
@@ -27,10 +27,8 @@ class Observations:
     """(M,) at most 1: the factor on the residual."""
     starts: Tensor
     """(V + 1,) int64: the rows of view v are starts[v] to starts[v + 1]."""
-    moment: Tensor | None = None
-    """(M, 2): the time of each corner's exposure within the session and within its picture's
-    readout, both from -0.5 to 0.5.
-    """
+    exposure: Exposure | None = None
+    """(M,) the exposure of each corner; None for corners in the middle of session and readout."""
 
     @staticmethod
     def of(views: Sequence[View], board: Board) -> "Observations":
@@ -50,14 +48,13 @@ class Observations:
     def select_rows(self, rows: Tensor) -> "Observations":
         """Return only the rows where (M,) bool is true; no view disappears."""
         starts = torch.cat([self.starts.new_zeros(1), rows.cumsum(0)])[self.starts]
-        moment = None if self.moment is None else self.moment[rows]
         return Observations(
             names=self.names,
             pixels=self.pixels[rows],
             corners=self.corners[rows],
             weight=self.weight[rows],
             starts=starts,
-            moment=moment,
+            exposure=self.exposure and self.exposure[rows],
         )
 
     def without_views(self, views: Tensor) -> "Observations":
@@ -65,14 +62,13 @@ class Observations:
         rows = ~views[self.view]
         names = tuple(name for name, out in zip(self.names, views.tolist(), strict=True) if not out)
         starts = torch.cat([self.starts.new_zeros(1), self.starts.diff()[~views].cumsum(0)])
-        moment = None if self.moment is None else self.moment[rows]
         return Observations(
             names=names,
             pixels=self.pixels[rows],
             corners=self.corners[rows],
             weight=self.weight[rows],
             starts=starts,
-            moment=moment,
+            exposure=self.exposure and self.exposure[rows],
         )
 
     def add_times(
@@ -88,15 +84,7 @@ class Observations:
         span = float(time.max() - time.min()) if len(time) else 0.0
         relative = (time - time.min()) / span - 0.5 if span else torch.zeros_like(time)
         line = (self.pixels[:, 1] + 0.5) / height - 0.5
-        return replace(self, moment=torch.stack([relative[self.view], line], -1))
-
-    def with_times(self, values: Values) -> Values:
-        """Return the values of a path with the times of the corners' exposures."""
-        return (
-            values
-            if self.moment is None
-            else {**values, TIME: self.moment[:, 0], LINE: self.moment[:, 1]}
-        )
+        return replace(self, exposure=Exposure(time=relative[self.view], line=line))
 
     def to(self, device: str) -> "Observations":
         """Return the same on another device."""
@@ -106,7 +94,7 @@ class Observations:
             corners=self.corners.to(device),
             weight=self.weight.to(device),
             starts=self.starts.to(device),
-            moment=None if self.moment is None else self.moment.to(device),
+            exposure=self.exposure and self.exposure.to(device),
         )
 
     def view_range(self, views: range) -> "Observations":
@@ -119,7 +107,7 @@ class Observations:
             corners=self.corners[rows],
             weight=self.weight[rows],
             starts=starts,
-            moment=None if self.moment is None else self.moment[rows],
+            exposure=self.exposure and self.exposure[rows],
         )
 
     @property

@@ -14,7 +14,6 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.residuals import Residuals, residuals
-from calib.optics.build import lens_of
 from calib.optics.lens_model import COEFFICIENTS
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -26,17 +25,16 @@ degrees from the middle of their view are too flat.
 """
 
 
-def pinhole_poses(observations: Observations, values: Values) -> Tensor:
-    """Return each view's pose as if there were no cover, by perspective-n-point and its refinement
-    (the paper's section 4.2, step 1).
+def pinhole_poses(path: Path, values: Values, observations: Observations) -> Tensor:
+    """Return each view's pose through the lens of a path as if there were no cover, by
+    perspective-n-point and its refinement (the paper's section 4.2, step 1).
 
     Returns:
         (V, 6) T_camera_board, rotation vector (rad) and translation (m); NaN for a view whose
         corners admit no pose.
     """
-    lens = lens_of(values)
-    if lens.wide:
-        return _poses_by_rays(Path(lens), values, observations)
+    if path.lens.wide:
+        return _poses_by_rays(Path(path.lens.with_pupil(())), values, observations)
     camera, coefficients = opencv_intrinsics(values)
     poses = [
         _pnp(corners.numpy(), pixels.numpy(), camera, coefficients)
@@ -71,7 +69,8 @@ def refine_poses(path: Path, values: Values, observations: Observations, poses: 
         The solution; its blocks are the (V, 6) poses.
     """
     # A corner whose ray never leaves the cover carries no information about its board.
-    observations = observations.select_rows(path.trace(observations.pixels, values).failure == 0)
+    rays = path.trace(observations.pixels, values, observations.exposure)
+    observations = observations.select_rows(rays.failure == 0)
     eye = torch.eye(2, dtype=poses.dtype, device=poses.device)
     return _refine(
         path, values, observations, poses, eye * observations.weight[:, None, None], torch.inf
@@ -90,9 +89,10 @@ def refine_poses_in_image(
     """Refine each view's pose to the least reprojection error, robust against single bad corners
     beyond three times sigma (px); otherwise like `refine_poses`.
     """
-    observations = observations.select_rows(
-        path.land(observations.pixels, values, poses[observations.view])[1] == 0
+    _, failure = path.land(
+        observations.pixels, values, poses[observations.view], observations.exposure
     )
+    observations = observations.select_rows(failure == 0)
     return _refine(
         path,
         values,
@@ -148,7 +148,7 @@ def rough_poses(path: Path, values: Values, observations: Observations) -> Tenso
     """Return each view's (6,) pose through any lens: its rays are rotated so that a pinhole could
     image them. It is NaN for a view that has no pose.
     """
-    rays = path.trace(observations.pixels, values)
+    rays = path.trace(observations.pixels, values, observations.exposure)
     directions = torch.where((rays.failure == 0).unsqueeze(-1), rays.direction.stacked(), torch.nan)
     poses = [
         _pnp_by_rays(corners.numpy(), view_directions.numpy())

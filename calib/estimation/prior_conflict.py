@@ -5,10 +5,10 @@ the other parameters compensate for the rest. So a value whose estimate ends too
 declared one, compared with its tolerance, gets a wider prior.
 """
 
-import math
 from collections.abc import Collection
 
 from calib.estimation.joint_fit import JointFit
+from calib.session.deviation import independent_deviation, normalised_deviation
 
 CONFLICT_THRESHOLD = 3.0
 """Standard deviations: a correctly declared value deviates by more in one case of 370."""
@@ -20,24 +20,6 @@ MAX_CONFLICTS = 3
 """A user with more wrong values than this should measure again before anything else."""
 
 
-def normalised_deviation(distance: float, tolerance: float, sigma: float) -> float:
-    """Return the distance between an estimate and the declared value, in the standard deviations
-    that the prior predicts for this distance.
-
-    If the true value is drawn from the prior, the variance of estimate - declared is the variance
-    of the prior minus that of the posterior.
-    """
-    variance = tolerance**2 - sigma**2
-    return abs(distance) / variance**0.5 if variance > 0 else 0.0
-
-
-def independent_deviation(distance: float, tolerance: float, sigma: float) -> float:
-    """Return the same for an estimate that does not depend on the declared value: its variance and
-    that of the tolerance add.
-    """
-    return abs(distance) / math.hypot(tolerance, sigma)
-
-
 def contradicts_prior(joint: JointFit, name: str, tolerance: float) -> bool:
     """True if the views, with the widened prior, put the value away from the declared one; False if
     they merely leave it open.
@@ -45,7 +27,7 @@ def contradicts_prior(joint: JointFit, name: str, tolerance: float) -> bool:
     distance = float(joint.values[name] - joint.parameters.origin[name])
     return (
         joint.finite
-        and independent_deviation(distance, tolerance, float(joint.sigma_of(name)))
+        and abs(independent_deviation(distance, tolerance, float(joint.sigma_of(name))))
         > CONFLICT_THRESHOLD
     )
 
@@ -70,6 +52,5 @@ def largest_prior_conflict(
 
 def _deviation(joint: JointFit, name: str) -> float:
     distance = float(joint.values[name] - joint.parameters.origin[name])
-    return normalised_deviation(
-        distance, float(joint.parameters.priors.sigmas[name]), float(joint.sigma_of(name))
-    )
+    tolerance = float(joint.parameters.priors.sigmas[name])
+    return abs(float(normalised_deviation(distance, tolerance, float(joint.sigma_of(name)))))

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from calib.estimation.parameters import Parameters
+from calib.optics.exposure import Exposure
 from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -31,6 +32,7 @@ class TracedRows:
     """(M,) rays that left the cover."""
     values: Values
     """The values without probes."""
+    exposure: Exposure | None
     terms: Iterable[tuple[LinearTerm, Tensor, Tensor]]
     """The result of `Path.linear_terms`."""
 
@@ -88,7 +90,7 @@ class ProbedValues:
         if self.parameters.relief:
             outer = self.path.cover[-1]
             assert outer.relief
-            _, adjusted = self.path.adjust_pixels(rows.pixels, rows.values)
+            _, adjusted = self.path.adjust_pixels(rows.pixels, rows.values, rows.exposure)
             chart = outer.surface.chart(outer.frame.at(adjusted).enter(rows.rays.origin.detach()))
             outer.relief.spread(
                 torch.stack([by[name] for name in PROBES], -1),

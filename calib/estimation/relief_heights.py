@@ -14,7 +14,6 @@ def height_spread(path: Path, values: Values, observations: Observations) -> flo
     outer = path.cover[-1:]
     if not outer or not path.relief:
         return 0.0
-    values = observations.with_times(values)
-    rays = path.trace(observations.pixels, values)
+    rays = path.trace(observations.pixels, values, observations.exposure)
     chart = outer[0].surface.chart(outer[0].frame.at(values).enter(rays.origin))
     return float(np.std(path.relief.height(chart, values)[0].numpy()[rays.failure.numpy() == 0]))

@@ -14,13 +14,13 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from calib.estimation.levenberg_marquardt import LinearisedBlocks
+from calib.estimation.normal_equations import LinearisedBlocks
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.probes import ProbedValues, TracedRows
 from calib.optics import rotation
 from calib.optics.board_target import MOTION, VIEW_BLOCKS, Placement
-from calib.optics.params import LINE, NEAR, Values
+from calib.optics.params import Values
 from calib.optics.path import Path, row_derivatives
 from calib.optics.rays import Rays
 
@@ -45,10 +45,12 @@ class ResidualBlock:
 
     def rays(self, values: Values) -> Rays:
         """Return the rays where they leave the cover. They do not depend on the boards' poses."""
-        values = self.observations.with_times(values)
         if self.passed:
             return self.path.trace_from(self.traced, values, self.passed)
-        return self.path.trace(self.observations.pixels, {**values, NEAR: self._directions})
+        observations = self.observations
+        return self.path.trace(
+            observations.pixels, values, observations.exposure, near=self._directions
+        )
 
     @property
     def _directions(self) -> Tensor:
@@ -65,8 +67,7 @@ class ResidualBlock:
         ray lands.
         """
         observations = self.observations
-        values = observations.with_times(values)
-        placement = Placement.of(poses)[observations.view].at_line(values.get(LINE))
+        placement = Placement.of(poses)[observations.view].at_exposure(observations.exposure)
         landed, failure = self.path.target(rays, placement, values)
         return self._residuals(landed), failure == 0
 
@@ -76,16 +77,16 @@ class ResidualBlock:
         """Return the residuals, their approximate (M, 2, B) Jacobian by the view parameters
         (`Target.intersect_with_derivatives`), and (M,) true where the ray lands.
         """
-        values = self.observations.with_times(values)
+        observations = self.observations
         placement = Placement.of(poses)
         landed, failure, derivatives = self.path.target.intersect_with_derivatives(
-            rays, placement[self.observations.view].at_line(values.get(LINE)), values
+            rays, placement[observations.view].at_exposure(observations.exposure), values
         )
         weighted = [
             (self.weights @ derivative.flatten(2)).reshape(derivative.shape)
             for derivative in derivatives
         ]
-        jacobian = self._view_jacobian(weighted, placement, poses, values)
+        jacobian = self._view_jacobian(weighted, placement, poses)
         return self._residuals(landed), jacobian, failure == 0
 
     def linearise(self, values: Values, poses: Tensor) -> LinearisedBlocks:
@@ -93,8 +94,8 @@ class ResidualBlock:
         parameters, at the path's values and (V, B) view parameters.
         """
         observations = self.observations
-        values = observations.with_times(values)
-        placement, leaves = self._placements(poses, values)
+        exposure = observations.exposure
+        placement, leaves = self._placements(poses)
         target = self.path.target
         probed = ProbedValues.of(
             self.path,
@@ -108,38 +109,39 @@ class ResidualBlock:
             landed, _ = target(rays, _placement(leaves), probed.values)
             residual = self._residuals(landed)
             derivatives = row_derivatives(residual, [*leaves, *probed.leaves.values()])
-        terms = self.path.linear_terms(observations.pixels, values, landed.detach())
-        rows = TracedRows(observations.pixels, rays, values, terms)
+        terms = self.path.linear_terms(observations.pixels, values, exposure, landed.detach())
+        rows = TracedRows(observations.pixels, rays, values, exposure, terms)
         columns = probed.columns(derivatives[len(leaves) :], rows)
         shared = residual.new_zeros(*residual.shape, 0) if columns is None else columns
         return LinearisedBlocks(
             observations.starts,
             residual.detach(),
-            self._view_jacobian(derivatives[: len(leaves)], placement, poses, values),
+            self._view_jacobian(derivatives[: len(leaves)], placement, poses),
             shared,
         )
 
-    def _placements(self, poses: Tensor, values: Values) -> tuple[Placement, list[Tensor]]:
+    def _placements(self, poses: Tensor) -> tuple[Placement, list[Tensor]]:
         """Return the placement of each view's board, and the tensors by which the residuals are
         differentiated: the rotation, the translation and, if there is one, the flex of each ray's
         board.
         """
         placement = Placement.of(poses)
-        by_row = placement[self.observations.view].at_line(values.get(LINE))
+        observations = self.observations
+        by_row = placement[observations.view].at_exposure(observations.exposure)
         leaves = [by_row.turn, by_row.shift, *([] if by_row.flex is None else [by_row.flex])]
         return placement, [leaf.detach().requires_grad_() for leaf in leaves]
 
     def _view_jacobian(
-        self, by_leaves: Sequence[Tensor], placement: Placement, poses: Tensor, values: Values
+        self, by_leaves: Sequence[Tensor], placement: Placement, poses: Tensor
     ) -> Tensor:
         """Return the (M, 2, B) Jacobian by the parameters of each row's view, from the derivatives
         by the leaves of `_placements`.
         """
-        by_pose = self._by_pose(by_leaves[0], by_leaves[1], placement, poses, values)
+        by_pose = self._by_pose(by_leaves[0], by_leaves[1], placement, poses)
         return torch.cat([by_pose, *by_leaves[2:]], -1)
 
     def _by_pose(
-        self, by_turn: Tensor, by_shift: Tensor, placement: Placement, poses: Tensor, values: Values
+        self, by_turn: Tensor, by_shift: Tensor, placement: Placement, poses: Tensor
     ) -> Tensor:
         """Return the (M, 2, 6 or 12) Jacobian by the pose of each row's view and, if views have
         one, by its motion, from the derivatives by its board's rotation (M, 2, 3, 3) and
@@ -147,12 +149,13 @@ class ResidualBlock:
         """
         view = self.observations.view
         turns = rotation.derivatives(poses[:, :3], placement.turn)[view]  # (M, 3, 3, 3)
-        line = values.get(LINE)
-        if placement.motion is None or line is None:
+        exposure = self.observations.exposure
+        if placement.motion is None or exposure is None:
             by_motion = by_shift.new_zeros(
                 *by_shift.shape[:2], 0 if placement.motion is None else VIEW_BLOCKS[MOTION]
             )
             return torch.cat([by_turn.flatten(2) @ turns.flatten(2).mT, by_shift, by_motion], -1)
+        line = exposure.line
         spin = placement.motion[view][:, :3] * line[:, None]
         spin_matrix = rotation.matrix(spin)
         spins = (
@@ -197,7 +200,7 @@ def make_residual_blocks(
     for views in _batches(observations):
         batch = observations.view_range(views)
         traced = replace(path, cover=path.cover[: max(constant - 1, 0)]).trace(
-            batch.pixels, batch.with_times(start or parameters.origin)
+            batch.pixels, start or parameters.origin, batch.exposure
         )
         first = int(observations.starts[views.start])
         last = int(observations.starts[views.stop])
@@ -225,7 +228,7 @@ def pixel_weights(
     """
     pixels = observations.pixels.detach().requires_grad_()
     with torch.enable_grad():
-        landed, _ = path.land(pixels, observations.with_times(values), poses[observations.view])
+        landed, _ = path.land(pixels, values, poses[observations.view], observations.exposure)
         (jacobian,) = row_derivatives(landed, [pixels])
     weights: Tensor = (
         torch.linalg.inv_ex(jacobian).inverse * -(observations.weight / sigma)[:, None, None]

@@ -40,15 +40,15 @@ class Residuals:
 def residuals(path: Path, values: Values, observations: Observations, poses: Tensor) -> Residuals:
     """Return the residuals of all corners, with the boards at (V, 6) poses."""
     row_poses = poses[observations.view]
-    values = observations.with_times(values)
-    landed, failure = path.land(observations.pixels, values, row_poses)
+    exposure = observations.exposure
+    landed, failure = path.land(observations.pixels, values, row_poses, exposure)
     board = torch.where(
         (failure != 0).unsqueeze(-1),
         torch.full_like(landed, torch.nan),
         landed - observations.corners,
     )
-    points = path.place(observations.corners, values, row_poses)
-    projected = project(path, values, points, start=observations.pixels)
+    points = path.place(observations.corners, values, row_poses, exposure)
+    projected = project(path, values, points, exposure, start=observations.pixels)
     return Residuals(projected - observations.pixels, board)
 
 

@@ -26,6 +26,7 @@ from calib.export.central import CentralModel, best_central, remove_cover
 from calib.export.export import ExportedFiles, ExportRequest
 from calib.export.lens_fit import to_intrinsics
 from calib.export.sampled_rays import CHECK_GRID
+from calib.optics.exposure import MIDDLE
 from calib.optics.rays import FLATTEST
 from calib.optics.vector import Vector
 from calib.session.cover import Cover
@@ -127,7 +128,7 @@ def port_of(calibration: Calibration) -> Port:
             f"--format calibmar has flat and dome ports, and this cover is a {shape.name}: write"
             " --format generic, which holds every shape."
         )
-    _, adjusted = path.adjust_pixels(torch.zeros((1, 2), dtype=torch.float64), values)
+    _, adjusted = path.adjust_pixels(torch.zeros((1, 2), dtype=torch.float64), values, MIDDLE)
     inner = path.cover[0]
     thickness = float(adjusted[COVER.thickness()])
     glass_index = float(adjusted[COVER.refractive_index()])

@@ -20,7 +20,7 @@ from calib.errors import InputError
 from calib.estimation.model_choice import simplest_model
 from calib.export.formats import OPENCV as OPENCV_LENSES
 from calib.export.formats import SPLINED, ExportLens
-from calib.export.lens_fit import fit_lens, project
+from calib.export.lens_fit import fit_export_lens, project_slopes
 from calib.export.sampled_rays import CHECK_GRID, FIT_GRID, SampledRays
 from calib.export.spline_fit import fit_spline, project_spline
 from calib.export.windshield_fit import fit_windshield, project_windshield
@@ -242,7 +242,7 @@ def _fit(
             rays.tangents(depth, centre), rays.pixels, lens, bare_parameters
         )
     else:
-        parameters = fit_lens(rays.tangents(depth, centre), rays.pixels, bare, lens)
+        parameters = fit_export_lens(rays.tangents(depth, centre), rays.pixels, bare, lens)
     error = _pixel_errors(lens, parameters, check_rays, depth, centre)
     half_error = _pixel_errors(lens, parameters, check_rays, depth / 2, centre)
     double_error = _pixel_errors(lens, parameters, check_rays, 2 * depth, centre)
@@ -274,7 +274,7 @@ def _pixel_errors(
     elif lens.windshield:
         pixels = project_windshield(lens, parameters, tangents)
     else:
-        pixels = project(parameters, tangents, lens.fisheye)[0]
+        pixels = project_slopes(parameters, tangents, lens.fisheye)[0]
     return np.asarray(pixels - rays.pixels)
 
 

@@ -42,7 +42,7 @@ def write_mesh(field: RayField, depth: float, files: FileSet, depth_name: str) -
     step_x = mesh_step(field.width)
     step_y = mesh_step(field.height)
     points = mesh(field, depth, (step_x, step_y))
-    rms, worst = misfit(field, depth, points)
+    rms, worst = mesh_misfit(field, depth, points)
     name = f"mesh_{depth_name}m_{mesh_name(field.width, field.height)}.calib"
     path = files.write(name, points[..., ::-1].tobytes())
     remark = (
@@ -74,7 +74,7 @@ def mesh(field: RayField, depth: float, steps: tuple[int, int]) -> NDArray[np.fl
     return np.where(np.isfinite(distorted), distorted, -1.0).astype("<f4").reshape(pixels.shape)
 
 
-def misfit(field: RayField, depth: float, points: NDArray[np.float32]) -> tuple[float, float]:
+def mesh_misfit(field: RayField, depth: float, points: NDArray[np.float32]) -> tuple[float, float]:
     """Return the misfit midway between the points where the camera sees, px, RMS and at worst."""
     depth_map = field.map_at(depth)
     exact = np.dstack([depth_map.x, depth_map.y])

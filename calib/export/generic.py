@@ -54,7 +54,7 @@ def export(request: ExportRequest) -> ExportedFiles:
     advance = request.progress.task("Lines", len(SPACINGS))
     for done, spacing in enumerate(SPACINGS, start=1):
         points, directions = control_points(field, exact, spacing)
-        rms, worst = misfit(pinhole, exact, points, directions)
+        rms, worst = spline_misfit(pinhole, exact, points, directions)
         advance(done, f"{spacing} px")
         if worst < MAX_MISFIT:
             break
@@ -161,7 +161,7 @@ def lines(field: RayField, pinhole: Array, pixels: Array) -> tuple[Array, Array]
     return points, towards / np.linalg.norm(towards, axis=-1, keepdims=True)
 
 
-def misfit(
+def spline_misfit(
     pinhole: Array, exact: ExactLines, points: Spline, directions: Spline
 ) -> tuple[float, float]:
     """Return the misfit in px, RMS and at worst, midway between the nodes where the camera sees.

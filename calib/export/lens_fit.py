@@ -44,7 +44,7 @@ pole nearly cancel, and between the fitted pixels they do not.
 """
 
 
-def project(parameters: Array, tangents: Array, fisheye: bool) -> tuple[Array, Array]:
+def project_slopes(parameters: Array, tangents: Array, fisheye: bool) -> tuple[Array, Array]:
     """Return (N, 2) px of (N, 2) slopes x / z and y / z with (4 + coefficients,) parameters, and
     the (2N, 4 + coefficients) derivatives.
     """
@@ -72,7 +72,9 @@ def to_intrinsics(parameters: Sequence[float], fisheye: bool) -> Intrinsics:
     return Intrinsics(fx, fy, cx, cy, tuple(lens), model=FISHEYE if fisheye else OPENCV)
 
 
-def fit_lens(tangents: Array, pixels: Array, bare: Sequence[float], lens: ExportLens) -> Array:
+def fit_export_lens(
+    tangents: Array, pixels: Array, bare: Sequence[float], lens: ExportLens
+) -> Array:
     """Return the (4 + coefficients,) parameters with the least squared misfit. Coefficients that
     hardly improve it stay 0.
 
@@ -116,10 +118,10 @@ def _fit_free(
         return parameters
 
     def residuals(values: Array) -> Array:
-        return (project(complete(values), tangents, fisheye)[0] - pixels).ravel()
+        return (project_slopes(complete(values), tangents, fisheye)[0] - pixels).ravel()
 
     def derivatives(values: Array) -> Array:
-        return project(complete(values), tangents, fisheye)[1][:, index]
+        return project_slopes(complete(values), tangents, fisheye)[1][:, index]
 
     solution = least_squares(
         residuals,

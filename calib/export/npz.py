@@ -56,7 +56,7 @@ def write_npz(
     return written
 
 
-def file_names(depths: Sequence[float]) -> list[str]:
+def npz_file_names(depths: Sequence[float]) -> list[str]:
     """Return the names of the files that `write_npz` writes."""
     return ["rays.npz", *(f"map_{depth_text(depth)}m.npz" for depth in depths)]
 

@@ -16,8 +16,9 @@ import torch
 from numpy.typing import NDArray
 
 from calib.export.formats import ExportLens
-from calib.export.lens_fit import project, to_intrinsics
+from calib.export.lens_fit import project_slopes, to_intrinsics
 from calib.optics.build import pinhole_path
+from calib.optics.exposure import MIDDLE
 
 Array = NDArray[np.float64]
 
@@ -54,13 +55,13 @@ def project_windshield(lens: ExportLens, parameters: Array, tangents: Array) -> 
     inwards = parameters[-4 * TERMS : -2 * TERMS].reshape(2, TERMS)
     inner = np.sin(_terms(angles(tangents)) @ inwards.T)
     forward = np.sqrt(np.maximum(1 - (inner**2).sum(-1, keepdims=True), 0.0))
-    return project(parameters[: -4 * TERMS], inner / forward, lens.fisheye)[0]
+    return project_slopes(parameters[: -4 * TERMS], inner / forward, lens.fisheye)[0]
 
 
 def tangents_within_cover(pixels: Array, lens: ExportLens, bare: Array) -> Array:
     """Return (N, 2) x / z and y / z in front of the lens, of (N, 2) px."""
     path, values = pinhole_path(to_intrinsics(bare.tolist(), lens.fisheye))
-    direction = path.trace(torch.from_numpy(pixels), values).direction
+    direction = path.trace(torch.from_numpy(pixels), values, MIDDLE).direction
     return np.asarray(torch.stack([direction.x, direction.y], -1) / direction.z.unsqueeze(-1))
 
 

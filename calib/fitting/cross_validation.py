@@ -2,15 +2,18 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from calib.corners.folds import split_folds
 from calib.corners.view import View, pose_labels
 from calib.estimation.model_choice import simplest_model
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.fit_record.outcome import CrossValidation
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup, fit_stages
 from calib.progress import Progress, Silent
 from calib.threads import single_thread
 
@@ -19,40 +22,18 @@ GRIDS = ((6, 6), (8, 8), (12, 12), (16, 16))
 GRID_FOLDS = 4
 MIN_IMPROVEMENT = 0.01
 """A finer grid must lower the held-out error by this fraction."""
-OVERFIT_RATIO = 1.25
-"""Ratio of held-out to fitted error above which a fit overfits. The fitted poses explain a smaller
-ratio.
-"""
-
-
-@dataclass(frozen=True, slots=True)
-class CrossValidation:
-    """The errors when each view is held out once and only its pose is refitted."""
-
-    folds: int
-    held_out_px: float
-    """Root mean square two-dimensional reprojection error."""
-    fitted_px: float
-    """The same error of the fitted views, over all folds."""
-    held_out_sigma_px: float = 0.0
-    """Standard deviation of `held_out_px`, from the spread over poses; 0 if unknown."""
-
-    @property
-    def overfits(self) -> bool:
-        return self.held_out_px > OVERFIT_RATIO * self.fitted_px
 
 
 def cross_validate(
     setup: Setup, views: Sequence[View], settings: Settings, folds: int, progress: Progress
 ) -> CrossValidation:
     """Fit `folds` times, each time without every folds-th pose of the board, and measure the views
-    of the omitted poses. All views of a pose are in one fold, so a burst is not split.
+    of the omitted poses.
 
     Raises:
         NotEnoughDataError: too few views are left to fit.
     """
     pose = pose_labels(views)
-    fold_of = pose % folds
     advance = progress.task(
         f"{folds} folds"
         + (f", grid {settings.grid[0]}x{settings.grid[1]}" if settings.grid else ""),
@@ -63,27 +44,21 @@ def cross_validate(
     fitted_squares = 0.0  # px^2
     corners = 0
     with single_thread():
-        for fold in range(folds):
-            training_views = [
-                view for view, number in zip(views, fold_of, strict=True) if number != fold
-            ]
-            test_views = [
-                view for view, number in zip(views, fold_of, strict=True) if number == fold
-            ]
+        for index, fold in enumerate(split_folds(views, folds)):
             fitted = fit_stages(
-                setup, Observations.of(training_views, setup.board), settings, Silent()
+                setup, Observations.of(fold.training, setup.board), settings, Silent()
             )
-            test = Observations.of(test_views, setup.board)
-            poses = pinhole_poses(test, fitted.values)
+            test = Observations.of(fold.test, setup.board)
+            poses = pinhole_poses(fitted.path, fitted.values, test)
             _, residual = refit_poses(fitted.path, fitted.values, test, poses)
             for number, image in zip(
-                pose[fold_of == fold], test.per_view(residual.image), strict=True
+                pose[fold.held_out], test.per_view(residual.image), strict=True
             ):
                 squares[number] += float(image.square().nansum())
                 counts[number] += int(image.isfinite().all(1).sum())
             fitted_squares += fitted.residuals.rms_px**2 * len(test.pixels)
             corners += len(test.pixels)
-            advance(fold + 1, f"{residual.rms_px:.3f} px held out")
+            advance(index + 1, f"{residual.rms_px:.3f} px held out")
     error = float(np.sqrt(squares.sum() / counts.sum()))
     spread = float(
         np.sqrt(

@@ -10,13 +10,10 @@ from dataclasses import dataclass
 
 from calib.calibration import Calibration
 from calib.effects.effect import EffectParameter
-from calib.estimation.prior_conflict import (
-    CONFLICT_THRESHOLD,
-    independent_deviation,
-    normalised_deviation,
-)
+from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
 from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
+from calib.session.deviation import independent_deviation, normalised_deviation
 from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number, Quantity
 
@@ -31,9 +28,7 @@ MIN_CORRECTION = 3.0
 DECLARED, BARE, VIEWS = "declared", "found in bare/", "found by the views alone"
 """The sources of a number's prior."""
 SOURCES = {"bare": BARE, "views": VIEWS}
-"""The source of intrinsics by `intrinsics_from` of a calibration's settings; all other numbers are
-declared.
-"""
+"""The source of intrinsics by `intrinsics_from` of the outcome; all other numbers are declared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +60,11 @@ class Comparison:
     @property
     def normalised_deviation(self) -> float:
         """Return the distance between estimate and declared value, in standard deviations of that
-        distance (`calib.estimation.prior_conflict`). The estimate of a doubted number is
-        independent of the declared value, so the variances add.
+        distance (`calib.session.deviation`). The estimate of a doubted number is independent of the
+        declared value.
         """
-        distance = self.estimate - self.declared
-        return (independent_deviation if self.doubted else normalised_deviation)(
-            distance, self.tolerance, self.sigma
-        )
+        deviation = independent_deviation if self.doubted else normalised_deviation
+        return abs(float(deviation(self.estimate - self.declared, self.tolerance, self.sigma)))
 
     @property
     def contradicted(self) -> bool:
@@ -182,7 +175,7 @@ def _declared(calibration: Calibration) -> Iterator[Comparison]:
     declared, cover, camera = calibration.declared, calibration.cover, calibration.camera.intrinsics
     assert camera
 
-    lens = SOURCES.get(calibration.settings.get("intrinsics_from", ""), DECLARED)
+    lens = SOURCES.get(calibration.outcome.intrinsics_from or "", DECLARED)
 
     def compare(
         quantity: Quantity, name: str, prior: Number, estimate: Number, source: str = DECLARED

@@ -86,7 +86,7 @@ def evaluate(
     views, rejected = read_views(session, progress)
     views, unusable = split_usable_views(views, session.board)
     path, values = calibration.model()
-    views, poses, poseless = with_initial_pose(views, session.board, values)
+    views, poses, poseless = with_initial_pose(path, values, views, session.board)
     if not views:
         raise NotEnoughDataError(
             f"{session.path} has no view to evaluate with: take pictures that show the whole board."
@@ -95,14 +95,13 @@ def evaluate(
     with single_thread():
         if halves or path.has_private_blocks:
             # sigma only weighs the prior of private blocks
-            noise = (
-                float(calibration.settings.get("sigma_px", 1.0)) if path.has_private_blocks else 1.0
-            )
+            joint = calibration.outcome.joint
+            noise = joint.sigma_px if joint and path.has_private_blocks else 1.0
             poses, residual = _cross_halves(path, values, observations, poses, noise)
         else:
             poses, residual = refit_poses(path, values, observations, poses)
     points = path.place(
-        observations.corners, observations.with_times(values), poses[observations.view]
+        observations.corners, values, poses[observations.view], observations.exposure
     )
     distance = path.distance(points)
     return Evaluation(

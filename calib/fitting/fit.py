@@ -1,7 +1,7 @@
 """Fit a calibration to a session."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,15 +13,16 @@ from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals
 from calib.estimation.robust import outlier_mask
 from calib.estimation.stated_priors import with_estimates
+from calib.fit_record.outcome import FitOutcome, FleetPriorTest, JointOutcome, Redetection
+from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
-from calib.fitting.fleet_expectation import KEY as PRIOR
 from calib.fitting.fleet_expectation import Expectation
-from calib.fitting.guided_redetection import REDETECTION, Redetection, redetect_corners
+from calib.fitting.guided_redetection import redetect_corners
 from calib.fitting.inputs import gather_inputs, recalibrate_bare
-from calib.fitting.provenance import KEY, provenance
+from calib.fitting.provenance import provenance
 from calib.fitting.resolve_prior_conflict import resolve_prior_conflict
-from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
-from calib.fitting.view_noise import VIEW_NOISE, weigh_noisy_views
+from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting.view_noise import weigh_noisy_views
 from calib.progress import Progress, Silent
 from calib.session.session import MIN_FIT_VIEWS, Session
 from calib.threads import single_thread
@@ -115,10 +116,10 @@ def fit(
                 earlier=fitted,
                 purpose="with noisier views weighing less",
             )
+        prior: FleetPriorTest | None = None
         if expectation:
             resolved, prior = expectation.resolve(fitted, views, settings, progress)
         else:
-            prior = {}
             resolved = resolve_prior_conflict(fitted, setup, nominal, views, settings, progress)
     fitted, setup = resolved.fitted, resolved.setup
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, fitted.joint)
@@ -142,23 +143,18 @@ def fit(
         rejected=rejected,
         stages=fitted.stages,
         noise_px=short_scale_noise(on_board_grid(fitted.residuals.image, views), session.board),
-        settings={
-            "method": settings.method,
-            "grid": list(settings.grid or ()),
-            "grid_held_out_px": grids,
-            "free": list(settings.free),
-            "steps": settings.steps,
-            "exact_hit": settings.exact_hit,
-            "intrinsics_from": start.intrinsics_from,
-            "lens_held_out_px": start.lens_held_out_px,
-            REDETECTION: [redetection.record() for redetection in redetections],
-            VIEW_NOISE: noise_ratios,
-            KEY: provenance(session),
-        }
-        | ({"cross_validation": asdict(validation)} if validation else {})
-        | ({PRIOR: prior} if expectation else {})
-        | (joint.record() if joint else {}),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
+        request=FitRequest(settings, provenance=provenance(session)),
+        outcome=FitOutcome(
+            grid_held_out_px=grids,
+            intrinsics_from=start.intrinsics_from,
+            lens_held_out_px=start.lens_held_out_px,
+            redetections=redetections,
+            view_noise=noise_ratios,
+            cross_validation=validation,
+            fleet_prior=prior,
+            joint=JointOutcome.of(joint) if joint else None,
+        ),
         stated=Declared(resolved.declared.intrinsics, resolved.declared.cover, resolved.doubted),
     )
 

@@ -10,6 +10,7 @@ from calib.estimation.joint_fit import Estimate, JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.estimation.stated_priors import with_estimates
+from calib.fit_record.outcome import JointOutcome
 
 EFFECTS_STAGE = "cover+rbf+effects"
 
@@ -17,11 +18,12 @@ EFFECTS_STAGE = "cover+rbf+effects"
 def with_fit(
     calibration: Calibration, model: CameraModel, joint: JointFit, observations: Observations
 ) -> Calibration:
-    """Return the calibration with the parameters and effects of another joint fit, and its
-    settings' entries about that fit.
+    """Return the calibration with the parameters and effects of another joint fit, and the
+    record of that fit.
     """
     estimated = with_estimate(calibration, model, joint, observations)
-    return replace(estimated, settings=calibration.settings | joint.record())
+    outcome = replace(calibration.outcome, joint=JointOutcome.of(joint))
+    return replace(estimated, outcome=outcome)
 
 
 def with_estimate(

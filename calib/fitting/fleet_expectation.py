@@ -13,6 +13,8 @@ from calib.estimation.likelihood_information import (
     prior_conflict,
 )
 from calib.estimation.observations import Observations
+from calib.fit_record.outcome import FleetPriorTest
+from calib.fit_record.request import Settings
 from calib.fitting.inputs import FitInputs
 from calib.fitting.resolve_prior_conflict import (
     ResolvedFit,
@@ -20,14 +22,12 @@ from calib.fitting.resolve_prior_conflict import (
     log_evidence,
     resolve_prior_conflict,
 )
-from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
+from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.progress import Progress
 from calib.session.fleet_prior import FleetPrior, combine_with_prior
 from calib.session.numbers import covariance_of
 from calib.session.session import Session
 
-KEY = "fleet_prior"
-"""Key of a calibration's settings: the prior that its session names, and whether it was used."""
 FALSE_ALARM = 0.01
 """Probability that a camera of the fleet is taken for one that contradicts the prior. Such a camera
 only loses what the prior would have given.
@@ -65,9 +65,9 @@ class Expectation:
 
     def resolve(
         self, fitted: Fitted, views: tuple[View, ...], settings: Settings, progress: Progress
-    ) -> tuple[ResolvedFit, dict[str, object]]:
+    ) -> tuple[ResolvedFit, FleetPriorTest]:
         """Return a fit with the prior, or without it where the views contradict it, and the record
-        of that decision for a calibration's settings.
+        of that decision.
 
         The views contradict the prior in two cases. They pull the camera's numbers farther than
         only FALSE_ALARM of the fleet's cameras would be. Or the residual exceeds the corners' noise
@@ -116,14 +116,14 @@ class Expectation:
 
     def _record(
         self, conflict: PriorConflict, pulls: dict[str, float], *, used: bool
-    ) -> dict[str, object]:
+    ) -> FleetPriorTest:
         farthest = max(pulls, key=lambda name: abs(pulls[name]), default="")
-        return {
-            "file": str(self.prior.file.resolve()),
-            "sha256": self.prior.sha256,
-            "cameras": self.prior.cameras,
-            "used": used,
-            "p_value": conflict.p_value,
-            "farthest": farthest,
-            "farthest_sigmas": abs(pulls.get(farthest, 0.0)),
-        }
+        return FleetPriorTest(
+            file=str(self.prior.file.resolve()),
+            sha256=self.prior.sha256,
+            cameras=self.prior.cameras,
+            used=used,
+            p_value=conflict.p_value,
+            farthest=farthest,
+            farthest_sigmas=abs(pulls.get(farthest, 0.0)),
+        )

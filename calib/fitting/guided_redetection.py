@@ -11,10 +11,9 @@ A detected corner is not dropped because it lies far from its prediction: glass,
 may have moved it, which is for the diagnosis to find out.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path as FilePath
-from typing import Any
 
 import numpy as np
 import torch
@@ -24,16 +23,16 @@ from calib.corners.lattice import Lattice, lattice_step
 from calib.corners.measure import MeasuredCorners, measure_corners
 from calib.corners.view import View
 from calib.corners.weights import weigh_views
+from calib.fit_record.outcome import Redetection
 from calib.fitting.stages import Fitted
 from calib.io.images import read_grey
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Progress
 from calib.session.board import Board
 
 Floats = NDArray[np.float64]
 
-REDETECTION = "second_look"
-"""Key of a calibration's settings: the result of the search in each picture."""
 PICTURE_MARGIN = 3.0
 """px along the picture's edge in which no corner is looked for."""
 RING_WIDTH = 1.5
@@ -47,37 +46,6 @@ prediction.
 MIN_TOLERANCE = 0.5
 """px: the least distance from its prediction that a new corner may have, however good the view is.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class Redetection:
-    """The result of the search in one picture."""
-
-    file: str
-    new_corners: int
-    """Corners that the first detection lacked."""
-    refused: int
-    """Corners that the model predicts inside the picture but that do not look like corners there,
-    or that have no neighbour which does.
-    """
-    dropped: int
-    """Corners of the first detection that do not look like corners once their edges are curved as
-    the model predicts.
-    """
-
-    def record(self) -> dict[str, str | int]:
-        """Return the mapping that a calibration's settings keep."""
-        return {
-            "file": self.file,
-            "found": self.new_corners,
-            "refused": self.refused,
-            "dropped": self.dropped,
-        }
-
-    @staticmethod
-    def from_record(record: Mapping[str, Any]) -> "Redetection":
-        """Return the result that `record` wrote."""
-        return Redetection(record["file"], record["found"], record["refused"], record["dropped"])
 
 
 def describe_redetection(redetections: Sequence[Redetection]) -> str:
@@ -151,8 +119,9 @@ def _expected(fitted: Fitted, view: int, board: Board, steps: Sequence[tuple[int
     """
     places = board.points()[:, None] + lattice_step(board) / 2 * np.array(steps)
     points = torch.from_numpy(places.reshape(-1, 2))
-    placed = fitted.path.place(points, fitted.values, fitted.poses[view].expand(len(points), -1))
-    return project(fitted.path, fitted.values, placed).numpy().reshape(places.shape)
+    poses = fitted.poses[view].expand(len(points), -1)
+    placed = fitted.path.place(points, fitted.values, poses, MIDDLE)
+    return project(fitted.path, fitted.values, placed, MIDDLE).numpy().reshape(places.shape)
 
 
 def _redetect_view(

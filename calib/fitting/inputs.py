@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from calib.corners.detect_all import MIN_VIEWS, detect
 from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture, View
 from calib.errors import InputError
+from calib.fit_record.request import IntrinsicsSource
 from calib.intrinsics.calibrate import BareFit, calibrate_bare
 from calib.io.frames_table import NAME as FRAMES_TABLE
 from calib.io.frames_table import FrameRecord, read_frame_records
@@ -30,7 +30,7 @@ class FitInputs:
     """Views with enough corners for a pose."""
     rejected: tuple[RejectedPicture, ...]
     intrinsics: Intrinsics
-    intrinsics_from: Literal["session.yaml", "bare", "prior", "views"]
+    intrinsics_from: IntrinsicsSource
     lens_held_out_px: dict[str, float]
     """Error on held-out views by the number of OpenCV's coefficients or the name of another lens
     model; empty if the lens was not chosen by it.
@@ -82,7 +82,7 @@ def gather_inputs(session: Session, progress: Progress) -> FitInputs:
     views, rejected = read_views(session, progress)
     bare_rejected: tuple[RejectedPicture, ...] = ()
     lens_errors: dict[str, float] = {}
-    source: Literal["session.yaml", "bare", "prior", "views"]
+    source: IntrinsicsSource
     if session.camera.intrinsics:
         intrinsics = session.camera.intrinsics
         source = "session.yaml"

@@ -1,6 +1,4 @@
-"""The provenance of a calibration: its inputs and versions, kept in its settings and printed in its
-report.
-"""
+"""The provenance of a calibration: its inputs, and the versions of the programs that made it."""
 
 import platform
 from collections.abc import Sequence
@@ -12,27 +10,24 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from calib.calibration import Calibration
+from calib.fit_record.history import DiagnosisRun
+from calib.fit_record.request import CommandOptions, Provenance
 from calib.io.files import read_file, reading
 from calib.session.session import Session
 
-KEY = "made_by"
-ASKED = "asked"
-"""Key of a calibration's settings: the options of the command line that are not the fit's own."""
-DIAGNOSED = "diagnosed"
-"""Key of a calibration's settings: the calibrations whose diagnoses led to it, earliest first."""
 PACKAGES = ("numpy", "scipy", "torch", "opencv-python-headless")
 
 
-def provenance(session: Session) -> dict[str, str]:
+def provenance(session: Session) -> Provenance:
     """Return the session of a fit that ends now, the time, and the versions that made it."""
-    return {
-        "session": str(session.path.resolve()),
-        "session_sha256": session_hash(session),
-        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-        "python": platform.python_version(),
-        "machine": f"{platform.system()} {platform.machine()}",
-        **{name: _version(name) for name in PACKAGES},
-    }
+    return Provenance(
+        session=str(session.path.resolve()),
+        session_sha256=session_hash(session),
+        finished=datetime.now(UTC).isoformat(timespec="seconds"),
+        python=platform.python_version(),
+        machine=f"{platform.system()} {platform.machine()}",
+        packages={name: _version(name) for name in PACKAGES},
+    )
 
 
 def record_request(
@@ -41,25 +36,18 @@ def record_request(
     """Return the calibration with a record of the effects that `calib fit` was asked to add, and of
     the depths (m) whose maps it was asked to write.
     """
-    return replace(
-        calibration,
-        settings=calibration.settings | {ASKED: {"effects": list(effects), "depths": list(depths)}},
-    )
+    command = CommandOptions(tuple(effects), tuple(depths))
+    return replace(calibration, request=replace(calibration.request, command=command))
 
 
 def record_diagnosis(calibration: Calibration, place: Path, holdout: Path | None) -> Calibration:
     """Return the calibration with a record of its diagnosis: the folder of the diagnosed
     calibration and the session of the held-out views.
     """
-    diagnosis = {
-        "calibration": str(place.resolve()),
-        "holdout": str(holdout.resolve()) if holdout else "",
-    }
-    return replace(
-        calibration,
-        settings=calibration.settings
-        | {DIAGNOSED: [*calibration.settings.get(DIAGNOSED, []), diagnosis]},
-    )
+    run = DiagnosisRun(str(place.resolve()), str(holdout.resolve()) if holdout else "")
+    history = calibration.history
+    runs = (*history.diagnosis_runs, run)
+    return replace(calibration, history=replace(history, diagnosis_runs=runs))
 
 
 def session_hash(session: Session) -> str:

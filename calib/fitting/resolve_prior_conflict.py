@@ -26,7 +26,8 @@ from calib.estimation.prior_conflict import (
 )
 from calib.estimation.relief_heights import height_spread
 from calib.estimation.stated_priors import widen_prior
-from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.progress import Progress
 from calib.session.freeing import AUTO
 
@@ -171,8 +172,8 @@ def log_evidence(fitted: Fitted) -> float:
 
 
 def at_noise(resolved: ResolvedFit, views: Sequence[View]) -> bool:
-    """True if the residual is little more than the corners' noise."""
+    """True if the residual is little more than the corners' noise, and this is known."""
     fitted = resolved.fitted
-    return fitted.stages[-1].rms_px <= MAX_NOISE_RATIO * short_scale_noise(
-        on_board_grid(fitted.residuals.image, views), resolved.setup.board
-    )
+    grid = on_board_grid(fitted.residuals.image, views)
+    noise = short_scale_noise(grid, resolved.setup.board)
+    return noise is not None and fitted.stages[-1].rms_px <= MAX_NOISE_RATIO * noise

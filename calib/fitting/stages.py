@@ -5,7 +5,6 @@ the cover's relief.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import torch
 from torch import Tensor
@@ -26,6 +25,7 @@ from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import expected_amplitudes
+from calib.fit_record.request import Settings
 from calib.optics.build import covered_path, footprint, pinhole_path, with_relief
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -34,33 +34,12 @@ from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
-from calib.session.freeing import AUTO, free_parameters
+from calib.session.freeing import free_parameters
 
 MAX_LOST_FRACTION = 0.2
 """If the rays of a larger fraction of corners fail, the described cover cannot be right."""
 LINEARISATIONS = 12
 """Length of the progress bar: a joint fit takes about as many."""
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """The options of a fit."""
-
-    method: Literal["joint", "paper"] = "joint"
-    grid: tuple[int, int] | None = (12, 12)
-    """Centres of the relief around and along the cover (horizontally and vertically for an upright
-    cone). None: by held-out error.
-    """
-    steps: int = 1000
-    """Gradient steps of the paper's procedure."""
-    exact_hit: bool = True
-    """False neglects that the relief moves the hit point, as the paper does."""
-    free: tuple[str, ...] = (AUTO,)
-    """Names of calib.session.freeing.NAMES: the declared numbers that the joint method estimates,
-    near their declared values.
-    """
-    folds: int = 0
-    """Number of folds of the cross-validation; 0 for none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +99,7 @@ def fit_stages(
         NotEnoughDataError: the corners cannot be seen through the cover.
     """
     path, values = pinhole_path(setup.intrinsics)
-    poses = pinhole_poses(observations, values)
+    poses = pinhole_poses(path, values, observations)
     residual = residuals(path, values, observations, poses)
     stages = [Stage("pinhole", residual.rms_px, residual.rmse_cm)]
     has_poses = bool(torch.isfinite(poses).all())  # the caller rejects views without a pose first

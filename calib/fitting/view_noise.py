@@ -20,10 +20,6 @@ from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals
 from calib.session.board import Board
 
-VIEW_NOISE = "view_noise"
-"""Key of a calibration's settings: by file, the noise of each noisy view over that of the median
-view.
-"""
 NOISE_RATIO = 1.5
 """Noise over that of the median view, from which a view weighs less: pictures of one session differ
 by less. On the four measured sets whose corners come without covariances, the held-out error of the
@@ -60,7 +56,7 @@ def weigh_noisy_views(
     return tuple(weighted_views), dict(sorted(noise_ratios.items(), key=lambda item: -item[1]))
 
 
-def describe_noisy_views(noise_ratios: Mapping[str, float]) -> str:
+def describe_noisy_views(noise_ratios: Mapping[str, float] | None) -> str:
     """Return one sentence about the noisy views; empty if there are none."""
     if not noise_ratios:
         return ""

@@ -9,16 +9,17 @@ from calib.corners.view import RejectedPicture, View
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses
 from calib.optics.params import Values
+from calib.optics.path import Path
 from calib.session.board import Board
 
 
 def with_initial_pose(
-    views: Sequence[View], board: Board, values: Values
+    path: Path, values: Values, views: Sequence[View], board: Board
 ) -> tuple[tuple[View, ...], Tensor, tuple[RejectedPicture, ...]]:
-    """Return the views with an initial pose, these (V, 6) poses through the pinhole of `values`,
+    """Return the views with an initial pose, these (V, 6) poses through the lens of the path,
     and the rejected views with the reason.
     """
-    poses = pinhole_poses(Observations.of(views, board), values)
+    poses = pinhole_poses(path, values, Observations.of(views, board))
     has_pose = torch.isfinite(poses).all(-1)
     rejected = tuple(
         RejectedPicture(view.name, "no board pose explains its corners")

@@ -15,7 +15,7 @@ from calib.fleet.local import run_locally
 from calib.fleet.manifest import Entry
 from calib.fleet.output import check_output
 from calib.fleet.page import fleet_page
-from calib.fleet.result import PAGES, Result, State
+from calib.fleet.result import PAGES, JobState, Result
 from calib.fleet.run import run_jobs
 from calib.fleet.table import fleet_csv
 from calib.io.file_set import FileSet
@@ -86,5 +86,5 @@ def _results(
 def _words(results: dict[str, Result]) -> str:
     states = Counter(result.state for result in results.values())
     return ", ".join(
-        f"{states[state]} {state.value.replace('_', ' ')}" for state in State if states[state]
+        f"{states[state]} {state.value.replace('_', ' ')}" for state in JobState if states[state]
     )

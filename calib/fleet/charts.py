@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.fleet.control import Chart
 from calib.fleet.findings import Fleet, title_of
-from calib.fleet.result import CAMERAS, State
+from calib.fleet.result import CAMERAS, JobState
 from calib.verdict.verdict import Trust
 
 WIDTH, HEIGHT = 520, 168
@@ -81,7 +81,7 @@ def map_svg(fleet: Fleet) -> str:
         x, y = side * (index % columns), side * (index // columns)
         square = f"M{x + 1:.1f} {y + 1:.1f}h{side - 2:.1f}v{side - 2:.1f}h{2 - side:.1f}z"
         if result.id in fleet.findings:
-            kind = "out" if result.state is State.CALIBRATED else "none"
+            kind = "out" if result.state is JobState.CALIBRATED else "none"
             links.append(
                 _linked(
                     fleet,

@@ -16,7 +16,7 @@ from calib.calibration import Calibration
 from calib.estimation.likelihood_information import LikelihoodInformation
 from calib.estimation.prior_conflict import PRIOR_INFLATION
 from calib.estimation.stated_priors import widen_prior
-from calib.estimation.surface_prior import Smoothness, figure_height, figure_heights, relief_basis
+from calib.estimation.surface_prior import figure_height, figure_heights, relief_basis
 from calib.fleet.population import Population
 from calib.optics.build import covered_path, footprint
 from calib.optics.relief import Relief
@@ -174,7 +174,10 @@ class Common:
         """Return the mean, (K + N,), and covariance, (K + N, K + N), of the prior that a camera's
         fit took from its drawing and from the prior of all glass.
         """
+        joint = calibration.outcome.joint
         assert calibration.relief
+        assert joint
+        assert joint.relief_prior
         intrinsics, cover = calibration.declared.intrinsics, calibration.declared.cover
         declared, drawing = numbers_of(intrinsics, cover), numbers_of(self.intrinsics, self.cover)
         for name in calibration.declared.doubted:
@@ -182,10 +185,7 @@ class Common:
         for name in self.names:
             if declared[name] != drawing[name]:  # a measurement of this camera, which stays
                 intrinsics, cover = widen_prior(intrinsics, cover, name, LOOSE)
-        settings = calibration.settings["relief_prior"]
-        heights = Smoothness(settings["height_m"], settings["length_of_patch"]).covariance(
-            calibration.relief
-        )
+        heights = joint.relief_prior.covariance(calibration.relief)
         from_heights = np.linalg.solve(relief_basis(calibration.relief).T, to_figure.T).T
         count = len(self.names)
         prior = np.zeros((count + len(to_figure),) * 2)

@@ -14,7 +14,7 @@ from calib.errors import harmless
 from calib.fitting.rounding import with_sigma
 from calib.fleet.control import ALPHA, Chart, charts
 from calib.fleet.manifest import Entry
-from calib.fleet.result import Result, State
+from calib.fleet.result import JobState, Result
 from calib.session.parameter_names import CAMERA
 from calib.verdict.verdict import Trust
 
@@ -117,7 +117,7 @@ def title_of(name: str) -> str:
 
 
 def _camera_findings(entry: Entry, result: Result) -> Iterator[Finding]:
-    if result.state is not State.CALIBRATED:
+    if result.state is not JobState.CALIBRATED:
         yield Finding(NO_CALIBRATION, f"no calibration: {result.sentence.rstrip('.')}")
     if result.verdict.get("word") == Trust.DO_NOT_USE.value:
         because = str(next(iter(result.verdict["reasons"]), "")).rstrip(".")

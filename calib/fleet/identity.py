@@ -11,7 +11,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from calib.fitting.stages import Settings
+from calib.fit_record.request import Settings
 from calib.fleet.manifest import Entry
 from calib.fleet.places import faraway, is_remote
 from calib.io.files import read_file

@@ -20,14 +20,14 @@ from calib.diagnosis.diagnose import diagnose
 from calib.errors import InputError, NotEnoughDataError, RefracalError, brief
 from calib.export.export import ExportRequest, export
 from calib.export.formats import FORMATS
-from calib.export.npz import file_names, write_npz
+from calib.export.npz import npz_file_names, write_npz
 from calib.fitting.fit import fit
-from calib.fitting.provenance import KEY, record_diagnosis, record_request
+from calib.fitting.provenance import record_diagnosis, record_request
 from calib.fleet.identity import FleetOptions, Identity
 from calib.fleet.manifest import Entry
-from calib.fleet.numbers import USUAL_DEPTH, camera_numbers, prior_shifts
+from calib.fleet.numbers import USUAL_DEPTH, fleet_numbers, prior_shifts
 from calib.fleet.places import at_hand, is_remote
-from calib.fleet.result import CAMERAS, Result, State, read_result, result_name
+from calib.fleet.result import CAMERAS, JobState, Result, read_result, result_name
 from calib.io.file_set import BusyError, FileSet, remove_set
 from calib.io.files import read_file
 from calib.io.json_text import json_text
@@ -78,7 +78,7 @@ def run_job(job: Job) -> Result:
             try:
                 result = _calibrated(job, files, identity)
             except NotEnoughDataError as error:
-                result = Result(entry.id, State.TOO_LITTLE, str(error))
+                result = Result(entry.id, JobState.TOO_LITTLE, str(error))
             result = replace(result, identity=identity, seconds=time.monotonic() - start)
             result.write(fleet, overwrite=job.overwrite)
             return result
@@ -94,7 +94,7 @@ def run_job(job: Job) -> Result:
 
 
 def _failed(fleet: Path, camera: str, sentence: str) -> Result:
-    result = Result(camera, State.FAILED, sentence)
+    result = Result(camera, JobState.FAILED, sentence)
     with suppress(RefracalError):  # a disk that is full: the sentence says so
         result.write(fleet)
     return result
@@ -136,7 +136,7 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
         except NotEnoughDataError as error:
             return Result(
                 entry.id,
-                State.TOO_LITTLE,
+                JobState.TOO_LITTLE,
                 str(error),
                 check=answer.as_json() if answer else {},
                 remarks=remarks,
@@ -172,9 +172,9 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
         remarks = (*remarks, "It was not exported, for its verdict is not to use it.")
     return Result(
         id=entry.id,
-        state=State.CALIBRATED,
+        state=JobState.CALIBRATED,
         verdict=verdict.as_json(),
-        numbers=camera_numbers(first, last, next(iter(wanted.depths), USUAL_DEPTH)),
+        numbers=fleet_numbers(first, last, next(iter(wanted.depths), USUAL_DEPTH)),
         effects=tuple(added.effect.name for added in last.effects),
         check=answer.as_json() if answer else {},
         shifts=prior_shifts(prior, last) if prior else {},
@@ -193,11 +193,10 @@ def _fit(
     """
     wanted = job.options
     first = record_request(fit(session, wanted.settings), (), wanted.depths)
-    if is_remote(job.entry.session):  # the copy will be gone
-        first = replace(
-            first,
-            settings=first.settings | {KEY: first.settings[KEY] | {"session": job.entry.session}},
-        )
+    origin = first.request.provenance
+    if origin and is_remote(job.entry.session):  # the copy will be gone
+        origin = replace(origin, session=job.entry.session)
+        first = replace(first, request=replace(first.request, provenance=origin))
     written = [first.write(files), *write_npz(first, wanted.depths, files, Silent())]
     written.append(write_report(first, files, Silent(), wanted.depths, pictures=session.path))
     names = [path.name for path in written]
@@ -243,7 +242,7 @@ def _checked(
 
 def camera_files(depths: Sequence[float]) -> list[str]:
     """Return the names of the files in a camera's folder, without those in its subfolders."""
-    return [*FILES, *file_names(depths), NAME, FITTED]
+    return [*FILES, *npz_file_names(depths), NAME, FITTED]
 
 
 def _exported(calibration: Calibration, job: Job, folder: Path) -> list[Path]:

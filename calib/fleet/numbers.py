@@ -12,6 +12,7 @@ from calib.calibration import Calibration
 from calib.estimation.relief_heights import height_spread
 from calib.fitting.declared import comparisons
 from calib.fleet.limits import EFFECTIVE
+from calib.session.deviation import independent_deviation
 from calib.verdict.uncertainty import map_sigmas
 
 USUAL_DEPTH = 1.0
@@ -38,7 +39,7 @@ class PriorShift:
     unit: str
 
 
-def camera_numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, FleetNumber]:
+def fleet_numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, FleetNumber]:
     """Return the numbers that the fit estimated, by the names of calib.fleet.limits.
 
     Args:
@@ -47,22 +48,19 @@ def camera_numbers(first: Calibration, last: Calibration, depth: float) -> dict[
         last: the calibration with the effects of the diagnosis.
         depth: m, of the maps whose standard deviation is among the numbers.
     """
-    validation = first.settings.get("cross_validation", {})
-    quality = {
-        "error_px": first.stages[-1].rms_px,
-        "held_out_px": validation.get("held_out_px", math.nan),
-        "noise_px": first.noise_px,
-        "sigma_px": map_sigmas(first, (depth,)).get(depth, math.nan),
-        "relief_um": (
-            1e6 * height_spread(*first.model(), first.observations) if first.relief else math.nan
-        ),
-    }
-    # A few views that the others predict badly make most of the held-out error.
-    sigma = {"held_out_px": validation.get("held_out_sigma_px", 0.0)}
-    numbers = {
-        name: FleetNumber(value, sigma.get(name, 0.0), name.rpartition("_")[2].replace("um", "µm"))
-        for name, value in quality.items()
-    }
+    numbers = {"error_px": FleetNumber(first.stages[-1].rms_px, 0.0, "px")}
+    if first.noise_px is not None:
+        numbers["noise_px"] = FleetNumber(first.noise_px, 0.0, "px")
+    if validation := first.outcome.cross_validation:
+        # A few views that the others predict badly make most of the held-out error.
+        numbers["held_out_px"] = FleetNumber(
+            validation.held_out_px, validation.held_out_sigma_px, "px"
+        )
+    for sigma_px in map_sigmas(first, (depth,)).values():
+        numbers["sigma_px"] = FleetNumber(sigma_px, 0.0, "px")
+    if first.relief:
+        spread_um = 1e6 * height_spread(*first.model(), first.observations)
+        numbers["relief_um"] = FleetNumber(spread_um, 0.0, "µm")
     numbers |= {
         name: FleetNumber(value, 0.0, "px")
         for name, value in zip(EFFECTIVE, effective_focal(last), strict=True)
@@ -102,12 +100,12 @@ def prior_shifts(prior: Calibration, current: Calibration) -> dict[str, PriorShi
         earlier = previous.get(number.name)
         if not earlier or earlier.unit != number.unit:
             continue
-        spread = math.hypot(number.sigma, earlier.sigma)
-        if spread > 0:
+        if number.sigma > 0 or earlier.sigma > 0:
+            shift = number.estimate - earlier.estimate
             shifts[number.name] = PriorShift(
                 prior=earlier.estimate,
                 current=number.estimate,
-                sigmas=(number.estimate - earlier.estimate) / spread,
+                sigmas=independent_deviation(shift, number.sigma, earlier.sigma),
                 unit=number.unit,
             )
     return shifts

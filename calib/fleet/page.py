@@ -13,9 +13,9 @@ from calib.fitting.rounding import with_sigma
 from calib.fleet.charts import chart_svg, colours_of, labels_of, link_of, map_svg, shifts_svg
 from calib.fleet.control import ALPHA, BATCH_ALPHA, Chart
 from calib.fleet.findings import Fleet, title_of
-from calib.fleet.result import Result, State
+from calib.fleet.result import JobState, Result
 from calib.report.page import PageSection, document
-from calib.report.tables import table
+from calib.report.tables import html_table
 from calib.verdict.verdict import Trust
 
 MAX_REASONS = 3
@@ -73,11 +73,11 @@ def headline(fleet: Fleet) -> str:
 
 def _lead(fleet: Fleet) -> str:
     states = Counter(result.state for result in fleet.results)
-    count = states[State.CALIBRATED]
+    count = states[JobState.CALIBRATED]
     words = Counter(
         str(result.verdict.get("word"))
         for result in fleet.results
-        if result.state is State.CALIBRATED
+        if result.state is JobState.CALIBRATED
     )
     calibrated = f"{count} camera{'s are' if count != 1 else ' is'} calibrated: " + ", ".join(
         f"{words[word]} {NAMES[word]}" for word in NAMES if words[word]
@@ -118,7 +118,7 @@ def _outliers_html(fleet: Fleet) -> str:
             else ""
         )
         rows.append((_camera(fleet, place[camera]), f'<ul class="reasons">{first}</ul>{details}'))
-    return table(("camera", "why, the gravest first"), rows)
+    return html_table(("camera", "why, the gravest first"), rows)
 
 
 def _camera(fleet: Fleet, index: int) -> str:
@@ -179,7 +179,7 @@ def _batches_html(charts: tuple[Chart, ...]) -> str:
     return (
         "<p>Numbers that differ between batches, by ranks (Kruskal and Wallis), at"
         f" {100 * BATCH_ALPHA:g} % over all charts. Each camera of such a chart is compared with"
-        " its own batch.</p>" + table(("number", "by", "medians (cameras)", "p"), rows)
+        " its own batch.</p>" + html_table(("number", "by", "medians (cameras)", "p"), rows)
     )
 
 
@@ -208,7 +208,7 @@ def _effects_html(fleet: Fleet) -> str:
         )
         remainder = f" and {len(indices) - MAX_LINKS} more" if len(indices) > MAX_LINKS else ""
         rows.append((f"<b>{escape(effect)}</b>", str(len(indices)), links + remainder))
-    return table(("effect", "cameras", "which"), rows)
+    return html_table(("effect", "cameras", "which"), rows)
 
 
 def _all_html(fleet: Fleet) -> str:
@@ -243,7 +243,9 @@ def _all_html(fleet: Fleet) -> str:
         "moved, sigmas",
     )
     opened = " open" if len(rows) <= MAX_OPEN else ""
-    return f"<details{opened}><summary>{len(rows)} cameras</summary>{table(head, rows)}</details>"
+    return (
+        f"<details{opened}><summary>{len(rows)} cameras</summary>{html_table(head, rows)}</details>"
+    )
 
 
 def _number(result: Result, name: str) -> str:

@@ -16,7 +16,7 @@ from calib.errors import InputError, NotEnoughDataError, RefracalError, brief
 from calib.estimation.likelihood_information import LikelihoodInformation, prior_conflict
 from calib.fleet.common import Common
 from calib.fleet.population import MIN_PRIOR_CAMERAS, ROUGH_DRAWS, Population, population
-from calib.fleet.result import CAMERAS, Result, State, read_result
+from calib.fleet.result import CAMERAS, JobState, Result, read_result
 from calib.io.files import reading
 from calib.session.camera import Camera
 from calib.session.fleet_prior import FleetPrior
@@ -68,7 +68,7 @@ class Kind:
         )
 
 
-def fleet_prior(fleet: Path) -> FleetPrior:
+def estimate_fleet_prior(fleet: Path) -> FleetPrior:
     """Return the prior that the calibrations in a fleet's folder give.
 
     Raises:
@@ -133,7 +133,7 @@ def _unusable(result: Result | None) -> str:
     """Return why a result cannot be used; empty if it can."""
     if not result:
         return "its result is not whole, or of another version"
-    if result.state is not State.CALIBRATED:
+    if result.state is not JobState.CALIBRATED:
         return f"it has no calibration: {result.sentence.rstrip('.')}"
     if result.verdict.get("word") == Trust.DO_NOT_USE.value:
         return "its verdict is not to use it"
@@ -164,11 +164,12 @@ def _unlike_itself(calibration: Calibration) -> str:
     ]
     if effects:
         return f"its diagnosis found {', '.join(effects)}"
-    if not calibration.relief or not calibration.settings.get("relief_prior"):
+    joint = calibration.outcome.joint
+    if not calibration.relief or not (joint and joint.relief_prior):
         return "its fit estimated no relief by its evidence"
     if not calibration.covariance.size or not Kind.of(calibration).estimated:
         return "its fit held every number as it is declared"
-    if calibration.settings.get("fleet_prior", {}).get("used"):
+    if (prior := calibration.outcome.fleet_prior) and prior.used:
         return "it was fitted with a fleet's prior, which would be counted twice"
     return ""
 

@@ -22,7 +22,7 @@ CAMERAS = "cameras"
 """The folder in a fleet's folder that holds one folder and one JSON for each camera."""
 
 
-class State(Enum):
+class JobState(Enum):
     """The outcome of a camera."""
 
     CALIBRATED = "calibrated"
@@ -37,7 +37,7 @@ class Result:
     """The result of one camera."""
 
     id: str
-    state: State
+    state: JobState
     sentence: str = ""
     """The reason why there is no calibration; empty with one."""
     identity: Identity | None = None
@@ -67,7 +67,7 @@ class Result:
     def finished(self, identity: Identity, fleet: Path) -> bool:
         """Return True if the result is complete and belongs to the same session and settings."""
         same = (
-            self.state is not State.FAILED
+            self.state is not JobState.FAILED
             and self.identity is not None
             and self.identity.same(identity)
         )
@@ -131,7 +131,7 @@ def read_result(fleet: Path, camera: str) -> Result | None:
             return None
         return Result(
             id=document["id"],
-            state=State(document["state"]),
+            state=JobState(document["state"]),
             sentence=document["sentence"],
             identity=Identity.read(document["identity"]),
             verdict=document["verdict"],

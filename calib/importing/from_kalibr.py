@@ -11,7 +11,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.importing.from_pictures import read_contents
-from calib.importing.session_draft import Draft
+from calib.importing.session_draft import SessionDraft
 from calib.io.files import reading
 from calib.io.images import list_images
 from calib.io.yaml_reader import read_yaml
@@ -28,7 +28,7 @@ COLUMN_SPACING = Quantity("colSpacingMeters", low=1e-4, high=100.0)
 ROW_SPACING = Quantity("rowSpacingMeters", low=1e-4, high=100.0)
 
 
-def from_kalibr(folder: Path, board: Board | None, camera: str | None) -> Draft:
+def from_kalibr(folder: Path, board: Board | None, camera: str | None) -> SessionDraft:
     """Import one camera's pictures.
 
     Args:
@@ -76,7 +76,7 @@ def from_kalibr(folder: Path, board: Board | None, camera: str | None) -> Draft:
             f"{folder} has no pictures in {camera_name}/: unpack Kalibr's bag there"
             " (kalibr_bagextractor)."
         )
-    return Draft(folder, board, chosen_camera, frames=read_contents(paths))
+    return SessionDraft(folder, board, chosen_camera, frames=read_contents(paths))
 
 
 def _camera(section: Section) -> Camera:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from calib.corners.corners_file import read_corners
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError, brief
-from calib.importing.session_draft import Draft
+from calib.importing.session_draft import SessionDraft
 from calib.io.arrays import decode_npz
 from calib.io.files import read_file
 from calib.session.board import Board
@@ -28,19 +28,19 @@ MAX_BYTES = 256 << 20
 """The file of a thousand views has ten million."""
 
 
-def from_corners(path: Path, board: Board, size: tuple[int, int]) -> Draft:
+def from_corners(path: Path, board: Board, size: tuple[int, int]) -> SessionDraft:
     """Import corners that mrgingham or another detector wrote; `size` is the pictures' width and
     height, px.
     """
     try:
-        return Draft(path, board, Camera(*size), views=read_corners(path, board))
+        return SessionDraft(path, board, Camera(*size), views=read_corners(path, board))
     except InputError as error:
         raise InputError(
             str(error).replace("correct board in session.yaml", "correct --board")
         ) from error
 
 
-def from_cameramodel(path: Path) -> Draft:
+def from_cameramodel(path: Path) -> SessionDraft:
     """Import the observations of the model's own camera."""
     model = _literal(path)
     if "optimization_inputs" not in model:
@@ -74,7 +74,7 @@ def _arrays(text: bytes) -> dict[str, NDArray[Any]]:
     return decode_npz(base64.b85decode(text))
 
 
-def _draft(path: Path, model: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Draft:
+def _draft(path: Path, model: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> SessionDraft:
     camera = model["icam_intrinsics"]
     observations = np.asarray(arrays["observations_board"], np.float64)
     indices = arrays["indices_frame_camintrinsics_camextrinsics"]
@@ -105,7 +105,9 @@ def _draft(path: Path, model: dict[str, Any], arrays: dict[str, NDArray[Any]]) -
         _view(names[i], observations[i].reshape(-1, 3), largest_weight)
         for i in selected[usable].tolist()
     )
-    return Draft(path, board, Camera(width, height), views=views, remarks=_remarks(model, arrays))
+    return SessionDraft(
+        path, board, Camera(width, height), views=views, remarks=_remarks(model, arrays)
+    )
 
 
 def _view(name: str, observations: NDArray[np.float64], largest_weight: float) -> View:

@@ -4,14 +4,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.importing.session_draft import Draft
+from calib.importing.session_draft import SessionDraft
 from calib.io.files import read_file, reading
 from calib.io.images import image_size, list_images
 from calib.session.board import Board
 from calib.session.camera import Camera
 
 
-def from_pictures(folder: Path, board: Board, model: str = "") -> Draft:
+def from_pictures(folder: Path, board: Board, model: str = "") -> SessionDraft:
     """Import all pictures of a folder; the first one determines their size. `model` is the camera's
     name.
     """
@@ -24,7 +24,7 @@ def from_pictures(folder: Path, board: Board, model: str = "") -> Draft:
             f"{folder} has no pictures: give a folder of png, jpg, tiff, bmp or npy files."
         )
     width, height = image_size(paths[0])
-    return Draft(folder, board, Camera(width, height, model), frames=read_contents(paths))
+    return SessionDraft(folder, board, Camera(width, height, model), frames=read_contents(paths))
 
 
 def read_contents(paths: Sequence[Path]) -> Iterator[tuple[str, bytes]]:

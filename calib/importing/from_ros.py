@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import IO, cast
 
 from calib.errors import InputError, brief
-from calib.importing.session_draft import Draft
+from calib.importing.session_draft import SessionDraft
 from calib.io.files import check_regular, reading
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
@@ -47,7 +47,7 @@ class _Bounded:
         return self._file.read(size)
 
 
-def from_ros_archive(path: Path, board: Board, camera: str | None) -> Draft:
+def from_ros_archive(path: Path, board: Board, camera: str | None) -> SessionDraft:
     """Import one camera's pictures; `camera`, left or right, chooses one of a stereo pair."""
     with _open_archive(path) as tar:
         members = {Path(member.name).name: member for member in _members(path, tar)}
@@ -73,7 +73,7 @@ def from_ros_archive(path: Path, board: Board, camera: str | None) -> Draft:
                 " ROS saved."
             )
         camera_settings = _camera(path, settings, _read(tar, members[settings]))
-    return Draft(path, board, camera_settings, frames=_pictures(path, pictures))
+    return SessionDraft(path, board, camera_settings, frames=_pictures(path, pictures))
 
 
 def _camera(path: Path, name: str, data: bytes) -> Camera:

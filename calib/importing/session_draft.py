@@ -29,7 +29,7 @@ camera.intrinsics or put pictures of the same camera
 
 
 @dataclass(frozen=True, slots=True)
-class Draft:
+class SessionDraft:
     """The corners or the pictures that an importer read."""
 
     source: Path
@@ -60,7 +60,7 @@ def check_new(folder: Path) -> None:
         )
 
 
-def write_session(draft: Draft, folder: Path) -> int:
+def write_session(draft: SessionDraft, folder: Path) -> int:
     """Write the complete session folder or nothing, and return the number of its pictures, or of
     its views if it has corners.
 
@@ -87,7 +87,7 @@ def write_session(draft: Draft, folder: Path) -> int:
     return count
 
 
-def _fill(draft: Draft, folder: Path, setup: dict[str, object]) -> int:
+def _fill(draft: SessionDraft, folder: Path, setup: dict[str, object]) -> int:
     """Write the session's files, check them, and return the count."""
     content = {"format": 1, **setup} | ({"corners": "corners.vnl"} if draft.views else {})
     head = COVER.format(source=draft.source.name) + "".join(f"# {line}\n" for line in draft.remarks)

@@ -19,12 +19,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.estimation.elimination import landing_problem, project_out
-from calib.estimation.joint_fit import Estimate, invert_precision
+from calib.estimation.covariance import invert_precision
+from calib.estimation.joint_fit import Estimate
+from calib.estimation.normal_equations import ReducedProducts
 from calib.estimation.objective import LandingProblem, view_precision
+from calib.estimation.orthogonal_projection import project_out
 from calib.estimation.residuals import residuals
-from calib.inference.laplace_evidence import schur_factors, view_columns
-from calib.inference.score_test import FittedModel
+from calib.estimation.view_equations import landing_problem
+from calib.inference.fitted_model import FittedModel
+from calib.inference.laplace_evidence import view_columns
 
 MAX_STEPS = 4
 """The largest number of steps before the remaining views are fitted."""
@@ -109,14 +112,12 @@ class _Expansion:
     """(M,) bool, see `fits_without`."""
     columns: list[Tensor]
     """(2m, B + S + 1) for each view, see `view_columns`."""
-    schur: Tensor
-    """(V, S + 1, S + 1) products of the shared columns of each view, its own eliminated."""
-    own_steps: Tensor
-    """(V, B, S + 1) the response of each view's own parameters to the shared ones."""
-    pose_schur: Tensor
-    """(V, S + 1, S + 1) `schur` from `pose_corners` alone."""
-    pose_own_steps: Tensor
-    """(V, B, S + 1) `own_steps` from `pose_corners` alone."""
+    reduced: ReducedProducts
+    """The products of the S shared columns and the residual, the views' own parameters
+    eliminated.
+    """
+    pose_reduced: ReducedProducts
+    """The same from `pose_corners` alone."""
     problem: LandingProblem
     losses: Tensor
     """(M,) the losses of the corners."""
@@ -130,16 +131,15 @@ class _Expansion:
         joint = fitted.joint
         columns = list(view_columns(fitted))
         precision = view_precision(fitted.model.path, joint.poses)
-        schur, own_steps = _eliminate_own(columns, precision)
-        pose_schur = schur
-        pose_own_steps = own_steps
+        reduced = _reduce(columns, precision)
+        pose_reduced = reduced
         if not bool(pose_corners.all()):
             rows = fitted.observations.per_view(pose_corners)
             selected = [
                 view_columns[mask.repeat_interleave(2)]
                 for view_columns, mask in zip(columns, rows, strict=True)
             ]
-            pose_schur, pose_own_steps = _eliminate_own(selected, precision)
+            pose_reduced = _reduce(selected, precision)
         problem = landing_problem(
             fitted.model.path, fitted.parameters(), fitted.observations, joint.poses, joint.sigma
         )
@@ -157,10 +157,8 @@ class _Expansion:
             cost=cost,
             pose_corners=pose_corners,
             columns=columns,
-            schur=schur,
-            own_steps=own_steps,
-            pose_schur=pose_schur,
-            pose_own_steps=pose_own_steps,
+            reduced=reduced,
+            pose_reduced=pose_reduced,
             problem=problem,
             losses=losses,
             squares=squares + problem.block_prior(joint.poses),
@@ -203,7 +201,7 @@ class _Expansion:
         parameters = fitted.model.parameters
         precision = torch.from_numpy(fitted.prior_precision())
         start = torch.from_numpy(fitted.deviation)
-        reduced = self.schur[~removed].sum(0)
+        reduced = self.reduced.products[~removed].sum(0)
         hessian = reduced[:-1, :-1] + precision
         covariance = invert_precision(hessian)
         optimum = -covariance @ reduced[:-1, -1]
@@ -217,8 +215,10 @@ class _Expansion:
         }
         homogeneous = torch.cat([vector, vector.new_ones(1)])
         without_prior = view_precision(fitted.model.path, joint.poses) == 0
-        own_steps = torch.where(removed[:, None, None], self.pose_own_steps, self.own_steps)
-        poses = joint.poses * without_prior - own_steps @ homogeneous
+        response = torch.where(
+            removed[:, None, None], self.pose_reduced.response, self.reduced.response
+        )
+        poses = joint.poses * without_prior - response @ homogeneous
         residual, visible = self.problem.residual(self.problem.parameters.vector(values), poses)
         increase = self.problem.losses(residual, visible) - self.losses
         own_increase = self.problem.block_prior(poses)
@@ -228,7 +228,7 @@ class _Expansion:
         remainder = float((vector - optimum) @ hessian @ (vector - optimum))
         full_decrease = float((start - optimum) @ hessian @ (start - optimum))
         pixels = residual * (joint.sigma / fitted.observations.weight)[:, None]
-        minimum = torch.einsum("s,vst,t->v", homogeneous, self.pose_schur, homogeneous)
+        minimum = torch.einsum("s,vst,t->v", homogeneous, self.pose_reduced.products, homogeneous)
         pose_increase = _sum_by_view(fitted, torch.where(self.pose_corners, increase, 0.0))
         excess = pose_increase + own_increase - (minimum - self.squares)
         return _Step(
@@ -267,7 +267,7 @@ class _Expansion:
         )
 
     def _prediction_variance(self, covariance: Tensor, removed: Tensor) -> Tensor:
-        size = self.schur.shape[-1] - 1
+        size = self.fitted.model.parameters.count
         variances = []
         for columns, is_removed in zip(self.columns, removed.tolist(), strict=True):
             if is_removed:
@@ -279,20 +279,10 @@ class _Expansion:
         return torch.cat(variances).nan_to_num(torch.inf)
 
 
-def _eliminate_own(columns: list[Tensor], precision: Tensor) -> tuple[Tensor, Tensor]:
-    """Return (V, S + 1, S + 1) products of the shared columns with each view's own parameters
-    eliminated, and (V, B, S + 1) the response of the own parameters.
-    """
-    size = len(precision)
-    schur = []
-    own_steps = []
-    for matrix in columns:
-        crosses, factors = schur_factors((matrix[:, :size].mT @ matrix)[None], precision)
-        cross = crosses[0]
-        shared = matrix[:, size:]
-        schur.append(shared.mT @ shared - cross.mT @ cross)
-        own_steps.append(torch.linalg.solve_triangular(factors[0].mT, cross, upper=True))
-    return torch.stack(schur), torch.stack(own_steps)
+def _reduce(columns: list[Tensor], precision: Tensor) -> ReducedProducts:
+    """Eliminate the views' own parameters from their columns."""
+    products = torch.stack([matrix.mT @ matrix for matrix in columns])
+    return ReducedProducts.of(products, precision)
 
 
 def _sum_by_view(fitted: FittedModel, losses: Tensor) -> Tensor:

@@ -31,7 +31,7 @@ def base_model(calibration: Calibration) -> CameraModel:
     for name in declared.doubted:
         intrinsics, cover = widen_prior(intrinsics, cover, name, PRIOR_INFLATION)
     priors = priors_of(intrinsics, cover, path)
-    if calibration.settings.get("intrinsics_from") == "views":
+    if calibration.outcome.intrinsics_from == "views":
         focal = OWN_FOCAL.sigma * float(values[CAMERA.fx])
         sigmas = {
             CAMERA.fx: focal,

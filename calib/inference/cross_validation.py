@@ -22,7 +22,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.inference.approximate_cv import fits_without
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
 from calib.inference.sign_flip_test import gain_p_value, sign_flip_p_value
 
 Array = NDArray[np.float64]

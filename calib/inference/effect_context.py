@@ -7,10 +7,10 @@ import torch
 from torch import Tensor
 
 from calib.effects.effect import EffectContext
-from calib.estimation.elimination import project_out, view_equations
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
-from calib.inference.score_test import FittedModel
+from calib.estimation.view_equations import view_equations
+from calib.inference.fitted_model import FittedModel
 from calib.optics.relief import AMPLITUDES, Relief
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -43,9 +43,9 @@ def fine_relief_place(fitted: FittedModel) -> Tensor | None:
     for view in view_equations(
         fine_path, parameters, fitted.observations, joint.poses, joint.sigma
     ):
-        jacobian = project_out(view.jacobian_block, view.jacobian_shared)
-        scores += jacobian.T @ view.residual
-        squares += (jacobian**2).sum(0)
+        reduced = view.reduce()
+        scores += reduced.jacobian.T @ reduced.residual
+        squares += (reduced.jacobian**2).sum(0)
     visible = squares > 1e-3 * squares.max()
     chi2 = np.where(visible, scores**2 / np.maximum(squares, 1e-300), 0.0)
     row, column = divmod(int(chi2.argmax()), columns)

@@ -16,8 +16,9 @@ import torch
 from scipy.optimize import minimize_scalar
 from torch import Tensor
 
+from calib.estimation.normal_equations import ReducedProducts
 from calib.estimation.objective import view_precision
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
 
 NOISE_RANGE = (0.1, 10.0)
 """The range of the noise, relative to that of the fit."""
@@ -35,26 +36,6 @@ def view_columns(fitted: FittedModel) -> Iterator[Tensor]:
         residual = torch.from_numpy(view.residual)
         at_means = residual - own_jacobian @ (pose * has_prior) - jacobian @ deviation
         yield torch.cat([own_jacobian, jacobian, at_means[:, None]], 1)
-
-
-def schur_factors(products: Tensor, own_precision: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the factors whose product is subtracted when a view's own parameters are eliminated.
-
-    Args:
-        products: (V, B, n) inner products of the own parameters' columns with all columns of
-            `view_columns`.
-        own_precision: (B,) the prior precision of the own parameters; 0 without a prior.
-
-    Returns:
-        (V, B, n - B) L^-1 times the products with the other columns, and (V, B, B) L, the lower
-        Cholesky factors of the eliminated blocks.
-    """
-    size = len(own_precision)
-    block = products[:, :, :size] + own_precision.diag()
-    cross = products[:, :, size:]
-    jitter = (1e-12 * block.diagonal(dim1=1, dim2=2)).clamp_min(1e-30)
-    factor = torch.linalg.cholesky(block + torch.diag_embed(jitter))
-    return torch.linalg.solve_triangular(factor, cross, upper=False), factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,19 +71,17 @@ class LaplaceEvidence:
             own_precision: (B,) the prior precision of the views' own parameters; 0 without a prior.
             noise: () relative to that of the fit.
         """
-        size = len(own_precision)
-        cross, factor = schur_factors(products[:, :size] / noise**2, own_precision)
-        rows = cross.flatten(0, 1)
-        reduced = products[:, size:, size:].sum(0) / noise**2 - rows.mT @ rows
+        views = ReducedProducts.of(products, own_precision * noise**2)
+        reduced = views.products.sum(0) / noise**2
         hessian = reduced[:-1, :-1] + self.precision
         score = reduced[:-1, -1]
         root = torch.linalg.cholesky(hessian)
         explained = torch.linalg.solve_triangular(root, score[:, None], upper=False).square().sum()
         square = reduced[-1, -1] - explained
-        own_determinant = factor.diagonal(dim1=1, dim2=2).log().sum()
-        posterior = 2 * (own_determinant + root.diagonal().log().sum())
+        freedom = self.rows - len(products) * len(own_precision)
+        posterior = views.log_determinant + 2 * root.diagonal().log().sum()
         prior = len(products) * own_precision[own_precision > 0].log().sum()
-        twice: Tensor = 2 * self.rows * noise.log() + posterior - prior + square
+        twice: Tensor = 2 * freedom * noise.log() + posterior - prior + square
         return -twice / 2
 
     def max_log_evidence(self, own_precision: Tensor) -> float:

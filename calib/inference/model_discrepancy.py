@@ -21,8 +21,8 @@ from scipy.optimize import minimize
 from torch import Tensor
 
 from calib.estimation.objective import view_precision
+from calib.inference.fitted_model import FittedModel
 from calib.inference.laplace_evidence import NOISE_RANGE, LaplaceEvidence
-from calib.inference.score_test import FittedModel
 
 LENGTHS = (0.25, 0.5, 1.0)
 """Correlation lengths in exp(-d^2 / (2 length^2)), relative to the longer side of the board."""

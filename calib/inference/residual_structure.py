@@ -136,8 +136,8 @@ def _time(scene: ResidualScene) -> Basis:
     observations = scene.observations
     time = (
         observations.view.numpy() / max(1, len(observations.names) - 1)
-        if observations.moment is None
-        else observations.moment[:, 0].numpy() + 0.5
+        if observations.exposure is None
+        else observations.exposure.time.numpy() + 0.5
     ) - 0.5
     x, y = (observations.pixels.numpy() - [scene.width / 2, scene.height / 2]).T / scene.width
     return _one_group(time, time * x, time * y, time**2, time**2 * x, time**2 * y)
@@ -186,10 +186,10 @@ def variance_shares(
     """Return the shares of the variance of a fit's residuals."""
     visible = torch.isfinite(residuals.image).all(-1)
     corners = observations.select_rows(visible)
-    timed = corners.with_times(joint.values)
-    points = model.path.place(corners.corners, timed, joint.poses[corners.view])
-    rays = model.path.trace(corners.pixels, timed)
-    pinhole = model.path.lens(*model.path.adjust_pixels(corners.pixels, timed)).direction
+    path, values, exposure = model.path, joint.values, corners.exposure
+    points = path.place(corners.corners, values, joint.poses[corners.view], exposure)
+    rays = path.trace(corners.pixels, values, exposure)
+    pinhole = path.lens(*path.adjust_pixels(corners.pixels, values, exposure)).direction
     incidence = pinhole.dot(rays.direction) if model.path.cover else pinhole.z
     scene = ResidualScene(
         observations=corners,

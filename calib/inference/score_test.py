@@ -10,7 +10,7 @@ Source: C. R. Rao, Large sample tests of statistical hypotheses concerning sever
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,17 +18,9 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc
 
 from calib.effects.effect import Effect
-from calib.estimation.camera_model import CameraModel
-from calib.estimation.elimination import (
-    ViewEquations,
-    information,
-    orthonormal_basis,
-    project_out,
-    view_equations,
-)
-from calib.estimation.joint_fit import Estimate, JointFit
-from calib.estimation.observations import Observations
-from calib.estimation.parameters import Parameters
+from calib.estimation.orthogonal_projection import orthonormal_basis, project_out
+from calib.estimation.view_equations import ViewEquations
+from calib.inference.fitted_model import FittedModel
 from calib.inference.jackknife import jackknife_p_value
 from calib.optics.board_target import block_columns
 
@@ -78,162 +70,107 @@ class ScoreTest:
         return orthonormal_basis(self.jacobian)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ModelFit:
-    """A model and its fit to all views."""
+def tuned_score_tests(fitted: FittedModel, effects: Sequence[Effect]) -> list[ScoreTest]:
+    """Test effects, each without the others, with priors adapted to the residual."""
+    tests = score_tests(fitted, effects)
+    tuned = [test.effect.tune(test.information, test.score) for test in tests]
+    changed = [new for new, test in zip(tuned, tests, strict=True) if new != test.effect]
+    changed_tests = iter(score_tests(fitted, changed))
+    return [
+        test if new == test.effect else next(changed_tests)
+        for new, test in zip(tuned, tests, strict=True)
+    ]
 
-    model: CameraModel
-    joint: JointFit
+
+def score_test(fitted: FittedModel, effect: Effect) -> ScoreTest:
+    """Test one effect with its own prior."""
+    return score_tests(fitted, (effect,))[0]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FittedModel:
-    """A model at the optimum of its fit, with the observations."""
+def score_tests(fitted: FittedModel, effects: Sequence[Effect]) -> list[ScoreTest]:
+    """Test effects, each without the others, with their own priors.
 
-    model: CameraModel
-    observations: Observations
-    joint: Estimate
+    Effects without common parameters share a linearisation.
+    """
+    tests: dict[int, ScoreTest] = {}
+    remaining = dict(enumerate(effects))
+    while remaining:
+        names: set[str] = set()
+        batch: dict[int, Effect] = {}
+        for index, effect in remaining.items():
+            effect_names = {effect.name, *(u.param.name for u in effect.effect_parameters)}
+            if not names & effect_names:
+                names |= effect_names
+                batch[index] = effect
+        tests |= zip(batch, _test_batch(fitted, tuple(batch.values())), strict=True)
+        remaining = {i: effect for i, effect in remaining.items() if i not in batch}
+    return [tests[index] for index in range(len(effects))]
 
-    def candidates(self, effects: Sequence[Effect]) -> list[ScoreTest]:
-        """Test effects, each without the others, with priors adapted to the residual."""
-        tests = self.tests(effects)
-        tuned = [test.effect.tune(test.information, test.score) for test in tests]
-        changed = [new for new, test in zip(tuned, tests, strict=True) if new != test.effect]
-        changed_tests = iter(self.tests(changed))
-        return [
-            test if new == test.effect else next(changed_tests)
-            for new, test in zip(tuned, tests, strict=True)
-        ]
 
-    def test(self, effect: Effect) -> ScoreTest:
-        """Test one effect with its own prior."""
-        return self.tests((effect,))[0]
-
-    def tests(self, effects: Sequence[Effect]) -> list[ScoreTest]:
-        """Test effects, each without the others, with their own priors.
-
-        Effects without common parameters share a linearisation.
-        """
-        tests: dict[int, ScoreTest] = {}
-        remaining = dict(enumerate(effects))
-        while remaining:
-            names: set[str] = set()
-            batch: dict[int, Effect] = {}
-            for index, effect in remaining.items():
-                effect_names = {effect.name, *(u.param.name for u in effect.effect_parameters)}
-                if not names & effect_names:
-                    names |= effect_names
-                    batch[index] = effect
-            tests |= zip(batch, self._test_batch(tuple(batch.values())), strict=True)
-            remaining = {i: effect for i, effect in remaining.items() if i not in batch}
-        return [tests[index] for index in range(len(effects))]
-
-    def _test_batch(self, effects: Sequence[Effect]) -> list[ScoreTest]:
-        """Test effects without common parameters from one linearisation."""
-        views = list(self.equations(effects))
-        blocks = block_columns(self.model.with_effects(effects).path.view_blocks)
-        own_columns = np.concatenate(
-            [np.r_[blocks[block]] for block in self.model.path.view_blocks]
-        )
-        parameters = self.parameters(effects)
-        reduced = _ReducedSystem.of(
-            views,
-            own_columns,
-            self.parameters().count,
-            self.prior_precision(effects),
-            self.deviation,
-        )
-        tests = []
-        for effect in effects:
-            if effect.per_view:
-                tests.append(
-                    self._test_view_effect(effect, views, own_columns, blocks[effect.per_view])
+def _test_batch(fitted: FittedModel, effects: Sequence[Effect]) -> list[ScoreTest]:
+    """Test effects without common parameters from one linearisation."""
+    views = list(fitted.equations(effects))
+    blocks = block_columns(fitted.model.with_effects(effects).path.view_blocks)
+    own_columns = np.concatenate([np.r_[blocks[block]] for block in fitted.model.path.view_blocks])
+    parameters = fitted.parameters(effects)
+    reduced = _ReducedSystem.of(
+        views,
+        own_columns,
+        fitted.parameters().count,
+        fitted.prior_precision(effects),
+        fitted.deviation,
+    )
+    tests = []
+    for effect in effects:
+        if effect.per_view:
+            tests.append(
+                _test_view_effect(
+                    effect, views, own_columns, blocks[effect.per_view], fitted.freedom
                 )
-            else:
-                entries = parameters.entries(u.param.name for u in effect.effect_parameters)
-                tests.append(reduced.test(effect, entries, self._freedom()))
-        return tests
-
-    @property
-    def deviation(self) -> Array:
-        """(S,) the vector of the fitted parameters minus their prior mean."""
-        return np.asarray(self.model.parameters.vector(self.joint.values).numpy())
-
-    def parameters(self, effects: Sequence[Effect] = ()) -> Parameters:
-        """Return the fitted parameters at the optimum, followed by those of further effects at
-        their neutral values.
-        """
-        model = self.model.with_effects(effects)
-        neutral = {
-            name: value
-            for effect in effects
-            for name, value in self.model.neutral_values(effect).items()
-        }
-        values = {**self.joint.values, **neutral}
-        return Parameters.of(model.path, values, model.priors, last=neutral)
-
-    def equations(self, effects: Sequence[Effect] = ()) -> Iterator[ViewEquations]:
-        """Yield the linearised equations of each view in `parameters(effects)`."""
-        model = self.model.with_effects(effects)
-        return view_equations(
-            model.path,
-            self.parameters(effects),
-            self.observations,
-            model.pad_poses(self.joint.poses),
-            self.joint.sigma,
-        )
-
-    def information(self, effects: Sequence[Effect] = ()) -> Array:
-        """Return (V, S, S), the information of each view on `parameters(effects)`, with the view's
-        own parameters eliminated.
-        """
-        return information(self.equations(effects), self.parameters(effects).count)
-
-    def prior_precision(self, effects: Sequence[Effect] = ()) -> Array:
-        """Return the (S, S) prior precision of `parameters(effects)`."""
-        return self.parameters(effects).prior_precision(self.joint.smoothness)
-
-    def _test_view_effect(
-        self,
-        effect: Effect,
-        views: Sequence[ViewEquations],
-        own_columns: NDArray[np.int64],
-        added: slice,
-    ) -> ScoreTest:
-        """Test an effect with parameters in every view.
-
-        Args:
-            own_columns: the columns of the views' own parameters in the fit.
-            added: the columns of the effect.
-        """
-        chi2 = 0.0
-        squares = 0.0
-        dof = 0
-        for view in views:
-            fitted_columns = view.jacobian_block[:, own_columns]
-            residual = project_out(fitted_columns, view.residual)
-            directions = orthonormal_basis(
-                project_out(fitted_columns, view.jacobian_block[:, added])
             )
-            chi2 += float(((directions.T @ residual) ** 2).sum())
-            squares += float((residual**2).sum())
-            dof += directions.shape[1]
-        freedom = max(1, self._freedom() - dof)
-        dispersion = (squares - chi2) / freedom  # with the effect
-        return ScoreTest(
-            effect=effect,
-            jacobian=np.zeros((0, 0)),
-            raw=0.0,
-            chi2=chi2,
-            dof=dof,
-            p_value=float(fdtrc(dof, freedom, max(0.0, chi2 / dof / dispersion))),
-            cost=squares,
-            information=np.zeros((0, 0)),
-            score=np.zeros(0),
-        )
+        else:
+            entries = parameters.entries(u.param.name for u in effect.effect_parameters)
+            tests.append(reduced.test(effect, entries, fitted.freedom))
+    return tests
 
-    def _freedom(self) -> int:
-        return 2 * len(self.observations.pixels) - self.joint.poses.numel()
+
+def _test_view_effect(
+    effect: Effect,
+    views: Sequence[ViewEquations],
+    own_columns: NDArray[np.int64],
+    added: slice,
+    freedom: int,
+) -> ScoreTest:
+    """Test an effect with parameters in every view.
+
+    Args:
+        own_columns: the columns of the views' own parameters in the fit.
+        added: the columns of the effect.
+        freedom: the degrees of freedom of the residual without the effect.
+    """
+    chi2 = 0.0
+    squares = 0.0
+    dof = 0
+    for view in views:
+        fitted_columns = view.jacobian_block[:, own_columns]
+        residual = project_out(fitted_columns, view.residual)
+        directions = orthonormal_basis(project_out(fitted_columns, view.jacobian_block[:, added]))
+        chi2 += float(((directions.T @ residual) ** 2).sum())
+        squares += float((residual**2).sum())
+        dof += directions.shape[1]
+    freedom_with_effect = max(1, freedom - dof)
+    dispersion = (squares - chi2) / freedom_with_effect
+    return ScoreTest(
+        effect=effect,
+        jacobian=np.zeros((0, 0)),
+        raw=0.0,
+        chi2=chi2,
+        dof=dof,
+        p_value=float(fdtrc(dof, freedom_with_effect, max(0.0, chi2 / dof / dispersion))),
+        cost=squares,
+        information=np.zeros((0, 0)),
+        score=np.zeros(0),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -264,23 +201,16 @@ class _ReducedSystem:
         deviation: Array,
     ) -> _ReducedSystem:
         """Reduce the equations; the first `fitted` shared parameters are those of the fit."""
-        view_residuals = [
-            project_out(view.jacobian_block[:, own_columns], view.residual) for view in views
-        ]
-        residual = np.concatenate(view_residuals)
-        jacobian = np.concatenate(
-            [
-                project_out(view.jacobian_block[:, own_columns], view.jacobian_shared)
-                for view in views
-            ]
-        )
+        reduced = [view.reduce(own_columns) for view in views]
+        residual = np.concatenate([view.residual for view in reduced])
+        jacobian = np.concatenate([view.jacobian for view in reduced])
         fitted_jacobian = jacobian[:, :fitted]
         prior = precision[:fitted, :fitted]
         imitation = np.linalg.solve(
             fitted_jacobian.T @ fitted_jacobian + prior, fitted_jacobian.T @ jacobian[:, fitted:]
         )
         return _ReducedSystem(
-            view_residuals=view_residuals,
+            view_residuals=[view.residual for view in reduced],
             residual=residual,
             jacobian=jacobian,
             projected=jacobian[:, fitted:] - fitted_jacobian @ imitation,

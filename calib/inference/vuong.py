@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calib.estimation.objective import HUBER
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
-from calib.inference.score_test import ModelFit
+from calib.inference.fitted_model import ModelFit
 
 
 def vuong_statistic(

@@ -17,11 +17,12 @@ import torch
 from torch import Tensor
 
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.elimination import landing_problem
-from calib.estimation.joint_fit import ROUGH_ROUNDS, JointFit, Start, invert_precision
+from calib.estimation.covariance import regression
+from calib.estimation.joint_fit import ROUGH_ROUNDS, JointFit, Start
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refine_poses_in_image, rough_poses
 from calib.estimation.residuals import residuals
+from calib.estimation.view_equations import landing_problem
 from calib.optics.params import Values
 
 POSE_TOLERANCE = 0.03
@@ -63,13 +64,13 @@ def _conditional_mean(joint: JointFit, removed: Values) -> Values:
     """Return the means of all parameters, given the values of the removed ones."""
     parameters = joint.parameters
     names = [name for name in removed if name in parameters.slices()]
-    entries = torch.from_numpy(parameters.entries(names))
+    entries = parameters.entries(names)
     if not len(entries):
         return {}
     vector = parameters.vector(joint.values)
     step = parameters.vector({**joint.values, **removed}) - vector
-    precision = invert_precision(joint.covariance[entries][:, entries])
-    mean = vector + joint.covariance[:, entries] @ (precision @ step[entries])
+    by_removed = torch.from_numpy(regression(joint.covariance.numpy(), entries))
+    mean = vector + by_removed @ step[entries]
     values = parameters.values(mean)
     return values | {
         param.name: values[param.name].clamp_min(param.minimum) for param in parameters.free

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
+from calib.estimation.orthogonal_projection import project_out
 from calib.session.board import Board
 
 Array = NDArray[np.float64]
@@ -48,9 +49,7 @@ def intrinsics_covariance(
         )
         squares += float(((pixels.reshape(-1, 2) - view.corners[view.seen]) ** 2).sum())
         full_jacobian = np.asarray(derivatives, np.float64)
-        pose_basis, _ = np.linalg.qr(full_jacobian[:, :6])
-        shared = full_jacobian[:, 6 : 6 + count]
-        jacobian.append(shared - pose_basis @ (pose_basis.T @ shared))
+        jacobian.append(project_out(full_jacobian[:, :6], full_jacobian[:, 6 : 6 + count]))
     rows = np.concatenate(jacobian)  # (2M, 4 + n)
     lengths = np.linalg.norm(rows, axis=0)
     degrees = freedom(views, poses, len(coefficients))

@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.corners.folds import split_folds
 from calib.corners.view import View, pose_labels
 from calib.session.board import Board
 
@@ -35,15 +36,11 @@ def held_out_errors(
 ) -> Array:
     """Return the (V,) errors, px, of each view by the fit to the views outside its fold.
 
-    Views of one pose are in one fold. `fit` gets the fitted views and the number of the fold.
+    `fit` gets the fitted views and the number of the fold.
     """
-    poses, folds = pose_labels(views), fold_count(views)
     per_view = np.empty(len(views))
-    for fold in range(folds):
-        held_out = poses % folds == fold
-        training_views = [view for view, out in zip(views, held_out, strict=True) if not out]
-        test_views = [view for view, out in zip(views, held_out, strict=True) if out]
-        per_view[held_out] = fit(training_views, fold).errors(test_views, board)
+    for index, fold in enumerate(split_folds(views, fold_count(views))):
+        per_view[fold.held_out] = fit(fold.training, index).errors(fold.test, board)
     return per_view
 
 

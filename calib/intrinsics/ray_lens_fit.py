@@ -24,11 +24,11 @@ from calib.intrinsics.ray_lens import RayLens
 from calib.optics.build import pinhole_path
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.optics.splined_fisheye import GRID, SHIFTS, Grid, SplinedFisheye
+from calib.optics.splined_fisheye import SHIFTS, Grid, SplinedFisheye
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.lens import FISHEYE, NAMES, SPLINED
-from calib.session.lens_spline import MIN_CONTROL_POINTS, Spline
+from calib.session.lens_spline import MIN_CONTROL_POINTS, LensSpline
 from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number
 from calib.threads import single_thread
@@ -82,15 +82,16 @@ class LensFit:
         )
 
     @property
-    def spline(self) -> Spline | None:
+    def spline(self) -> LensSpline | None:
         """Return the spline of the lens, or None for a plain fisheye."""
-        if GRID not in self.values:
+        lens = self.path.lens
+        if not isinstance(lens, SplinedFisheye):
             return None
-        grid = Grid.of(self.values)
+        grid = lens.grid
         shift_x, shift_y = SHIFTS
         x = tuple(self.values[shift_x].tolist())
         y = tuple(self.values[shift_y].tolist())
-        return Spline(grid.size, *grid.shape, x, y)
+        return LensSpline(grid.size, *grid.shape, x, y)
 
     def errors(self, views: Sequence[View], board: Board) -> Array:
         """Return the (V,) root mean square errors, px, of views that it was not fitted to, with
@@ -98,7 +99,10 @@ class LensFit:
         """
         observations = Observations.of(views, board)
         image = residuals(
-            self.path, self.values, observations, pinhole_poses(observations, self.values)
+            self.path,
+            self.values,
+            observations,
+            pinhole_poses(self.path, self.values, observations),
         ).image
         return np.array(
             [float((error**2).sum(-1).mean().sqrt()) for error in observations.per_view(image)]
@@ -142,7 +146,7 @@ def _fit(
     priors: Priors,
     earlier: JointFit | None = None,
 ) -> LensFit:
-    poses = earlier.poses if earlier else pinhole_poses(observations, values)
+    poses = earlier.poses if earlier else pinhole_poses(path, values, observations)
     if not bool(torch.isfinite(poses).all()):
         raise NotEnoughDataError(NO_FIT)
     start = earlier.start if earlier and earlier.values.keys() == values.keys() else None
@@ -175,7 +179,7 @@ def _with_spline(
     grid = Grid(size, (columns, rows))
     flat = torch.zeros(columns * rows, dtype=torch.float64)
     path = Path(SplinedFisheye(grid))
-    values = {**plain.values, **dict.fromkeys(SHIFTS, flat), GRID: grid.encoded}
+    values = {**plain.values, **dict.fromkeys(SHIFTS, flat)}
 
     def priors_of_size(factor: float) -> Priors:
         roots = dict.fromkeys(SHIFTS, factor * grid.prior_root())

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib.errors import InputError, brief
-from calib.io.numerals import number
+from calib.io.numerals import real_number
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def as_array(values: object, name: str) -> NDArray[Any]:
 def one_of(value: object, allowed: Sequence[int], name: str) -> int:
     """Return the value as one of the allowed whole numbers; InputError if it is none of them."""
     for candidate in allowed:
-        if number(value, name) == candidate:
+        if real_number(value, name) == candidate:
             return candidate
     listed = ", ".join(map(str, allowed))
     raise InputError(f"{name} is {brief(repr(value))}: give one of {listed}.")
@@ -100,7 +100,7 @@ def point_rows(values: ArrayLike, name: str = "points") -> Array:
 def row_numbers(values: ArrayLike, count: int, name: str) -> Array:
     """Return (count,) numbers: one for each row, or the same one for all rows."""
     if isinstance(values, int | float | np.generic) or getattr(values, "ndim", 1) == 0:
-        return np.full(count, number(values, name))
+        return np.full(count, real_number(values, name))
     return numbers(values, (count,), name)
 
 

@@ -15,7 +15,7 @@ def whole_number(text: str) -> int | None:
     return int(text) if text.isdecimal() and len(text) <= MAX_DIGITS else None
 
 
-def number(value: object, name: str) -> float:
+def real_number(value: object, name: str) -> float:
     """Return the value as a real number, which may be infinite or NaN; InputError if it is none."""
     try:
         if isinstance(value, str | bytes) or getattr(value, "ndim", None):

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from calib.optics import rotation
+from calib.optics.exposure import Exposure
 from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Param, Values
 from calib.optics.rays import MISSED_TARGET, Rays
@@ -101,13 +102,11 @@ class Placement:
         flex = None if self.flex is None else self.flex[rows]
         return Placement(self.turn[rows], self.shift[rows], motion, flex)
 
-    def at_line(self, line: Tensor | None) -> Placement:
-        """Return the placements at the time when a line (...) of the picture is read: -0.5 is the
-        first line, 0.5 the last.
-        """
-        if self.motion is None or line is None:
+    def at_exposure(self, exposure: Exposure | None) -> Placement:
+        """Return the placements at the time when the line of each ray is read."""
+        if self.motion is None or exposure is None:
             return self
-        motion = self.motion * line.unsqueeze(-1)
+        motion = self.motion * exposure.line.unsqueeze(-1)
         return Placement(
             rotation.matrix(motion[..., :3]) @ self.turn,
             self.shift + motion[..., 3:],

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from calib.errors import InputError
 from calib.optics.cover_frame import CoverFrame, Names
+from calib.optics.exposure import MIDDLE
 from calib.optics.fisheye import Fisheye
 from calib.optics.interface import SmoothCover, interfaces_of
 from calib.optics.lens import Lens
@@ -15,11 +16,11 @@ from calib.optics.lens_model import LensModel
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import Relief
-from calib.optics.splined_fisheye import GRID, SHIFTS, Grid, SplinedFisheye
+from calib.optics.splined_fisheye import SHIFTS, Grid, SplinedFisheye
 from calib.optics.surface import Surface
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
-from calib.session.lens import FISHEYE, NAMES, OPENCV
+from calib.session.lens import FISHEYE
 from calib.session.parameter_names import CAMERA, CoverNames, cover_names
 from calib.session.shapes.registry import find_shape
 from calib.session.shapes.shape import Shape
@@ -51,17 +52,15 @@ def pinhole_path(intrinsics: Intrinsics) -> tuple[Path, dict[str, Tensor]]:
             name: torch.tensor(shifts, dtype=torch.float64)
             for name, shifts in zip(SHIFTS, (spline.x, spline.y), strict=True)
         }
-        values[GRID] = Grid(spline.size, (spline.columns, spline.rows)).encoded
-    return Path(lens_of(values)), values
+    return Path(_lens(intrinsics)), values
 
 
-def lens_of(values: Values) -> Lens:
-    """Return the lens whose parameters are among the values of a path."""
-    if GRID in values:
-        return SplinedFisheye(Grid.of(values))
-    if CAMERA.of(NAMES[FISHEYE][0]) in values:
+def _lens(intrinsics: Intrinsics) -> Lens:
+    if spline := intrinsics.spline:
+        return SplinedFisheye(Grid(spline.size, (spline.columns, spline.rows)))
+    if intrinsics.model == FISHEYE:
         return Fisheye()
-    return LensModel(sum(CAMERA.of(name) in values for name in NAMES[OPENCV]))
+    return LensModel(len(intrinsics.distortion) if intrinsics.distorts else 0)
 
 
 def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, Tensor]]:
@@ -104,7 +103,7 @@ def footprint(
     columns = torch.linspace(-0.5, width - 0.5, LATTICE, dtype=torch.float64)
     rows = torch.linspace(-0.5, height - 0.5, LATTICE, dtype=torch.float64)
     pixels = torch.cartesian_prod(columns, rows)
-    rays = path.trace(pixels, values)
+    rays = path.trace(pixels, values, MIDDLE)
     outer = path.cover[-1]
     first, second = outer.surface.chart(outer.frame.at(values).enter(rays.origin))
     arrived = rays.failure == 0

@@ -50,7 +50,7 @@ class Fisheye:
     def with_pupil(self, pupil: tuple[Param, ...]) -> Fisheye:
         return replace(self, pupil=pupil)
 
-    def __call__(self, pixels: Tensor, values: Values) -> Rays:
+    def __call__(self, pixels: Tensor, values: Values, _near: Tensor | None = None, /) -> Rays:
         x, y = normalise_pixels(pixels, values)
         distance = (x * x + y * y).clamp_min(MIN_DISTANCE**2).sqrt()
         angle, failed = incidence_angle(distance, _coefficients(values))

@@ -41,8 +41,12 @@ class Lens(Protocol):
         """Return the same lens with these parameters of the entrance pupil's motion."""
         ...
 
-    def __call__(self, pixels: Tensor, values: Values) -> Rays:
-        """Return the rays of (..., 2) px, starting at the entrance pupil."""
+    def __call__(self, pixels: Tensor, values: Values, near: Tensor | None = None, /) -> Rays:
+        """Return the rays of (..., 2) px, starting at the entrance pupil.
+
+        `near` is an estimate of each ray's direction, (..., 2) x and y at z = 1, NaN where there is
+        none. A lens that inverts its distortion by iteration starts at it.
+        """
         ...
 
     def project(self, points: Tensor, values: Values) -> Tensor:

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from calib.optics.lens import PINHOLE, entrance_point, normalise_pixels
-from calib.optics.params import NEAR, Param, Values
+from calib.optics.params import Param, Values
 from calib.optics.rays import LENS, Rays
 from calib.optics.vector import Vector
 from calib.session.lens import NAMES, OPENCV
@@ -58,12 +58,12 @@ class LensModel:
     def with_pupil(self, pupil: tuple[Param, ...]) -> "LensModel":
         return replace(self, pupil=pupil)
 
-    def __call__(self, pixels: Tensor, values: Values) -> Rays:
+    def __call__(self, pixels: Tensor, values: Values, near: Tensor | None = None, /) -> Rays:
         """Return the rays of (..., 2) px, starting at the entrance pupil."""
         x, y = normalise_pixels(pixels, values)
         failed = torch.zeros_like(x, dtype=torch.bool)
         if self.count:
-            x, y, failed = undistort(x, y, self._coefficients(values), values.get(NEAR))
+            x, y, failed = undistort(x, y, self._coefficients(values), near)
         start = entrance_point((x * x + y * y).clamp_min(1e-24).sqrt().atan(), values, self.pupil)
         return Rays(start, Vector(x, y, torch.ones_like(x)).unit(), failed.to(torch.uint8) * LENS)
 

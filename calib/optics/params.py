@@ -17,16 +17,6 @@ Values = Mapping[str, Tensor]
 relief's amplitudes. A scalar may also be a (...) tensor with a value for each ray.
 """
 
-TIME = "seen.time"
-LINE = "seen.line"
-"""Optional values, (...) each: the time of each ray's exposure within the session and within its
-picture's readout, both from -0.5 to 0.5. Without them all times are 0, the middle.
-"""
-NEAR = "lens.near"
-"""Optional, (..., 2): an estimate of each ray's direction, x and y at z = 1, NaN where there is
-none. A lens that inverts its distortion by iteration starts at it.
-"""
-
 
 @dataclass(frozen=True, slots=True)
 class Param:

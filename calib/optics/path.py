@@ -14,10 +14,11 @@ import torch
 from torch import Tensor
 
 from calib.optics.board_target import FLEX, MOTION, POSE, Placement, Target
+from calib.optics.exposure import Exposure
 from calib.optics.interface import Interface
 from calib.optics.lens import Lens
 from calib.optics.linear_term import LinearTerm
-from calib.optics.params import LINE, Param, Values
+from calib.optics.params import Param, Values
 from calib.optics.rays import Rays
 from calib.optics.relief import Relief
 
@@ -33,7 +34,9 @@ class Adjustment(Protocol):
     @property
     def params(self) -> tuple[Param, ...]: ...
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def __call__(
+        self, pixels: Tensor, values: Values, exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
         """Return the (..., 2) px and the values that the stages read."""
         ...
 
@@ -42,7 +45,7 @@ class Adjustment(Protocol):
 class Path:
     """An ordered tuple of named, frozen, pure stages (the paper's Fig. 3).
 
-    Its parameters are passed to each call.
+    Each call takes the values of its parameters and the exposure of the rays.
     """
 
     lens: Lens
@@ -115,19 +118,32 @@ class Path:
         """The stages that a ray passes before the board."""
         return (self.lens, *self.cover)
 
-    def trace(self, pixels: Tensor, values: Values) -> Rays:
-        """Return the rays of (..., 2) px where they leave the cover."""
-        pixels, values = self.adjust_pixels(pixels, values)
-        return self.trace_from(self.lens(pixels, values), values, 1)
+    def trace(
+        self,
+        pixels: Tensor,
+        values: Values,
+        exposure: Exposure | None,
+        *,
+        near: Tensor | None = None,
+    ) -> Rays:
+        """Return the rays of (..., 2) px where they leave the cover. `near` is that of `Lens`."""
+        pixels, values = self.adjust_pixels(pixels, values, exposure)
+        return self.trace_from(self.lens(pixels, values, near), values, 1)
 
-    def adjust_pixels(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+    def adjust_pixels(
+        self, pixels: Tensor, values: Values, exposure: Exposure | None
+    ) -> tuple[Tensor, Values]:
         """Return the (..., 2) px and the values after all adjustments, as the stages read them."""
         for adjust in self.adjustments:
-            pixels, values = adjust(pixels, values)
+            pixels, values = adjust(pixels, values, exposure)
         return pixels, values
 
     def linear_terms(
-        self, pixels: Tensor, values: Values, landed: Tensor | None = None
+        self,
+        pixels: Tensor,
+        values: Values,
+        exposure: Exposure | None,
+        landed: Tensor | None = None,
     ) -> Iterator[tuple[LinearTerm, Tensor, Tensor]]:
         """Yield the terms that are linear in their parameters, each with the two (...) coordinates
         at which it acts, for rays of (..., 2) px that landed at (..., 2) m nominal board
@@ -136,7 +152,7 @@ class Path:
         for adjust in self.adjustments:
             if isinstance(adjust, LinearTerm):
                 yield adjust, pixels[..., 0], pixels[..., 1]
-            pixels, values = adjust(pixels, values)
+            pixels, values = adjust(pixels, values, exposure)
         if landed is not None:
             yield from self.target.linear_terms(landed, values)
 
@@ -148,19 +164,23 @@ class Path:
             rays = interface(rays, values)
         return rays
 
-    def land(self, pixels: Tensor, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
+    def land(
+        self, pixels: Tensor, values: Values, poses: Tensor, exposure: Exposure | None
+    ) -> tuple[Tensor, Tensor]:
         """Return the (..., 2) m nominal board coordinates where the rays of (..., 2) px land, and
         (...) uint8 failures. `poses` are the (..., B) view parameters of the boards, pose first.
         """
         return self.target(
-            self.trace(pixels, values), Placement.of(poses).at_line(values.get(LINE)), values
+            self.trace(pixels, values, exposure), Placement.of(poses).at_exposure(exposure), values
         )
 
-    def place(self, corners: Tensor, values: Values, poses: Tensor) -> Tensor:
+    def place(
+        self, corners: Tensor, values: Values, poses: Tensor, exposure: Exposure | None
+    ) -> Tensor:
         """Return the (..., 3) m points in the camera frame of (..., 2) m board coordinates, on
         boards with (..., B) view parameters, pose first.
         """
-        return self.target.place(corners, Placement.of(poses).at_line(values.get(LINE)), values)
+        return self.target.place(corners, Placement.of(poses).at_exposure(exposure), values)
 
 
 def row_derivatives(outputs: Tensor, inputs: Sequence[Tensor]) -> list[Tensor]:

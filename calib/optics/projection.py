@@ -5,6 +5,7 @@ pixel's ray.
 import torch
 from torch import Tensor
 
+from calib.optics.exposure import Exposure
 from calib.optics.params import Values
 from calib.optics.path import Path, row_derivatives
 from calib.optics.rotation import Rotation, onto_z
@@ -20,7 +21,13 @@ ANGLE_TOLERANCE = 1e-9
 """rad: the largest angle between a point and the ray of its pixel."""
 
 
-def project(path: Path, values: Values, points: Tensor, start: Tensor | None = None) -> Tensor:
+def project(
+    path: Path,
+    values: Values,
+    points: Tensor,
+    exposure: Exposure | None,
+    start: Tensor | None = None,
+) -> Tensor:
     """Return the pixel whose ray passes through each point.
 
     Args:
@@ -43,7 +50,7 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
     last = torch.full_like(depth, torch.inf)
     for _ in range(MAX_ITERATIONS):
         error, jacobian, ahead, failure = _linearised_residual(
-            path, values, pixels, target, depth, frame
+            path, values, exposure, pixels, target, depth, frame
         )
         step = torch.linalg.solve_ex(jacobian, error.unsqueeze(-1)).result.squeeze(-1)
         length = step.norm(dim=-1)
@@ -77,6 +84,7 @@ def _project_by_lens(path: Path, values: Values, points: Tensor) -> Tensor:
 def _linearised_residual(
     path: Path,
     values: Values,
+    exposure: Exposure | None,
     pixels: Tensor,
     goal: Tensor,
     depth: Tensor,
@@ -89,7 +97,7 @@ def _linearised_residual(
     """
     with torch.enable_grad():
         variable = pixels.detach().requires_grad_()
-        rays = path.trace(variable, values)
+        rays = path.trace(variable, values, exposure)
         rays = rays.rotate(frame) if frame else rays
         error = rays.at_depth(depth) - goal
         (jacobian,) = row_derivatives(error, [variable])

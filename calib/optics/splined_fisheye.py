@@ -24,8 +24,6 @@ from calib.session.parameter_names import CAMERA
 
 SHIFTS = (CAMERA.of("spline_x"), CAMERA.of("spline_y"))
 """The displacements of the control points along x and y, px, row by row."""
-GRID = CAMERA.of("spline_grid")
-"""(4,) the picture's width and height, px, and the columns and rows of the control points."""
 ITERATIONS = 100
 CONVERGED = 1e-11
 """px"""
@@ -49,16 +47,6 @@ class Grid:
     """The picture's width and height, px."""
     shape: tuple[int, int]
     """Columns and rows, at least 4 each."""
-
-    @staticmethod
-    def of(values: Values) -> Grid:
-        width, height, columns, rows = values[GRID]
-        return Grid((int(width), int(height)), (int(columns), int(rows)))
-
-    @property
-    def encoded(self) -> Tensor:
-        """The (4,) tensor that the values of a path hold under GRID."""
-        return torch.tensor([*self.size, *self.shape], dtype=torch.float64)
 
     @property
     def spacing(self) -> tuple[float, float]:
@@ -102,7 +90,7 @@ class SplinedFisheye:
     def with_pupil(self, pupil: tuple[Param, ...]) -> SplinedFisheye:
         return replace(self, base=self.base.with_pupil(pupil))
 
-    def __call__(self, pixels: Tensor, values: Values) -> Rays:
+    def __call__(self, pixels: Tensor, values: Values, _near: Tensor | None = None, /) -> Rays:
         return self.base(pixels + self._shift(pixels, values), values)
 
     def project(self, points: Tensor, values: Values) -> Tensor:

@@ -16,15 +16,17 @@ from torch import Tensor
 
 from calib.corners.view import View
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.elimination import information, view_equations
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.joint_fit import FIRST_SIGMA
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.estimation.view_equations import information, view_equations
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup, fit_stages
 from calib.optics.build import covered_path, footprint, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.optics.relief import Relief
 from calib.planning.design import Design
@@ -60,7 +62,7 @@ def patch_coordinates(model: CameraModel, pixels: Array) -> Array:
     """
     outer = model.path.cover[-1]
     assert outer.relief
-    rays = model.path.trace(torch.from_numpy(pixels), model.means)
+    rays = model.path.trace(torch.from_numpy(pixels), model.means, MIDDLE)
     chart = outer.surface.chart(outer.frame.at(model.means).enter(rays.origin))
     points = torch.stack(chart, -1).numpy()
     low, high = np.array(outer.relief.low), np.array(outer.relief.high)
@@ -135,9 +137,13 @@ def survey(
     """
     all_poses, points = torch.from_numpy(poses), torch.from_numpy(board.points())
     points = model.path.place(
-        points.repeat(len(poses), 1), model.means, all_poses.repeat_interleave(board.count, 0)
+        points.repeat(len(poses), 1),
+        model.means,
+        all_poses.repeat_interleave(board.count, 0),
+        MIDDLE,
     )
-    corners = project(model.path, model.means, points).numpy().reshape(len(poses), board.count, 2)
+    projected = project(model.path, model.means, points, MIDDLE)
+    corners = projected.numpy().reshape(len(poses), board.count, 2)
     corners = mask_to_picture(corners, camera)
     enough = has_enough_corners(corners, board)
     poses, corners = poses[enough], corners[enough]
@@ -193,10 +199,14 @@ class PlanningFit:
     def design(self, setup: Setup, poses: Array, cells: tuple[int, int], depths: Array) -> Design:
         """Return the design of the (P, 6) poses; `cells` and `depths` are those of `survey`."""
         bank = survey(self.model, setup.board, setup.camera, poses, cells, depths)
+        observations = self.observations
         _, failure = self.model.path.land(
-            self.observations.pixels, self.model.means, self.poses[self.observations.view]
+            observations.pixels,
+            self.model.means,
+            self.poses[observations.view],
+            observations.exposure,
         )
-        visible = self.observations.select_rows(failure == 0)
+        visible = observations.select_rows(failure == 0)
         existing = (
             view_information(self.model, visible, self.poses)
             if len(self.poses)
@@ -225,7 +235,7 @@ def estimate(setup: Setup, views: Sequence[View], grid: tuple[int, int]) -> Plan
         )
     path, values = covered_path(setup.intrinsics, setup.cover)
     relief = Relief(*footprint(path, values, setup.camera.width, setup.camera.height), grid)
-    poses = pinhole_poses(observations, values)
+    poses = pinhole_poses(path, values, observations)
     if views:
         poses = refine_poses(path, values, observations, poses).blocks
     path = with_relief(path, relief)

@@ -4,21 +4,21 @@ import shlex
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import yaml
 
-from calib.fitting.provenance import ASKED, DIAGNOSED, KEY
-from calib.fitting.stages import Settings
+from calib.fit_record.history import History
+from calib.fit_record.record_file import provenance_to_yaml
+from calib.fit_record.request import CommandOptions, FitRequest, Settings
 from calib.report.evidence import Evidence
-from calib.report.tables import table
+from calib.report.tables import html_table
 
 
 def again_html(evidence: Evidence, folder: Path) -> str:
     """Return the section as HTML; `folder` holds the calibration."""
     calibration = evidence.calibration
-    settings = calibration.settings
-    origin: dict[str, Any] = settings.get(KEY, {})
+    provenance = calibration.request.provenance
+    origin = provenance_to_yaml(provenance) if provenance else {}
     facts = {
         "refracal": calibration.refracal,
         **{key: value for key, value in origin.items() if key != "session"},
@@ -28,17 +28,17 @@ def again_html(evidence: Evidence, folder: Path) -> str:
     outcome = yaml.safe_dump(
         {
             key: value
-            for key, value in settings.items()
-            if key not in (KEY, ASKED, DIAGNOSED, "diagnosis")
+            for key, value in calibration.record().items()
+            if key not in ("made_by", "asked", "diagnosed", "diagnosis")
         },
         sort_keys=False,
         allow_unicode=True,
         width=100,
     )
-    lines = "\n".join(map(pasted, commands(settings, folder)))
+    lines = "\n".join(map(pasted, commands(calibration.request, calibration.history, folder)))
     return (
         f"<pre>{escape(lines)}</pre>"
-        + table(
+        + html_table(
             ("", ""),
             [(escape(key), f"<code>{escape(str(value))}</code>") for key, value in facts.items()],
         )
@@ -50,25 +50,16 @@ def again_html(evidence: Evidence, folder: Path) -> str:
     )
 
 
-def commands(settings: dict[str, Any], folder: Path) -> list[list[str]]:
+def commands(request: FitRequest, history: History, folder: Path) -> list[list[str]]:
     """Return the command lines that reproduce the calibration of a folder: its fit, then each
     diagnosis.
     """
-    diagnoses: list[dict[str, str]] = settings.get(DIAGNOSED, [])
-    places = [*(diagnosis["calibration"] for diagnosis in diagnoses), str(folder.resolve())]
-    lines = [
-        [
-            "calib",
-            "fit",
-            str(settings.get(KEY, {}).get("session", "SESSION")),
-            *_options(settings),
-            "-o",
-            places[0],
-        ]
-    ]
-    for diagnosis, out in zip(diagnoses, places[1:], strict=True):
-        holdout = ["--holdout", diagnosis["holdout"]] if diagnosis["holdout"] else []
-        lines.append(["calib", "diagnose", diagnosis["calibration"], *holdout, "-o", out])
+    runs = history.diagnosis_runs
+    places = [*(run.calibration for run in runs), str(folder.resolve())]
+    lines = [["calib", "fit", request.session, *_options(request, history), "-o", places[0]]]
+    for run, out in zip(runs, places[1:], strict=True):
+        holdout = ["--holdout", run.holdout] if run.holdout else []
+        lines.append(["calib", "diagnose", run.calibration, *holdout, "-o", out])
     return lines
 
 
@@ -85,25 +76,27 @@ def pasted(words: Sequence[str]) -> str:
     )
 
 
-def _options(settings: dict[str, Any]) -> list[str]:
+def _options(request: FitRequest, history: History) -> list[str]:
     """Return the options that differ from their defaults."""
-    defaults, requested = Settings(), settings.get(ASKED, {})
+    defaults = Settings()
+    settings = request.settings or defaults
+    command = request.command or CommandOptions()
     words: list[str] = []
-    if (method := settings.get("method", defaults.method)) != defaults.method:
-        words += ["--method", method]
-    if (grid := settings.get("grid")) and tuple(grid) != defaults.grid:
-        words += ["--grid", "x".join(map(str, grid))]
-    if (free := tuple(settings.get("free", defaults.free))) != defaults.free:
-        words += ["--free", ",".join(free) or "none"]
-    by_library = ["auto"] if "diagnosis" in settings and DIAGNOSED not in settings else []
-    if effects := requested.get("effects") or by_library:
+    if settings.method != defaults.method:
+        words += ["--method", settings.method]
+    if settings.grid and settings.grid != defaults.grid:
+        words += ["--grid", "x".join(map(str, settings.grid))]
+    if settings.free != defaults.free:
+        words += ["--free", ",".join(settings.free) or "none"]
+    by_library = ["auto"] if history.diagnosis and not history.diagnosis_runs else []
+    if effects := command.effects or by_library:
         words += ["--effects", ",".join(effects)]
-    if validation := settings.get("cross_validation"):
-        words += ["--folds", str(validation["folds"])]
-    if (steps := settings.get("steps", defaults.steps)) != defaults.steps:
-        words += ["--steps", str(steps)]
-    if not settings.get("exact_hit", defaults.exact_hit):
+    if settings.folds:
+        words += ["--folds", str(settings.folds)]
+    if settings.steps != defaults.steps:
+        words += ["--steps", str(settings.steps)]
+    if not settings.exact_hit:
         words.append("--neglect-shift")
-    if depths := requested.get("depths", []):
-        words += ["--depth", *(str(depth) for depth in depths)]
+    if command.depths:
+        words += ["--depth", *map(str, command.depths)]
     return words

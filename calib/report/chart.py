@@ -5,6 +5,7 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
+from calib.optics.exposure import MIDDLE
 from calib.report.evidence import Array, Evidence
 from calib.report.ink import FAINT
 from calib.session.shapes.registry import find_shape
@@ -16,8 +17,8 @@ def exit_points(evidence: Evidence, pixels: Array) -> Array:
     where no ray does.
     """
     outer = evidence.path.cover[-1]
-    rays = evidence.path.trace(torch.from_numpy(pixels), evidence.values)
-    _, values = evidence.path.adjust_pixels(torch.from_numpy(pixels), evidence.values)
+    rays = evidence.path.trace(torch.from_numpy(pixels), evidence.values, MIDDLE)
+    _, values = evidence.path.adjust_pixels(torch.from_numpy(pixels), evidence.values, MIDDLE)
     chart = torch.stack(outer.surface.chart(outer.frame.at(values).enter(rays.origin)), -1)
     return torch.where((rays.failure != 0).unsqueeze(-1), torch.nan, chart).numpy()
 

@@ -9,7 +9,7 @@ from html import escape
 from calib.calibration import Calibration
 from calib.diagnosis.effect_description import describe_estimates
 from calib.diagnosis.finding import ParameterEstimate
-from calib.report.tables import bar, table
+from calib.report.tables import bar, html_table
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,25 +24,24 @@ class EffectRow:
 
 def effect_rows(calibration: Calibration) -> list[EffectRow]:
     """Return the accepted effects that the calibration keeps from its diagnosis."""
-    candidates = calibration.settings.get("diagnosis", {}).get("candidates", [])
+    diagnosis = calibration.history.diagnosis
     return [
         EffectRow(
-            candidate["effect"],
-            candidate["held_out_px_before"],
-            candidate["held_out_px_after"],
+            accepted.name,
+            accepted.held_out_px_before,
+            accepted.held_out_px_after,
             "; ".join(
                 describe_estimates(
-                    candidate["effect"],
+                    accepted.name,
                     calibration,
                     {
-                        name: ParameterEstimate(**estimate)
-                        for name, estimate in candidate["parameters"].items()
+                        name: ParameterEstimate(estimate.value, estimate.sigma, estimate.unit)
+                        for name, estimate in accepted.parameters.items()
                     },
                 )
             ),
         )
-        for candidate in candidates
-        if candidate["accepted"]
+        for accepted in (diagnosis.accepted if diagnosis else ())
     ]
 
 
@@ -61,4 +60,4 @@ def effects_html(rows: Sequence[EffectRow]) -> str:
         )
         for row in rows
     ]
-    return table(("effect", "held out before", "held out after", "change", "estimate"), cells)
+    return html_table(("effect", "held out before", "held out after", "change", "estimate"), cells)

@@ -150,14 +150,14 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
     if not (calibration.views and calibration.stages):
         advice = (
             "update it with pictures taken there (calib check --update)"
-            if "immersed" in calibration.settings
+            if calibration.history.medium_change
             else "fit the session again"
         )
         raise NotEnoughDataError(f"the calibration has no views to report on: {advice}.")
     path, values = calibration.model()
     observations = calibration.observations
     pose = torch.from_numpy(calibration.poses)[observations.view]
-    points = path.place(observations.corners, values, pose)
+    points = path.place(observations.corners, values, pose, observations.exposure)
     depth = points[:, 2].numpy()
     distance = path.distance(points).numpy()
     residual, sigma = (
@@ -201,4 +201,4 @@ def _without_model(calibration: Calibration) -> Residuals | None:
         k = Intrinsics(k.fx, k.fy, k.cx, k.cy)
     path, values = pinhole_path(k)
     observations = calibration.observations
-    return residuals(path, values, observations, pinhole_poses(observations, values))
+    return residuals(path, values, observations, pinhole_poses(path, values, observations))

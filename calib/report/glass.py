@@ -11,7 +11,7 @@ from matplotlib.patches import Polygon
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from calib.apply.map_uncertainty import covariance_root
+from calib.estimation.covariance import covariance_root
 from calib.optics.relief import Relief
 from calib.report.chart import border, chart_axes, chart_scale, chart_to_panel, exit_points
 from calib.report.evidence import Array, Evidence

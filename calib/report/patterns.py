@@ -42,9 +42,9 @@ class GroupMeans:
         )
         mean = np.where(count[:, None] > 0, sums / np.maximum(count, 1)[:, None], np.nan)
         length = np.linalg.norm(mean, axis=-1)
-        return GroupMeans(
-            mean, length, length**2 * count > CHI2_LIMIT * evidence.calibration.noise_px**2
-        )
+        noise = evidence.calibration.noise_px
+        limit = np.inf if noise is None else CHI2_LIMIT * noise**2
+        return GroupMeans(mean, length, length**2 * count > limit)
 
     @property
     def judged(self) -> int:

@@ -109,13 +109,14 @@ def _by_depth(axes: Axes, evidence: Evidence) -> None:
         linewidth=1.8,
         label="RMS; 68 % band",
     )
-    axes.axhline(
-        evidence.calibration.noise_px,
-        color=INK,
-        linewidth=0.9,
-        linestyle=(0, (4, 2)),
-        label="the corners' noise",
-    )
+    if evidence.calibration.noise_px is not None:
+        axes.axhline(
+            evidence.calibration.noise_px,
+            color=INK,
+            linewidth=0.9,
+            linestyle=(0, (4, 2)),
+            label="the corners' noise",
+        )
     axes.set(
         xlabel=f"{evidence.distance_name} (m)",
         ylabel="error (px)",

@@ -121,10 +121,10 @@ def _corner_grids(evidence: Evidence, view: int) -> Array:
     observations = evidence.calibration.observations
     in_view = evidence.view == view
     poses = torch.from_numpy(evidence.calibration.poses)[observations.view]
-    values = observations.with_times(evidence.values)
-    actual = evidence.path.place(observations.corners, values, poses)
+    exposure = observations.exposure
+    actual = evidence.path.place(observations.corners, evidence.values, poses, exposure)
     flat_path = replace(evidence.path, target=Target())
-    flat = flat_path.place(observations.corners, {}, poses[:, :6])
+    flat = flat_path.place(observations.corners, {}, poses[:, :6], exposure)
     focal, _ = _pinhole(evidence)
     shift = focal * (flat[:, :2] / flat[:, 2:] - actual[:, :2] / actual[:, 2:]).numpy()
     undistorted = evidence.field.undistort_pixels(evidence.pixels, evidence.depth)

@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from calib.apply.angular_reach import undistortion_limit
-from calib.fitting.cross_validation import CrossValidation
-from calib.fitting.provenance import KEY
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
 from calib.session.cover import Cover
@@ -34,7 +32,7 @@ class Summary:
 
 def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
     """Summarise a calibration; `depths` are those of the requested maps, in m."""
-    session = Path(evidence.calibration.settings.get(KEY, {}).get("session", "SESSION")).name
+    session = Path(evidence.calibration.request.session).name
     verdict = judge(evidence.calibration, depths=depths, folder=HERE, session=Path(session))
     limit = undistortion_limit(evidence.calibration)
     coverage = " ".join(filter(None, [_coverage(evidence), limit]))
@@ -79,7 +77,7 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
         text = f"The error is {rms:.3f} px, where the camera alone leaves {bare_rms:.3f} px"
     else:
         text = f"The error is {rms:.3f} px"
-    if not np.isfinite(noise):
+    if noise is None:
         text += "; there are too few corners to tell how much of it is noise"
     elif rms <= NOISE_ALONE * noise:
         patterns = over_image(evidence).is_pattern or over_board(evidence).is_pattern
@@ -95,9 +93,8 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
         )
     else:
         text += ". The corners show no noise, like computed corners"
-    if not (settings := calibration.settings.get("cross_validation")):
+    if not (validation := calibration.outcome.cross_validation):
         return text + ". Overfitting was not measured (calib fit --folds 5 measures it)."
-    validation = CrossValidation(**settings)
     result = "overfits" if validation.overfits else "does not overfit"
     return text + f". On held-out views it is {validation.held_out_px:.3f} px, so the fit {result}."
 

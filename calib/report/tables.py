@@ -14,7 +14,7 @@ MEANING = {
 }
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def html_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table of HTML cells. On a narrow screen, each cell is a line with its label."""
     first = "".join(f"<th>{escape(cell)}</th>" for cell in head)
     body = "".join(f"<tr>{''.join(map(_cell, head, row))}</tr>" for row in rows)
@@ -53,7 +53,7 @@ def stages_html(evidence: Evidence) -> str:
         )
         for stage in stages
     ]
-    return table(
+    return html_table(
         ("stage", "", "reprojection error (RMS)", "on the board", "against the camera alone"), rows
     )
 
@@ -64,7 +64,9 @@ def parameters_html(evidence: Evidence) -> str:
     """
     effect_parameters = list(effect_comparisons(evidence.calibration))
     rows = [*map(_row, comparisons(evidence.calibration)), *map(_row, effect_parameters)]
-    numbers = table(("quantity", "declared ± tolerance", "estimated ± sigma", "difference"), rows)
+    numbers = html_table(
+        ("quantity", "declared ± tolerance", "estimated ± sigma", "difference"), rows
+    )
     if not effect_parameters:
         return numbers
     names = escape(", ".join(parameter.name for parameter in effect_parameters))

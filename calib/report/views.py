@@ -10,7 +10,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calib.fitting.view_noise import VIEW_NOISE
 from calib.report.evidence import Evidence
 from calib.report.ink import hues
 from calib.report.pictures import data_url, picture_of, read_small
@@ -85,7 +84,7 @@ def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) 
     lines = "".join(_lines(evidence, in_view, magnified))
     image = f'<img src="{picture}" alt="">' if picture else ""
     name = escape(view_corners.name)
-    times = evidence.calibration.settings.get(VIEW_NOISE, {}).get(view_corners.name)
+    times = (evidence.calibration.outcome.view_noise or {}).get(view_corners.name)
     noisier = f"<br>its noise is {times:.1f} times as large, so it weighs less" if times else ""
     size = camera.width, camera.height
     overlay = (

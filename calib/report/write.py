@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from calib.calibration import Calibration
-from calib.fitting.provenance import KEY
 from calib.io.file_set import FileSet
 from calib.progress import Progress
 from calib.report.again import again_html
@@ -111,7 +110,8 @@ def _session(calibration: Calibration, folder: Path, pictures: Path | None) -> P
     """Return the folder of the session with the pictures: the fitted one, or else the parent of the
     calibration's folder; None if neither has pictures.
     """
-    fitted = str(calibration.settings.get(KEY, {}).get("session", ""))
+    provenance = calibration.request.provenance
+    fitted = provenance and provenance.session
     places = [place for place in (pictures, fitted and Path(fitted)) if place]
     return next(
         (place for place in (*places, folder.resolve().parent) if (place / "frames").is_dir()), None

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.session.lens import AUTO, COEFFICIENTS, COUNTS, MODELS, NAMES, OPENCV, SPLINED
-from calib.session.lens_spline import Spline, read_spline, spline_to_yaml
+from calib.session.lens_spline import LensSpline, read_spline, spline_to_yaml
 from calib.session.schema import Number, Quantity, Section
 from calib.session.shutter import Shutter, read_shutter, shutter_to_yaml
 
@@ -45,7 +45,7 @@ class Intrinsics:
     """
     model: str = OPENCV
     """A name of `calib.session.lens.MODELS`."""
-    spline: Spline | None = None
+    spline: LensSpline | None = None
     """The displacement of a splined lens, applied before its fisheye formula."""
 
     @property

@@ -21,6 +21,7 @@ from calib.io.yaml_reader import read_yaml
 from calib.session.camera import Camera, Intrinsics, camera_to_yaml, read_camera
 from calib.session.cover import Cover
 from calib.session.cover_section import cover_sections, cover_to_yaml, read_cover
+from calib.session.deviation import independent_deviation
 from calib.session.freeing import ALL, free_parameters
 from calib.session.numbers import (
     check_correlations,
@@ -276,10 +277,9 @@ def _check_near(prior: FleetPrior, intrinsics: Intrinsics, cover: Cover, file: s
     tolerant = numbers_of(*free_parameters(intrinsics, cover, (ALL,)))
     for name in prior.names:
         if name in declared and not declared[name].sigma and not declared[name].exact:
-            deviation = (declared[name].value - fleet[name].value) / np.hypot(
-                tolerant[name].sigma, fleet[name].sigma
-            )
-            _refuse_far(name, declared[name], fleet[name], float(deviation), prior, file)
+            distance = declared[name].value - fleet[name].value
+            deviation = independent_deviation(distance, tolerant[name].sigma, fleet[name].sigma)
+            _refuse_far(name, declared[name], fleet[name], deviation, prior, file)
 
 
 def _refuse_far(

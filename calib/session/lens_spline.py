@@ -15,7 +15,7 @@ EXAMPLE = "{columns: 8, rows: 6, x_px: [...], y_px: [...]}"
 
 
 @dataclass(frozen=True, slots=True)
-class Spline:
+class LensSpline:
     """Control points of a bicubic B-spline surface, evenly spaced over the picture and one spacing
     beyond it on every side. A fit holds them fixed.
     """
@@ -32,7 +32,7 @@ class Spline:
     """(rows * columns,) px, the offset added to y."""
 
 
-def read_spline(intrinsics: Section, size: tuple[int, int]) -> Spline:
+def read_spline(intrinsics: Section, size: tuple[int, int]) -> LensSpline:
     """Read the section `spline`; `size` is the picture's width and height, px."""
     section = intrinsics.section("spline", EXAMPLE)
     section.allow_only(("columns", "rows", "x_px", "y_px"))
@@ -40,10 +40,10 @@ def read_spline(intrinsics: Section, size: tuple[int, int]) -> Spline:
     rows = section.integer("rows", MIN_CONTROL_POINTS, MAX_CONTROL_POINTS)
     x = _offsets(section, "x_px", columns * rows)
     y = _offsets(section, "y_px", columns * rows)
-    return Spline(size, columns, rows, x, y)
+    return LensSpline(size, columns, rows, x, y)
 
 
-def spline_to_yaml(spline: Spline) -> dict[str, object]:
+def spline_to_yaml(spline: LensSpline) -> dict[str, object]:
     """Return the mapping that `read_spline` reads as this spline."""
     return {
         "columns": spline.columns,

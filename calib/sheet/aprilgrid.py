@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.sheet.marker import black_rectangles, check_marker_count, marker_cells
-from calib.sheet.target import Polygon, Target, rectangle
+from calib.sheet.marker import black_rectangles, check_marker_count, draw_marker_cells
+from calib.sheet.target import PatternDrawing, Polygon, rectangle
 
 FAMILY = "DICT_APRILTAG_36h11"
 BORDER = 2  # cells: Kalibr's tags have one more than other markers
 
 
 @dataclass(frozen=True, slots=True)
-class AprilGrid:
+class AprilGridPattern:
     """An AprilGrid of any size."""
 
     columns: int
@@ -41,7 +41,7 @@ class AprilGrid:
     def cell(self) -> str:
         return "tag"
 
-    def draw(self, side: float) -> Target:
+    def draw(self, side: float) -> PatternDrawing:
         """Draw the board; its corners come row by row from the upper left, two for each tag in a
         row.
         """
@@ -56,13 +56,13 @@ class AprilGrid:
             for i in range(self.columns):
                 number = (self.rows - 1 - j) * self.columns + i
                 upright = np.rot90(
-                    marker_cells(FAMILY, number, BORDER), 2
+                    draw_marker_cells(FAMILY, number, BORDER), 2
                 )  # OpenCV has the family upside down
                 polygons += black_rectangles(upright, i * pitch + small, j * pitch + small, side)
         x = [n * pitch + small + end for n in range(self.columns) for end in (0, side)]
         y = [n * pitch + small + end for n in range(self.rows) for end in (0, side)]
         corners = tuple((corner_x, corner_y) for corner_y in y for corner_x in x)
-        return Target(tuple(polygons), corners)
+        return PatternDrawing(tuple(polygons), corners)
 
     def to_yaml(self, side: float, entry: object) -> Mapping[str, object]:
         del side

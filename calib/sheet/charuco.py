@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from calib.sheet.marker import black_rectangles, check_marker_count, marker_cells
-from calib.sheet.target import Polygon, Target, rectangle
+from calib.sheet.marker import black_rectangles, check_marker_count, draw_marker_cells
+from calib.sheet.target import PatternDrawing, Polygon, rectangle
 
 
 @dataclass(frozen=True, slots=True)
-class Charuco:
+class CharucoPattern:
     """A ChArUco board of any size."""
 
     columns: int
@@ -39,7 +39,7 @@ class Charuco:
     def cell(self) -> str:
         return "square"
 
-    def draw(self, side: float) -> Target:
+    def draw(self, side: float) -> PatternDrawing:
         squares = [(i, j) for j in range(self.rows + 1) for i in range(self.columns + 1)]
         first_white = int(self.legacy_pattern and self.rows % 2 == 1)
         white = [(i, j) for i, j in squares if (i + j + first_white) % 2 == 1]
@@ -51,7 +51,7 @@ class Charuco:
         ]
         margin = (1 - self.marker) / 2
         for number, (i, j) in enumerate(white):
-            bits = marker_cells(self.dictionary, number, border=1)
+            bits = draw_marker_cells(self.dictionary, number, border=1)
             polygons += black_rectangles(
                 bits, (i + margin) * side, (j + margin) * side, self.marker * side
             )
@@ -60,7 +60,7 @@ class Charuco:
             for j in range(1, self.rows + 1)
             for i in range(1, self.columns + 1)
         )
-        return Target(tuple(polygons), corners)
+        return PatternDrawing(tuple(polygons), corners)
 
     def to_yaml(self, side: float, entry: object) -> Mapping[str, object]:
         return {

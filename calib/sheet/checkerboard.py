@@ -5,11 +5,11 @@ in every view.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from calib.sheet.target import Target, rectangle
+from calib.sheet.target import PatternDrawing, rectangle
 
 
 @dataclass(frozen=True, slots=True)
-class Checkerboard:
+class CheckerboardPattern:
     """A checkerboard of any size."""
 
     columns: int
@@ -33,14 +33,14 @@ class Checkerboard:
     def looks_the_same_upside_down(self) -> bool:
         return (self.columns + self.rows) % 2 == 0
 
-    def draw(self, side: float) -> Target:
+    def draw(self, side: float) -> PatternDrawing:
         black = (
             (i, j)
             for j in range(self.rows + 1)
             for i in range(self.columns + 1)
             if (i + j) % 2 == 0
         )
-        return Target(
+        return PatternDrawing(
             tuple(rectangle(i * side, j * side, side, side) for i, j in black),
             tuple(
                 (i * side, j * side)

@@ -11,7 +11,7 @@ from calib.errors import InputError
 from calib.sheet.target import Polygon, rectangle
 
 
-def marker_cells(name: str, number: int, border: int) -> NDArray[np.bool_]:
+def draw_marker_cells(name: str, number: int, border: int) -> NDArray[np.bool_]:
     """Return (cells, cells), true where marker `number` of the dictionary, such as DICT_4X4_50, is
     black; its border is `border` cells wide.
     """

@@ -3,7 +3,7 @@
 Its numbers are those of the SVG, and nothing is compressed, so a text editor shows them.
 """
 
-from calib.sheet.sheet import Line, Sheet, Text, decimal
+from calib.sheet.sheet import LineSegment, Sheet, Text, decimal
 from calib.sheet.target import Polygon
 
 POINTS = 72 / 25.4  # in a mm
@@ -49,7 +49,7 @@ def _outline(polygon: Polygon) -> str:
     return f"{points[0]} m " + " ".join(f"{point} l" for point in points[1:]) + " h"
 
 
-def _line(line: Line) -> bytes:
+def _line(line: LineSegment) -> bytes:
     x1, y1, x2, y2, width = map(decimal, (*line.start, *line.end, line.width))
     return f"{width} w {x1} {y1} m {x2} {y2} l S".encode()
 

@@ -1,6 +1,6 @@
 """Draw a ruler of a known length, with a tick each millimetre, to be measured after printing."""
 
-from calib.sheet.sheet import DIGIT, Line, Text
+from calib.sheet.sheet import DIGIT, LineSegment, Text
 from calib.sheet.target import Point
 
 RULER_LENGTHS: tuple[int, ...] = (*range(1000, 0, -50), 40, 30, 20, 10)
@@ -17,7 +17,7 @@ RULER_ENDS = 7.0
 
 def draw_ruler(
     name: str, zero: Point, length: float, *, upwards: bool = False
-) -> tuple[tuple[Line, ...], tuple[Text, ...]]:
+) -> tuple[tuple[LineSegment, ...], tuple[Text, ...]]:
     """Draw a ruler rightwards from zero with the ticks below, or upwards with the ticks on the
     left.
     """
@@ -29,10 +29,10 @@ def draw_ruler(
             else (zero[0] + axial, zero[1] + transverse)
         )
 
-    marks = [Line(place(-LINE_WIDTH / 2, 0), place(length + LINE_WIDTH / 2, 0), LINE_WIDTH)]
+    marks = [LineSegment(place(-LINE_WIDTH / 2, 0), place(length + LINE_WIDTH / 2, 0), LINE_WIDTH)]
     for mm in range(round(length) + 1):
         tick_length = next(tick_length for spacing, tick_length in TICKS if mm % spacing == 0)
-        marks.append(Line(place(mm, 0), place(mm, tick_length), LINE_WIDTH))
+        marks.append(LineSegment(place(mm, 0), place(mm, tick_length), LINE_WIDTH))
     bottom = TICKS[0][1] + GAP + 0.72 * SIZE
     baseline = TICKS[0][1] + GAP if upwards else bottom
     texts = [Text(place(-RULER_ENDS, baseline), 1.3 * SIZE, name, bold=True, upwards=upwards)]

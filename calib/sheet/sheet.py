@@ -13,7 +13,7 @@ DIGIT = 0.556
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class LineSegment:
     """A straight line."""
 
     start: Point
@@ -51,7 +51,7 @@ class Sheet:
     polygons: tuple[Polygon, ...]
     corners: tuple[Point, ...]
     """The corners that a detector finds, mm."""
-    lines: tuple[Line, ...]
+    lines: tuple[LineSegment, ...]
     texts: tuple[Text, ...]
 
 

@@ -4,7 +4,7 @@ path.
 
 from xml.sax.saxutils import escape
 
-from calib.sheet.sheet import Line, Sheet, Text, decimal
+from calib.sheet.sheet import LineSegment, Sheet, Text, decimal
 from calib.sheet.target import Polygon
 
 
@@ -33,7 +33,7 @@ def _outline(polygon: Polygon) -> str:
     return "M" + " ".join(f"{decimal(x)},{decimal(y)}" for x, y in polygon) + "Z"
 
 
-def _line(line: Line) -> str:
+def _line(line: LineSegment) -> str:
     x1, y1, x2, y2, width = map(decimal, (*line.start, *line.end, line.width))
     return f'<line x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}" stroke="black" stroke-width="{width}"/>'
 

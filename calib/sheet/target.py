@@ -11,7 +11,7 @@ Polygon = tuple[Point, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class PatternDrawing:
     """A drawing of `Pattern.extent` times the side; its origin is the upper left."""
 
     polygons: tuple[Polygon, ...]
@@ -35,7 +35,7 @@ class Pattern(Protocol):
     def cell(self) -> str:
         """The name of the shape that has the side: a square, a tag."""
 
-    def draw(self, side: float) -> Target:
+    def draw(self, side: float) -> PatternDrawing:
         """Draw the board with squares or tags of this side, mm."""
 
     def to_yaml(self, side: float, entry: object) -> Mapping[str, object]:

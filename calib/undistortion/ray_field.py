@@ -15,6 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from calib.errors import InputError
+from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.session.parameter_names import CAMERA
@@ -266,7 +267,7 @@ def _trace_grid(path: Path, values: Values, columns: Array, rows: Array) -> _Tra
     batches = []
     for first in range(0, len(columns) * len(rows), BATCH_SIZE):
         batch = torch.from_numpy(pixels.reshape(-1, 2)[first : first + BATCH_SIZE])
-        rays = path.trace(batch, values)
+        rays = path.trace(batch, values, MIDDLE)
         forward = rays.in_pinhole
         direction_z = torch.where(forward, rays.direction.z, torch.ones_like(rays.direction.z))
         tan_x, tan_y = rays.direction.x / direction_z, rays.direction.y / direction_z

@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from calib.session.parameter_names import CAMERA
 from calib.verdict.case import Case
 from calib.verdict.thresholds import EXPLAINED, WORSE_THAN_BARE
@@ -26,11 +24,11 @@ def taken_through_cover(case: Case) -> bool:
     """Return True if the lens of bare/ explains pictures in which the declared cover would be
     visible.
     """
-    cover = case.rms_px.get("cover", np.nan)
-    bare = case.rms_px.get("pinhole", np.nan)
-    explained = bare <= EXPLAINED * case.calibration.noise_px
-    return bool(
-        case.calibration.settings.get("intrinsics_from") == "bare"
-        and explained
-        and cover > WORSE_THAN_BARE * bare
+    errors, noise = case.rms_px, case.calibration.noise_px
+    if "cover" not in errors or noise is None:
+        return False
+    return (
+        case.calibration.outcome.intrinsics_from == "bare"
+        and errors["pinhole"] <= EXPLAINED * noise
+        and errors["cover"] > WORSE_THAN_BARE * errors["pinhole"]
     )

@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.registry import EFFECTS
-from calib.estimation.elimination import project_out
 from calib.estimation.joint_fit import Estimate
 from calib.estimation.noise import MIN_NOISE
 from calib.estimation.observations import Observations
-from calib.estimation.surface_prior import Smoothness
 from calib.fitting.declared import comparisons
 from calib.fitting.evaluate import Evaluation
 from calib.inference.calibration_model import full_model
 from calib.inference.effect_context import effect_context
-from calib.inference.score_test import FittedModel, ScoreTest
+from calib.inference.fitted_model import FittedModel
+from calib.inference.score_test import ScoreTest, score_tests
+from calib.optics.exposure import MIDDLE
 from calib.optics.rays import Rays
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.thresholds import CELLS
@@ -72,7 +72,7 @@ class Case:
     def rays(self) -> Rays:
         """(M,) rays of the corners where they leave the cover."""
         path, values = self.calibration.model()
-        return path.trace(self.observations.pixels, self.observations.with_times(values))
+        return path.trace(self.observations.pixels, values, self.observations.exposure)
 
     @cached_property
     def corners(self) -> Array:
@@ -80,9 +80,7 @@ class Case:
         path, values = self.calibration.model()
         poses = torch.from_numpy(self.calibration.poses)[self.observations.view]
         return np.asarray(
-            path.place(
-                self.observations.corners, self.observations.with_times(values), poses
-            ).numpy()
+            path.place(self.observations.corners, values, poses, self.observations.exposure).numpy()
         )
 
     @property
@@ -117,7 +115,7 @@ class Case:
         path, values = self.calibration.model()
         forward = np.ones(CELLS, dtype=np.bool_)
         if path.lens.wide:
-            forward = path.trace(pixels, values).in_pinhole.numpy()
+            forward = path.trace(pixels, values, MIDDLE).in_pinhole.numpy()
         return float(has_corners.sum() / (has_corners | forward).sum())
 
     @property
@@ -145,13 +143,9 @@ class Case:
         of the Newton decrement.
         """
         fitted = self.optimum
-        views = list(fitted.equations())
-        residual = np.concatenate(
-            [project_out(view.jacobian_block, view.residual) for view in views]
-        )
-        jacobian = np.concatenate(
-            [project_out(view.jacobian_block, view.jacobian_shared) for view in views]
-        )
+        views = [view.reduce() for view in fitted.equations()]
+        residual = np.concatenate([view.residual for view in views])
+        jacobian = np.concatenate([view.jacobian for view in views])
         precision = fitted.prior_precision()
         gradient = jacobian.T @ residual + precision @ fitted.deviation
         return float(
@@ -179,14 +173,14 @@ class Case:
 def optimum_of(calibration: Calibration) -> FittedModel:
     """Return the fitted model of the calibration."""
     model = full_model(calibration)
-    prior = calibration.settings.get("relief_prior")
-    sigma = float(calibration.settings.get("sigma_px", calibration.stages[-1].rms_px / 2**0.5))
+    joint = calibration.outcome.joint
+    sigma = joint.sigma_px if joint else calibration.stages[-1].rms_px / 2**0.5
     estimate = Estimate(
         values=calibration.model()[1],
         poses=torch.from_numpy(calibration.poses),
         covariance=torch.from_numpy(calibration.covariance),
         sigma=max(MIN_NOISE, sigma),
-        smoothness=Smoothness(prior["height_m"], prior["length_of_patch"]) if prior else None,
+        smoothness=joint.relief_prior if joint else None,
         parameters=model.parameters,
     )
     return FittedModel(model, calibration.observations, estimate)
@@ -203,4 +197,4 @@ def _scores(calibration: Calibration) -> tuple[ScoreTest, ...]:
         if kind.name not in present
         for effect in kind.propose(context)
     ]
-    return tuple(fitted.tests(candidates))
+    return tuple(score_tests(fitted, candidates))

@@ -98,7 +98,7 @@ def _evidence(case: Case) -> ScaleEvidence | None:
     """Return what the views say; None where the views themselves gave the intrinsics, whose
     uncertainty `unsure_focal_length` judges.
     """
-    if case.calibration.settings.get("intrinsics_from") == "views":
+    if case.calibration.outcome.intrinsics_from == "views":
         return None
     return scale_evidence(case.calibration)
 
@@ -112,7 +112,7 @@ def _held(case: Case) -> dict[str, Comparison]:
     stated = numbers_of(declared.intrinsics, declared.cover)
     estimated = calibration.covariance.size > 0
     free = {param.name for param in case.optimum.model.parameters.free} if estimated else set()
-    tried = estimated and AUTO in calibration.settings.get("free", ())
+    tried = estimated and AUTO in calibration.request.free
     return {
         number.name: number
         for number in comparisons(calibration)

@@ -40,7 +40,8 @@ def not_converged(case: Case) -> Iterator[Reason]:
 
 
 def _outcome(case: Case) -> str:
-    return str(case.calibration.settings.get("outcome", Outcome.CONVERGED.value))
+    joint = case.calibration.outcome.joint
+    return joint.outcome if joint else Outcome.CONVERGED.value
 
 
 def _uncapitalised(sentence: str) -> str:

@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from calib.fitting.declared import comparisons
 from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.session.freeing import AUTO, free_parameters
@@ -19,8 +17,10 @@ def worse_than_none(case: Case) -> Iterator[Reason]:
     """Check that the declared cover lowers the error. Otherwise other findings only compensate for
     it, so this reason comes first.
     """
-    cover = case.rms_px.get("cover", np.nan)
-    bare = case.rms_px.get("pinhole", np.nan)
+    if "cover" not in case.rms_px:
+        return
+    cover = case.rms_px["cover"]
+    bare = case.rms_px["pinhole"]
     if _all_held(case) and cover > WORSE_THAN_BARE * bare:
         sentence = (
             f"the cover as it is described makes the error larger than no cover at all, {cover:.3f}"
@@ -31,9 +31,11 @@ def worse_than_none(case: Case) -> Iterator[Reason]:
 
 def cover_stage(case: Case) -> Iterator[Reason]:
     """Check that the relief does not absorb errors of held numbers."""
-    cover = case.rms_px.get("cover", np.nan)
-    bare = case.rms_px.get("pinhole", np.nan)
-    last = case.rms_px.get("cover+rbf", np.nan)
+    if not {"cover", "cover+rbf"} <= case.rms_px.keys():
+        return
+    cover = case.rms_px["cover"]
+    bare = case.rms_px["pinhole"]
+    last = case.rms_px["cover+rbf"]
     absorbed = cover > TAKEN_UP * last and not cover > WORSE_THAN_BARE * bare
     if _all_held(case) and absorbed and EFFECTS_STAGE not in case.rms_px and not _was_tested(case):
         sentence = (
@@ -65,7 +67,4 @@ def _was_tested(case: Case) -> bool:
     """Return True if the fit tested the numbers before it held them all."""
     declared = case.calibration.declared
     numbers = declared.intrinsics, declared.cover
-    return (
-        AUTO in case.calibration.settings.get("free", ())
-        and free_parameters(*numbers, (AUTO,)) != numbers
-    )
+    return AUTO in case.calibration.request.free and free_parameters(*numbers, (AUTO,)) != numbers

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 
-from calib.fitting.fleet_expectation import KEY
 from calib.verdict.case import Case
 from calib.verdict.verdict import Reason
 
@@ -11,18 +10,18 @@ def fleet_prior(case: Case) -> Iterator[Reason]:
     """Report a prior that the views contradict, which the fit left out. The camera is of another
     make or broken, or the prior is for other cameras.
     """
-    prior = case.calibration.settings.get(KEY)
-    if not prior or prior["used"]:
+    prior = case.calibration.outcome.fleet_prior
+    if not prior or prior.used:
         return
     farthest = (
-        f", {prior['farthest']} by {prior['farthest_sigmas']:.1f} standard deviations"
-        if prior["farthest"]
+        f", {prior.farthest} by {prior.farthest_sigmas:.1f} standard deviations"
+        if prior.farthest
         else ""
     )
     yield Reason(
-        f"it is not as the {prior['cameras']} cameras of {prior['file']} are (p ="
-        f" {prior['p_value']:.1g}{farthest}), whose prior was left out: look at this camera, or"
+        f"it is not as the {prior.cameras} cameras of {prior.file} are (p ="
+        f" {prior.p_value:.1g}{farthest}), whose prior was left out: look at this camera, or"
         " name a prior of its like.",
         case.next.fit(),
-        (prior["farthest"],) if prior["farthest"] else (),
+        (prior.farthest,) if prior.farthest else (),
     )

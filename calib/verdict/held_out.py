@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 
-from calib.fitting.cross_validation import CrossValidation
 from calib.verdict.case import Case
 from calib.verdict.depths import trusted_depths
 from calib.verdict.thresholds import HELD_OUT
@@ -10,8 +9,8 @@ from calib.verdict.verdict import Reason
 
 
 def overfits(case: Case) -> Iterator[Reason]:
-    settings = case.calibration.settings.get("cross_validation")
-    if settings and (validation := CrossValidation(**settings)).overfits:
+    validation = case.calibration.outcome.cross_validation
+    if validation and validation.overfits:
         sentence = (
             "the fit overfits, views that it has not seen are much further off"
             f" ({validation.held_out_px:.3f} px for {validation.fitted_px:.3f} px): take more"

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from calib.calibration import Calibration
+from calib.fit_record.request import Settings
 from calib.fitting.evaluate import Evaluation
-from calib.fitting.provenance import KEY
 from calib.threads import single_thread
 from calib.verdict.bare_pictures import bare_pictures
 from calib.verdict.board_place import board_place
@@ -86,8 +86,9 @@ def judge(
             provenance.
         evaluation: the errors on views of the session `holdout`.
     """
-    session = session or Path(calibration.settings.get(KEY, {}).get("session", "SESSION"))
-    commands = NextCommands(session, folder or session / "calibration", calibration.settings)
+    session = session or Path(calibration.request.session)
+    settings = calibration.request.settings or Settings()
+    commands = NextCommands(session, folder or session / "calibration", settings)
     case = Case(
         calibration, tuple(dict.fromkeys(depths)), commands, evaluation, str(holdout or "HOLDOUT")
     )

@@ -41,5 +41,7 @@ def _error_in(calibration: Calibration, medium: str) -> float:
     declared, observations = calibration.declared, calibration.observations
     cover = declared.cover.replace_numbers({declared.cover.medium_name: Number(MEDIA[medium])})
     path, values = covered_path(declared.intrinsics, cover)
-    poses = refine_poses(path, values, observations, pinhole_poses(observations, values)).blocks
+    poses = refine_poses(
+        path, values, observations, pinhole_poses(path, values, observations)
+    ).blocks
     return residuals(path, values, observations, poses).rms_px

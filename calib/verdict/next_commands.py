@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from calib.fitting.stages import Settings
+from calib.fit_record.request import Settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,20 +16,19 @@ class NextCommands:
     session: Path
     folder: Path
     """The folder of the calibration."""
-    settings: Mapping[str, Any]
+    settings: Settings
     """The settings of its fit."""
 
     def fit(self, *options: str) -> str:
         """Return the same fit, for a corrected session or with other options."""
         words = ["calib", "fit", str(self.session)]
-        if (method := self.settings.get("method", "joint")) != "joint":
-            words += ["--method", str(method)]
-        grid = tuple(self.settings.get("grid") or Settings().grid or ())
-        if "--grid" not in options and grid != Settings().grid:
+        if self.settings.method != Settings().method:
+            words += ["--method", self.settings.method]
+        grid = self.settings.grid
+        if "--grid" not in options and grid and grid != Settings().grid:
             words += ["--grid", "x".join(map(str, grid))]
-        free = tuple(self.settings.get("free", Settings().free))
-        if "--free" not in options and free != Settings().free:
-            words += ["--free", ",".join(free) or "none"]
+        if "--free" not in options and self.settings.free != Settings().free:
+            words += ["--free", ",".join(self.settings.free) or "none"]
         if self.folder != self.session / "calibration":
             words += ["-o", str(self.folder)]
         return shlex.join([*words, *options])

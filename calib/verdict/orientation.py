@@ -55,8 +55,10 @@ def orientation(case: Case) -> Iterator[Reason]:
     """Check the orientation if the declared cover has a large error and the fit corrected
     numbers.
     """
-    cover, last = case.rms_px.get("cover", np.nan), case.rms_px.get("cover+rbf", np.nan)
-    if not (cover > ASKING_ORIENTATION * last and case.corrected):
+    errors_px = case.rms_px
+    if not {"cover", "cover+rbf"} <= errors_px.keys():
+        return
+    if not (errors_px["cover"] > ASKING_ORIENTATION * errors_px["cover+rbf"] and case.corrected):
         return
     errors = {candidate: _error(case, candidate) for candidate in ALL}
     declared_error, best = errors[ALL[0]], min(ALL, key=errors.__getitem__)
@@ -83,7 +85,7 @@ def _error(case: Case, orientation: Orientation) -> float:
         calibration.camera.height,
     )
     path, values = covered_path(calibration.declared.intrinsics, calibration.declared.cover)
-    poses = pinhole_poses(observations, values)
+    poses = pinhole_poses(path, values, observations)
     if not bool(torch.isfinite(poses).all()):
         return np.inf
     error = residuals(

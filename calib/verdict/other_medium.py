@@ -16,7 +16,7 @@ def other_medium(case: Case) -> Iterator[Reason]:
             " taken there say whether it holds."
         )
         yield Reason(sentence, check)
-    elif evaluation.rms_px > HELD_OUT * noise:
+    elif noise is not None and evaluation.rms_px > HELD_OUT * noise:
         sentence = (
             f"views there have {evaluation.rms_px:.3f} px where corners have {noise:.3f} px of"
             " noise: calib check says whether that is more than this calibration's own uncertainty."

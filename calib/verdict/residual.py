@@ -38,14 +38,13 @@ def residual(case: Case) -> Iterator[Reason]:
     likely = likely_effects(case)
     noise = case.calibration.noise_px
     organised = significant_shares(_shares(case.calibration))
-    large = case.left_px > max(BEYOND_NOISE * noise, MIN_NOISE)
-    if not (large or organised or likely):
+    sentence = NOT_ALL_NOISE
+    if noise is not None and case.left_px > max(BEYOND_NOISE * noise, MIN_NOISE):
+        sentence = (
+            f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px"
+        )
+    elif not (organised or likely):
         return
-    sentence = (
-        f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px"
-        if large
-        else NOT_ALL_NOISE
-    )
     if organised:
         share = organised[0]
         sentence += (
@@ -61,7 +60,7 @@ def residual(case: Case) -> Iterator[Reason]:
         sentence += (
             ": the model lacks something, or the board, cover or intrinsics are not as described."
         )
-    diagnosed = "diagnosis" in case.calibration.settings
+    diagnosed = case.calibration.history.diagnosis is not None
     suspects = tuple(dict.fromkeys(name for effect, _ in likely for name in suspects_of(effect)))
     yield Reason(sentence, case.next.report() if diagnosed else case.next.diagnose(), suspects)
 
@@ -77,7 +76,8 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
         1, 2 * len(case.observations.pixels) - case.calibration.poses.size
     )
 
-    max_gain = max(0.0, 1.0 - case.calibration.noise_px / case.left_px) if case.left_px else 0.0
+    noise, error = case.calibration.noise_px, case.left_px
+    max_gain = max(0.0, 1.0 - noise / error) if noise is not None and error else 0.0
 
     def gain(test: ScoreTest) -> float:
         """Return the promised decrease beyond that by as many parameters on noise. The noise is a

@@ -15,7 +15,7 @@ keep their own standard deviation.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -25,13 +25,14 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.corners.view import pose_labels
-from calib.estimation.elimination import ViewEquations, project_out
+from calib.estimation.covariance import invert_precision, regression
 from calib.estimation.jacobians import undistorted_jacobian
-from calib.estimation.joint_fit import UNEVEN_GLASS, invert_precision
+from calib.estimation.joint_fit import UNEVEN_GLASS
 from calib.estimation.parameters import Parameters
 from calib.estimation.prior_conflict import PRIOR_INFLATION
 from calib.estimation.priors import Priors
-from calib.inference.score_test import FittedModel
+from calib.estimation.view_equations import ReducedView
+from calib.inference.fitted_model import FittedModel
 from calib.session.freeing import ALL, free_parameters
 from calib.session.numbers import numbers_of, replace_numbers
 from calib.session.parameter_names import CAMERA, number_of
@@ -89,7 +90,7 @@ def scale_evidence(calibration: Calibration) -> ScaleEvidence:
     """Return what a calibration's views say of the scale, from one linearisation at its end."""
     optimum = _freed(calibration)
     parameters, prior = optimum.parameters(), optimum.prior_precision()
-    poses = _poses(calibration, optimum.equations())
+    poses = _poses(calibration, [view.reduce() for view in optimum.equations()])
     information = np.zeros_like(prior)
     score, squares = np.zeros(parameters.count), 0.0
     for rows, residual in poses:
@@ -117,24 +118,17 @@ def scale_evidence(calibration: Calibration) -> ScaleEvidence:
     )
 
 
-def _poses(calibration: Calibration, views: Iterable[ViewEquations]) -> list[tuple[Array, Array]]:
-    """Return the (2m, S) rows and (2m,) residuals of each pose of the board, what the view's own
-    parameters can do projected out. Pictures of one pose count as one picture.
+def _poses(calibration: Calibration, views: Sequence[ReducedView]) -> list[tuple[Array, Array]]:
+    """Return the (2m, S) rows and (2m,) residuals of each pose of the board. Pictures of one pose
+    count as one picture.
     """
     labels = pose_labels(calibration.views)
     weights = 1.0 / np.sqrt(np.bincount(labels)[labels])
-    projected = [
-        (
-            weight * project_out(view.jacobian_block, view.jacobian_shared),
-            weight * project_out(view.jacobian_block, view.residual),
-        )
-        for weight, view in zip(weights, views, strict=True)
-    ]
     poses = []
     for label in range(labels.max() + 1):
-        members = [projected[index] for index in np.flatnonzero(labels == label)]
-        rows = np.concatenate([rows for rows, _ in members])
-        residual = np.concatenate([residual for _, residual in members])
+        members = np.flatnonzero(labels == label).tolist()
+        rows = np.concatenate([weights[i] * views[i].jacobian for i in members])
+        residual = np.concatenate([weights[i] * views[i].residual for i in members])
         poses.append((rows, residual))
     return poses
 
@@ -196,7 +190,7 @@ def _plausible(calibration: Calibration) -> dict[str, float]:
 
 def _declares_intrinsics(calibration: Calibration) -> bool:
     """True if session.yaml declares the intrinsics: else pictures gave them."""
-    return bool(calibration.settings.get("intrinsics_from", "session.yaml") == "session.yaml")
+    return calibration.outcome.intrinsics_from in (None, "session.yaml")
 
 
 def _scale_jacobian(optimum: FittedModel, parameters: Parameters) -> Array:
@@ -237,7 +231,7 @@ def _corrections(
         at = slices[name].start
         group = parameters.entries(member for member in scalars if _group(member) == _group(name))
         cross = covariance[group] @ worse
-        explained = cross @ np.linalg.pinv(covariance[np.ix_(group, group)], hermitian=True) @ cross
+        explained = worse @ regression(covariance, group) @ cross
         corrections[name] = Correction(
             change=scale * float(step[at]),
             sigma=scale * float(np.sqrt(covariance[at, at])),

@@ -31,7 +31,7 @@ def too_few_views(case: Case) -> Iterator[Reason]:
     calibration = case.calibration
     lens_unknowns = (
         len(base_model(calibration).parameters.free)
-        if calibration.settings.get("intrinsics_from") == "views"
+        if calibration.outcome.intrinsics_from == "views"
         else 0
     )
     unknowns = lens_unknowns + (FIGURE_UNKNOWNS if calibration.relief else 0)
@@ -57,7 +57,7 @@ def uncertain_focal_length(case: Case) -> Iterator[Reason]:
     k = case.calibration.camera.intrinsics
     if (
         not k
-        or case.calibration.settings.get("intrinsics_from") != "views"
+        or case.calibration.outcome.intrinsics_from != "views"
         or case.calibration.covariance.size
     ):
         return

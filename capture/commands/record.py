@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import positive, quoted, two_numbers
+from calib.commands.arguments import positive_number, quoted, two_numbers
 from calib.commands.board_options import add_coding, board_from_options
 from calib.io.numerals import whole_number
 
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CxR",
         help="inner corners of a new session's board, or its tags, such as 9x6",
     )
-    parser.add_argument("--square-mm", type=positive, metavar="MM", help="side of a square")
+    parser.add_argument("--square-mm", type=positive_number, metavar="MM", help="side of a square")
     add_coding(parser)
     parser.add_argument(
         "--cover-from",
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--every",
-        type=positive,
+        type=positive_number,
         default=0.0,
         metavar="S",
         help="the least time between two views, in seconds",
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> None:
     from capture.narrator import Narrator, SilenceRemarks
     from capture.reader import Reader
     from capture.recorder import Recorder
-    from capture.recording_loop import RecordingPlan, detect_in_pictures, record
+    from capture.recording_loop import RecordingPlan, detect_in_pictures, record_views
     from capture.session_file import board_of, read_setup
     from capture.source_folder import check_source_folder, describe_mismatch
     from capture.sources.registry import open_source
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> None:
             else:
                 finder = make_finder(board)
                 plan = RecordingPlan(views or 0, args.burst, args.every)
-                for step in record(
+                for step in record_views(
                     reader, finder, recorder, plan, detect_in_pictures(recorder.pictures, finder)
                 ):
                     narrator.report_step(step)

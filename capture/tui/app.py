@@ -23,7 +23,7 @@ from capture.process import prepare_processes
 from capture.session_file import read_calibrated
 from capture.tui.camera import Task
 from capture.tui.check import CheckScreen
-from capture.tui.check_source import CheckSourceScreen, folder_of
+from capture.tui.check_source import CheckSourceScreen, playback_folder
 from capture.tui.check_views import CheckViewsScreen, next_folder
 from capture.tui.collect import CollectScreen
 from capture.tui.export import ExportScreen
@@ -135,7 +135,7 @@ class CaptureApp(App[None]):
         def start_check(source: str | None) -> None:
             if not source:
                 return
-            if pictures := folder_of(source):
+            if pictures := playback_folder(source):
                 self.push_screen(CheckScreen(message.calibration, pictures, message.depth))
                 return
             task = Task(

@@ -19,7 +19,13 @@ from capture.finders import make_finder
 from capture.frames import Frame, FrameSource
 from capture.reader import Reader
 from capture.recorder import Recorder
-from capture.recording_loop import RecordingPlan, ShutterButton, Step, detect_in_pictures, record
+from capture.recording_loop import (
+    RecordingPlan,
+    ShutterButton,
+    Step,
+    detect_in_pictures,
+    record_views,
+)
 from capture.session_file import Setup, board_of
 from capture.sources.registry import open_source
 
@@ -172,7 +178,7 @@ class RecordingRun:
             finder = make_finder(board)
             view_corners = detect_in_pictures(recorder.pictures, finder)
             on_start(tuple(view_corners))
-            for step in record(
+            for step in record_views(
                 reader, finder, recorder, RecordingPlan(views=None), view_corners, self._shutter
             ):
                 self.remarks = (

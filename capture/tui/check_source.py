@@ -36,7 +36,7 @@ class CheckSourceScreen(Question[str]):
         return source
 
 
-def folder_of(source: str) -> Path | None:
+def playback_folder(source: str) -> Path | None:
     """Return the folder that a source plays back, whose pictures need not be taken again; None for
     a camera.
     """

@@ -37,7 +37,7 @@ from capture.tui.page import DOTS, HELP_AND_QUIT, Line
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
 from capture.tui.references import is_recorded_source
-from capture.tui.start_warnings import too_few_views
+from capture.tui.start_warnings import too_few_views_warning
 from capture.tui.undistortion_page import UndistortionPage
 from capture.tui.watching_page import WatchingPage
 
@@ -379,7 +379,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
             self.recording and progress and not (self._enough or self._warned)
         ):  # where no more pictures come, f is the proposed key
             self._warned = True
-            self._remark(too_few_views(progress))
+            self._remark(too_few_views_warning(progress))
             return
         self.stop_recording()
         self.say("The camera is being opened.")

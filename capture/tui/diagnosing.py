@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from calib.progress import Progress
 from capture.tui.child import LOADING, MOVE_IT
-from capture.tui.fitting import summary
+from capture.tui.fitting import results_summary
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -51,7 +51,7 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     words = {
         candidate.effect: describe_effect(candidate.effect) for candidate in finding.candidates
     }
-    return summary(diagnosed_calibration, saved) | {
+    return results_summary(diagnosed_calibration, saved) | {
         "accepted": list(finding.accepted),
         "text": as_text(finding, numbers, words),
     }
@@ -84,8 +84,9 @@ def as_text(
         f"{'fitted views':<26}{without.rms_px:>9.3f} px{with_effects.rms_px:>9.3f} px",
         f"{'on the board':<26}{10 * without.rmse_cm:>9.3f} mm{10 * with_effects.rmse_cm:>9.3f} mm",
         f"{'held-out views':<26}{without.held_out_px:>9.3f} px{with_effects.held_out_px:>9.3f} px",
-        f"{'of which noise':<26}{finding.noise_px:>9.3f} px{finding.noise_px:>9.3f} px",
     ]
+    if (noise := finding.noise_px) is not None:
+        lines.append(f"{'of which noise':<26}{noise:>9.3f} px{noise:>9.3f} px")
     for effect_lines in numbers:
         lines += ["", *effect_lines]
     tried = [

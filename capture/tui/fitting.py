@@ -17,8 +17,8 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
     session_input = read_session(session)  # its errors are reported before torch is loaded
     progress.task(LOADING, 1)
     from calib.calibration import DERIVED, FILES
+    from calib.fit_record.request import Settings
     from calib.fitting.fit import fit
-    from calib.fitting.stages import Settings
     from calib.io.file_set import FileSet
     from calib.io.output_folder import check_no_link
 
@@ -29,7 +29,7 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
         saved = calibration.write(files)
         files.commit(instead_of=DERIVED)
     progress.task("Verdict", 1)
-    return summary(calibration, saved)
+    return results_summary(calibration, saved)
 
 
 def open_results(progress: Progress, place: Path) -> dict[str, object]:
@@ -44,21 +44,23 @@ def open_results(progress: Progress, place: Path) -> dict[str, object]:
     progress.task("Verdict", 1)
     fitted = Calibration.load(place)
     diagnosed_folder = place / "diagnosed"
-    fit = summary(fitted, place / "calibration.yaml")
+    fit = results_summary(fitted, place / "calibration.yaml")
     if (diagnosed_folder / "calibration.yaml").exists():
         diagnosed = Calibration.load(diagnosed_folder)
         if diagnosed.effects and diagnosed.stages[: len(fitted.stages)] == fitted.stages:
-            return summary(diagnosed, diagnosed_folder / "calibration.yaml") | {"before": fit}
+            return results_summary(diagnosed, diagnosed_folder / "calibration.yaml") | {
+                "before": fit
+            }
     return fit
 
 
-def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
+def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     """Return the data that the results screen shows."""
     import numpy as np
     from torch import from_numpy
 
     from calib.estimation.residuals import residuals
-    from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views
+    from calib.fitting.view_noise import describe_noisy_views
     from calib.verdict.judge import judge
     from calib.verdict.uncertainty import map_sigmas
 
@@ -67,8 +69,9 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     path, values = calibration.model()
     depth = path.place(
         observations.corners,
-        observations.with_times(values),
+        values,
         from_numpy(calibration.poses)[observations.view],
+        observations.exposure,
     )[:, 2]
     near = _round_depth(depth.min())
     median = _round_depth(np.median(depth))  # the verdict's median
@@ -96,7 +99,7 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
         ],
         "noise_px": calibration.noise_px,
         "views": sorted(views, key=lambda view: -float(str(view["rms_px"]))),
-        "noisier": describe_noisy_views(calibration.settings.get(VIEW_NOISE, {})),
+        "noisier": describe_noisy_views(calibration.outcome.view_noise),
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "verdict": {"word": verdict.word.value, "sentences": verdict.sentences},
         "sigma_px": [

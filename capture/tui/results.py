@@ -205,9 +205,10 @@ class ResultsScreen(Page):
     def _verdict(self) -> str:
         first = self.result["stages"][0]["rms_px"]
         last = self.result["stages"][-1]["rms_px"]
+        noise = self.result["noise_px"]
+        words = "unknown" if noise is None else f"{noise:.3f} px"
         sentences = [
-            f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is"
-            f" {self.result['noise_px']:.3f} px."
+            f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is {words}."
         ]
         if sigmas := self.result["sigma_px"]:
             accuracies = ", ".join(

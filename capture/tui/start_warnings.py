@@ -28,6 +28,6 @@ def find_warnings(task: Task) -> Iterator[tuple[str, str]]:
         yield NO_LENS_YET, "like"
 
 
-def too_few_views(progress: SessionProgress) -> str:
+def too_few_views_warning(progress: SessionProgress) -> str:
     """Return the warning about a fit that has too few views."""
     return f"{progress.sentence} Press f again to fit all the same."

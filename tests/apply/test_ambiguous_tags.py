@@ -41,7 +41,8 @@ def sharp(turn: Array, shift: Array) -> Array:
     """
     marker = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50).generateImageMarker(3, CELLS)
     sheet = np.pad(marker, 1, constant_values=255)
-    x, y = (((np.arange(size * STRATA) + 0.5) / STRATA - 0.5) for size in (WIDTH, HEIGHT))
+    x = (np.arange(WIDTH * STRATA) + 0.5) / STRATA - 0.5
+    y = (np.arange(HEIGHT * STRATA) + 0.5) / STRATA - 0.5
     rays = (
         np.stack([*np.meshgrid(x, y), np.ones((HEIGHT * STRATA, WIDTH * STRATA))], -1)
         @ np.linalg.inv(MATRIX).T
@@ -49,9 +50,9 @@ def sharp(turn: Array, shift: Array) -> Array:
     normal = turn[:, 2]
     points = rays * ((normal @ shift) / (rays @ normal))[..., None] - shift
     cell = np.floor(points @ turn[:, :2] / SIDE * CELLS + len(sheet) / 2).astype(int)
-    inside = np.all((cell >= 0) & (cell < len(sheet)), axis=-1, keepdims=True)
-    cell = np.where(inside, cell, 0)
-    light = np.where(inside[..., 0], 25 + sheet[cell[..., 1], cell[..., 0]] / 255 * 165, 80.0)
+    is_on_sheet = np.all((cell >= 0) & (cell < len(sheet)), axis=-1, keepdims=True)
+    cell = np.where(is_on_sheet, cell, 0)
+    light = np.where(is_on_sheet[..., 0], 25 + sheet[cell[..., 1], cell[..., 0]] / 255 * 165, 80.0)
     blurred: Array = gaussian_filter(light, 0.6 * STRATA)
     return np.asarray(blurred.reshape(HEIGHT, STRATA, WIDTH, STRATA).mean((1, 3)))
 
@@ -78,41 +79,41 @@ def located(
 
 
 @pytest.mark.slow
-def test_poses_are_as_probable_as_they_say(calibration: Calibration) -> None:
+def test_poses_are_right_as_often_as_their_probability_states(calibration: Calibration) -> None:
     turn, shift = at(5, 1.0)
-    right, said, told = 0.0, 0.0, 0
-    for one in located(calibration, 5, 1.0, 80):
-        (tag,) = one.tags
-        told += tag.ambiguous
+    right, stated, decided = 0.0, 0.0, 0
+    for item in located(calibration, 5, 1.0, 80):
+        (tag,) = item.tags
+        decided += tag.ambiguous
         best = tag.poses[0]
-        said += best.probability
+        stated += best.probability
         # the other pose is turned by about 10 degrees
         right += Rotation.from_matrix(best.turn @ turn.T).magnitude() < np.deg2rad(5)
         nearest = min(
             tag.poses, key=lambda pose: Rotation.from_matrix(pose.turn @ turn.T).magnitude()
         )
         assert np.linalg.norm(nearest.position - shift) < 6 * np.linalg.norm(nearest.sigma[3:])
-    assert told > 40
-    assert abs(right - said) < 3 * np.sqrt(80 * 0.2), (
+    assert decided > 40
+    assert abs(right - stated) < 3 * np.sqrt(80 * 0.2), (
         "of 80 choices as many are right as they are said to be"
     )
 
 
 @pytest.mark.slow
-def test_sigma_is_what_repeated_noise_shows(calibration: Calibration) -> None:
+def test_sigma_equals_the_scatter_over_repeated_noise(calibration: Calibration) -> None:
     turn, shift = at(35, 0.4)
-    every = [one.tags[0].poses[0] for one in located(calibration, 35, 0.4, 80)]
-    off = np.array(
+    poses = [item.tags[0].poses[0] for item in located(calibration, 35, 0.4, 80)]
+    error = np.array(
         [
             [*Rotation.from_matrix(pose.turn @ turn.T).as_rotvec(), *(pose.position - shift)]
-            for pose in every
+            for pose in poses
         ]
     )
     chi2 = (
         np.mean(
             [
-                one @ np.linalg.solve(pose.covariance, one)
-                for one, pose in zip(off, every, strict=True)
+                item @ np.linalg.solve(pose.covariance, item)
+                for item, pose in zip(error, poses, strict=True)
             ]
         )
         / 6
@@ -120,10 +121,10 @@ def test_sigma_is_what_repeated_noise_shows(calibration: Calibration) -> None:
     assert (
         0.7 < chi2 < 1.4
     )  # 480 numbers scatter by 6 %; the noise is estimated, and rounding and strata come on top
-    assert not any(one.tags[0].ambiguous for one in located(calibration, 35, 0.4, 3))
+    assert not any(item.tags[0].ambiguous for item in located(calibration, 35, 0.4, 3))
 
 
-def test_the_command_gives_both(
+def test_the_command_prints_both_poses(
     calibration: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     light = sharp(*at(5, 1.0))

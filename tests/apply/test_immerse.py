@@ -24,9 +24,12 @@ from calib.effects.flat_port import FlatPort
 from calib.effects.free_field import FreeField
 from calib.effects.refractive_index import RefractiveIndex
 from calib.errors import InputError
+from calib.fit_record.history import MediumChange
+from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings, Setup
+from calib.fitting.stages import Setup
+from calib.optics.exposure import MIDDLE
 from calib.optics.relief import Relief
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
@@ -92,12 +95,12 @@ def test_rays_are_those_of_light_that_mitsuba_traced(shape: str, folder: str) ->
 
 @pytest.fixture(scope="module")
 def dry() -> Calibration:
-    """Of a scene in air, its cover and camera near what is stated."""
+    """Return the calibration of a scene in air, with cover and camera near their stated numbers."""
     made = scene(5, views=12, noise=0.1)
     return tolerant(made, Setup(made.board, CAMERA, INTRINSICS, made.cover), Settings(grid=(4, 4)))
 
 
-def test_what_is_not_outside_is_kept(dry: Calibration) -> None:
+def test_everything_but_the_medium_outside_is_kept(dry: Calibration) -> None:
     wet = replace_medium(dry, Number(1.34, 0.001))
     assert wet.camera == dry.camera
     assert wet.cover.parameters["outside_index"] == Number(1.34, 0.001)
@@ -115,15 +118,12 @@ def test_what_is_not_outside_is_kept(dry: Calibration) -> None:
     assert np.array_equal(wet.amplitudes, dry.amplitudes)
     assert (wet.views, wet.stages, wet.poses.shape) == ((), (), (0, 6))
     assert np.array_equal(wet.corners_at, corners_at(dry))
-    assert wet.settings["immersed"] == {
-        "from_index": 1.0,
-        "to_index": 1.34,
-        "sigma": 0.001,
-        "calibration": dry.digest,
-    }
+    assert wet.history.medium_change == MediumChange(
+        from_index=1.0, to_index=1.34, sigma=0.001, calibration=dry.digest
+    )
 
 
-def test_the_covariance_goes_with_it_and_comes_back(dry: Calibration) -> None:
+def test_the_covariance_is_carried_there_and_back(dry: Calibration) -> None:
     wet = replace_medium(dry, Number(1.34, 0.002))
     parameters = wet.camera_model().parameters
     assert len(wet.covariance) == parameters.count == len(dry.covariance) + 1
@@ -145,7 +145,7 @@ def test_the_covariance_goes_with_it_and_comes_back(dry: Calibration) -> None:
 
 
 def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Calibration) -> None:
-    """By tracing: numbers are drawn as the covariance in air has them, put under water, and the
+    """The test traces rays: numbers are drawn from the covariance in air, put under water, and the
     best rigid motion is taken off.
     """
     wet = replace_medium(dry, Number(1.34, 0.001))
@@ -160,7 +160,7 @@ def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Cali
 
     def seen(vector: Array, metres: Array) -> tuple[Array, Array, Array]:
         rays = model.path.trace(
-            torch.from_numpy(pixels), model.parameters.values(torch.from_numpy(vector))
+            torch.from_numpy(pixels), model.parameters.values(torch.from_numpy(vector)), MIDDLE
         )
         origin, direction = rays.origin.stacked().numpy(), rays.direction.stacked().numpy()
         return origin, direction, at(origin, direction, metres)
@@ -200,9 +200,9 @@ def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Cali
     )  # 200 draws of few numbers, and the motion of 150 of the corners
 
 
-def test_what_moves_no_ray_in_air_is_loose_under_water() -> None:
-    """Where a dome's centre is: in air the views hardly care, under water it is what matters most.
-    Stated as surely as was asked for, it is known well enough.
+def test_numbers_that_move_no_ray_in_air_are_uncertain_under_water() -> None:
+    """The centre of a dome hardly matters to views in air, and matters most under water. With the
+    requested sigma, it is known well enough.
     """
     session = read_session(FIXTURES / "wet-dome")
 
@@ -226,7 +226,7 @@ def test_what_moves_no_ray_in_air_is_loose_under_water() -> None:
     assert min(wide.after_px) > 2 * max(tight.after_px)
 
 
-def test_no_number_of_an_uneven_cover_is_surer_than_it_was_declared(dry: Calibration) -> None:
+def test_no_number_of_an_uneven_cover_gets_less_than_its_declared_sigma(dry: Calibration) -> None:
     wet = replace_medium(dry, WATER)
     declared = {
         name: number.sigma for name, number in dry.declared.cover.parameters.items() if number.sigma
@@ -241,7 +241,7 @@ def test_no_number_of_an_uneven_cover_is_surer_than_it_was_declared(dry: Calibra
     assert np.array_equal(replace_medium(alone, WATER).covariance, alone.covariance)
 
 
-def test_a_number_that_the_fit_held_is_as_sure_as_its_kind() -> None:
+def test_a_held_number_gets_the_tolerance_of_its_kind() -> None:
     """Not as sure as exact: it was declared without a sigma, and held since the views say nothing
     against it.
     """
@@ -254,7 +254,7 @@ def test_a_number_that_the_fit_held_is_as_sure_as_its_kind() -> None:
     held = calibrated(made, told, Settings(grid=(4, 4), free=(NONE,)))
     assert not any(number.sigma for number in held.cover.parameters.values())
     assert all_free(held) is held
-    freed = all_free(replace(held, settings={**held.settings, "free": [AUTO]}))
+    freed = all_free(replace(held, request=FitRequest(Settings(free=(AUTO,)))))
     still = {name for name, number in freed.cover.parameters.items() if not number.sigma}
     assert still == {"thickness", "outside_index"}
     assert max(immerse(freed, WATER).after_px) > 3 * max(immerse(held, WATER).after_px)
@@ -263,7 +263,7 @@ def test_a_number_that_the_fit_held_is_as_sure_as_its_kind() -> None:
 
 @pytest.mark.slow
 @each_shape
-def test_a_calibration_in_air_is_as_good_under_water_as_it_says(shape: str) -> None:
+def test_errors_under_water_agree_with_their_predicted_sigma(shape: str) -> None:
     """`python -m benchmarks.immerse` prints these, and the figures of docs/immersing.md."""
     folder = FIXTURES / f"wet-{shape}"
     dry = fit(read_session(folder))
@@ -278,7 +278,7 @@ def test_a_calibration_in_air_is_as_good_under_water_as_it_says(shape: str) -> N
     assert after < before / 5
 
 
-def test_effects_that_were_accepted_go_with_it() -> None:
+def test_accepted_effects_are_carried_over() -> None:
     base = true_calibration("flat")
     numbers = (
         ("cover_offset.distance", CoverOffset(("cover.distance",)), 0.002),
@@ -306,7 +306,7 @@ def test_effects_that_were_accepted_go_with_it() -> None:
     )
 
 
-def test_a_window_that_the_diagnosis_found_is_to_be_described() -> None:
+def test_a_window_found_by_the_diagnosis_must_be_declared_first() -> None:
     base = replace(lens_alone(scene(1, views=1), 820, 616, 640.0, 640.0, 410.0, 308.0))
     effect = AddedEffect(
         FlatPort("air"),
@@ -383,9 +383,7 @@ def saved(dry: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its calibration has sigma and maps like any other, and says what it is where views are asked
-    for.
-    """
+    """The new calibration has sigma and maps like any other, and refuses uses that need views."""
     assert main(["immerse", str(saved), "--salinity", "35", "--depth", "0.5", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert set(said) == {"outside_index", "maps", "known", "loose", "remarks", "written"}
@@ -417,7 +415,7 @@ def test_the_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "calib check --update" in said
 
 
-def test_the_command_tells_people(
+def test_the_command_prints_sentences_for_people(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert (
@@ -480,7 +478,7 @@ def test_wrong_options_get_their_sentence(
     assert says in err
 
 
-def test_an_effect_without_a_cause_is_told_of(dry: Calibration) -> None:
+def test_an_effect_without_a_cause_is_reported(dry: Calibration) -> None:
     path, values = dry.model()
     field, *_ = FreeField.propose(
         EffectContext(dry.board, dry.camera.width, dry.camera.height, path, values)

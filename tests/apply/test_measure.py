@@ -94,15 +94,15 @@ def test_points_that_two_views_see(calibration: Calibration) -> None:
 
 
 @pytest.mark.parametrize("how", ["plane", "boards", "views"])
-def test_sigma_is_what_repeated_noise_shows(how: str) -> None:
+def test_sigma_equals_the_scatter_over_repeated_noise(how: str) -> None:
     """A camera without a cover, many times with other noise on corners and points: the spread is
     within its own statistical error.
     """
     calibration = lens_alone(scene(1, views=1), 820, 616, 640, 640, 410, 308)
     rng = np.random.default_rng(0)
     measurer = Measurer(calibration)
-    on, off = np.array([[0.03, 0.05, 0.0], [-0.07, 0.01, 0.0]]), np.array([0, 0, -0.05])
-    across = np.array([[0.1, 0.05, 0.7], [-0.1, 0.0, 0.7]])
+    on, error = np.array([[0.03, 0.05, 0.0], [-0.07, 0.01, 0.0]]), np.array([0, 0, -0.05])
+    sideways = np.array([[0.1, 0.05, 0.7], [-0.1, 0.0, 0.7]])
 
     def boards(count: int) -> list[BoardPose]:
         return [measurer.board_pose(view_of(calibration, pose, rng)) for pose in POSES[:count]]
@@ -112,33 +112,41 @@ def test_sigma_is_what_repeated_noise_shows(how: str) -> None:
 
     def once() -> tuple[MeasuredPoints, np.ndarray]:
         if how == "views":
-            both = noisy(np.concatenate([seen(calibration, pose, on + off) for pose in POSES]))
-            return measurer.triangulate(both, boards(2), [0, 0, 1, 1], [0, 1, 0, 1]), on + off
+            board_pixels = noisy(
+                np.concatenate([seen(calibration, pose, on + error) for pose in POSES])
+            )
+            return measurer.triangulate(
+                board_pixels, boards(2), [0, 0, 1, 1], [0, 1, 0, 1]
+            ), on + error
         if how == "boards":
             return measurer.on_planes(
                 noisy(seen(calibration, POSES[0], on)), boards(1), [0, 0]
             ), placed(on, POSES[0])
         return (
-            measurer.on_planes(noisy(calibration.project(across)), [BoardPose.facing(0.7)], [0, 0]),
-            across,
+            measurer.on_planes(
+                noisy(calibration.project(sideways)), [BoardPose.facing(0.7)], [0, 0]
+            ),
+            sideways,
         )
 
-    errors, said, apart, said_apart = [], [], [], []
+    errors, sigmas, separation, separation_sigmas = [], [], [], []
     for _ in range(REPEATS):
         measured, true = once()
         errors.append(measured.points - true)
-        said.append(measured.sigma)
+        sigmas.append(measured.sigma)
         metres, sigma = measured.distance(0, 1)
-        apart.append(metres - np.linalg.norm(true[1] - true[0]))
-        said_apart.append(sigma)
-    counted = np.mean(said, 0) > 0
-    ratio = np.sqrt(np.mean(np.square(errors), 0))[counted] / np.mean(said, 0)[counted]
+        separation.append(metres - np.linalg.norm(true[1] - true[0]))
+        separation_sigmas.append(sigma)
+    counted = np.mean(sigmas, 0) > 0
+    ratio = np.sqrt(np.mean(np.square(errors), 0))[counted] / np.mean(sigmas, 0)[counted]
     assert ratio.mean() == pytest.approx(1, abs=0.25)  # 16 % standard error each
-    assert np.sqrt(np.mean(np.square(apart))) / np.mean(said_apart) == pytest.approx(1, abs=0.4)
+    assert np.sqrt(np.mean(np.square(separation))) / np.mean(separation_sigmas) == pytest.approx(
+        1, abs=0.4
+    )
 
 
 @pytest.mark.parametrize("how", ["boards", "views"])
-def test_doubt_of_the_squares_is_doubt_of_all_that_is_measured(
+def test_the_sigma_of_the_squares_enters_every_measurement(
     calibration: Calibration, how: str
 ) -> None:
     """Sigma is how much points and distances change with the side of the squares."""
@@ -150,24 +158,26 @@ def test_doubt_of_the_squares_is_doubt_of_all_that_is_measured(
         replace(board, square=1.001 * board.square),
         replace(board, square_sigma=0.001 * board.square),
     )
-    found = []
-    for one in (board, larger, doubted):
+    results = []
+    for item in (board, larger, doubted):
         measurer = Measurer(
             replace(
-                calibration, board=replace(one, square_sigma=one.square_sigma or 0.0), noise_px=1e-6
+                calibration,
+                board=replace(item, square_sigma=item.square_sigma or 0.0),
+                noise_px=1e-6,
             )
         )
         poses = [measurer.board_pose(view) for view in views]
         if how == "views":
-            found.append(measurer.triangulate(pixels, poses, [0, 0, 1, 1], [0, 1, 0, 1]))
+            results.append(measurer.triangulate(pixels, poses, [0, 0, 1, 1], [0, 1, 0, 1]))
         else:
-            found.append(measurer.on_planes(pixels, poses, [0, 0, 1, 1]))
-    still, moved, said = found
-    change = np.abs(moved.points - still.points)
-    assert said.sigma == pytest.approx(
+            results.append(measurer.on_planes(pixels, poses, [0, 0, 1, 1]))
+    unmoved, moved, uncertain = results
+    change = np.abs(moved.points - unmoved.points)
+    assert uncertain.sigma == pytest.approx(
         change, abs=0.02 * change.max()
     )  # rays that do not start at one point: 1 %
-    assert said.distance(0, 1)[1] == pytest.approx(0.001 * still.distance(0, 1)[0], rel=0.02)
+    assert uncertain.distance(0, 1)[1] == pytest.approx(0.001 * unmoved.distance(0, 1)[0], rel=0.02)
 
 
 def test_a_view_that_is_turned_keeps_each_corner_s_weight(calibration: Calibration) -> None:
@@ -179,9 +189,9 @@ def test_a_view_that_is_turned_keeps_each_corner_s_weight(calibration: Calibrati
 
 
 def test_uncertain_glass_shows_in_sigma(made: Scene) -> None:
-    """With doubt of one amplitude alone, the sigma of a distance between two boards is how much it
-    changes with that amplitude: the boards' poses are refitted, and a motion of all rays moves both
-    boards alike.
+    """If one amplitude alone is uncertain, the sigma of a distance between two boards is its change
+    with that amplitude: the boards' poses are refitted, and a motion of all rays moves both boards
+    alike.
     """
     truth = replace(known(made, WIDTH, HEIGHT), noise_px=1e-6)
     covariance = np.zeros((64, 64))
@@ -191,19 +201,19 @@ def test_uncertain_glass_shows_in_sigma(made: Scene) -> None:
     amplitudes.flat[27] += 1e-6
     views = [view_of(truth, pose) for pose in POSES]
     pixels = np.concatenate([view.corners[::16] for view in views])
-    found = []
+    results = []
     for calibration in (truth, replace(truth, amplitudes=amplitudes), doubtful):
         measurer = Measurer(calibration)
-        found.append(
+        results.append(
             measurer.on_planes(
                 pixels, [measurer.board_pose(view) for view in views], [0] * 6 + [1] * 6
             )
         )
-    still, moved, said = (
-        [one.distance(i, j) for i in range(6) for j in range(6, 12)] for one in found
-    )
-    change = np.abs(np.array(moved) - np.array(still))[:, 0]
-    sigma = np.array(said)[:, 1]
+    pairs = [(i, j) for i in range(6) for j in range(6, 12)]
+    distances = [[corners.distance(i, j) for i, j in pairs] for corners in results]
+    unmoved, moved, uncertain = distances
+    change = np.abs(np.array(moved) - np.array(unmoved))[:, 0]
+    sigma = np.array(uncertain)[:, 1]
     assert change.max() > 1e-6
     assert sigma == pytest.approx(change, abs=0.03 * change.max())
 
@@ -223,8 +233,8 @@ def drawn_board(path: Path, calibration: Calibration, pose: np.ndarray) -> None:
     measured = Measurer(calibration)
     origins, directions = measured.calibration.rays(fine)
     turn = cv2.Rodrigues(pose[:3])[0]
-    along = ((pose[3:] - origins) @ turn[:, 2]) / (directions @ turn[:, 2])
-    on = ((origins + along[:, None] * directions - pose[3:]) @ turn[:, :2]) / board.square + [
+    depth = ((pose[3:] - origins) @ turn[:, 2]) / (directions @ turn[:, 2])
+    on = ((origins + depth[:, None] * directions - pose[3:]) @ turn[:, :2]) / board.square + [
         (board.columns + 1) / 2,
         (board.rows + 1) / 2,
     ]
@@ -334,10 +344,10 @@ def test_pixels_outside_the_picture_are_refused_as_data(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The picture is 820x616; its border pixels reach half a pixel beyond their centres."""
-    inside = [(-0.5, -0.5), (819.5, 615.5), (410.0, 308.0)]
-    outside = [(-0.51, 300.0), (819.51, 300.0), (400.0, -0.51), (400.0, 615.51), (5000.0, 300.0)]
+    accepted = [(-0.5, -0.5), (819.5, 615.5), (410.0, 308.0)]
+    refused = [(-0.51, 300.0), (819.51, 300.0), (400.0, -0.51), (400.0, 615.51), (5000.0, 300.0)]
     (folder / "border.csv").write_text(
-        "\n".join(["x,y", *(f"{x},{y}" for x, y in inside + outside)]) + "\n"
+        "\n".join(["x,y", *(f"{x},{y}" for x, y in accepted + refused)]) + "\n"
     )
     points = said(capsys, folder / "calibration", folder / "border.csv", "--depth", "0.6")["points"]
     assert [point["reason"] for point in points] == [None] * 3 + ["outside the picture"] * 5
@@ -377,32 +387,33 @@ def test_every_point_that_is_not_measured_has_its_reason(calibration: Calibratio
     centre = np.array([[WIDTH / 2, HEIGHT / 2]])
     behind = measurer.on_planes(centre, [BoardPose.exactly(np.array([0, 0, 0, 0, 0, -1.0]))], [0])
     assert behind.reasons == (UnmeasuredReason.NO_POINT,)
-    apart = [BoardPose.exactly(np.array([0, 0, 0, shift, 0, 0.6])) for shift in (0.1, -0.1)]
+    distant_poses = [BoardPose.exactly(np.array([0, 0, 0, shift, 0, 0.6])) for shift in (0.1, -0.1)]
     pixels = centre + np.array([[500.0, 0.0], [-500.0, 0.0]])
     parting = [
-        measurer.triangulate(pixels[order], apart, [0, 1], [0, 0]) for order in ([0, 1], [1, 0])
+        measurer.triangulate(pixels[order], distant_poses, [0, 1], [0, 0])
+        for order in ([0, 1], [1, 0])
     ]
-    assert sorted(one.reasons[0] for one in parting) == [
+    assert sorted(item.reasons[0] for item in parting) == [
         UnmeasuredReason.MEASURED,
         UnmeasuredReason.NOWHERE,
     ]
-    for one in (behind, *parting):
+    for item in (behind, *parting):
         assert (
-            np.isnan(one.points).any()
-            == np.isnan(one.sigma).any()
-            == np.isnan(one.gap_px).any()
-            == bool(one.reasons[0])
+            np.isnan(item.points).any()
+            == np.isnan(item.sigma).any()
+            == np.isnan(item.gap_px).any()
+            == bool(item.reasons[0])
         )
 
 
 def test_pixels_that_no_ray_leaves_have_their_reason(calibration: Calibration) -> None:
     """Half a metre behind the camera, the cone is not in the picture."""
     cone = calibration.cover
-    away = replace(
+    behind = replace(
         calibration,
         cover=replace(cone, parameters={**cone.parameters, "axis_offset.z": Number(-0.5)}),
     )
-    measured = Measurer(away).on_planes(
+    measured = Measurer(behind).on_planes(
         np.array([[WIDTH / 2, HEIGHT / 2]]), [BoardPose.facing(1.0)], [0]
     )
     assert measured.reasons == (UnmeasuredReason.NO_RAY,)
@@ -454,7 +465,7 @@ def test_files_that_cannot_be_read_get_their_sentence(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_be_measured_gets_its_sentence(
+def test_input_that_cannot_be_measured_gets_a_sentence(
     folder: Path,
     capsys: pytest.CaptureFixture[str],
     points: str,
@@ -465,17 +476,20 @@ def test_what_cannot_be_measured_gets_its_sentence(
     (folder / "wrong.csv").write_text(points)
     cv2.imwrite(str(folder / "blank.png"), np.full((616, 820), 128, np.uint8))
     cv2.imwrite(str(folder / "small.png"), np.full((40, 50), 128, np.uint8))
-    given = [str(folder / word) if word.endswith(".csv") else word for word in arguments]
-    assert main(["measure", str(folder / "calibration"), str(folder / "wrong.csv"), *given]) == code
+    command_words = [str(folder / word) if word.endswith(".csv") else word for word in arguments]
+    assert (
+        main(["measure", str(folder / "calibration"), str(folder / "wrong.csv"), *command_words])
+        == code
+    )
     assert says in capsys.readouterr().err
 
 
-def test_a_board_of_which_too_little_is_seen_gives_no_pose(calibration: Calibration) -> None:
+def test_a_board_with_too_few_visible_corners_gives_no_pose(calibration: Calibration) -> None:
     view = view_of(calibration, POSES[0])
-    few = View(
+    small_view = View(
         "few.png",
         np.where(np.arange(81)[:, None] < 5, view.corners, np.nan),
         np.where(np.arange(81) < 5, 1.0, 0.0),
     )
     with pytest.raises(NotEnoughDataError, match=r"few.png: only 5 corners"):
-        Measurer(calibration).board_pose(few)
+        Measurer(calibration).board_pose(small_view)

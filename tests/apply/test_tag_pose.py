@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calib.apply.tag_pose import SQUARE, Lines, misfit, poses, starts
+from calib.apply.tag_pose import SQUARE, Lines, measure_misfit, poses, starts
 
 Array = NDArray[np.float64]
 
@@ -56,10 +56,10 @@ def pose(seed: int, depth: float, tilts: tuple[float, float] = (5, 60)) -> tuple
 def test_exact_rays_give_the_pose(seed: int, depth: float) -> None:
     turn, shift = pose(seed, depth)
     corners = seen(SIDE * SQUARE @ turn.T + shift)
-    found = poses(lines_of(corners), SIDE, np.eye(8) / 0.05)
-    assert np.abs(found[0][1] - shift).max() < 1e-9
-    assert np.abs(found[0][0] - turn).max() < 1e-8
-    assert found[0][2] < 1e-12
+    result = poses(lines_of(corners), SIDE, np.eye(8) / 0.05)
+    assert np.abs(result[0][1] - shift).max() < 1e-9
+    assert np.abs(result[0][0] - turn).max() < 1e-8
+    assert result[0][2] < 1e-12
     central = poses(
         replace(
             lines_of(corners), parallax=np.zeros((4, 2)), parallax_by_pixel=np.zeros((4, 2, 2))
@@ -71,10 +71,10 @@ def test_exact_rays_give_the_pose(seed: int, depth: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_start_is_near_already(seed: int) -> None:
+def test_the_start_is_close_to_the_solution(seed: int) -> None:
     turn, shift = pose(seed, 0.2)
-    found = starts(lines_of(seen(SIDE * SQUARE @ turn.T + shift)), SIDE)
-    assert min(np.linalg.norm(at - shift) for _, at in found) < 1e-5
+    result = starts(lines_of(seen(SIDE * SQUARE @ turn.T + shift)), SIDE)
+    assert min(np.linalg.norm(at - shift) for _, at in result) < 1e-5
 
 
 def test_derivatives_are_central_differences() -> None:
@@ -82,52 +82,54 @@ def test_derivatives_are_central_differences() -> None:
     lines = lines_of(
         seen(SIDE * SQUARE @ turn.T + shift) + np.array([[3.0, -2], [1, 4], [-2, 1], [0, 2]])
     )
-    here, step = misfit(lines, SIDE, turn, shift), 1e-6
+    misfit, step = measure_misfit(lines, SIDE, turn, shift), 1e-6
 
     def moved(by: Array) -> Array:
-        return misfit(lines, SIDE, cv2.Rodrigues(by[:3])[0] @ turn, shift + by[3:]).px
+        return measure_misfit(lines, SIDE, cv2.Rodrigues(by[:3])[0] @ turn, shift + by[3:]).px
 
     by_pose = np.stack(
         [(moved(step * axis) - moved(-step * axis)) / (2 * step) for axis in np.eye(6)], -1
     )
-    assert np.abs(by_pose - here.by_pose).max() < 1e-7 * np.abs(here.by_pose).max()
+    assert np.abs(by_pose - misfit.by_pose).max() < 1e-7 * np.abs(misfit.by_pose).max()
     by_size = (
-        misfit(lines, SIDE * (1 + step), turn, shift).px
-        - misfit(lines, SIDE * (1 - step), turn, shift).px
+        measure_misfit(lines, SIDE * (1 + step), turn, shift).px
+        - measure_misfit(lines, SIDE * (1 - step), turn, shift).px
     ) / (2 * step)
-    assert np.abs(by_size - here.by_size).max() < 1e-7 * np.abs(here.by_size).max()
-    both = np.concatenate([lines.at_infinity, lines.parallax], -1)
+    assert np.abs(by_size - misfit.by_size).max() < 1e-7 * np.abs(misfit.by_size).max()
+    coefficients = np.concatenate([lines.at_infinity, lines.parallax], -1)
 
     def along(axis: int, by: float) -> Array:
-        changed = both + by * np.eye(4)[axis]
-        return misfit(
+        changed = coefficients + by * np.eye(4)[axis]
+        return measure_misfit(
             replace(lines, at_infinity=changed[:, :2], parallax=changed[:, 2:]), SIDE, turn, shift
         ).px.reshape(4, 2)
 
     by_line = np.stack(
         [(along(axis, step) - along(axis, -step)) / (2 * step) for axis in range(4)], -1
     )
-    assert np.abs(by_line - here.by_line).max() < 1e-7 * np.abs(here.by_line).max()
+    assert np.abs(by_line - misfit.by_line).max() < 1e-7 * np.abs(misfit.by_line).max()
 
 
 def test_the_misfit_is_that_of_the_picture() -> None:
     """Seen less expected pixels, to first order."""
     turn, shift = pose(5, 0.25)
     expected = seen(SIDE * SQUARE @ turn.T + shift)
-    off = np.array([[0.3, -0.2], [0.1, 0.4], [-0.2, 0.1], [0.0, 0.2]])
+    error = np.array([[0.3, -0.2], [0.1, 0.4], [-0.2, 0.1], [0.0, 0.2]])
     assert (
-        np.abs(misfit(lines_of(expected + off), SIDE, turn, shift).px.reshape(4, 2) - off).max()
+        np.abs(
+            measure_misfit(lines_of(expected + error), SIDE, turn, shift).px.reshape(4, 2) - error
+        ).max()
         < 1e-3
     )
 
 
 def test_a_small_square_from_the_front_has_two_poses() -> None:
     turn, shift = pose(2, 1.5, (8, 9))
-    found = poses(lines_of(seen(SIDE * SQUARE @ turn.T + shift)), SIDE, np.eye(8) / 0.3)
-    assert len(found) == 2
-    assert found[0][2] < 1e-9 < found[1][2] < 9
-    assert np.linalg.norm(found[1][1] - shift) < 0.02
-    assert np.rad2deg(np.arccos(found[1][0][:, 2] @ turn[:, 2])) > 8
+    result = poses(lines_of(seen(SIDE * SQUARE @ turn.T + shift)), SIDE, np.eye(8) / 0.3)
+    assert len(result) == 2
+    assert result[0][2] < 1e-9 < result[1][2] < 9
+    assert np.linalg.norm(result[1][1] - shift) < 0.02
+    assert np.rad2deg(np.arccos(result[1][0][:, 2] @ turn[:, 2])) > 8
 
 
 def test_rays_that_no_square_explains_have_a_misfit() -> None:

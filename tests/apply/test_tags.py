@@ -70,33 +70,33 @@ def held_out() -> tuple[View, ...]:
 
 def poses_of(located: list[LocatedTags]) -> list[tuple[int, Tag]]:
     """Every tag, with the number of its picture."""
-    return [(picture, tag) for picture, one in enumerate(located) for tag in one.tags]
+    return [(picture, tag) for picture, item in enumerate(located) for tag in item.tags]
 
 
 def test_every_tag_is_placed_as_itself(located: list[LocatedTags], truth: TagTruth) -> None:
-    for one, numbers in zip(located, truth.numbers, strict=True):
-        assert [tag.number for tag in one.tags] == sorted(numbers.tolist())
-        assert not one.unplaced
-        assert not any(tag.ambiguous for tag in one.tags)
+    for item, numbers in zip(located, truth.numbers, strict=True):
+        assert [tag.number for tag in item.tags] == sorted(numbers.tolist())
+        assert not item.unplaced
+        assert not any(tag.ambiguous for tag in item.tags)
 
 
 def test_corners_are_where_light_put_them(located: list[LocatedTags], truth: TagTruth) -> None:
-    off = np.array(
+    error = np.array(
         [tag.corners - truth.corners[picture, tag.number] for picture, tag in poses_of(located)]
     )
     assert (
-        np.sqrt((off**2).mean()) < 0.012
+        np.sqrt((error**2).mean()) < 0.012
     )  # px per axis: the noise of the sensor and of JPEG, along edges of 43 to 320 px
-    assert np.abs(off).max() < 0.06
+    assert np.abs(error).max() < 0.06
 
 
 def test_turns_are_those_that_were_rendered(located: list[LocatedTags], truth: TagTruth) -> None:
-    off = [
+    errors = [
         Rotation.from_matrix(tag.poses[0].turn @ truth.rotations[picture, tag.number].T)
         for picture, tag in poses_of(located)
     ]
     depth = truth.depths[[picture for picture, _ in poses_of(located)]]
-    angle = np.rad2deg([one.magnitude() for one in off])
+    angle = np.rad2deg([item.magnitude() for item in errors])
     assert angle[depth < 0.4].max() < 0.05
     assert angle.max() < 0.4
 
@@ -112,41 +112,49 @@ def test_tags_are_placed_five_times_more_exactly_than_by_a_central_camera(
     central = Central.best(
         calibration.views, held_out(), calibration.board, size, calibration.camera.intrinsics
     )
-    every = poses_of(located)
-    ours = np.array([tag.poses[0].position for _, tag in every])
+    tags = poses_of(located)
+    ours = np.array([tag.poses[0].position for _, tag in tags])
     theirs = np.array(
-        [central.position(tag.corners, float(truth.sides[picture])) for picture, tag in every]
+        [central.position(tag.corners, float(truth.sides[picture])) for picture, tag in tags]
     )
-    true = np.array([truth.translations[picture, tag.number] for picture, tag in every])
-    at = np.array([(truth.sides[picture], truth.depths[picture]) for picture, _ in every])
-    left = [np.linalg.norm(aligned(places, true), axis=-1) for places in (ours, theirs)]
+    true = np.array([truth.translations[picture, tag.number] for picture, tag in tags])
+    at = np.array([(truth.sides[picture], truth.depths[picture]) for picture, _ in tags])
+    our_errors = np.linalg.norm(aligned(ours, true), axis=-1)
+    central_errors = np.linalg.norm(aligned(theirs, true), axis=-1)
     for side, depth in np.unique(at, axis=0).tolist():
-        here = (at == (side, depth)).all(-1)
-        mine, other = (np.sqrt((one[here] ** 2).mean()) for one in left)
-        assert mine < other / 5, f"{side} m at {depth} m: {1e3 * mine:.3f} and {1e3 * other:.3f} mm"
+        selected = (at == (side, depth)).all(-1)
+        mine = np.sqrt((our_errors[selected] ** 2).mean())
+        central_error = np.sqrt((central_errors[selected] ** 2).mean())
+        assert mine < central_error / 5, (
+            f"{side} m at {depth} m: {1e3 * mine:.3f} and {1e3 * central_error:.3f} mm"
+        )
 
 
-def test_sigma_is_the_error(located: list[LocatedTags], truth: TagTruth) -> None:
-    every = poses_of(located)
-    true = np.array([truth.translations[picture, tag.number] for picture, tag in every])
-    poses = [tag.poses[0] for _, tag in every]
+def test_the_errors_of_tags_scatter_by_their_sigma(
+    located: list[LocatedTags], truth: TagTruth
+) -> None:
+    tags = poses_of(located)
+    true = np.array([truth.translations[picture, tag.number] for picture, tag in tags])
+    poses = [tag.poses[0] for _, tag in tags]
     assert 0.7 < error_over_sigma(poses, true, together=False) < 1.6
     assert (
         0.7 < error_over_sigma(poses, true, together=True) < 3
     )  # the least of what they share is predicted too well
 
 
-def test_distances_count_what_differs(calibration: Calibration) -> None:
+def test_errors_that_tags_share_cancel_in_distances(calibration: Calibration) -> None:
     """On Kalibr's board, through the glass of `bumps`: 24 mm, border of two cells, tags 31.2 mm
     apart.
     """
     picture = FIXTURES / "aprilgrid" / "frames" / "0000.jpg"
-    found = TagLocator(calibration, "DICT_APRILTAG_36h11", 0.024, side_sigma=0.0, border=2).locate(
+    result = TagLocator(calibration, "DICT_APRILTAG_36h11", 0.024, side_sigma=0.0, border=2).locate(
         read_grey(picture)
     )
-    assert len(found.tags) > 30
-    place = {tag.number: tag for tag in found.tags}
-    pairs = [(place[one], place[one + 1]) for one in place if one % 6 != 5 and one + 1 in place]
+    assert len(result.tags) > 30
+    place = {tag.number: tag for tag in result.tags}
+    pairs = [
+        (place[item], place[item + 1]) for item in place if item % 6 != 5 and item + 1 in place
+    ]
     between = np.array([first.poses[0].distance(second.poses[0]) for first, second in pairs])
     assert np.abs(between[:, 0] - 0.0312).max() < 0.001
     assert 0.3 < np.mean(((between[:, 0] - 0.0312) / between[:, 1]) ** 2) < 3
@@ -158,18 +166,21 @@ def test_distances_count_what_differs(calibration: Calibration) -> None:
     )
 
 
-def test_how_well_the_side_is_known_counts(calibration: Calibration, truth: TagTruth) -> None:
+def test_the_sigma_of_the_side_enters_the_pose(calibration: Calibration, truth: TagTruth) -> None:
     grey = read_grey(PICTURES / truth.names[0])
-    exact, by_kind, stated = (
-        TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, sigma).locate(grey).tags[0].poses[0]
-        for sigma in (0.0, None, 0.0005)
+    exact = TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, 0.0).locate(grey).tags[0].poses[0]
+    by_kind = (
+        TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, None).locate(grey).tags[0].poses[0]
+    )
+    stated = (
+        TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, 0.0005).locate(grey).tags[0].poses[0]
     )
     assert np.allclose(exact.position, stated.position, atol=1e-9)
     distance = np.linalg.norm(exact.position)
-    for pose, part in ((by_kind, 0.002), (stated, 0.01)):
-        along = pose.position / distance
-        grown = along @ (pose.covariance - exact.covariance)[3:, 3:] @ along
-        assert np.sqrt(grown) == pytest.approx(part * distance, rel=0.02)
+    for pose, relative_sigma in ((by_kind, 0.002), (stated, 0.01)):
+        length = pose.position / distance
+        grown = length @ (pose.covariance - exact.covariance)[3:, 3:] @ length
+        assert np.sqrt(grown) == pytest.approx(relative_sigma * distance, rel=0.02)
 
 
 def test_a_number_that_is_seen_twice_is_not_placed(
@@ -181,9 +192,9 @@ def test_a_number_that_is_seen_twice_is_not_placed(
     grey[600 - reach : 600 + reach, 600 - reach : 600 + reach] = grey[
         y - reach : y + reach, x - reach : x + reach
     ]
-    found = TagLocator(calibration, "DICT_4X4_50", 0.05).locate(grey)
-    assert [(one.number, one.reason) for one in found.unplaced] == [(0, UnplacedReason.TWICE)]
-    assert 0 not in [tag.number for tag in found.tags]
+    results = TagLocator(calibration, "DICT_4X4_50", 0.05).locate(grey)
+    assert [(item.number, item.reason) for item in results.unplaced] == [(0, UnplacedReason.TWICE)]
+    assert 0 not in [tag.number for tag in results.tags]
 
 
 def test_a_tag_that_is_no_flat_square_is_not_placed(
@@ -200,19 +211,24 @@ def test_a_tag_that_is_no_flat_square_is_not_placed(
     matrix = cv2.getPerspectiveTransform(outline.astype(np.float32), pulled.astype(np.float32))
     warped = cv2.warpPerspective(grey, matrix, grey.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
     mask = cv2.fillConvexPoly(np.zeros_like(grey), np.rint(around).astype(np.int32), 1)
-    found = TagLocator(calibration, "DICT_4X4_50", 0.05).locate(np.where(mask == 1, warped, grey))
-    assert [(one.number, one.reason) for one in found.unplaced] == [(0, UnplacedReason.NO_SQUARE)]
+    results = TagLocator(calibration, "DICT_4X4_50", 0.05).locate(np.where(mask == 1, warped, grey))
+    assert [(item.number, item.reason) for item in results.unplaced] == [
+        (0, UnplacedReason.NO_SQUARE)
+    ]
 
 
-def test_16_bits_say_the_same(calibration: Calibration, truth: TagTruth) -> None:
+def test_pictures_of_16_bits_give_the_same_result(
+    calibration: Calibration, truth: TagTruth
+) -> None:
     grey = read_grey(PICTURES / truth.names[-1])
     locator = TagLocator(
         calibration, DICTIONARIES[truth.names[-1].split("-")[0]], float(truth.sides[-1])
     )
-    few, many = (locator.locate(one).tags for one in (grey, grey.astype(np.uint16) * 257))
-    assert [tag.number for tag in few] == [tag.number for tag in many]
+    eight_bit = locator.locate(grey).tags
+    many = locator.locate(grey.astype(np.uint16) * 257).tags
+    assert [tag.number for tag in eight_bit] == [tag.number for tag in many]
     assert np.allclose(
-        [t.poses[0].position for t in few], [t.poses[0].position for t in many], atol=2e-5
+        [t.poses[0].position for t in eight_bit], [t.poses[0].position for t in many], atol=2e-5
     )
 
 
@@ -251,17 +267,15 @@ def test_a_calibration_without_covariance_counts_the_corners_noise_alone(
 ) -> None:
     alone = replace(calibration, covariance=np.zeros((0, 0)))
     grey = read_grey(PICTURES / truth.names[0])
-    bare, whole = (
-        TagLocator(one, "DICT_APRILTAG_36h11", 0.05, 0.0).locate(grey).tags[0].poses[0]
-        for one in (alone, calibration)
-    )
+    bare = TagLocator(alone, "DICT_APRILTAG_36h11", 0.05, 0.0).locate(grey).tags[0].poses[0]
+    full = TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, 0.0).locate(grey).tags[0].poses[0]
     assert bare.shared.shape == (6, 1)
-    assert (bare.sigma <= whole.sigma * 1.0001).all()
-    assert np.allclose(bare.position, whole.position, atol=1e-4)
+    assert (bare.sigma <= full.sigma * 1.0001).all()
+    assert np.allclose(bare.position, full.position, atol=1e-4)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("DICT_4x4_50", 0.05), "'DICT_4x4_50' is no dictionary of tags: write DICT_4X4_50."),
         (("DICT_4X4_50", float("nan")), "a tag of nan mm will not do"),
@@ -270,8 +284,10 @@ def test_a_calibration_without_covariance_counts_the_corners_noise_alone(
         (("DICT_4X4_50", 0.05, float("nan")), "a standard deviation of nan mm will not do"),
     ],
 )
-def test_what_a_locator_refuses(calibration: Calibration, arguments: tuple, said: str) -> None:
-    with pytest.raises(InputError, match=re.escape(said)):
+def test_a_locator_refuses_wrong_arguments(
+    calibration: Calibration, arguments: tuple, message: str
+) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
         TagLocator(calibration, *arguments)
 
 
@@ -289,28 +305,28 @@ def test_the_command_prints_what_the_library_finds(
     picture, table = PICTURES / truth.names[0], tmp_path / "poses.csv"
     tags = ("--tags", "DICT_APRILTAG_36h11", "--size-mm", "50", "--size-sigma-mm", "0")
     assert run(folder, picture, *tags, "-o", table, "--json") == 0
-    said = json.loads(capsys.readouterr().out)
-    assert (said["frame"], said["dictionary"], said["size_mm"], said["written"]) == (
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["frame"], answer["dictionary"], answer["size_mm"], answer["written"]) == (
         "camera",
         "DICT_APRILTAG_36h11",
         50.0,
         [str(table)],
     )
-    (one,) = said["pictures"]
-    assert (one["picture"], one["not_placed"]) == (str(picture), [])
+    (item,) = answer["pictures"]
+    assert (item["picture"], item["not_placed"]) == (str(picture), [])
     rows = list(csv.DictReader(io.StringIO(table.read_text())))
     assert tuple(rows[0]) == COLUMNS
-    assert len(rows) == len(one["tags"]) == len(located[0].tags)
-    for tag, row, known in zip(one["tags"], rows, located[0].tags, strict=True):
-        (pose,), expected = tag["poses"], known.poses[0]
-        assert (tag["id"], tag["ambiguous"], pose["probability"]) == (known.number, False, 1.0)
-        assert np.allclose(tag["corners_px"], known.corners)
+    assert len(rows) == len(item["tags"]) == len(located[0].tags)
+    for tag, row, reference in zip(item["tags"], rows, located[0].tags, strict=True):
+        (pose,), expected = tag["poses"], reference.poses[0]
+        assert (tag["id"], tag["ambiguous"], pose["probability"]) == (reference.number, False, 1.0)
+        assert np.allclose(tag["corners_px"], reference.corners)
         assert np.allclose(pose["m"], expected.position)
         assert np.allclose(Rotation.from_rotvec(pose["rotation_rad"]).as_matrix(), expected.turn)
         assert np.allclose(Rotation.from_quat(pose["quaternion_xyzw"]).as_matrix(), expected.turn)
         assert np.allclose(pose["covariance"], expected.covariance)
         assert np.allclose([*pose["sigma_turn_rad"], *pose["sigma_m"]], expected.sigma)
-        assert int(row["tag"]) == known.number
+        assert int(row["tag"]) == reference.number
         assert np.allclose([float(row[key]) for key in ("x_m", "y_m", "z_m")], expected.position)
         assert float(row["cov_turn_z_x"]) == pytest.approx(expected.covariance[2, 3], rel=1e-6)
         assert float(row["cov_z_z"]) == pytest.approx(float(row["sigma_z_m"]) ** 2, rel=1e-6)
@@ -320,7 +336,7 @@ def test_the_command_prints_what_the_library_finds(
     assert f"{1000 * located[0].tags[2].poses[0].position[2]:.2f}" in out
 
 
-def test_pictures_without_tags_are_named_beside_those_with(
+def test_pictures_without_tags_are_listed_as_well(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cv2.imwrite(str(tmp_path / "empty.png"), np.full((1232, 1640), 99, np.uint8))
@@ -339,26 +355,26 @@ def test_pictures_without_tags_are_named_beside_those_with(
     assert f"{tmp_path / 'empty.png'}: no tag is seen." in capsys.readouterr().out
 
 
-def test_a_bad_picture_does_not_cost_the_others(
+def test_the_other_pictures_are_read_beside_a_damaged_one(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pictures = tmp_path / "pictures"
     pictures.mkdir()
-    whole = (PICTURES / "aruco-050-0300.jpg").read_bytes()
-    (pictures / "0.jpg").write_bytes(whole[:5000])
-    (pictures / "1.jpg").write_bytes(whole)
+    picture = (PICTURES / "aruco-050-0300.jpg").read_bytes()
+    (pictures / "0.jpg").write_bytes(picture[:5000])
+    (pictures / "1.jpg").write_bytes(picture)
     cv2.imwrite(str(pictures / "2.png"), np.full((48, 64), 99, np.uint8))
     assert run(folder, pictures, "--tags", "DICT_4X4_50", "--size-mm", "50", "--json") == 0
-    told = capsys.readouterr()
-    said = json.loads(told.out)
-    assert [Path(one["picture"]).name for one in said["pictures"]] == ["1.jpg"]
-    assert [Path(one["picture"]).name for one in said["left_out"]] == ["0.jpg", "2.png"]
-    assert f"left out: {pictures / '0.jpg'} is truncated" in told.err
-    assert f"left out: {pictures / '2.png'}: the picture is 64x48 px" in told.err
+    captured = capsys.readouterr()
+    answer = json.loads(captured.out)
+    assert [Path(item["picture"]).name for item in answer["pictures"]] == ["1.jpg"]
+    assert [Path(item["picture"]).name for item in answer["left_out"]] == ["0.jpg", "2.png"]
+    assert f"left out: {pictures / '0.jpg'} is truncated" in captured.err
+    assert f"left out: {pictures / '2.png'}: the picture is 64x48 px" in captured.err
 
 
 @pytest.mark.parametrize(
-    ("given", "code", "said"),
+    ("arguments", "code", "message"),
     [
         ("PICTURE --tags DICT_4X4_50", 2, "--size-mm"),
         ("PICTURE --tags DICT_4X4_50 --size-mm nan", 2, "'nan' is not a side of a square"),
@@ -404,9 +420,9 @@ def test_a_bad_picture_does_not_cost_the_others(
     ],
 )
 def test_bad_input_is_one_sentence(
-    given: str,
+    arguments: str,
     code: int,
-    said: str,
+    message: str,
     folder: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -422,13 +438,13 @@ def test_bad_input_is_one_sentence(
         "FOLDER": tmp_path / "folder",
         "INSIDE": tmp_path / "empty.png" / "poses.csv",
     }
-    words = [str(places.get(word, word)) for word in given.split()]
+    words = [str(places.get(word, word)) for word in arguments.split()]
     try:
-        found = run(folder, *words)
+        outcome = run(folder, *words)
     except SystemExit as end:  # argparse's own
-        found = int(str(end.code))
-    told = capsys.readouterr()
-    assert found == code
-    assert said in " ".join(told.err.split())
-    assert "Traceback" not in told.err
-    assert told.out == ""
+        outcome = int(str(end.code))
+    captured = capsys.readouterr()
+    assert outcome == code
+    assert message in " ".join(captured.err.split())
+    assert "Traceback" not in captured.err
+    assert captured.out == ""

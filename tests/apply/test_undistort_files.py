@@ -32,8 +32,10 @@ def ramp(shift: int) -> np.ndarray:
     """Smooth, so that a video's compression hardly changes it: by 4 grey levels in colour,
     measured.
     """
-    across, down = np.meshgrid(np.linspace(40, 200, W), np.linspace(0, 40, H))
-    return np.dstack([across + shift, across + down, 255 - across - shift]).astype(np.uint8)
+    sideways, downwards = np.meshgrid(np.linspace(40, 200, W), np.linspace(0, 40, H))
+    return np.dstack([sideways + shift, sideways + downwards, 255 - sideways - shift]).astype(
+        np.uint8
+    )
 
 
 def run(folder: Path, *arguments: object) -> int:
@@ -63,27 +65,27 @@ def test_a_video_is_straightened_frame_by_frame(
         cv2.erode(undistorter.valid.astype(np.uint8), np.ones((17, 17))) > 0
     )  # compression works in blocks of 16
     for shift in range(FRAMES):
-        there, frame = made.read()
-        assert there
+        readable, frame = made.read()
+        assert readable
         assert (
             np.abs(frame.astype(float) - undistorter.undistort(ramp(12 * shift)))[inner].mean() < 6
         )
     assert not made.read()[0]
 
 
-def test_a_folder_may_hold_both(
+def test_a_folder_may_hold_videos_and_pictures(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    both = tmp_path / "in"
-    both.mkdir()
-    cv2.imwrite(str(both / "a.png"), ramp(0))
-    writer = cv2.VideoWriter(str(both / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (W, H))
+    inputs = tmp_path / "in"
+    inputs.mkdir()
+    cv2.imwrite(str(inputs / "a.png"), ramp(0))
+    writer = cv2.VideoWriter(str(inputs / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (W, H))
     writer.write(ramp(0))
     writer.release()
     assert (
         run(
             folder,
-            both,
+            inputs,
             "--depth",
             "0.5",
             "--crop",
@@ -102,24 +104,24 @@ def test_a_folder_may_hold_both(
     assert picture is not None
     assert picture.shape == (150, 200, 3)
     assert (picture > 0).all(), "crop 0 leaves no pixel that is not seen"
-    there, frame = cv2.VideoCapture(str(tmp_path / "out" / "v.avi")).read()
-    assert there
+    readable, frame = cv2.VideoCapture(str(tmp_path / "out" / "v.avi")).read()
+    assert readable
     assert frame.shape == (150, 200, 3)
 
 
-def test_a_video_that_is_cut_off_is_straightened_as_far_as_it_goes(
+def test_a_truncated_video_is_straightened_up_to_its_end(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    whole = tmp_path / "v.avi"
-    writer = cv2.VideoWriter(str(whole), cv2.VideoWriter.fourcc(*"MJPG"), 10, (W, H))
+    video = tmp_path / "v.avi"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 10, (W, H))
     for _ in range(60):
         writer.write(ramp(0))
     writer.release()
-    data = whole.read_bytes()
-    whole.write_bytes(data[: len(data) // 3])
+    data = video.read_bytes()
+    video.write_bytes(data[: len(data) // 3])
     cv2.imwrite(str(tmp_path / "w.png"), ramp(0))
     out = tmp_path / "out"
-    assert run(folder, whole, tmp_path / "w.png", "--depth", "0.5", "-o", out) == 3
+    assert run(folder, video, tmp_path / "w.png", "--depth", "0.5", "-o", out) == 3
     captured = capsys.readouterr()
     assert captured.out.split() == [str(out / "v.avi"), str(out / "w.png")], "the others go on"
     frames = int(cv2.VideoCapture(str(out / "v.avi")).get(cv2.CAP_PROP_FRAME_COUNT))
@@ -131,7 +133,7 @@ def test_a_video_that_is_cut_off_is_straightened_as_far_as_it_goes(
     ("content", "says"),
     [(b"no video", "holds no frame that can be decoded"), (None, "No such file")],
 )
-def test_what_is_no_video_gets_its_sentence(
+def test_a_file_that_is_no_video_gets_a_sentence(
     folder: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -168,22 +170,22 @@ def test_a_depth_image_gives_each_pixel_its_depth(
     depth = np.full((H, W), 0.3, np.float32)
     depth[:, W // 2 :] = 2.0
     depth[:20] = 0
-    given = tmp_path / "depth.npy"
+    depth_file = tmp_path / "depth.npy"
     if kind == "npy":
-        np.save(given, depth.astype(np.float64))
+        np.save(depth_file, depth.astype(np.float64))
     else:
-        given = tmp_path / "a.png"
-        cv2.imwrite(str(given), (1000 * depth).astype(np.uint16))
+        depth_file = tmp_path / "a.png"
+        cv2.imwrite(str(depth_file), (1000 * depth).astype(np.uint16))
     if kind == "folder":
         cv2.imwrite(str(tmp_path / "b.png"), np.full((H, W), 2000, np.uint16))
-        given = tmp_path
+        depth_file = tmp_path
     assert (
         run(
             folder,
             folder / "a.png",
             folder / "b.png",
             "--depth-image",
-            given,
+            depth_file,
             "-o",
             tmp_path / "both",
         )
@@ -203,22 +205,17 @@ def test_a_depth_image_gives_each_pixel_its_depth(
             == 0
         )
     capsys.readouterr()
-    both, near, far, other, other_far = (
-        read(tmp_path / where / name)
-        for where, name in (
-            ("both", "a.png"),
-            ("0.3", "a.png"),
-            ("2", "a.png"),
-            ("both", "b.png"),
-            ("2", "b.png"),
-        )
-    )
-    assert np.abs(both[20:, : W // 2] - near[20:, : W // 2]).max() <= 1
-    assert np.abs(both[20:, W // 2 :] - far[20:, W // 2 :]).max() <= 1
-    assert (both[:20] == 0).all()
+    first_near = read(tmp_path / "both" / "a.png")
+    near = read(tmp_path / "0.3" / "a.png")
+    far = read(tmp_path / "2" / "a.png")
+    second_near = read(tmp_path / "both" / "b.png")
+    other_far = read(tmp_path / "2" / "b.png")
+    assert np.abs(first_near[20:, : W // 2] - near[20:, : W // 2]).max() <= 1
+    assert np.abs(first_near[20:, W // 2 :] - far[20:, W // 2 :]).max() <= 1
+    assert (first_near[:20] == 0).all()
     assert np.abs(near - far).max() > 1
     if kind == "folder":
-        assert np.abs(other - other_far).max() <= 1
+        assert np.abs(second_near - other_far).max() <= 1
 
 
 def read(path: Path) -> np.ndarray:
@@ -255,7 +252,7 @@ def test_a_wrong_depth_image_gets_its_sentence(
     ("name", "pixels"),
     [("a.png", np.zeros((4, 4), np.uint8)), ("a.png", np.zeros((4, 4, 3), np.uint16))],
 )
-def test_what_is_no_depth_image_gets_its_sentence(
+def test_a_file_that_is_no_depth_image_gets_a_sentence(
     tmp_path: Path, name: str, pixels: np.ndarray
 ) -> None:
     cv2.imwrite(str(tmp_path / name), pixels)
@@ -276,7 +273,7 @@ def test_what_is_no_depth_image_gets_its_sentence(
         ([], "--depth"),
     ],
 )
-def test_wrong_usage_is_said(
+def test_wrong_usage_gets_a_sentence(
     folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
 ) -> None:
     with pytest.raises(SystemExit) as stop:

@@ -38,7 +38,9 @@ def every(step: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("crop", [None, 0.0, 0.3, 1.0])
-def test_points_there_and_back_are_the_rays(calibration: Calibration, crop: float | None) -> None:
+def test_undistorted_and_distorted_points_agree_with_the_rays(
+    calibration: Calibration, crop: float | None
+) -> None:
     undistorter = Undistorter(calibration, 0.5, crop=crop)
     pixels = np.random.default_rng(0).uniform([0, 0], [W - 1, H - 1], (500, 2))
     depth = np.random.default_rng(1).uniform(0.15, 3.0, 500)
@@ -62,8 +64,8 @@ def test_points_that_the_camera_does_not_see_are_nan(calibration: Calibration) -
 
 
 def expected(undistorter: Undistorter, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of every fifth pixel of the picture: its own coordinates and the px of the camera, by
-    projecting.
+    """Return the coordinates of every fifth pixel of the picture and, by projecting, of the
+    camera's pixels.
     """
     width, height = undistorter.size
     pixels = np.stack(np.meshgrid(np.arange(0, width, 5), np.arange(0, height, 5)), -1).reshape(
@@ -85,7 +87,7 @@ def expected(undistorter: Undistorter, depth: np.ndarray) -> tuple[np.ndarray, n
     ids=["own", "valid only", "all that is seen", "own matrix"],
 )
 @pytest.mark.parametrize("kind", ["one depth", "depth image"])
-def test_every_pixel_holds_what_its_ray_sees(
+def test_every_pixel_shows_the_point_that_its_ray_meets(
     calibration: Calibration, options: dict[str, object], kind: str
 ) -> None:
     """Ramps: a picture of its own coordinates is a map, to the resolution of linear
@@ -97,23 +99,21 @@ def test_every_pixel_holds_what_its_ray_sees(
         depth = np.random.default_rng(0).uniform(0.12, 4.0, size[::-1]).astype(np.float32)
         depth[::7], depth[:, ::9] = np.nan, 0
     undistorter = Undistorter(calibration, 0.4 if kind == "one depth" else depth, **options)  # type: ignore[arg-type]
-    ramp_x, ramp_y = (
-        ramp.astype(np.float32) + 10 for ramp in np.meshgrid(np.arange(W), np.arange(H))
-    )
+    ramp_y, ramp_x = np.indices((H, W), np.float32) + 10
     shown = np.stack([undistorter.undistort(ramp) for ramp in (ramp_x, ramp_y)], -1) - 10
-    pixels, seen = expected(undistorter, depth)
+    pixels, camera_pixels = expected(undistorter, depth)
     column, row = pixels.T
-    inside = (seen > 0).all(1) & (seen < [W - 1, H - 1]).all(1)
+    in_picture = (camera_pixels > 0).all(1) & (camera_pixels < [W - 1, H - 1]).all(1)
     valid = undistorter.valid[row, column]
-    assert (valid | ~inside | ~(depth[row, column] > 0)).all(), (
+    assert (valid | ~in_picture | ~(depth[row, column] > 0)).all(), (
         "a pixel that is seen counts as valid"
     )
     assert (shown[row, column][~valid] == -10).all(), "what is not valid is 0"
     tolerance = (
         0.01 if int(cv2.__version__[0]) >= 5 else 0.04
     )  # OpenCV 4 rounds to a 32nd of a pixel
-    assert np.abs(shown[row, column] - seen)[inside & valid].max() < tolerance
-    assert (inside & valid).sum() > 1000
+    assert np.abs(shown[row, column] - camera_pixels)[in_picture & valid].max() < tolerance
+    assert (in_picture & valid).sum() > 1000
     if options.get("crop") == 0.0:
         assert undistorter.valid[depth > 0].all()
 
@@ -125,8 +125,8 @@ def test_crop_one_shows_every_pixel_and_no_more(calibration: Calibration) -> Non
     assert straight.max(0) == pytest.approx([W - 1, H - 1], abs=0.05)
 
 
-def test_crop_is_opencv_s_where_there_is_no_cover() -> None:
-    """With a plain lens the matrices are cv2.getOptimalNewCameraMatrix's, which looks at 9x9
+def test_crop_agrees_with_opencv_without_a_cover() -> None:
+    """The matrices of a plain lens are those of cv2.getOptimalNewCameraMatrix, which looks at 9x9
     points.
     """
     lens = (-0.2, 0.05, 0.001, -0.001, 0.0)
@@ -155,16 +155,16 @@ def test_a_stream_reuses_its_buffer(
     assert not undistorter.valid.all()
 
 
-def test_another_depth_is_the_same_picture(calibration: Calibration) -> None:
+def test_maps_at_another_depth_keep_the_camera_matrix(calibration: Calibration) -> None:
     near = Undistorter(calibration, 0.3, crop=0.5)
     far = near.at(2.0)
     assert np.array_equal(near.camera_matrix, far.camera_matrix)
     assert far.depth == 2.0
     assert near.depth == 0.3
     image = near.at(np.full((H, W), 2.0, np.float32))
-    both = image.valid & far.valid
-    assert both.mean() > 0.9
-    assert np.abs(np.asarray(image.maps[0], np.float64) - far.maps[0])[both].max() < 0.01
+    both_valid = image.valid & far.valid
+    assert both_valid.mean() > 0.9
+    assert np.abs(np.asarray(image.maps[0], np.float64) - far.maps[0])[both_valid].max() < 0.01
 
 
 def test_a_depth_image_nearer_than_near_is_unknown(calibration: Calibration) -> None:
@@ -211,7 +211,7 @@ def test_wrong_input_is_one_sentence(
 
 
 @pytest.mark.parametrize("size", [(2, 32_767), (40_000, 3)])
-def test_a_picture_that_is_longer_than_opencv_takes(
+def test_a_picture_longer_than_opencv_s_limit_is_undistorted(
     calibration: Calibration, size: tuple[int, int]
 ) -> None:
     """The picture is a ramp over the camera's own columns: what is seen of it is where it was
@@ -227,7 +227,7 @@ def test_a_picture_that_is_longer_than_opencv_takes(
     )  # cv2 counts in 1/32 px
 
 
-def test_a_camera_that_is_wider_than_opencv_takes() -> None:
+def test_a_camera_wider_than_opencv_s_limit_is_undistorted() -> None:
     wide = lens_alone(scene(1, views=1), 40_000, 4, 3e4, 3e4, 2e4, 2.0)
     undistorter = Undistorter(wide, 0.5)
     ramp = np.arange(40_000, dtype=np.float32)[None].repeat(4, 0)

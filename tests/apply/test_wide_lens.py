@@ -147,7 +147,7 @@ def test_errors_of_rays_turn_with_their_frames(calibration: Calibration) -> None
 
 
 def test_errors_of_rays_are_known_behind_the_camera(calibration: Calibration) -> None:
-    """They are of the size of the errors in front of the camera, near a corner."""
+    """The errors are as large as those in front of the camera, near a corner."""
     errors = ray_errors(calibration)
     sizes = []
     for degrees in (60.0, 100.0):

@@ -98,7 +98,9 @@ def test_record_keeps_each_pose_once_and_says_so(still_poses: Path, tmp_path: Pa
     assert len(read_pictures(session / "frames")) == 4
 
 
-def test_a_burst_is_of_one_pose_and_the_views_end_it(still_poses: Path, tmp_path: Path) -> None:
+def test_a_burst_is_of_one_pose_and_ends_at_the_number_of_views(
+    still_poses: Path, tmp_path: Path
+) -> None:
     source = f"folder:{still_poses}?speed=max"
     done = capture(
         "record",
@@ -181,7 +183,7 @@ def test_pictures_that_are_near_in_time_are_no_photographs(tmp_path: Path) -> No
     assert done.stderr.splitlines()[:2] == [HOLD_STILL, MOVING]
 
 
-def test_every_spaces_the_views(still_poses: Path, tmp_path: Path) -> None:
+def test_the_option_every_sets_the_time_between_views(still_poses: Path, tmp_path: Path) -> None:
     done = capture(
         "record",
         tmp_path,
@@ -197,7 +199,7 @@ def test_every_spaces_the_views(still_poses: Path, tmp_path: Path) -> None:
     assert min(np.diff(times)) > 0.699
 
 
-def test_all_keeps_every_frame_without_looking(tmp_path: Path) -> None:
+def test_the_option_all_keeps_every_frame_without_detection(tmp_path: Path) -> None:
     pictures = noise(5)
     source = write_recording(tmp_path / "source", pictures)
     done = capture(
@@ -389,7 +391,7 @@ def test_help_is_quick() -> None:
         ),
     ],
 )
-def test_what_cannot_be_recorded_gets_one_sentence(
+def test_a_source_that_cannot_be_recorded_gets_one_sentence(
     tmp_path: Path, arguments: list[str], code: int, says: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     write_recording(tmp_path / "source", noise(2))
@@ -429,7 +431,7 @@ def test_wrong_usage_exits_with_2(
     assert says in capsys.readouterr().err
 
 
-def test_without_a_word_a_folder_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+def test_capture_without_arguments_asks_for_a_folder(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 2
     assert capsys.readouterr().err.startswith(
         "capture: name a folder, which is made if need be: capture SESSION"
@@ -443,7 +445,7 @@ def test_the_screen_needs_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert not (tmp_path / "show").exists()
 
 
-def test_sources_says_what_there_is_and_what_is_missing(
+def test_the_command_sources_lists_cameras_and_missing_programs(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -463,7 +465,7 @@ def test_sources_says_what_there_is_and_what_is_missing(
     assert all(list(item) == ["source", "name", "modes", "problem"] for item in document["cameras"])
 
 
-def test_a_folder_that_may_not_be_read_is_said_before_the_screen(
+def test_an_unreadable_folder_is_reported_before_the_screen_opens(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def refuse(folder: Path) -> None:

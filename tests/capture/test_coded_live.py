@@ -85,7 +85,7 @@ def moved(pixels: Grey, x: float, y: float) -> Grey:
 
 @each_kind
 @each_pose
-def test_corners_are_where_they_are_and_none_is_made_up(name: str, pose: str) -> None:
+def test_corners_are_exact_and_none_is_invented(name: str, pose: str) -> None:
     """The finder's corners are accurate to some tenths of a pixel, from markers and edges alone,
     and it finds nearly all that calib would find in the picture.
     """
@@ -202,7 +202,7 @@ def truth_of(name: str) -> NDArray[np.float64]:
     return drawn(name)[1]
 
 
-def test_too_little_of_a_board_is_said() -> None:
+def test_too_small_a_part_of_the_board_is_reported() -> None:
     """Return two markers and the corners around them."""
     picture, truth = drawn("charuco")
     grid = truth.reshape(6, 9, 2)
@@ -264,13 +264,13 @@ def test_another_board_than_the_declared_one_is_named(
 
 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
-def test_a_mirrored_board_is_told(name: str) -> None:
+def test_a_mirrored_board_is_reported(name: str) -> None:
     assert "can be read only in a mirror" in sentence(
         np.ascontiguousarray(drawn(name)[0][:, ::-1]), KINDS[name].board
     )
 
 
-def test_two_boards_and_a_marker_twice_are_told() -> None:
+def test_two_boards_or_a_repeated_marker_are_reported() -> None:
     pose = np.array([0, 0, 0, 0, 0, 0.38])
     pair = np.hstack([CHARUCO.view(pose).picture, CHARUCO.view(pose, seed=2).picture])
     assert "is seen twice: show one board alone" in sentence(pair, CHARUCO.board)
@@ -280,7 +280,7 @@ def test_two_boards_and_a_marker_twice_are_told() -> None:
     assert "do not lie as on one 9x6 ChArUco board" in sentence(pieces, CHARUCO.board)
 
 
-def test_what_the_picture_shows_instead_is_said_until_it_shows_the_board(
+def test_another_target_is_reported_until_the_board_appears(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The search for another board rests meanwhile: it takes as long as many frames."""

@@ -81,7 +81,7 @@ def test_the_bank_reaches_into_every_corner_of_the_picture(camera: Camera) -> No
         )
 
 
-def test_a_board_that_never_fits_is_said() -> None:
+def test_a_board_that_never_fits_into_the_picture_is_reported() -> None:
     with pytest.raises(
         InputError,
         match=r"does not fit .* anywhere between 0\.05 and 0\.06 m: hold it farther away",
@@ -113,7 +113,7 @@ def test_a_pose_is_found_from_its_corners() -> None:
 
 @pytest.mark.parametrize("in_plane", [0, 90, 180, 270])
 @pytest.mark.parametrize(("horizontal", "vertical"), list(product((-1, 0, 1), repeat=2)))
-def test_the_side_that_is_said_to_be_away_is_away(
+def test_the_tilt_in_words_names_the_far_side(
     horizontal: int, vertical: int, in_plane: int
 ) -> None:
     """Oracle: the depths of points on the board, to the left and right of its middle and above and
@@ -146,7 +146,7 @@ def test_the_place_is_named(x: float, y: float, place: str) -> None:
     assert place in placement_hint(pose, project_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
 
 
-def test_distance_is_said_as_from_where_the_board_is() -> None:
+def test_distance_in_words_is_relative_to_the_current_board() -> None:
     pose = np.array([0, 0, 0, 0, 0, 0.6])
     near = np.array([0, 0, 0, 0, 0, 0.4])
     far = np.array([0, 0, 0, 0, 0, 1.0])
@@ -178,7 +178,9 @@ def test_distance_is_said_as_from_where_the_board_is() -> None:
         (0.3, -0.23, "over the top right corner (a part outside)"),
     ],
 )
-def test_a_board_that_reaches_out_is_named_so(x: float, y: float, place: str) -> None:
+def test_a_board_that_reaches_out_of_the_picture_is_described_so(
+    x: float, y: float, place: str
+) -> None:
     pose = np.array([0, 0, 0, x, y, 0.5])
     """The corners outside the picture are where the other corners of the board put them."""
     around = outline(project_bare(CODED, CAMERA, pose), CODED)
@@ -234,7 +236,7 @@ def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Cam
 
 
 @pytest.mark.parametrize("kind", [CHARUCO, GRID], ids=["charuco", "aprilgrid"])
-def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
+def test_boards_in_the_poses_of_the_bank_can_be_detected(kind: Kind) -> None:
     """Poses of the bank that reach out of the picture, drawn small and so not tilted about both
     axes: the live finder sees most corners that the bank counts on, where the bank has them.
     """
@@ -405,7 +407,7 @@ def made_design(information: Array, spread: Array, views: int = 0) -> Design:
     )
 
 
-def test_the_informed_guide_asks_for_what_the_maps_lack() -> None:
+def test_the_informed_guide_asks_for_views_that_reduce_the_error_of_maps() -> None:
     """The first of two modes hardly moves the maps. One pose informs much about the first, another
     a little about the second.
     """
@@ -462,7 +464,7 @@ def test_sure_maps_are_enough_only_where_folds_agree(
     assert progress.image.min() == 1
 
 
-def test_a_target_out_of_reach_is_said() -> None:
+def test_a_target_out_of_reach_is_reported() -> None:
     design = made_design(np.array([[[1e-9]]]), np.array([5.0]))
     progress = InformedGuide(BOARD, CAMERA, REACH, design, folds_agree=True).progress([])
     assert progress.views_needed is None

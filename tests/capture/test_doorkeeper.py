@@ -79,7 +79,7 @@ async def rest(reader: asyncio.StreamReader) -> bytes:
     ],
     ids=["nothing", "half a head", "half a body", "a whole request without the token"],
 )
-def test_what_is_not_admitted_is_closed(
+def test_connections_that_are_not_admitted_are_closed(
     sent: bytes, answer: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(doorkeeper, "STRANGER_S", 0.3)

@@ -294,7 +294,9 @@ SPOILED: tuple[tuple[str, LiveDetection, str], ...] = (
 @pytest.mark.parametrize(
     ("detection", "expected"), [case[1:] for case in SPOILED], ids=[case[0] for case in SPOILED]
 )
-def test_what_is_spoiled_is_what_is_said(detection: LiveDetection, expected: str) -> None:
+def test_the_gate_names_the_defect_of_each_spoiled_view(
+    detection: LiveDetection, expected: str
+) -> None:
     verdict = judge_frame(detection, BEFORE, ())
     assert not verdict.keep
     assert verdict.sentence == expected
@@ -327,7 +329,7 @@ def test_a_photograph_by_itself_is_judged_without_the_one_before() -> None:
 @pytest.mark.parametrize(
     "view", [seen(tilt=0.5), seen(distance=0.9), seen(x=900.0)], ids=["tilted", "farther", "aside"]
 )
-def test_what_adds_to_the_session(view: LiveDetection) -> None:
+def test_a_view_unlike_the_recorded_one_is_kept(view: LiveDetection) -> None:
     assert view.corners is not None
     assert judge_frame(seen(), BEFORE, [view.corners]).keep
 
@@ -337,7 +339,7 @@ def test_what_adds_to_the_session(view: LiveDetection) -> None:
     [seen(), seen(tilt=0.05), seen(distance=0.62), seen(x=830.0)],
     ids=["same", "tilted", "farther", "aside"],
 )
-def test_what_does_not(view: LiveDetection) -> None:
+def test_a_view_like_a_recorded_one_is_refused(view: LiveDetection) -> None:
     assert view.corners is not None
     verdict = judge_frame(seen(), BEFORE, [seen(x=1000.0).corners, view.corners])  # type: ignore[list-item]
     assert not verdict.keep
@@ -366,7 +368,7 @@ def test_a_corner_whose_window_is_cut(side: str) -> None:
     assert judge_frame(detection, previous, ()).keep
 
 
-def test_the_registry_holds_the_checks_that_are_promised() -> None:
+def test_the_registry_holds_the_documented_checks() -> None:
     assert [check.__name__ for check in CHECKS] == [
         "check_detection",
         "check_borders",

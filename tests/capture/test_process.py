@@ -68,7 +68,7 @@ def test_nothing_that_it_prints_reaches_the_terminal(capfd: pytest.CaptureFixtur
     assert capfd.readouterr() == ("", "")
 
 
-def test_what_it_died_of_is_said(capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_cause_of_a_process_s_death_is_reported(capfd: pytest.CaptureFixture[str]) -> None:
     with Process(die) as process:
         with pytest.raises(EOFError):
             process.receive()
@@ -125,7 +125,7 @@ def one_behind_a_screen() -> None:
     sys.stdout.write("told")
 
 
-def test_one_starts_behind_a_screen() -> None:
+def test_a_process_starts_behind_a_screen() -> None:
     code = f"from {__name__} import one_behind_a_screen; one_behind_a_screen()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "told", "")
@@ -137,7 +137,7 @@ def leave_one_behind() -> None:
     print(process.pid)
 
 
-def test_the_end_of_the_program_is_its_end() -> None:
+def test_the_process_ends_with_the_program() -> None:
     code = f"from {__name__} import leave_one_behind; leave_one_behind()"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60

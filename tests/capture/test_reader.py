@@ -77,7 +77,7 @@ def test_gaps_in_the_counter_are_counted(tmp_path: Path) -> None:
     assert reader.lost == 3
 
 
-def test_what_a_recorder_left_out_between_photographs_was_not_lost(tmp_path: Path) -> None:
+def test_pictures_that_a_recorder_skipped_do_not_count_as_lost(tmp_path: Path) -> None:
     write_recording(tmp_path, noise(4, 64, 48), 2.0)
     (tmp_path / "frames" / "0001.png").unlink()
     with Reader(FolderSource(tmp_path, None)) as reader:
@@ -85,7 +85,7 @@ def test_what_a_recorder_left_out_between_photographs_was_not_lost(tmp_path: Pat
     assert reader.lost == 0
 
 
-def test_what_goes_wrong_in_the_thread_is_raised_after_the_good_frames(tmp_path: Path) -> None:
+def test_errors_of_the_thread_are_raised_after_the_good_frames(tmp_path: Path) -> None:
     write_recording(tmp_path, noise(5, 64, 48))
     broken = tmp_path / "frames" / "0003.png"
     broken.write_bytes(broken.read_bytes()[:100])
@@ -96,7 +96,7 @@ def test_what_goes_wrong_in_the_thread_is_raised_after_the_good_frames(tmp_path:
             next(frames)
 
 
-def test_who_waits_for_a_slow_camera_is_told_so(tmp_path: Path) -> None:
+def test_waiting_for_a_slow_camera_is_reported(tmp_path: Path) -> None:
     write_recording(tmp_path, noise(3, 64, 48), 2.5)
     silences: list[float] = []
     with Reader(FolderSource(tmp_path, 1.0), silences.append) as reader:
@@ -106,7 +106,7 @@ def test_who_waits_for_a_slow_camera_is_told_so(tmp_path: Path) -> None:
     assert min(silences) < 2 * SILENT_S, "the seconds are counted from the last frame"
 
 
-def test_who_waits_for_a_camera_to_open_is_told_so(
+def test_waiting_for_a_camera_to_open_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Slow(FolderSource):
@@ -121,7 +121,7 @@ def test_who_waits_for_a_camera_to_open_is_told_so(
         assert len(list(reader)) == 1
 
 
-def test_nothing_is_said_of_a_recording_that_waits_for_its_reader(tmp_path: Path) -> None:
+def test_a_recording_that_waits_for_its_reader_causes_no_report(tmp_path: Path) -> None:
     write_recording(tmp_path, noise(3, 64, 48), 2.5)
     silences: list[float] = []
     with Reader(FolderSource(tmp_path, None), silences.append) as reader:

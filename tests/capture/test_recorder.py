@@ -100,7 +100,7 @@ def test_numbers_go_on_after_pictures_of_any_kind_and_name(tmp_path: Path) -> No
     ]
 
 
-def test_what_a_kill_leaves_is_mended(tmp_path: Path) -> None:
+def test_a_session_is_repaired_after_a_kill(tmp_path: Path) -> None:
     keep(tmp_path, PICTURES[:4])
     table = tmp_path / "frames.csv"
     lines_ = table.read_bytes().splitlines(keepends=True)
@@ -115,7 +115,7 @@ def test_what_a_kill_leaves_is_mended(tmp_path: Path) -> None:
     assert not list((tmp_path / "frames").glob(".*"))
 
 
-def test_what_a_kill_leaves_beside_the_table_is_removed_and_nothing_else(tmp_path: Path) -> None:
+def test_only_temporary_files_are_removed_after_a_kill(tmp_path: Path) -> None:
     (tmp_path / ".refracal-0123456789abcdef.tmp").write_bytes(b"half a table")
     (tmp_path / ".mine.tmp").write_bytes(b"of another program")
     keep(tmp_path, PICTURES[:1])
@@ -299,7 +299,7 @@ def test_a_board_with_markers_is_described_as_any_other(tmp_path: Path) -> None:
             board_of(tmp_path, board_)
 
 
-def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:
     keep(tmp_path, PICTURES[:1])
     for content in (
         b"\xff\xfe\n1\n",
@@ -356,7 +356,7 @@ def test_a_full_disk_ends_with_one_sentence_and_a_readable_session(
 
 
 @pytest.mark.parametrize("limit", [300, 15_000])
-def test_a_file_that_may_not_grow_leaves_what_was_whole(tmp_path: Path, limit: int) -> None:
+def test_complete_rows_remain_if_a_file_may_not_grow(tmp_path: Path, limit: int) -> None:
     """At 300 bytes frames.csv ends before its third row, at 15 kB the first picture does not
     fit.
     """
@@ -493,7 +493,7 @@ def test_a_strangers_session_cannot_have_another_file_changed(link: str, tmp_pat
     assert victim.read_text() == "precious"
 
 
-def test_a_lock_that_would_be_made_elsewhere_is_not(tmp_path: Path) -> None:
+def test_a_lock_through_a_symbolic_link_is_not_made(tmp_path: Path) -> None:
     (tmp_path / ".recording").symlink_to(tmp_path / "made")
     with pytest.raises(InputError, match="is a link or not a regular file"), locked(tmp_path):
         pass

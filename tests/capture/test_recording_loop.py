@@ -9,7 +9,7 @@ from calib.io.images import read_image
 from capture.finders import make_finder
 from capture.frames import Frame
 from capture.recorder import Recorder
-from capture.recording_loop import RecordingPlan, ShutterButton, record, refusal_reason
+from capture.recording_loop import RecordingPlan, ShutterButton, record_views, refusal_reason
 from capture.tui.drop import drop_picture
 from tests.capture.recordings import BOARD, FIXTURE
 
@@ -39,18 +39,18 @@ def test_a_press_takes_the_next_board_but_no_recorded_picture_twice(tmp_path: Pa
         ):
             shutter.press()
             steps = list(
-                record(
+                record_views(
                     photographs(*names), finder, recorder, RecordingPlan(None), recorded, shutter
                 )
             )
             assert [step.frame.name for step in steps if step.picture] == [taken] * bool(taken)
 
 
-def test_what_was_set_aside_is_not_taken_again_from_a_folder(tmp_path: Path) -> None:
+def test_pictures_that_were_set_aside_are_not_taken_again_from_a_folder(tmp_path: Path) -> None:
     """A camera's frames have no name: there the person wants a better picture of that view."""
     finder = make_finder(BOARD)
     with Recorder(tmp_path, BOARD) as recorder:
-        (step,) = record(photographs("0000.jpg"), finder, recorder, RecordingPlan(None), [])
+        (step,) = record_views(photographs("0000.jpg"), finder, recorder, RecordingPlan(None), [])
         taken = step.picture
         assert taken
         drop_picture(tmp_path, taken.name)
@@ -59,7 +59,7 @@ def test_what_was_set_aside_is_not_taken_again_from_a_folder(tmp_path: Path) -> 
             if press:
                 shutter.press()
             steps = list(
-                record(
+                record_views(
                     photographs("0000.jpg", "0001.jpg"),
                     finder,
                     recorder,
@@ -75,5 +75,5 @@ def test_what_was_set_aside_is_not_taken_again_from_a_folder(tmp_path: Path) -> 
             assert "set aside" in steps[0].decision.sentence
             assert "set aside" in refusal_reason(steps[0])
         (frame,) = photographs("0000.jpg")
-        (step,) = record([replace(frame, name="")], finder, recorder, RecordingPlan(None), [])
+        (step,) = record_views([replace(frame, name="")], finder, recorder, RecordingPlan(None), [])
         assert step.picture

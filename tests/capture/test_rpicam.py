@@ -164,7 +164,7 @@ def test_a_truncated_last_frame_is_dropped(program: Path) -> None:
         ("other 0", r"pictures of 96x48 px: write \?size=96x48"),
     ],
 )
-def test_what_goes_wrong_is_told_with_the_program_s_own_words(
+def test_errors_are_reported_in_the_program_s_own_words(
     program: Path, script: str, says: str
 ) -> None:
     start_s = time.monotonic()

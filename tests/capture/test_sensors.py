@@ -53,14 +53,14 @@ def described(session: Path) -> object:
     return yaml.safe_load((session / "session.yaml").read_text())["camera"].get("shutter")
 
 
-def test_a_session_gets_the_shutter_that_the_driver_tells(tmp_path: Path) -> None:
+def test_a_session_gets_the_shutter_of_the_driver_s_sensor(tmp_path: Path) -> None:
     recorded(tmp_path / "told", Shutter(rolling=False))
     assert described(tmp_path / "told") == {"type": "global"}
     recorded(tmp_path / "untold", None)
     assert described(tmp_path / "untold") is None
 
 
-def test_a_session_that_says_nothing_or_another_is_asked_to_be_corrected(tmp_path: Path) -> None:
+def test_a_session_without_the_sensor_s_shutter_gets_a_request(tmp_path: Path) -> None:
     """A value that a person has written is not rewritten."""
     recorded(tmp_path, None)
     (text,) = recorded(tmp_path, Shutter(rolling=True))

@@ -56,7 +56,7 @@ def test_a_source_that_is_written_wrongly_gets_its_sentence(text: str, says: str
     assert says in str(caught.value)
 
 
-def test_of_a_path_alone_its_kind_is_offered(
+def test_a_path_without_a_scheme_gets_a_proposal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -78,7 +78,7 @@ def test_of_a_path_alone_its_kind_is_offered(
 @pytest.mark.parametrize(
     "text", ["", "webcam:0", "folder:", "folder:x?sped=2", "folder:x?speed=", "video:x?speed=1"]
 )
-def test_a_field_is_called_by_its_own_name(text: str) -> None:
+def test_errors_of_a_field_name_the_field_and_no_option(text: str) -> None:
     with pytest.raises(InputError, match=r"^source ") as caught:
         open_source(text, "source")
     assert "--" not in str(caught.value)
@@ -97,7 +97,7 @@ def test_every_example_is_understood_and_opens_nothing(scheme: Scheme) -> None:
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
-def test_every_backend_says_what_there_is(scheme: Scheme) -> None:
+def test_every_backend_lists_its_cameras(scheme: Scheme) -> None:
     result = scheme.backend().inventory()
     assert result.missing == "" or result.missing.endswith(".")
     assert not (result.missing and result.cameras)
@@ -190,7 +190,7 @@ def test_a_lossless_video_is_given_frame_by_frame(tmp_path: Path) -> None:
     assert np.allclose(np.diff([frame.time_s for frame in frames]), 0.1)
 
 
-def test_a_video_that_breaks_off_gives_what_is_whole_and_says_so(tmp_path: Path) -> None:
+def test_a_truncated_video_gives_its_complete_frames_and_an_error(tmp_path: Path) -> None:
     file = tmp_path / "video.avi"
     writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"FFV1"), 10.0, (160, 120), True)
     for picture in noise(8):
@@ -238,7 +238,7 @@ def test_a_video_that_breaks_off_gives_what_is_whole_and_says_so(tmp_path: Path)
         ),
     ],
 )
-def test_what_cannot_be_opened_gets_its_sentence(
+def test_a_source_that_cannot_be_opened_gets_a_sentence(
     tmp_path: Path, text: str, kind: type[RefracalError], says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "plain").write_text("not a camera")

@@ -51,7 +51,7 @@ def test_padded_rows_are_told_from_packed_ones(
     assert device.padding(3, *ROWS[pixels]) == added
 
 
-def test_a_driver_that_refuses_to_say_is_taken_to_pad_nothing(
+def test_a_driver_that_gives_no_row_length_is_taken_to_pad_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def ioctl(*_: object) -> bytes:
@@ -140,7 +140,7 @@ def test_a_camera_that_falls_silent_is_given_up_after_what_was_asked_for(camera:
     assert 1 <= time.monotonic() - start_s < 9, "the default is 10 s"
 
 
-def test_an_unplugged_camera_is_told_at_once(camera: Camera) -> None:
+def test_an_unplugged_camera_is_reported_at_once(camera: Camera) -> None:
     with open_source("v4l2:/dev/null?patience_s=600") as source:
         frames = iter(source)
         next(frames)

@@ -11,6 +11,6 @@ Made = dict[str, tuple[Scene, Checker]]
 
 @pytest.fixture(scope="package")
 def cameras() -> Made:
-    """By shape: the camera as it was calibrated, and its calibration."""
+    """Return each shape's camera as it was calibrated, and its calibration."""
     made = {shape: camera(shape, 3) for shape in COVERS}
-    return {shape: (seen, Checker.of(calibration)) for shape, (seen, calibration) in made.items()}
+    return {shape: (scene, Checker.of(calibration)) for shape, (scene, calibration) in made.items()}

@@ -54,18 +54,18 @@ def saved(cameras: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def session(folder: Path, calibration: Calibration, views: tuple[View, ...]) -> Path:
     """A session of these corners."""
     folder.mkdir()
-    said = {
+    document = {
         "format": 1,
         **session_to_yaml(calibration.board, calibration.camera, calibration.cover),
         "corners": "corners.vnl",
     }
-    (folder / "session.yaml").write_text(yaml.safe_dump(said))
+    (folder / "session.yaml").write_text(yaml.safe_dump(document))
     lines = [f"{view.name} {x!r} {y!r} 0" for view in views for x, y in view.corners.tolist()]
     (folder / "corners.vnl").write_text("\n".join(["# filename x y level", *lines, ""]))
     return folder
 
 
-def test_valid_exits_with_0(
+def test_a_valid_calibration_exits_with_0(
     cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made, checker = cameras["flat"]
@@ -73,13 +73,13 @@ def test_valid_exits_with_0(
         tmp_path / "later", checker.calibration, Later.drawn(made, None, 301, 3).views()
     )
     assert main(["check", str(saved), str(later)]) == 0
-    said = capsys.readouterr().out
-    assert said.startswith("The calibration is valid.\n- the error on 3 views is 0.1")
-    assert "px are expected" in said
-    assert f"Next: calib report {saved}" in said
+    output = capsys.readouterr().out
+    assert output.startswith("The calibration is valid.\n- the error on 3 views is 0.1")
+    assert "px are expected" in output
+    assert f"Next: calib report {saved}" in output
 
 
-def test_not_valid_exits_with_5_and_says_what_changed(
+def test_an_invalid_calibration_exits_with_5_and_names_the_change(
     cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made, checker = cameras["flat"]
@@ -88,23 +88,23 @@ def test_not_valid_exits_with_5_and_says_what_changed(
         tmp_path / "later", checker.calibration, Later.drawn(made, change, 302, 3).views(10)
     )
     assert main(["check", str(saved), str(later), "--json"]) == 5
-    said = json.loads(capsys.readouterr().out)
-    assert set(said) == KEYS
-    assert said["answer"] == "degraded"
-    assert said["p_value"] < said["false_alarm_rate"] == 0.01
-    first = said["changes"][0]
+    answer = json.loads(capsys.readouterr().out)
+    assert set(answer) == KEYS
+    assert answer["answer"] == "degraded"
+    assert answer["p_value"] < answer["false_alarm_rate"] == 0.01
+    first = answer["changes"][0]
     assert first["name"] == "board_shape"
     assert first["unit"] == "mm"
     assert first["probability"] > 0.95
-    found = checker.check(Pictures(Later.drawn(made, change, 302, 3).views(10), made.board))
-    assert not is_updatable(found), "as the terminal UI asks"
+    result = checker.check(Pictures(Later.drawn(made, change, 302, 3).views(10), made.board))
+    assert not is_updatable(result), "as the terminal UI asks"
     assert is_updatable(checker.check(Pictures(made.views, made.board)))
     assert main(["check", str(saved), str(later), "--update", "-o", str(tmp_path / "out")]) == 3
     assert "cannot be updated" in capsys.readouterr().err
     assert not (tmp_path / "out" / "calibration.yaml").exists()
 
 
-def test_an_update_keeps_history_and_is_surer(
+def test_an_update_keeps_the_history_and_is_more_certain(
     cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made, checker = cameras["flat"]
@@ -115,17 +115,17 @@ def test_an_update_keeps_history_and_is_surer(
         main(["check", str(saved), str(later), "--update", "-o", str(tmp_path / "out"), "--json"])
         == 0
     )
-    said = json.loads(capsys.readouterr().out)
-    assert said["written"] == [str(tmp_path / "out" / "calibration.yaml")]
-    assert set(said) == KEYS | {"moved"}
-    for name, one in said["moved"].items():
-        assert one["sigma_after"] < 1.02 * one["sigma_before"], name
-        assert abs(one["moved_sigmas"]) < 5, name
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["written"] == [str(tmp_path / "out" / "calibration.yaml")]
+    assert set(answer) == KEYS | {"moved"}
+    for name, item in answer["moved"].items():
+        assert item["sigma_after"] < 1.02 * item["sigma_before"], name
+        assert abs(item["moved_sigmas"]) < 5, name
     updated = Calibration.load(tmp_path / "out")
     assert len(updated.views) == len(checker.calibration.views) + 4
     assert updated.covariance.shape == checker.calibration.covariance.shape
-    (history,) = updated.settings["updates"]
-    assert history["calibration_sha256"] == checker.calibration.digest
+    (history,) = updated.history.updates
+    assert history.calibration_sha256 == checker.calibration.digest
     assert main(["check", str(tmp_path / "out"), str(later)]) == 0
 
 
@@ -152,18 +152,18 @@ def test_pictures_of_another_size_come_from_another_mode(
 ) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.full((600, 800), 128, np.uint8))
     assert main(["check", str(saved), str(tmp_path), "--json"]) == 5
-    said = json.loads(capsys.readouterr().out)
-    assert said["answer"] == "broken"
-    assert said["changes"][0]["name"] == "other_mode"
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["answer"] == "broken"
+    assert answer["changes"][0]["name"] == "other_mode"
     assert (
-        said["changes"][0]["sentence"]
+        answer["changes"][0]["sentence"]
         == "the pictures come from another mode: 800x600 px where the calibration has 3280x2464"
     )
-    assert said["p_value"] is None
+    assert answer["p_value"] is None
 
 
 @pytest.mark.parametrize("damage", ["truncated", "blank", "none", "missing"])
-def test_what_cannot_be_checked_exits_with_2(
+def test_input_that_cannot_be_checked_exits_with_2(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str
 ) -> None:
     picture = tmp_path / "pictures" / "a.png"
@@ -172,17 +172,17 @@ def test_what_cannot_be_checked_exits_with_2(
         cv2.imwrite(str(picture), np.full((HEIGHT, WIDTH), 128, np.uint8))
     if damage == "truncated":
         picture.write_bytes(picture.read_bytes()[:-200])
-    asked = picture if damage == "missing" else picture.parent
-    assert main(["check", str(saved), str(asked)]) == 2
-    said = capsys.readouterr().err
+    source = picture if damage == "missing" else picture.parent
+    assert main(["check", str(saved), str(source)]) == 2
+    stderr = capsys.readouterr().err
     expected = {
         "truncated": "a.png is truncated or damaged: copy it again, or remove it.",
         "blank": "No picture can be checked: the 9x9 board was found in 0 of 1 pictures",
         "none": "has no pictures: give a session",
         "missing": "a.png",
     }
-    assert expected[damage] in said
-    assert "Traceback" not in said
+    assert expected[damage] in stderr
+    assert "Traceback" not in stderr
 
 
 def test_an_output_without_an_update_is_refused(
@@ -203,7 +203,7 @@ def test_pictures_that_do_not_exist_are_refused(
 def test_another_mode_in_the_folder_one_is_in(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of ".", the next session's name is the folder's."""
+    """The next session's name for "." is that of the folder."""
     cv2.imwrite(str(tmp_path / "a.png"), np.full((48, 64), 99, np.uint8))
     monkeypatch.chdir(tmp_path)
     assert main(["check", str(saved), "a.png"]) == 5

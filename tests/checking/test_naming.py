@@ -1,5 +1,5 @@
-"""What changed is named, with its size, on simulated pictures; and what is no change of the camera
-is not taken for one.
+"""The check names a change and its size on simulated pictures, and does not take anything else for
+a change of the camera.
 """
 
 import pytest
@@ -50,7 +50,7 @@ def test_pictures_of_twice_the_zoom_come_from_another_mode(cameras: Made) -> Non
     assert change.sigma < 0.01
 
 
-def test_mirrored_pictures_are_told(cameras: Made) -> None:
+def test_mirrored_pictures_are_reported(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 104, 3)
     result = checker.check(Pictures(mirrored(later.views(), made.board), made.board))
@@ -75,7 +75,7 @@ def test_a_bad_view_is_left_out_and_the_others_answer(cameras: Made) -> None:
     assert result.status is CheckStatus.VALID
     assert result.statistics
     assert result.statistics.views == 3
-    assert [one.name for one in result.rejected] == [later.views()[0].name]
+    assert [item.name for item in result.rejected] == [later.views()[0].name]
     assert "alone does not fit" in result.rejected[0].reason
 
 
@@ -90,7 +90,7 @@ def test_noise_alone_is_no_change(cameras: Made) -> None:
     assert result.statistics.noise_ratio == pytest.approx(3, rel=0.2)
 
 
-def test_as_it_was(cameras: Made) -> None:
+def test_an_unchanged_camera_is_valid(cameras: Made) -> None:
     for made, checker in cameras.values():
         for seed in range(3):
             result = checker.check(

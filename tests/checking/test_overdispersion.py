@@ -1,4 +1,4 @@
-"""What a change explains, of inner products that rounding has spoilt."""
+"""The squares that a change explains, from inner products that rounding has spoilt."""
 
 import numpy as np
 import pytest

@@ -30,19 +30,19 @@ def pool(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_three_pictures_say_what_air_could_not(pool: Path) -> None:
+def test_three_pictures_under_water_determine_what_air_could_not(pool: Path) -> None:
     """Corners have 0.02 px of noise: what three views leave is of that size, where a calliper left
     ten times as much.
     """
-    before, after = (
-        map_error(Calibration.load(folder), POOL / "truth.npz", NEAR).by_depth
-        for folder in (pool, pool / "updated")
-    )
-    assert min(before.values()) > 0.15
-    assert max(after.values()) < 0.05
+    initial = map_error(Calibration.load(pool), POOL / "truth.npz", NEAR).by_depth
+    final = map_error(Calibration.load(pool / "updated"), POOL / "truth.npz", NEAR).by_depth
+    assert min(initial.values()) > 0.15
+    assert max(final.values()) < 0.05
 
 
-def test_it_is_a_calibration_like_any_other(pool: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_updated_calibration_can_be_used_as_any_other(
+    pool: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     updated = Calibration.load(pool / "updated")
     assert [view.name for view in updated.views] == [
         "later-0000.jpg",

@@ -1,5 +1,5 @@
-"""What the command lets a person choose of a fit: --free, --grid auto, --folds, --effects; and
-`calib diagnose`.
+"""The choices of a fit on the command line: --free, --grid auto, --folds, --effects; and `calib
+diagnose`.
 """
 
 import json
@@ -31,17 +31,17 @@ def fit(session: Path, out: Path, *options: str, capsys: pytest.CaptureFixture[s
     return capsys.readouterr().out
 
 
-def estimated(said: str) -> list[str]:
+def estimated(printed: str) -> list[str]:
     return re.findall(
-        r"^(?:Estimated|Corrected): (\S+) \S+ ± .*, declared as \S+ ± ", said, re.MULTILINE
+        r"^(?:Estimated|Corrected): (\S+) \S+ ± .*, declared as \S+ ± ", printed, re.MULTILINE
     )
 
 
 def test_free_estimates_numbers_near_what_the_session_states(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = fit(session, tmp_path / "out", "--free", "thickness,intrinsics", capsys=capsys)
-    assert estimated(said) == [
+    printed = fit(session, tmp_path / "out", "--free", "thickness,intrinsics", capsys=capsys)
+    assert estimated(printed) == [
         "cover.thickness",
         "camera.fx",
         "camera.fy",
@@ -50,22 +50,25 @@ def test_free_estimates_numbers_near_what_the_session_states(
     ]
 
 
-def test_free_all_estimates_what_is_not_exact(
+def test_free_all_estimates_every_number_that_is_not_exact(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of the cone's nine numbers and the camera's four, the index outside has no tolerance."""
+    """The cone has nine numbers and the camera four; only the index outside has no tolerance."""
     copy = shutil.copytree(session, tmp_path / "s")
-    every = estimated(fit(copy, tmp_path / "out", "--free", "all", capsys=capsys))
-    assert len(every) == 12
+    all_estimated = estimated(fit(copy, tmp_path / "out", "--free", "all", capsys=capsys))
+    assert len(all_estimated) == 12
     described = (copy / "session.yaml").read_text()
     exact = re.sub(r"thickness_mm: (.*)", r"thickness_mm: {value: \1, exact: true}", described)
     exact = re.sub(r"inner_radius_mm: (.*)", r"inner_radius_mm: {value: \1, sigma: 0}", exact)
     (copy / "session.yaml").write_text(exact)
-    rest = estimated(fit(copy, tmp_path / "out", "--free", "all", capsys=capsys))
-    assert set(every) - set(rest) == {"cover.thickness", "cover.inner_radius"}
-    kept = Calibration.load(tmp_path / "out")
-    assert kept.cover.parameters["thickness"] == kept.declared.cover.parameters["thickness"]
-    assert kept.cover.parameters["thickness"].exact
+    not_exact = estimated(fit(copy, tmp_path / "out", "--free", "all", capsys=capsys))
+    assert set(all_estimated) - set(not_exact) == {"cover.thickness", "cover.inner_radius"}
+    calibration = Calibration.load(tmp_path / "out")
+    assert (
+        calibration.cover.parameters["thickness"]
+        == calibration.declared.cover.parameters["thickness"]
+    )
+    assert calibration.cover.parameters["thickness"].exact
     assert "cover.thickness" in estimated(
         fit(copy, tmp_path / "out", "--free", "all,thickness", capsys=capsys)
     )
@@ -82,41 +85,40 @@ def test_a_wrong_number_is_corrected_and_contradicted(
     (copy / "session.yaml").write_text(
         re.sub(r"thickness_mm: .*", "thickness_mm: {value: 1.0, sigma: 0.2}", described)
     )
-    said = fit(copy, tmp_path / "out", capsys=capsys)
+    printed = fit(copy, tmp_path / "out", capsys=capsys)
     value, sigma = re.findall(
-        r"Corrected: cover.thickness ([\d.]+) ± ([\d.]+) mm, declared as 1 ± 0.2 mm", said
+        r"Corrected: cover.thickness ([\d.]+) ± ([\d.]+) mm, declared as 1 ± 0.2 mm", printed
     )[0]
     assert float(value) - 1 > 3 * float(sigma)
     assert "standard deviations apart: measure it again, and correct session.yaml." in " ".join(
-        said.split()
+        printed.split()
     )
-    found = Calibration.load(tmp_path / "out")
-    assert found.declared.cover.parameters["thickness"].value == pytest.approx(1e-3)
-    assert found.cover.parameters["thickness"].value == pytest.approx(
+    calibration = Calibration.load(tmp_path / "out")
+    assert calibration.declared.cover.parameters["thickness"].value == pytest.approx(1e-3)
+    assert calibration.cover.parameters["thickness"].value == pytest.approx(
         float(value) * 1e-3, abs=0.1e-3 * float(sigma)
     )  # to the second digit of sigma
 
 
-def test_folds_are_said_and_in_the_json(
+def test_folds_are_printed_and_in_the_json(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = json.loads(fit(session, tmp_path / "out", "--folds", "3", "--json", capsys=capsys))
-    assert set(said["cross_validation"]) == {
+    answer = json.loads(fit(session, tmp_path / "out", "--folds", "3", "--json", capsys=capsys))
+    assert set(answer["cross_validation"]) == {
         "folds",
         "held_out_px",
         "held_out_sigma_px",
         "fitted_px",
     }
-    assert said["cross_validation"]["folds"] == 3
-    fitted, held_out = (
-        said["cross_validation"][key] / (0.05 * 2**0.5) for key in ("fitted_px", "held_out_px")
-    )
+    assert answer["cross_validation"]["folds"] == 3
+    fitted = answer["cross_validation"]["fitted_px"] / (0.05 * 2**0.5)
+    held_out = answer["cross_validation"]["held_out_px"] / (0.05 * 2**0.5)
     assert (
         0.95 < fitted < 1.03 < held_out < 1.1
     )  # of the noise: 0.99 and 1.05; of 1944 coordinates, chance is 0.016
 
 
-def test_grid_auto_keeps_the_coarsest_that_nothing_beats(
+def test_grid_auto_keeps_the_coarsest_grid_that_no_finer_one_beats(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert (
@@ -124,11 +126,15 @@ def test_grid_auto_keeps_the_coarsest_that_nothing_beats(
         == 0
     )
     capsys.readouterr()
-    settings = Calibration.load(tmp_path / "out").settings
-    tried = settings["grid_held_out_px"]
+    calibration = Calibration.load(tmp_path / "out")
+    tried = calibration.outcome.grid_held_out_px
+    assert tried
     assert next(iter(tried)) == "6x6"
     assert len(tried) >= 2
-    chosen = "x".join(str(n) for n in settings["grid"])
+    settings = calibration.request.settings
+    assert settings
+    assert settings.grid
+    chosen = "x".join(map(str, settings.grid))
     assert all(tried[chosen] < error / 0.99 for error in tried.values())
 
 
@@ -156,9 +162,9 @@ def test_a_wrong_choice_gets_a_sentence(
     except SystemExit as stop:  # argparse's own way
         code = int(stop.code or 0)
     assert code == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert "Traceback" not in said
+    errors = capsys.readouterr().err
+    assert words in errors
+    assert "Traceback" not in errors
 
 
 def test_an_effect_that_cannot_be_is_refused_before_the_fit(
@@ -168,9 +174,9 @@ def test_an_effect_that_cannot_be_is_refused_before_the_fit(
     copy = shutil.copytree(session, tmp_path / "s")
     (copy / "corners.vnl").write_text("nothing of this is read\n")
     assert main(["fit", str(copy), "--effects", "board_shape,flat_port"]) == 2
-    said = capsys.readouterr().err
+    errors = capsys.readouterr().err
     assert (
-        said
+        errors
         == "calib: --effects flat_port: with cover.shape: cone there can be no flat_port: leave it"
         " out.\n"
     )
@@ -200,9 +206,9 @@ def test_effects_auto_and_diagnose_say_the_same(
         )
         == 0
     )
-    said = json.loads(capsys.readouterr().out)
-    assert said["effects"] == ["board_shape"]
-    assert said["stages"][-1]["name"] == "cover+rbf+effects"
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["effects"] == ["board_shape"]
+    assert answer["stages"][-1]["name"] == "cover+rbf+effects"
     assert main(["fit", str(folder), "--grid", "8x8", "-o", str(tmp_path / "plain")]) == 0
     assert (
         main(["diagnose", str(tmp_path / "plain"), "-o", str(tmp_path / "better"), "--json"]) == 0
@@ -239,9 +245,9 @@ def test_effects_by_name_are_added_and_printed(
         == 0
     )
     printed = capsys.readouterr().out
-    said = re.findall(r"Estimated: board_shape\.(?:xx|xy|yy) (-?[\d.]+) ± ([\d.]+) mm", printed)
-    assert len(said) == 3
-    for (value, sigma), true in zip(said, TRUTH.values(), strict=True):
+    message = re.findall(r"Estimated: board_shape\.(?:xx|xy|yy) (-?[\d.]+) ± ([\d.]+) mm", printed)
+    assert len(message) == 3
+    for (value, sigma), true in zip(message, TRUTH.values(), strict=True):
         assert (
             abs(float(value) - 1e3 * true) < 4 * float(sigma) + 0.1
         )  # mm; a relief of 4x4 does not follow this glass

@@ -52,7 +52,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, ob
 
 
 def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> None:
-    _, said = fitted
+    _, document = fitted
     contract = {
         "frames_used",
         "frames_rejected",
@@ -64,25 +64,25 @@ def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> 
         "verdict",
         "written",
     }
-    assert set(said) == contract | {"second_look", "view_noise", "lens"}
-    assert said["frames_used"] == 6
-    assert said["frames_rejected"] == []
-    assert said["corners"] == 6 * 81
-    assert said["effects"] == []
-    stages = said["stages"]
+    assert set(document) == contract | {"second_look", "view_noise", "lens"}
+    assert document["frames_used"] == 6
+    assert document["frames_rejected"] == []
+    assert document["corners"] == 6 * 81
+    assert document["effects"] == []
+    stages = document["stages"]
     assert isinstance(stages, list)
     assert [stage["name"] for stage in stages] == ["pinhole", "cover", "cover+rbf"]
     assert all(set(stage) == {"name", "rms_px", "rmse_cm"} for stage in stages)
 
 
-def test_fit_json_carries_the_verdict_and_what_was_written(
+def test_fit_json_carries_the_verdict_and_the_written_files(
     fitted: tuple[Path, dict[str, object]],
 ) -> None:
-    folder, said = fitted
+    folder, answer = fitted
     out = folder / "calibration"
     names = ("calibration.yaml", "rays.npz", "map_1m.npz", "map_0.5m.npz", "report.html")
-    assert said["written"] == [str(out / name) for name in names]
-    verdict = said["verdict"]
+    assert answer["written"] == [str(out / name) for name in names]
+    verdict = answer["verdict"]
     assert isinstance(verdict, dict)
     assert list(verdict) == ["word", "reasons", "suspects", "next"]
     assert verdict["word"] == "care"
@@ -90,7 +90,7 @@ def test_fit_json_carries_the_verdict_and_what_was_written(
     assert verdict["next"].endswith(str(folder))
 
 
-def test_the_last_lines_are_the_verdict_and_what_to_type(
+def test_the_last_lines_are_the_verdict_and_the_next_command(
     fitted: tuple[Path, dict[str, object]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = fitted[0] / "calibration"
@@ -102,15 +102,15 @@ def test_the_last_lines_are_the_verdict_and_what_to_type(
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_fit_ends_with_what_to_do_next(
+def test_a_fit_ends_with_the_next_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     session = Path(__file__).parents[2] / "fixtures" / "covered-bare"
     assert main(["fit", str(session), "--grid", "5x5", "-o", str(tmp_path)]) == 0
-    said = capsys.readouterr().out
-    assert "uneven cover" in said
-    assert "cover+rbf" not in said
-    last = said.splitlines()[-1]
+    output = capsys.readouterr().out
+    assert "uneven cover" in output
+    assert "cover+rbf" not in output
+    last = output.splitlines()[-1]
     evaluate, diagnose, undistort = map(shlex.split, last.removeprefix("Then: ").split("; "))
     assert evaluate == ["calib", "evaluate", str(tmp_path), "HOLDOUT"]
     assert diagnose == ["calib", "diagnose", str(tmp_path)]
@@ -126,10 +126,10 @@ def test_the_help_lists_every_effect(
     monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit):
         main([command, "--help"])
-    said = capsys.readouterr().out
-    assert max(map(len, said.splitlines())) <= 80
+    output = capsys.readouterr().out
+    assert max(map(len, output.splitlines())) <= 80
     listed = re.findall(
-        r"^  (\w+) +(\S.*(?:\n {20}\S.*)*)$", said.partition("\neffects:\n")[2], re.MULTILINE
+        r"^  (\w+) +(\S.*(?:\n {20}\S.*)*)$", output.partition("\neffects:\n")[2], re.MULTILINE
     )
     assert [name for name, _ in listed] == list(NAMES)
     assert all(len(words.split()) > 2 for _, words in listed)
@@ -137,7 +137,7 @@ def test_the_help_lists_every_effect(
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_trusted_fit_says_how_to_export_and_that_can_be_typed(
+def test_a_trusted_fit_names_an_export_command_that_works(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = write_session(
@@ -195,7 +195,7 @@ def test_the_field_gives_any_other_depth(fitted: tuple[Path, dict[str, object]])
     ("depth", "colour"),
     [(np.uint8, False), (np.uint8, True), (np.uint16, False), (np.uint16, True)],
 )
-def test_undistort_straightens_what_the_map_says(
+def test_undistort_applies_the_exported_map(
     fitted: tuple[Path, dict[str, object]], tmp_path: Path, depth: type, colour: bool
 ) -> None:
     """A smooth ramp: every undistorted pixel holds its own distorted coordinate, so the map can be
@@ -228,9 +228,9 @@ def test_undistort_straightens_what_the_map_says(
     with np.load(out / "map_1m.npz") as file:
         expected, valid = file["map_x"] / 3280 * 0.8 * top, file["valid"]
     inner = valid & (expected > 0.01 * top) & (expected < 0.78 * top)
-    seen = flat[..., 0] if colour else flat
-    assert np.abs(seen[inner].astype(float) - expected[inner]).max() < max(2.0, 2e-4 * top)
-    assert (seen[~valid] == 0).all()
+    grey = flat[..., 0] if colour else flat
+    assert np.abs(grey[inner].astype(float) - expected[inner]).max() < max(2.0, 2e-4 * top)
+    assert (grey[~valid] == 0).all()
 
 
 @pytest.mark.parametrize("case", MALFORMED, ids=lambda case: case.name)
@@ -273,7 +273,7 @@ def test_wrong_usage_exits_with_2(
     assert says in capsys.readouterr().err
 
 
-def test_undistort_refuses_what_would_overwrite_or_does_not_fit(
+def test_undistort_refuses_existing_outputs_and_pictures_of_another_size(
     fitted: tuple[Path, dict[str, object]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = str(fitted[0] / "calibration")
@@ -421,7 +421,7 @@ def test_a_result_that_cannot_be_printed_is_one_sentence(
     )
 
 
-def test_interrupted_says_no_more_than_that(
+def test_an_interrupted_command_prints_only_that(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupt(_: Path) -> None:
@@ -464,7 +464,7 @@ def test_a_bug_is_one_sentence_and_exit_code_1(
 
 def test_help_is_quick_and_needs_no_torch() -> None:
     env = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1"}
-    begun = time.monotonic()
+    start_time = time.monotonic()
     done = subprocess.run(
         [sys.executable, "-m", "calib", "--help"],
         capture_output=True,
@@ -472,7 +472,7 @@ def test_help_is_quick_and_needs_no_torch() -> None:
         check=True,
         env=env,
     )
-    took = time.monotonic() - begun
+    took = time.monotonic() - start_time
     assert all(command in done.stdout for command in ("fit", "evaluate", "undistort", "export"))
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
     assert not imported & {"torch", "cv2", "numpy", "rich", "scipy", "yaml"}

@@ -48,8 +48,8 @@ def fitted(
 
 
 def said(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
+    results: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return results
 
 
 def test_the_calibration_is_the_camera(fitted: tuple[Kind, Path]) -> None:
@@ -66,6 +66,7 @@ def test_the_calibration_is_the_camera(fitted: tuple[Kind, Path]) -> None:
     assert (intrinsics.cx.value, intrinsics.cy.value) == pytest.approx(LENS.matrix[:2, 2], abs=0.3)
     assert calibration.board == kind.board
     assert calibration.stages[-1].rms_px < 0.02
+    assert calibration.noise_px is not None
     assert calibration.noise_px < 0.02
     assert len(calibration.views) == VIEWS
     assert any(view.count < kind.board.count for view in calibration.views), (
@@ -79,36 +80,36 @@ def test_held_out_views(
     fitted: tuple[Kind, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     kind, folder = fitted
-    other = write(tmp_path / "other", kind, HELD_OUT, seed=12)
-    assert main(["evaluate", str(folder / "calibration"), str(other), "--json"]) == 0
-    found = said(capsys)
-    assert found["frames_used"] == HELD_OUT
-    assert found["rms_px"] < 0.03
+    later_session = write(tmp_path / "other", kind, HELD_OUT, seed=12)
+    assert main(["evaluate", str(folder / "calibration"), str(later_session), "--json"]) == 0
+    result = said(capsys)
+    assert result["frames_used"] == HELD_OUT
+    assert result["rms_px"] < 0.03
 
 
 @pytest.mark.usefixtures("without_figures")
 def test_corners_come_back_from_their_file(
     fitted: tuple[Kind, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What was measured, as corners.vnl, with its gaps, gives the same calibration as the
+    """The measured corners, saved as corners.vnl with their gaps, give the same calibration as the
     pictures.
     """
     kind, folder = fitted
-    before = Calibration.load(folder / "calibration")
-    write_corners(tmp_path / "corners.vnl", before.views)
-    again = read_corners(tmp_path / "corners.vnl", kind.board)
-    for view, same in zip(before.views, again, strict=True):
+    initial = Calibration.load(folder / "calibration")
+    write_corners(tmp_path / "corners.vnl", initial.views)
+    read_back = read_corners(tmp_path / "corners.vnl", kind.board)
+    for view, same in zip(initial.views, read_back, strict=True):
         assert np.array_equal(view.seen, same.seen)
         assert np.array_equal(view.corners[view.seen], same.corners[same.seen])
     setup = yaml.safe_load((folder / "session.yaml").read_text()) | {"corners": "corners.vnl"}
     (tmp_path / "session.yaml").write_text(yaml.safe_dump(setup))
     assert main(["fit", str(tmp_path), "--json"]) == 0
     capsys.readouterr()
-    after = Calibration.load(tmp_path / "calibration")
-    assert before.camera.intrinsics
-    assert after.camera.intrinsics
-    assert after.camera.intrinsics.fx.value == pytest.approx(
-        before.camera.intrinsics.fx.value, rel=1e-6
+    final = Calibration.load(tmp_path / "calibration")
+    assert initial.camera.intrinsics
+    assert final.camera.intrinsics
+    assert final.camera.intrinsics.fx.value == pytest.approx(
+        initial.camera.intrinsics.fx.value, rel=1e-6
     )
 
 
@@ -122,24 +123,24 @@ def test_a_point_on_a_board_that_is_partly_seen(
     pose = poses(VIEWS, 11, 2 * max(kind.board.half))[0]
     drawn = kind.view(pose, seed=0)
     place = cv2.Rodrigues(pose[:3])[0][:, :2] @ kind.board.points().T + pose[3:, None]
-    seen = int(np.argmin(np.linalg.norm(drawn.corners - LENS.matrix[:2, 2], axis=1)))
+    corners = int(np.argmin(np.linalg.norm(drawn.corners - LENS.matrix[:2, 2], axis=1)))
     points = folder / "frames" / "points.csv"
-    points.write_text(f"image,x,y\n0.png,{drawn.corners[seen, 0]},{drawn.corners[seen, 1]}\n")
+    points.write_text(f"image,x,y\n0.png,{drawn.corners[corners, 0]},{drawn.corners[corners, 1]}\n")
     command = ["measure", str(folder / "calibration"), str(points), "--on-boards", "--json"]
     assert main(command) == 0
-    found = said(capsys)["points"][0]
-    assert found["m"] == pytest.approx(place[:, seen], abs=1e-3 * pose[5])
+    result = said(capsys)["points"][0]
+    assert result["m"] == pytest.approx(place[:, corners], abs=1e-3 * pose[5])
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_diagnosis_finds_nothing_where_nothing_is(
+def test_a_diagnosis_of_a_true_model_finds_no_effect(
     fitted: tuple[Kind, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, folder = fitted
     assert main(["diagnose", str(folder / "calibration"), "--json"]) == 0
-    found = said(capsys)
-    assert found["accepted"] == []
-    assert found["verdict"]["word"] == "trusted", found["verdict"]
+    results = said(capsys)
+    assert results["accepted"] == []
+    assert results["verdict"]["word"] == "trusted", results["verdict"]
 
 
 def test_the_session_is_read_again_as_it_was_written(fitted: tuple[Kind, Path]) -> None:

@@ -1,4 +1,4 @@
-"""What a Tab offers, asked of bash and zsh themselves."""
+"""The completions that bash and zsh themselves offer after a Tab."""
 
 import os
 import shutil
@@ -33,31 +33,33 @@ def printed() -> Printed:
         "shtab",
         reason="shtab is not installed (pip install -e '.[completion]'): no script was written",
     )
-    kept: dict[tuple[str, str], str] = {}
+    completions: dict[tuple[str, str], str] = {}
 
     def script(program: str, shell: str) -> str:
-        if (program, shell) not in kept:
+        if (program, shell) not in completions:
             command = [sys.executable, "-m", program, "--print-completion", shell]
-            kept[program, shell] = subprocess.run(
+            completions[program, shell] = subprocess.run(
                 command, capture_output=True, text=True, check=True
             ).stdout
-        return kept[program, shell]
+        return completions[program, shell]
 
     return script
 
 
 @pytest.fixture
 def offered(printed: Printed, tmp_path: Path) -> Callable[..., set[str]]:
-    """What bash offers for the last of some words, in a folder with a session and a table."""
+    """Return the words that bash offers for the last of some words, in a folder with a session and
+    a table.
+    """
     (tmp_path / "session").mkdir()
     (tmp_path / "fleet.csv").touch()
 
     def ask(program: str, *words: str) -> set[str]:
         (tmp_path / ".script").write_text(printed(program, "bash"))
         quoted = " ".join(f"'{word}'" for word in (program, *words))
-        asked = ASK.format(script=".script", words=quoted, last=len(words), program=program)
+        script_line = ASK.format(script=".script", words=quoted, last=len(words), program=program)
         done = subprocess.run(
-            ["bash", "-c", asked], cwd=tmp_path, capture_output=True, text=True, check=True
+            ["bash", "-c", script_line], cwd=tmp_path, capture_output=True, text=True, check=True
         )
         assert done.stderr == ""
         return set(done.stdout.split())
@@ -98,7 +100,7 @@ def test_every_command_is_offered(
     ],
     ids=lambda given: " ".join(given) if isinstance(given, tuple) else "",
 )
-def test_what_fits_is_offered(
+def test_matching_words_are_offered(
     offered: Callable[..., set[str]], words: tuple[str, ...], expected: set[str]
 ) -> None:
     assert offered("calib", *words) == expected
@@ -112,24 +114,28 @@ def test_names_are_all_offered(offered: Callable[..., set[str]]) -> None:
 
 
 def test_capture_completes_a_session_without_a_command(printed: Printed) -> None:
-    """Where none of its commands fits, bash itself completes files."""
-    asked = f"source /dev/stdin <<'END'\n{printed('capture', 'bash')}\nEND\ncomplete -p capture"
-    said = subprocess.run(["bash", "-c", asked], capture_output=True, text=True, check=True).stdout
-    assert "-o default" in said
-    assert "-F _shtab_capture capture" in said
+    """Bash itself completes files if no command fits."""
+    script_text = (
+        f"source /dev/stdin <<'END'\n{printed('capture', 'bash')}\nEND\ncomplete -p capture"
+    )
+    output = subprocess.run(
+        ["bash", "-c", script_text], capture_output=True, text=True, check=True
+    ).stdout
+    assert "-o default" in output
+    assert "-F _shtab_capture capture" in output
 
 
 def test_zsh_reads_its_script(printed: Printed, tmp_path: Path) -> None:
     if not shutil.which("zsh"):
         pytest.skip("zsh is not installed: its script was not read")
     (tmp_path / "_calib").write_text(printed("calib", "zsh"))
-    asked = (
+    script_text = (
         "fpath=($PWD $fpath); autoload -Uz compinit; compinit -u -D; autoload +X _calib && print"
         " $_comps[calib]"
     )
     environment = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
     done = subprocess.run(
-        ["zsh", "-fc", asked],
+        ["zsh", "-fc", script_text],
         cwd=tmp_path,
         env=environment,
         capture_output=True,
@@ -140,14 +146,14 @@ def test_zsh_reads_its_script(printed: Printed, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("program", ["calib", "capture"])
-def test_without_shtab_it_says_what_to_install(
+def test_without_shtab_the_package_to_install_is_named(
     program: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
     with pytest.raises(SystemExit) as ended:
         import_module(f"{program}.cli").main(["--print-completion", SHELLS[0]])
     assert ended.value.code == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert "Completion needs one more package: " in said.err
-    assert "pip install 'shtab>=1.7,<2'" in said.err
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "Completion needs one more package: " in captured.err
+    assert "pip install 'shtab>=1.7,<2'" in captured.err

@@ -24,10 +24,10 @@ VERDICTS = (
 
 
 def candidate(effect: str, verdict: str, *, fitted: bool) -> Candidate:
-    before, after, gain = (10.252, 10.017, (-0.202, 12.265)) if fitted else (None, None, None)
+    initial, final, gain = (10.252, 10.017, (-0.202, 12.265)) if fitted else (None, None, None)
     form = "water" if effect == "flat_port" else ""
     return Candidate(
-        effect, form, 123456.0, 144, 2e-10, 0.5, before, after, gain, {}, (), False, verdict
+        effect, form, 123456.0, 144, 2e-10, 0.5, initial, final, gain, {}, (), False, verdict
     )
 
 
@@ -36,16 +36,16 @@ def plain() -> Calibration:
     return known(scene(1, views=1), WIDTH, HEIGHT)
 
 
-def test_it_is_no_wider_and_every_effect_stands_under_what_became_of_it(
+def test_the_table_is_narrow_and_lists_effects_by_outcome(
     plain: Calibration, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    every = tuple(
+    candidates = tuple(
         candidate(kind.name, VERDICTS[i % len(VERDICTS)], fitted=i % 2 == 0)
         for i, kind in enumerate(KINDS)
     )
     same = Quality(0.224, 0.0177, 0.282)
-    print_diagnosis(Diagnosis(0.016, "", (), every, (), same, same, 0.0, "", ()), plain)
+    print_diagnosis(Diagnosis(0.016, "", (), candidates, (), same, same, 0.0, "", ()), plain)
     lines = capsys.readouterr().out.splitlines()
     table = lines[
         next(i for i, line in enumerate(lines) if line.startswith("What was considered")) :
@@ -58,15 +58,19 @@ def test_it_is_no_wider_and_every_effect_stands_under_what_became_of_it(
         else:
             heading = line.rstrip(":")
     assert {name: outcome for name, (outcome, _) in under.items()} == {
-        one.effect: one.outcome for one in every
+        item.effect: item.outcome for item in candidates
     }
-    for one in every:
+    for item in candidates:
         figures = [
             "123456/144",
             "2e-10",
-            *(["10.252", "→", "10.017", "-0.202", "to", "12.265"] if one.held_out_px_after else []),
+            *(
+                ["10.252", "→", "10.017", "-0.202", "to", "12.265"]
+                if item.held_out_px_after
+                else []
+            ),
         ]
         assert (
-            re.split(r"\s+", under[one.effect][1].strip().removeprefix(one.title).strip())
+            re.split(r"\s+", under[item.effect][1].strip().removeprefix(item.title).strip())
             == figures
         )

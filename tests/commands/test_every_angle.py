@@ -209,13 +209,13 @@ def test_a_lens_that_is_not_wide_gets_an_answer(
     """
     lens = AngleLens(220)
     session = str(lens.write_session(tmp_path / "session", lens.views(1, VIEWS), "opencv"))
-    it, better = str(tmp_path / "calibration"), str(tmp_path / "diagnosed")
-    assert run(["fit", session, "-o", it], capsys)[0] == 0
-    code, out = run(["diagnose", it, "-o", better, "--json"], capsys)
+    estimate, better = str(tmp_path / "calibration"), str(tmp_path / "diagnosed")
+    assert run(["fit", session, "-o", estimate], capsys)[0] == 0
+    code, out = run(["diagnose", estimate, "-o", better, "--json"], capsys)
     assert code == 0
     assert json.loads(out)["verdict"]["word"] != "trusted"
     assert (tmp_path / "diagnosed" / "report.html").exists()
-    for calibration in (it, better):
+    for calibration in (estimate, better):
         run(["evaluate", calibration, session], capsys)
         run(["export", calibration, "--format", "npz", "-o", str(tmp_path / "maps")], capsys)
 

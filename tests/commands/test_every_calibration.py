@@ -35,12 +35,12 @@ def pictures(session: Path) -> list[str]:
 
 @pytest.fixture(scope="module")
 def calibrations(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """As commands write them."""
+    """Return one calibration of each kind, as the commands write them."""
     folder = tmp_path_factory.mktemp("calibrations")
     places = {kind: folder / kind.replace(" ", "-") for kind in KINDS}
-    fitted, wet, pool = (
-        str(places[kind]) for kind in ("fitted", "immersed", "immersed and updated")
-    )
+    fitted = str(places["fitted"])
+    wet = str(places["immersed"])
+    pool = str(places["immersed and updated"])
     for command in (
         ["fit", str(SESSION), "-o", fitted],
         ["fit", str(SESSION), "--method", "paper", "-o", str(places["paper"])],
@@ -72,22 +72,22 @@ def calibrations(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_command_takes_it(
+def test_every_command_accepts_the_calibration(
     calibrations: dict[str, Path], kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    it, session = str(calibrations[kind]), POOL if kind.startswith("immersed") else SESSION
+    estimate, session = str(calibrations[kind]), POOL if kind.startswith("immersed") else SESSION
     for number, command in enumerate(
         (
-            ["report", "--no-open", it],
-            ["evaluate", it, str(session)],
-            ["diagnose", it],
-            ["check", it, *pictures(session)],
-            ["check", it, str(session), "--json"],
-            ["check", it, *pictures(session), "--update"],
-            ["immerse", it, "--outside-index", "1.33"],
-            ["undistort", it, pictures(session)[0], "--depth", "0.5"],
-            ["pose", it, pictures(session)[0], "--tags", "tag36h11", "--size-mm", "20"],
-            *(["export", it, "--format", form, "--depth", "0.5"] for form in FORMATS),
+            ["report", "--no-open", estimate],
+            ["evaluate", estimate, str(session)],
+            ["diagnose", estimate],
+            ["check", estimate, *pictures(session)],
+            ["check", estimate, str(session), "--json"],
+            ["check", estimate, *pictures(session), "--update"],
+            ["immerse", estimate, "--outside-index", "1.33"],
+            ["undistort", estimate, pictures(session)[0], "--depth", "0.5"],
+            ["pose", estimate, pictures(session)[0], "--tags", "tag36h11", "--size-mm", "20"],
+            *(["export", estimate, "--format", form, "--depth", "0.5"] for form in FORMATS),
         )
     ):
         writes = (
@@ -100,6 +100,6 @@ def test_every_command_takes_it(
             code = main(words)
         except SystemExit as stopped:  # argparse
             code = int(stopped.code or 0)
-        said = capsys.readouterr().err
-        assert code in ALLOWED, (words, said)
-        assert code == 0 or "calib: " in said or "check" in words, (words, said)
+        errors = capsys.readouterr().err
+        assert code in ALLOWED, (words, errors)
+        assert code == 0 or "calib: " in errors or "check" in words, (words, errors)

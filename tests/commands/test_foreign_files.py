@@ -17,7 +17,7 @@ from calib.calibration import Calibration
 from calib.cli import COMMANDS as COMMAND_MODULES
 from calib.cli import main
 from calib.errors import InputError
-from calib.fleet.result import Result, State
+from calib.fleet.result import JobState, Result
 from calib.io.output_folder import LEDGER
 from calib.progress import Silent
 from capture.cli import main as capture_main
@@ -46,7 +46,7 @@ class Command:
     words: tuple[str, ...]
     writes: tuple[str, ...] = ()
     """Names in OUT; none where the command writes no file."""
-    again: bool = True
+    repeatable: bool = True
     """A second run may replace what the first one wrote."""
     slow: bool = False
     """The command's own work takes seconds; a refusal never does."""
@@ -94,10 +94,10 @@ COMMANDS = {
     "import": Command(
         ("import", "images", "pictures", "--board", "9x6", "--square-mm", "20", "-o", "OUT"),
         ("session.yaml", "frames/0.png", "frames/1.png"),
-        again=False,
+        repeatable=False,
     ),
     "board": Command(
-        ("board", "-o", "OUT"), ("session.yaml", "board.pdf", "board.svg"), again=False
+        ("board", "-o", "OUT"), ("session.yaml", "board.pdf", "board.svg"), repeatable=False
     ),
 }
 WRITERS = [name for name, command in COMMANDS.items() if command.writes]
@@ -105,7 +105,7 @@ WRITERS = [name for name, command in COMMANDS.items() if command.writes]
 
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the commands read, under the names of their lines."""
+    """Return a folder with the inputs of the commands, under the names in their lines."""
     folder = tmp_path_factory.mktemp("inputs")
     for name, seed in (("session", 7), ("other", 8)):
         made = scene(seed, views=6, amplitude=1e-5, noise=0.05)
@@ -133,7 +133,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         calibration.save(folder / "fleet" / "cameras" / name)
         written = (f"cameras/{name}/calibration.yaml",)
         verdict = {"word": "care"}
-        Result(name, State.CALIBRATED, verdict=verdict, written=written).write(folder / "fleet")
+        Result(name, JobState.CALIBRATED, verdict=verdict, written=written).write(folder / "fleet")
     return folder
 
 
@@ -144,12 +144,12 @@ def out(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "out"
 
 
-def run(command: Command, out: Path, *more: str) -> tuple[int, str]:
+def run(command: Command, out: Path, *extra: str) -> tuple[int, str]:
     """Return the exit code, and what stderr says."""
-    words = [word.replace("OUT", str(out)) for word in (*command.words, *more)]
-    with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
+    words = [word.replace("OUT", str(out)) for word in (*command.words, *extra)]
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as errors:
         code = main(words)
-    return code, said.getvalue()
+    return code, errors.getvalue()
 
 
 def contents(folder: Path) -> Contents:
@@ -179,7 +179,7 @@ def with_calibration(command: Command, inputs: Path, out: Path) -> Command:
     return command
 
 
-def test_every_command_of_the_help_is_here() -> None:
+def test_every_command_of_the_help_is_tested() -> None:
     modules = [module.__name__.rpartition(".")[2] for module in COMMAND_MODULES]
     assert {name.removesuffix("_command").replace("_", "-") for name in modules} == {*COMMANDS}
 
@@ -198,15 +198,15 @@ def test_a_folder_full_of_foreign_files_has_the_same_bytes_after(
     name: str, inputs: Path, out: Path
 ) -> None:
     command = with_calibration(COMMANDS[name], inputs, out)
-    given = contents(inputs)
-    before = fill(out, [*command.writes, *BYSTANDERS])
-    code, said = run(command, out)
-    assert contents(out) == before
-    assert contents(inputs) == given
-    assert code == (2 if command.writes else 0), said
+    input_files = contents(inputs)
+    initial = fill(out, [*command.writes, *BYSTANDERS])
+    code, message = run(command, out)
+    assert contents(out) == initial
+    assert contents(inputs) == input_files
+    assert code == (2 if command.writes else 0), message
     if command.writes:
-        named = {str(out), *(Path(name).name for name in command.writes)}
-        assert any(word in said for word in named), said
+        names = {str(out), *(Path(name).name for name in command.writes)}
+        assert any(word in message for word in names), message
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if name != "import"])
@@ -214,11 +214,11 @@ def test_each_foreign_file_is_refused_by_its_name(name: str, inputs: Path, out: 
     for number, file in enumerate(COMMANDS[name].writes):
         place = out / str(number)
         command = with_calibration(COMMANDS[name], inputs, place)
-        before = fill(place, [file])
-        code, said = run(command, place)
+        initial = fill(place, [file])
+        code, message = run(command, place)
         assert code == 2
-        assert Path(file).name in said
-        assert contents(place) == before
+        assert Path(file).name in message
+        assert contents(place) == initial
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if name != "import"])
@@ -231,9 +231,9 @@ def test_a_symbolic_link_in_the_way_is_refused_even_with_the_flag(
     command = with_calibration(COMMANDS[name], inputs, out)
     (out / file).parent.mkdir(parents=True, exist_ok=True)
     (out / file).symlink_to(elsewhere)
-    code, said = run(command, out, "--overwrite")
+    code, message = run(command, out, "--overwrite")
     assert code == 2
-    assert f"{Path(file).name} is a symbolic link" in said
+    assert f"{Path(file).name} is a symbolic link" in message
     assert elsewhere.read_text() == "mine"
     assert (out / file).is_symlink()
 
@@ -246,7 +246,7 @@ def test_a_symbolic_link_in_the_way_is_refused_even_with_the_flag(
         if name != "import"
     ],
 )
-def test_what_is_ours_may_be_replaced_and_what_was_changed_may_not(
+def test_unchanged_outputs_may_be_replaced_and_changed_ones_may_not(
     name: str, inputs: Path, out: Path
 ) -> None:
     command = with_calibration(COMMANDS[name], inputs, out)
@@ -255,23 +255,23 @@ def test_what_is_ours_may_be_replaced_and_what_was_changed_may_not(
     done = (0, 5)
     assert run(command, out)[0] in done
     assert visible(out) - saved - {*BYSTANDERS} == {*command.writes}
-    assert run(command, out)[0] in (done if command.again else (2,))
+    assert run(command, out)[0] in (done if command.repeatable else (2,))
     edited = out / command.writes[0]
     edited.write_text("edited by hand")
-    code, said = run(command, out)
+    code, message = run(command, out)
     assert code == 2
-    assert edited.name in said
+    assert edited.name in message
     assert edited.read_text() == "edited by hand"
     assert run(command, out, "--overwrite")[0] in done
     assert edited.read_bytes() != b"edited by hand"
-    after = contents(out)
-    assert {name: after[name] for name in BYSTANDERS} == {
+    final = contents(out)
+    assert {name: final[name] for name in BYSTANDERS} == {
         name: bystanders[name] for name in BYSTANDERS
     }
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (("diagnose", "OUT", "-o", "OUT"), "calibration.yaml would be overwritten"),
         (("check", "OUT", "other", "--update", "-o", "OUT"), "calibration.yaml would be"),
@@ -291,17 +291,17 @@ def test_what_is_ours_may_be_replaced_and_what_was_changed_may_not(
     ],
 )
 def test_no_output_lies_on_or_above_an_input(
-    words: tuple[str, ...], said: str, inputs: Path, out: Path
+    words: tuple[str, ...], message: str, inputs: Path, out: Path
 ) -> None:
     Calibration.load(inputs / "fitted").save(out)
     shutil.copytree(inputs / "session", out / "cameras" / "a")
     shutil.copy(inputs / "fleet.csv", out)
     shutil.copy(inputs / "pictures" / "0.png", out)
-    before = contents(out)
+    initial = contents(out)
     code, sentence = run(Command(words), out, "--overwrite")
     assert code == 2
-    assert said in sentence
-    assert contents(out) == before
+    assert message in sentence
+    assert contents(out) == initial
 
 
 def test_a_default_folder_that_is_a_symbolic_link_is_refused(inputs: Path, out: Path) -> None:
@@ -309,9 +309,9 @@ def test_a_default_folder_that_is_a_symbolic_link_is_refused(inputs: Path, out: 
     elsewhere.mkdir(parents=True)
     shutil.copytree(inputs / "session", out / "session")
     (out / "session" / "calibration").symlink_to(elsewhere)
-    code, said = run(Command(("fit", "OUT/session", "--grid", "2x2")), out)
+    code, message = run(Command(("fit", "OUT/session", "--grid", "2x2")), out)
     assert code == 2
-    assert "calibration is a symbolic link" in said
+    assert "calibration is a symbolic link" in message
     assert not list(elsewhere.iterdir())
     assert run(Command(("board", "-o", "OUT/session/calibration")), out)[0] == 0, "it was named"
 
@@ -319,31 +319,31 @@ def test_a_default_folder_that_is_a_symbolic_link_is_refused(inputs: Path, out: 
 def test_a_recording_keeps_every_file_that_it_did_not_make(inputs: Path, out: Path) -> None:
     pictures = [f"frames/{number:04d}.png" for number in (0, 7)]
     taken = ("frames/0001.txt", "frames-by-hand.csv", "frames/dropped/0000.png", ".detections.json")
-    before = fill(out, [*BYSTANDERS, *CALIBRATED, *taken])
+    initial = fill(out, [*BYSTANDERS, *CALIBRATED, *taken])
     (out / "frames.csv").write_text("file,time_s\n0000.png,1.5\n0007.png,2.5")
-    before["frames-by-hand-1.csv"] = (out / "frames.csv").read_bytes()
+    initial["frames-by-hand-1.csv"] = (out / "frames.csv").read_bytes()
     for picture in pictures:
         shutil.copy(inputs / "pictures" / "0.png", out / picture)
-        before[picture] = (out / picture).read_bytes()
+        initial[picture] = (out / picture).read_bytes()
     options = ["--board", "9x6", "--square-mm", "20", "--all"]
     source = f"folder:{inputs / 'pictures'}"
-    with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as errors:
         code = capture_main(["record", str(out), "--source", source, *options])
-    assert code == 0, said.getvalue()
-    after = contents(out)
-    assert {name: after[name] for name in before} == before
-    assert after.keys() - before.keys() == {
+    assert code == 0, errors.getvalue()
+    final = contents(out)
+    assert {name: final[name] for name in initial} == initial
+    assert final.keys() - initial.keys() == {
         *("frames.csv", "session.yaml", ".recording", "frames/0008.png", "frames/0009.png")
     }
 
 
 @pytest.mark.slow
-def test_the_screen_s_fit_says_what_is_in_its_way(inputs: Path, out: Path) -> None:
+def test_the_screen_s_fit_names_the_file_in_its_way(inputs: Path, out: Path) -> None:
     shutil.copytree(inputs / "session", out)
-    before = fill(out / "calibration", ["calibration.yaml", "map_1m.npz"])
+    initial = fill(out / "calibration", ["calibration.yaml", "map_1m.npz"])
     with pytest.raises(InputError, match="not calib's own: move it to another folder, and try"):
         fit_session(Silent(), out, out / "calibration")
-    assert contents(out / "calibration") == before
+    assert contents(out / "calibration") == initial
     (out / "calibration" / "calibration.yaml").unlink()
     for _ in range(2):
         fit_session(Silent(), out, out / "calibration")

@@ -1,5 +1,5 @@
-"""What a command leaves of torch is there as soon as it is asked for; in processes of their own,
-for here torch is loaded.
+"""A command that did not load torch can load it at once. The tests run in separate processes,
+because torch is loaded here.
 """
 
 import subprocess
@@ -29,7 +29,7 @@ def said(code: str) -> str:
     ).stdout
 
 
-def test_what_is_left_is_not_read_by_computing_and_differentiating() -> None:
+def test_computing_and_differentiating_do_not_load_the_deferred_modules() -> None:
     code = """
 x = torch.arange(6.0).reshape(2, 3).requires_grad_()
 (x @ x.T).logdet().backward()
@@ -40,7 +40,7 @@ print(*sorted(read))
     assert set(said(code).split()) <= {"torch.hub"}  # of which another part takes a name
 
 
-def test_what_is_left_is_as_usual_once_asked_for() -> None:
+def test_the_deferred_modules_work_once_requested() -> None:
     code = """
 print(float(torch.distributions.Normal(0.0, 1.0).cdf(torch.tensor(0.0))))
 print(torch.ao.nn.quantized.Linear.__module__.startswith("torch.ao."))

@@ -1,4 +1,6 @@
-"""What is said to be typed next runs where the person is: with the environment activated or not."""
+"""The command that is named as the next one runs where the person is, with the environment
+activated or not.
+"""
 
 import sys
 from pathlib import Path
@@ -30,27 +32,29 @@ def test_a_program_that_the_shell_does_not_find_is_named_by_its_place(installed:
     assert runnable_command("capture s") == f"'{installed}/capture' s"
 
 
-def test_the_place_is_as_it_was_typed(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_program_s_path_is_printed_as_typed(
+    installed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(installed.parent)
     monkeypatch.setattr(sys, "argv", ["bin/calib"])
     assert runnable_command("calib fit s") == "bin/calib fit s"
 
 
-def test_one_that_it_finds_goes_by_its_name(
+def test_a_program_that_the_shell_finds_is_named_without_path(
     installed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(installed))
     assert runnable_command("calib fit s") == "calib fit s"
 
 
-def test_another_one_that_it_finds_is_not_meant(
+def test_the_path_is_named_if_the_shell_finds_another_program(
     installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    other = tmp_path / "other" / "calib"
-    other.parent.mkdir()
-    other.write_text("#!/bin/sh\n")
-    other.chmod(0o755)
-    monkeypatch.setenv("PATH", str(other.parent))
+    namesake = tmp_path / "other" / "calib"
+    namesake.parent.mkdir()
+    namesake.write_text("#!/bin/sh\n")
+    namesake.chmod(0o755)
+    monkeypatch.setenv("PATH", str(namesake.parent))
     assert runnable_command("calib fit s") == f"'{installed}/calib' fit s"
 
 
@@ -64,7 +68,7 @@ def test_by_python_m_the_program_is_the_interpreters(
     assert runnable_command("calib fit s") == "calib fit s", "nothing better is known"
 
 
-def test_every_command_after_a_verdict_is(
+def test_every_command_after_a_verdict_names_the_program_so(
     installed: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     print_verdict(
@@ -72,7 +76,7 @@ def test_every_command_after_a_verdict_is(
         [],
         ["calib evaluate it", "calib undistort it"],
     )
-    *_, following, then = capsys.readouterr().out.splitlines()
-    own = f"'{installed}/calib'"
-    assert following == f"Next: {own} diagnose it"
-    assert then == f"Then: {own} evaluate it; {own} undistort it"
+    *_, following, last = capsys.readouterr().out.splitlines()
+    quoted = f"'{installed}/calib'"
+    assert following == f"Next: {quoted} diagnose it"
+    assert last == f"Then: {quoted} evaluate it; {quoted} undistort it"

@@ -1,4 +1,4 @@
-"""What a large board gives: 10 views of 100x100 corners."""
+"""A fit of a large board: 10 views of 100x100 corners."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ def test_a_hundred_thousand_corners_are_fitted_and_reported(
     """More than OpenCV's functions for pictures take at once: they count in 16 bits."""
     corners = write_session(tmp_path, 100_000, 10)
     assert main(["fit", str(tmp_path), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["corners"] == corners == 100_000
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["corners"] == corners == 100_000
     assert main(["report", str(tmp_path / "calibration")]) == 0
     assert (tmp_path / "calibration" / "report.html").stat().st_size > 100_000

@@ -22,15 +22,15 @@ each_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS.keys())
 
 
 def found_in(picture: NDArray, board: Board) -> Detection:
-    found = find_board(picture, board)
-    assert isinstance(found, Detection), found
-    return found
+    detection = find_board(picture, board)
+    assert isinstance(detection, Detection), detection
+    return detection
 
 
 def refused(picture: NDArray, board: Board) -> str:
-    found = find_board(picture, board)
-    assert isinstance(found, NotFound)
-    return found.reason
+    detection = find_board(picture, board)
+    assert isinstance(detection, NotFound)
+    return detection.reason
 
 
 def inside(corners: NDArray, lens: Lens = LENS, margin: float = 6.0) -> NDArray[np.bool_]:
@@ -47,7 +47,7 @@ def test_points_are_the_sheets_corners(kind: Kind) -> None:
 
 
 @each_kind
-def test_markers_are_where_the_board_says(kind: Kind) -> None:
+def test_markers_lie_where_the_board_declares(kind: Kind) -> None:
     """Oracle: OpenCV reads the rendered sheet, seen straight, 2 px to a mm.
 
     Its outlines are half a pixel inside.
@@ -63,29 +63,31 @@ def test_markers_are_where_the_board_says(kind: Kind) -> None:
     )
     places = marker_places(kind.board)
     assert sorted(read.numbers.tolist()) == list(range(len(places)))
-    off = read.corners - (places[read.numbers] * 2e3 + (size - 1) / 2)
-    assert np.abs(off).max() < 5, "px; the next corner of a marker is 28 px away and more"
+    error = read.corners - (places[read.numbers] * 2e3 + (size - 1) / 2)
+    assert np.abs(error).max() < 5, "px; the next corner of a marker is 28 px away and more"
 
 
 @each_kind
 @pytest.mark.parametrize("pose", [WHOLE, PARTIAL], ids=["whole", "partial"])
-def test_corners_are_measured_where_they_are(kind: Kind, pose: NDArray) -> None:
+def test_corners_are_measured_at_their_true_places(kind: Kind, pose: NDArray) -> None:
     """At 1.5 grey levels of noise the bound of the pixels is some thousandths of a pixel.
 
     Nothing outside of the picture is made up.
     """
     drawn = kind.view(pose)
-    found = found_in(drawn.picture, kind.board)
-    seen = np.isfinite(found.corners[:, 0])
-    assert seen[inside(drawn.corners)].mean() > 0.9
-    assert inside(drawn.corners[seen], margin=0).all()
-    assert (seen.mean() > 0.97) == (pose is WHOLE)
-    off = found.corners[seen] - drawn.corners[seen]
-    assert np.sqrt((off**2).sum(-1).mean()) < 0.02
-    assert np.linalg.norm(off, axis=-1).max() < 0.1
-    assert np.abs(off.mean(0)).max() < 0.005, "no bias"
-    assert np.isfinite(found.covariances[seen]).all()
-    scaled = np.einsum("ni,nij,nj->n", off, np.linalg.inv(found.covariances[seen]), off) / 2
+    detection = found_in(drawn.picture, kind.board)
+    visible = np.isfinite(detection.corners[:, 0])
+    assert visible[inside(drawn.corners)].mean() > 0.9
+    assert inside(drawn.corners[visible], margin=0).all()
+    assert (visible.mean() > 0.97) == (pose is WHOLE)
+    error = detection.corners[visible] - drawn.corners[visible]
+    assert np.sqrt((error**2).sum(-1).mean()) < 0.02
+    assert np.linalg.norm(error, axis=-1).max() < 0.1
+    assert np.abs(error.mean(0)).max() < 0.005, "no bias"
+    assert np.isfinite(detection.covariances[visible]).all()
+    scaled = (
+        np.einsum("ni,nij,nj->n", error, np.linalg.inv(detection.covariances[visible]), error) / 2
+    )
     assert 0.5 < np.median(scaled) / np.log(2) < 2.5, (
         "the squared error over the variance that is said"
     )
@@ -106,28 +108,31 @@ def test_edges_bend_as_the_lens_bends_them(kind: Kind) -> None:
         )[0]
         return np.asarray(moved, np.float64).reshape(-1, 2)
 
-    middle, found = projected(np.zeros(3)), Lattice.from_corners(projected(np.zeros(3)), kind.board)
-    for edge, along in enumerate(np.eye(3)[:2] * size):
-        ahead, behind = projected(along), projected(-along)
+    middle, result = (
+        projected(np.zeros(3)),
+        Lattice.from_corners(projected(np.zeros(3)), kind.board),
+    )
+    for edge, axis in enumerate(np.eye(3)[:2] * size):
+        ahead, behind = projected(axis), projected(-axis)
         step, bend = (ahead - behind) / 2, ahead - 2 * middle + behind
         true = (edge_normals(step) * bend).sum(-1) / (step**2).sum(-1)
-        off = np.abs(found.curvatures[:, edge] - true)
-        assert off.max() < 3e-5
+        error = np.abs(result.curvatures[:, edge] - true)
+        assert error.max() < 3e-5
 
 
 @each_kind
-def test_a_hidden_part_is_not_made_up(kind: Kind) -> None:
+def test_hidden_corners_are_not_invented(kind: Kind) -> None:
     """A grey hand over the middle: what it covers is NaN, what is around it is where it is."""
     drawn = kind.view(WHOLE)
     picture = drawn.picture.copy()
     picture[130:230, 180:300] = 120
-    found = found_in(picture, kind.board)
-    seen = np.isfinite(found.corners[:, 0])
+    detection = found_in(picture, kind.board)
+    visible = np.isfinite(detection.corners[:, 0])
     hidden = ((drawn.corners > [180, 130]) & (drawn.corners < [299, 229])).all(1)
     assert hidden.sum() > 5
-    assert not seen[hidden].any()
-    assert np.linalg.norm(found.corners[seen] - drawn.corners[seen], axis=1).max() < 0.2
-    assert seen.sum() > 0.5 * (~hidden).sum()
+    assert not visible[hidden].any()
+    assert np.linalg.norm(detection.corners[visible] - drawn.corners[visible], axis=1).max() < 0.2
+    assert visible.sum() > 0.5 * (~hidden).sum()
 
 
 @pytest.mark.parametrize("kind", [CHARUCO, GRID], ids=["charuco", "aprilgrid"])
@@ -145,32 +150,33 @@ def test_a_wrong_number_is_not_believed(kind: Kind) -> None:
     corners = places[[covered, taken]].astype(np.float32)
     onto = cv2.getPerspectiveTransform(corners[1], corners[0])
     copy = cv2.warpPerspective(drawn.picture, onto, picture.shape[::-1])
-    there, gone = (
+    masks = [
         cv2.fillConvexPoly(np.zeros_like(picture), place.astype(np.int32), 1.0) > 0
         for place in places[[covered, taken]]
-    )
-    picture = np.where(gone, 120, np.where(there, copy, picture)).astype(np.uint8)
+    ]
+    covered_mask, gone = masks
+    picture = np.where(gone, 120, np.where(covered_mask, copy, picture)).astype(np.uint8)
     assert kind.board.coding
     read = read_markers(picture, kind.board.coding.dictionary, 1 if kind is CHARUCO else 2)
     assert (read.numbers == taken).sum() == 1
     assert (read.numbers == covered).sum() == 0
-    found = found_in(picture, kind.board)
-    seen = np.isfinite(found.corners[:, 0])
-    assert seen.sum() > 0.8 * kind.board.count
-    assert np.linalg.norm(found.corners[seen] - drawn.corners[seen], axis=1).max() < 0.3
+    detection = found_in(picture, kind.board)
+    visible = np.isfinite(detection.corners[:, 0])
+    assert visible.sum() > 0.8 * kind.board.count
+    assert np.linalg.norm(detection.corners[visible] - drawn.corners[visible], axis=1).max() < 0.3
 
 
 def _homography(kind: Kind, corners: NDArray) -> NDArray:
     return np.asarray(cv2.findHomography(kind.board.points(), corners)[0])
 
 
-def test_two_boards_and_a_marker_twice() -> None:
-    away = np.array([0, 0, 0, 0, 0, 0.5])
-    both = np.hstack([CHARUCO.view(away).picture, CHARUCO.view(away, seed=2).picture])
-    assert "is seen twice: show one board alone" in refused(both, CHARUCO.board)
-    left, right = both[:, :240], both[:, 720:]
-    parts = np.hstack([left, np.full((360, 100), 150, np.uint8), right])
-    assert "do not lie as on one 9x6 ChArUco board" in refused(parts, CHARUCO.board)
+def test_two_boards_and_a_repeated_marker_are_refused() -> None:
+    pose = np.array([0, 0, 0, 0, 0, 0.5])
+    picture = np.hstack([CHARUCO.view(pose).picture, CHARUCO.view(pose, seed=2).picture])
+    assert "is seen twice: show one board alone" in refused(picture, CHARUCO.board)
+    left_edge, right = picture[:, :240], picture[:, 720:]
+    halves = np.hstack([left_edge, np.full((360, 100), 150, np.uint8), right])
+    assert "do not lie as on one 9x6 ChArUco board" in refused(halves, CHARUCO.board)
 
 
 MISTAKES: dict[str, tuple[Kind, Callable[[Board], Board], str]] = {
@@ -233,17 +239,17 @@ MISTAKES: dict[str, tuple[Kind, Callable[[Board], Board], str]] = {
 
 
 @pytest.mark.parametrize(
-    ("kind", "away"), [(GRID, 0.45), (CHARUCO, 0.5)], ids=["aprilgrid", "charuco"]
+    ("kind", "distance"), [(GRID, 0.45), (CHARUCO, 0.5)], ids=["aprilgrid", "charuco"]
 )
-def test_small_markers_are_read_in_the_enlarged_picture(kind: Kind, away: float) -> None:
+def test_small_markers_are_read_in_the_enlarged_picture(kind: Kind, distance: float) -> None:
     """Cells of 2.4 and 2.1 px, and a blur of 1 px: 9 of 36 and 8 of 35 markers are read in the
     picture as it is, and with what is beside them they tell 0.74 and 0.48 of the corners.
     """
-    drawn = kind.view(np.array([0.2, -0.3, 0.4, 0.0, 0.0, away]), blur=1.0)
-    found = found_in(drawn.picture, kind.board)
-    off = np.linalg.norm(found.corners - drawn.corners, axis=1)
-    assert np.isfinite(off).mean() > 0.95
-    assert np.nanmax(off) < 0.1  # 0.052 and 0.056 were measured
+    drawn = kind.view(np.array([0.2, -0.3, 0.4, 0.0, 0.0, distance]), blur=1.0)
+    detection = found_in(drawn.picture, kind.board)
+    error = np.linalg.norm(detection.corners - drawn.corners, axis=1)
+    assert np.isfinite(error).mean() > 0.95
+    assert np.nanmax(error) < 0.1  # 0.052 and 0.056 were measured
 
 
 @pytest.mark.parametrize("mistake", MISTAKES.values(), ids=MISTAKES.keys())
@@ -252,7 +258,7 @@ def test_a_board_that_is_not_the_declared_one_is_refused(
 ) -> None:
     kind, change, says = mistake
     reason = refused(kind.view(WHOLE).picture, change(kind.board))
-    assert any(part in reason for part in says.split("|")), reason
+    assert any(words in reason for words in says.split("|")), reason
 
 
 def test_a_mirrored_picture_shows_no_marker() -> None:
@@ -270,7 +276,7 @@ def test_sixteen_bits_are_measured_as_such() -> None:
     assert np.abs(fine.corners - coarse.corners).max() < 0.02
 
 
-def test_an_opencv_without_aruco_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_opencv_without_aruco_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(cv2, "aruco")
     with pytest.raises(InputError, match="has no aruco module"):
         check_aruco()

@@ -41,19 +41,21 @@ def test_written_views_read_as_the_same_numbers(tmp_path: Path) -> None:
 
 
 def test_covariances_are_three_more_columns(tmp_path: Path) -> None:
-    plain, known = random_view("a.png", 1), random_view("b.png", 2)
+    plain, measured = random_view("a.png", 1), random_view("b.png", 2)
     half = np.random.default_rng(3).normal(size=(BOARD.count, 2, 2))
-    covariance = np.where(known.seen[:, None, None], half @ half.swapaxes(1, 2) + np.eye(2), np.nan)
-    write_corners(tmp_path / "c.vnl", [plain, replace(known, covariance=covariance)])
+    covariance = np.where(
+        measured.seen[:, None, None], half @ half.swapaxes(1, 2) + np.eye(2), np.nan
+    )
+    write_corners(tmp_path / "c.vnl", [plain, replace(measured, covariance=covariance)])
     assert (tmp_path / "c.vnl").read_text().startswith("# filename x y level xx xy yy\n")
     first, second = read_corners(tmp_path / "c.vnl", BOARD)
     assert first.covariance is None
     np.testing.assert_array_equal(second.covariance, covariance)
-    np.testing.assert_array_equal(second.corners, known.corners)
+    np.testing.assert_array_equal(second.corners, measured.corners)
 
 
 @pytest.mark.parametrize("wrong", ["-1 0 1", "1 2 1", "0 0 0"])
-def test_what_is_no_covariance_is_refused(wrong: str, tmp_path: Path) -> None:
+def test_a_matrix_that_is_no_covariance_is_refused(wrong: str, tmp_path: Path) -> None:
     (tmp_path / "c.vnl").write_text("# filename x y xx xy yy\n" + f"a 1 2 {wrong}\n" * BOARD.count)
     with pytest.raises(InputError, match=r"line 2: xx, xy and yy are .* no covariance"):
         read_corners(tmp_path / "c.vnl", BOARD)
@@ -156,7 +158,7 @@ def test_any_views_read_as_they_were_written(
 
 
 @given(st.floats(0.5**HIGHEST_LEVEL, 1))
-def test_any_weight_comes_back_to_what_its_level_can_say(file: Path, weight: float) -> None:
+def test_any_weight_is_saved_to_the_precision_of_its_level(file: Path, weight: float) -> None:
     """A level of up to 100 has its last bit at 1.4e-14: half of it, times log 2, is the
     weight's.
     """

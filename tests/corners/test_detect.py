@@ -100,44 +100,44 @@ SCENES = {
 
 @pytest.fixture
 def no_saddles(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where the squares are too few pixels wide."""
+    """Find no saddles, as if the squares were too few pixels wide."""
     monkeypatch.setattr(detect, "SEARCHES", detect.SEARCHES[1:])
 
 
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES.keys())
 def test_corners_are_where_they_were_drawn(scene: Scene) -> None:
     picture, truth = scene.draw()
-    found = find_corners(picture, scene.board)
-    assert found is not None
-    assert found.detector == "saddles"
-    assert found.corners.shape == (54, 2)
-    assert found.corners.dtype == np.float64
-    assert rms(found.corners, truth) < 0.08
+    detection = find_corners(picture, scene.board)
+    assert detection is not None
+    assert detection.detector == "saddles"
+    assert detection.corners.shape == (54, 2)
+    assert detection.corners.dtype == np.float64
+    assert rms(detection.corners, truth) < 0.08
 
 
 def test_sixteen_bits_give_the_same_corners() -> None:
     picture, truth = Scene().draw()
     deep = picture.astype(np.uint16) * 16 + 300  # twelve bits, in the lower part of sixteen
     deep[0, :3] = 65535  # hot pixels
-    found = find_corners(deep, BOARD)
-    assert found is not None
-    assert rms(found.corners, truth) < 0.08
+    detection = find_corners(deep, BOARD)
+    assert detection is not None
+    assert rms(detection.corners, truth) < 0.08
 
 
 def test_sixteen_bits_of_one_grey_are_eight_bits_of_one_grey() -> None:
     assert not eight_bits(np.full((20, 30), 5000, np.uint16)).any()
 
 
-def test_a_board_whose_saddles_are_no_grid_is_left_to_the_sector_detector(no_saddles: None) -> None:
+def test_the_sector_detector_takes_over_if_the_saddles_form_no_grid(no_saddles: None) -> None:
     del no_saddles
     picture, truth = Scene().draw()
-    found = find_corners(picture, BOARD)
-    assert found is not None
-    assert found.detector == "sb"
-    assert rms(found.corners, truth) < 0.08
+    detection = find_corners(picture, BOARD)
+    assert detection is not None
+    assert detection.detector == "sb"
+    assert rms(detection.corners, truth) < 0.08
 
 
-def test_a_board_that_the_sector_detector_misses_is_left_to_the_classic_one(
+def test_the_classic_detector_takes_over_if_the_sector_detector_fails(
     monkeypatch: pytest.MonkeyPatch, no_saddles: None
 ) -> None:
     del no_saddles
@@ -146,18 +146,18 @@ def test_a_board_that_the_sector_detector_misses_is_left_to_the_classic_one(
     monkeypatch.setattr(
         cv2, "findChessboardCornersSBWithMeta", lambda *_, **__: (False, None, None)
     )
-    found = find_corners(picture, BOARD)
-    assert found is not None
-    assert found.detector == "classic"
-    assert rms(found.corners, truth) < 0.08
+    detection = find_corners(picture, BOARD)
+    assert detection is not None
+    assert detection.detector == "classic"
+    assert rms(detection.corners, truth) < 0.08
 
 
 @pytest.mark.parametrize("ground", [90, 230], ids=["grey", "bright"])
 def test_a_board_without_a_white_margin_is_found(ground: int) -> None:
     picture, truth = Scene(margin=0.0, ground=ground).draw()
-    found = find_corners(picture, BOARD)
-    assert found is not None
-    assert rms(found.corners, truth) < 0.08
+    detection = find_corners(picture, BOARD)
+    assert detection is not None
+    assert rms(detection.corners, truth) < 0.08
 
 
 def test_wrong_corners_of_the_sector_detector_are_replaced(
@@ -168,18 +168,18 @@ def test_wrong_corners_of_the_sector_detector_are_replaced(
 
     def astray(search: Callable[..., tuple]) -> Callable[..., tuple]:
         def searched(*args: object, **kwargs: object) -> tuple:
-            found, corners, *more = search(*args, **kwargs)
+            detection, corners, *extra = search(*args, **kwargs)
             corners.reshape(-1, 2)[20] += 25.0
-            return found, corners, *more
+            return detection, corners, *extra
 
         return searched
 
     for name in ("findChessboardCornersSB", "findChessboardCornersSBWithMeta"):
         monkeypatch.setattr(cv2, name, astray(getattr(cv2, name)))
-    found = find_corners(picture, BOARD)
-    assert found is not None
-    assert found.detector == "classic"
-    assert rms(found.corners, truth) < 0.08
+    detection = find_corners(picture, BOARD)
+    assert detection is not None
+    assert detection.detector == "classic"
+    assert rms(detection.corners, truth) < 0.08
 
 
 def test_wrong_corners_of_the_saddles_are_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -193,10 +193,10 @@ def test_wrong_corners_of_the_saddles_are_replaced(monkeypatch: pytest.MonkeyPat
         return rough
 
     monkeypatch.setattr(detect, "SEARCHES", (("saddles", astray), *detect.SEARCHES[1:]))
-    found = find_corners(picture, BOARD)
-    assert found is not None
-    assert found.detector == "sb"
-    assert rms(found.corners, truth) < 0.08
+    detection = find_corners(picture, BOARD)
+    assert detection is not None
+    assert detection.detector == "sb"
+    assert rms(detection.corners, truth) < 0.08
 
 
 def test_corners_that_are_found_some_pixels_off_are_mended(
@@ -208,21 +208,21 @@ def test_corners_that_are_found_some_pixels_off_are_mended(
     search = cv2.findChessboardCornersSBWithMeta
 
     def vague(*args: object) -> tuple:
-        found, corners, meta = search(*args)  # type: ignore[call-overload]
+        detection, corners, meta = search(*args)  # type: ignore[call-overload]
         return (
-            found,
+            detection,
             corners + np.random.default_rng(0).uniform(-4, 4, corners.shape).astype(np.float32),
             meta,
         )
 
     monkeypatch.setattr(cv2, "findChessboardCornersSBWithMeta", vague)
-    found = find_corners(picture, BOARD)
-    assert found is not None
-    assert rms(found.corners, truth) < 0.08
+    detection = find_corners(picture, BOARD)
+    assert detection is not None
+    assert rms(detection.corners, truth) < 0.08
 
 
 @pytest.mark.parametrize("shape", [(480, 640), (8, 8), (1, 1), (900, 10)], ids=str)
-def test_nothing_is_found_where_nothing_is(shape: tuple[int, int]) -> None:
+def test_no_board_is_found_in_pictures_without_one(shape: tuple[int, int]) -> None:
     noise = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
     assert find_corners(noise, BOARD) is None
     assert find_corners(np.zeros(shape, np.uint8), BOARD) is None
@@ -238,9 +238,9 @@ def test_the_grid_check_passes_strong_perspective_and_a_barrel() -> None:
     scene = Scene(distance=9.0, tilt=(1.0, 0.5), focal=300.0)
     truth = scene.draw()[1]
     assert is_regular(truth, BOARD, (480, 640))
-    off = (truth - (320, 240)) / 300
-    barrel = off * (
-        1 - 0.3 * (off**2).sum(1, keepdims=True) + 0.08 * (off**2).sum(1, keepdims=True) ** 2
+    error = (truth - (320, 240)) / 300
+    barrel = error * (
+        1 - 0.3 * (error**2).sum(1, keepdims=True) + 0.08 * (error**2).sum(1, keepdims=True) ** 2
     ) * 300 + (320, 240)
     assert is_regular(barrel, BOARD, (480, 640))
 
@@ -278,11 +278,11 @@ def test_the_grid_check_catches_a_skipped_row_of_the_smallest_board() -> None:
 
 
 def test_the_grid_check_catches_folds_and_corners_outside_and_undefined_ones() -> None:
-    folded, outside, undefined = flat(), flat(), flat()
+    folded, shifted, undefined = flat(), flat(), flat()
     folded[5] = folded[3]
-    outside += (300, 0)
+    shifted += (300, 0)
     undefined[2, 2] = np.nan
-    for grid in (folded, outside, undefined):
+    for grid in (folded, shifted, undefined):
         assert not is_regular(grid.reshape(-1, 2), BOARD, (480, 640))
 
 

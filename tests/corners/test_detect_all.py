@@ -51,13 +51,13 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return made
 
 
-def same(one: Detections, other: Detections) -> bool:
-    return one.rejected == other.rejected and all(
+def same(item: Detections, second: Detections) -> bool:
+    return item.rejected == second.rejected and all(
         a.name == b.name
         and np.array_equal(a.corners, b.corners, equal_nan=True)
         and np.array_equal(a.weight, b.weight)
         and np.array_equal(np.asarray(a.covariance), np.asarray(b.covariance), equal_nan=True)
-        for a, b in zip(one.views, other.views, strict=True)
+        for a, b in zip(item.views, second.views, strict=True)
     )
 
 
@@ -81,7 +81,9 @@ def test_every_picture_is_found_or_rejected_in_order(tmp_path: Path) -> None:
         assert view.weight.min() > 0.5
 
 
-def test_a_second_run_looks_at_nothing_and_says_the_same(tmp_path: Path, looks: list[int]) -> None:
+def test_a_second_run_reads_no_picture_and_gives_the_same_result(
+    tmp_path: Path, looks: list[int]
+) -> None:
     paths = write(tmp_path, [*views(3), None])
     first = detect(paths, BOARD)
     assert len(looks) == 4
@@ -96,8 +98,8 @@ def test_the_order_of_the_pictures_and_the_number_of_threads_change_nothing(
     first = detect(paths, BOARD)
     (tmp_path / DETECTIONS_FILE).unlink()
     monkeypatch.setattr("os.cpu_count", lambda: 1)
-    again = detect(paths[::-1], BOARD)
-    assert same(Detections(again.views[::-1], again.rejected), first)
+    repeat = detect(paths[::-1], BOARD)
+    assert same(Detections(repeat.views[::-1], repeat.rejected), first)
 
 
 def test_a_corner_that_cannot_be_measured_is_kept_as_such(tmp_path: Path, looks: list[int]) -> None:
@@ -139,7 +141,7 @@ def test_changed_settings_look_again(
     assert len(looks) == 6
 
 
-def test_the_size_of_a_square_does_not_matter_to_what_is_kept(
+def test_saved_detections_are_valid_for_any_size_of_the_squares(
     tmp_path: Path, looks: list[int]
 ) -> None:
     paths = write(tmp_path, views(3))
@@ -181,18 +183,20 @@ def test_a_corrupt_store_is_ignored_and_written_anew_if_it_is_ours(
 ) -> None:
     paths = write(tmp_path, views(3))
     first = detect(paths, BOARD)
-    kept = tmp_path / DETECTIONS_FILE
-    whole = kept.read_bytes()
-    changed = corrupt(whole)
-    kept.write_bytes(changed)
-    assert changed != whole
+    stored = tmp_path / DETECTIONS_FILE
+    content = stored.read_bytes()
+    changed = corrupt(content)
+    stored.write_bytes(changed)
+    assert changed != content
     assert same(detect(paths, BOARD), first)
     assert len(looks) == 6
     is_ours = FILE_START.startswith(changed[: len(FILE_START)])
-    assert kept.read_bytes() == (whole if is_ours else changed)
+    assert stored.read_bytes() == (content if is_ours else changed)
 
 
-def test_a_folder_that_cannot_be_written_does_without(tmp_path: Path, looks: list[int]) -> None:
+def test_a_folder_that_cannot_be_written_gets_no_saved_detections(
+    tmp_path: Path, looks: list[int]
+) -> None:
     paths = write(tmp_path, views(3))
     (tmp_path / DETECTIONS_FILE).mkdir()  # even root cannot write a file there
     for _ in range(2):
@@ -249,15 +253,17 @@ def test_one_good_picture_alone_is_enough_where_one_was_asked_for(tmp_path: Path
     assert len(detect(write(tmp_path, views(1)), BOARD).views) == 1
 
 
-def test_no_picture_at_all_is_said() -> None:
+def test_a_session_without_pictures_is_reported() -> None:
     with pytest.raises(NotEnoughDataError, match="there is no picture"):
         detect([], BOARD)
 
 
 @pytest.mark.parametrize(
-    ("session", "board", "least"), [("pi-wide", BOARD, 47), ("blind-c", Board(9, 9, 0.02), 20)]
+    ("session", "board", "minimum"), [("pi-wide", BOARD, 47), ("blind-c", Board(9, 9, 0.02), 20)]
 )
-def test_recorded_boards_are_found(tmp_path: Path, session: str, board: Board, least: int) -> None:
+def test_recorded_boards_are_found(
+    tmp_path: Path, session: str, board: Board, minimum: int
+) -> None:
     source = MEASURED / session / "frames"
     if not source.is_dir():
         pytest.skip(f"{source} is not here: the recorded pictures are no part of the project.")
@@ -268,5 +274,5 @@ def test_recorded_boards_are_found(tmp_path: Path, session: str, board: Board, l
         len(
             detect(sorted(p for p in frames.iterdir() if p.suffix in (".png", ".jpg")), board).views
         )
-        >= least
+        >= minimum
     )

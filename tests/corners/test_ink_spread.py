@@ -1,4 +1,4 @@
-"""By how much black looks larger: of tags that are drawn with edges moved by so many px."""
+"""The estimate of how much larger black looks, on tags that are drawn with moved edges."""
 
 import numpy as np
 import pytest
@@ -24,12 +24,12 @@ def drawn(number: int, grown: int, noise: float = 2.0) -> NDArray[np.uint8]:
     fine = np.kron(
         np.pad(black_cells(DICTIONARY, number, 1), 1), np.ones((CELL * STRATA, CELL * STRATA), bool)
     )
-    whole = np.pad(fine, (EDGE - CELL) * STRATA)
+    padded = np.pad(fine, (EDGE - CELL) * STRATA)
     cross = np.ones((3, 3), bool)
     if grown:
-        whole = (binary_dilation if grown > 0 else binary_erosion)(whole, cross, abs(grown))
-    light: Array = gaussian_filter(np.where(whole, 25.0, 190.0), 0.6 * STRATA)
-    size = len(whole) // STRATA
+        padded = (binary_dilation if grown > 0 else binary_erosion)(padded, cross, abs(grown))
+    light: Array = gaussian_filter(np.where(padded, 25.0, 190.0), 0.6 * STRATA)
+    size = len(padded) // STRATA
     grey: Array = light.reshape(size, STRATA, size, STRATA).mean((1, 3))
     grey += np.random.default_rng(number).normal(0, noise, (size, size))
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
@@ -43,12 +43,12 @@ def test_growth_is_found_and_taken_off(grown: int) -> None:
     assert abs(growth.px - grown / STRATA) < max(4 * growth.sigma, 0.012)
     assert growth.sigma < 0.01
     assert growth.is_significant == (grown != 0)
-    left = remove_ink_spread(growth, outlines)
-    assert np.abs(left.corners[0] - CORNERS).max() < 0.03
-    assert (np.linalg.eigvalsh(left.covariances[0] - outlines.covariances[0]) > -1e-12).all()
+    corrected = remove_ink_spread(growth, outlines)
+    assert np.abs(corrected.corners[0] - CORNERS).max() < 0.03
+    assert (np.linalg.eigvalsh(corrected.covariances[0] - outlines.covariances[0]) > -1e-12).all()
 
 
-def test_a_turned_tag_tells_the_same() -> None:
+def test_a_turned_tag_gives_the_same_ink_spread() -> None:
     """Each edge is looked at from its own black to its own white, whichever way the tag lies in the
     picture.
     """
@@ -61,7 +61,7 @@ def test_a_turned_tag_tells_the_same() -> None:
         assert growth.px == pytest.approx(2 / STRATA, abs=0.02)
 
 
-def test_what_is_no_such_tag_says_nothing() -> None:
+def test_other_outlines_give_no_ink_spread() -> None:
     plain = np.full((170, 170), 128, np.uint8)
     assert (
         measure_ink_spread(plain, CORNERS[None], [black_cells(DICTIONARY, 5, 1)]) == NO_INK_SPREAD

@@ -35,7 +35,7 @@ CASES: dict[str, tuple[Scene, float]] = {
 
 
 @pytest.mark.parametrize(("scene", "over"), CASES.values(), ids=CASES.keys())
-def test_errors_are_the_bound_s_and_the_covariances_true(scene: Scene, over: float) -> None:
+def test_errors_reach_the_bound_and_agree_with_the_covariances(scene: Scene, over: float) -> None:
     """420 corners: a ratio of variances strays by 0.05, a mean by 0.05 of a corner's error; 1.05 to
     1.24 times the bound was measured.
     """
@@ -47,7 +47,7 @@ def test_errors_are_the_bound_s_and_the_covariances_true(scene: Scene, over: flo
 
 
 @pytest.mark.slow
-def test_few_corners_of_large_squares_are_as_sure_as_they_say() -> None:
+def test_few_corners_of_large_squares_have_true_covariances() -> None:
     """160 corners, whose own errors would come back to them in the bends of straight edges: 1.4
     times as large as predicted, then.
     """
@@ -105,7 +105,8 @@ def test_blurred_edges_are_error_functions() -> None:
     )
     parameters[9:, ANGLES] = np.pi / 2, 0
     light = ExpectedPatches.predict(parameters, patches, np.zeros((18, 2))).light[4].astype(float)
-    x, y = (20 * form[4].astype(float) for form in patches.forms[1:3])
+    x = 20 * patches.forms[1][4].astype(float)
+    y = 20 * patches.forms[2][4].astype(float)
     exact = 120 + 90 * erf(x / 0.8 / 2**0.5) * erf(y / 0.8 / 2**0.5)
     assert np.abs(exact - 120).max() > 89
     assert min(np.abs(light - exact).max(), np.abs(light - (240 - exact)).max()) < 0.06
@@ -121,12 +122,14 @@ def test_saturated_white_and_black_do_not_move_corners() -> None:
         hard = np.clip((made.picture.astype(float) - 112) * 2.5 + 128, 0, 255).astype(np.uint8)
         assert ((hard == 0) | (hard == 255)).mean() > 0.75
         measured = measure_corners(hard, made.corners + 0.1, scene.board)
-        off = measured.corners - made.corners
-        errors.append(off)
-        squared.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(measured.covariances), off) / 2)
-    off = np.concatenate(errors)
-    assert np.median(np.hypot(*off.T)) < 0.01
-    assert np.abs(off.mean(0)).max() < 0.005
+        error = measured.corners - made.corners
+        errors.append(error)
+        squared.append(
+            np.einsum("ni,nij,nj->n", error, np.linalg.inv(measured.covariances), error) / 2
+        )
+    error = np.concatenate(errors)
+    assert np.median(np.hypot(*error.T)) < 0.01
+    assert np.abs(error.mean(0)).max() < 0.005
     assert 0.75 < np.mean(squared) < 1.35  # 168 corners: 1 within 0.11
 
 
@@ -145,18 +148,18 @@ def test_a_lens_that_bends_edges_leaves_no_bias() -> None:
     truth = made.corners.copy()
     for _ in range(50):
         truth -= _bent(truth, middle, strength) - made.corners
-    off = measure_corners(np.asarray(picture), truth + 0.1, scene.board).corners - truth
-    assert np.abs(off.mean(0)).max() < 0.005
+    error = measure_corners(np.asarray(picture), truth + 0.1, scene.board).corners - truth
+    assert np.abs(error.mean(0)).max() < 0.005
 
 
 def _bent(
     places: NDArray[np.float64], middle: NDArray[np.float64], strength: float
 ) -> NDArray[np.float64]:
-    away = places - middle
-    return np.asarray(middle + away * (1 + strength * (away**2).sum(-1, keepdims=True)))
+    offset = places - middle
+    return np.asarray(middle + offset * (1 + strength * (offset**2).sum(-1, keepdims=True)))
 
 
-def test_covered_corners_are_told() -> None:
+def test_covered_corners_are_recognised() -> None:
     made = draw(REFERENCE, np.random.default_rng(7))
     picture = made.picture.copy()
     hidden = [8, 23]
@@ -165,8 +168,8 @@ def test_covered_corners_are_told() -> None:
     measured = measure_corners(picture, made.corners + 0.1, REFERENCE.board)
     assert np.isnan(measured.corners[hidden]).all()
     assert np.isnan(measured.covariances[hidden]).all()
-    others = np.delete(measured.corners - made.corners, hidden, 0)
-    assert np.sqrt((others**2).sum(1).mean()) < 0.015
+    alternatives = np.delete(measured.corners - made.corners, hidden, 0)
+    assert np.sqrt((alternatives**2).sum(1).mean()) < 0.015
 
 
 def test_sixteen_bits_are_measured_in_full() -> None:

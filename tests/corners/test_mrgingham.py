@@ -1,4 +1,4 @@
-"""What the benchmarks read of mrgingham's output, whether or not it is installed."""
+"""The benchmarks read mrgingham's output, whether or not it is installed."""
 
 from pathlib import Path
 
@@ -23,10 +23,10 @@ def test_a_board_is_read_as_it_is_printed(tmp_path: Path) -> None:
         for (x, y), level in zip(places, (0, 0, 1, 0, 2, 0, 0, 0, 0), strict=True)
     ]
     (tmp_path / "corners.vnl").write_text(LEGEND + "\n".join(rows) + "\n")
-    found = read(tmp_path / "corners.vnl", BOARD)
-    assert found is not None
-    np.testing.assert_array_equal(found, places)
-    np.testing.assert_array_equal(nearest(found[::-1], places + 0.3), places)
+    detection = read(tmp_path / "corners.vnl", BOARD)
+    assert detection is not None
+    np.testing.assert_array_equal(detection, places)
+    np.testing.assert_array_equal(nearest(detection[::-1], places + 0.3), places)
 
 
 def test_no_board_is_none(tmp_path: Path) -> None:
@@ -34,7 +34,7 @@ def test_no_board_is_none(tmp_path: Path) -> None:
     assert read(tmp_path / "corners.vnl", BOARD) is None
 
 
-def test_only_square_boards_are_asked_of_it() -> None:
+def test_mrgingham_is_used_for_square_boards_only() -> None:
     assert not can_find(Board(9, 6, 0.025))
 
 
@@ -42,12 +42,14 @@ def test_only_square_boards_are_asked_of_it() -> None:
     not can_find(BOARD),
     reason="mrgingham is not installed (apt-get install mrgingham): its own output was not read",
 )
-@pytest.mark.parametrize("way", WAYS)
-def test_its_corners_are_the_drawn_ones(way: str) -> None:
+@pytest.mark.parametrize("method", WAYS)
+def test_its_corners_are_the_drawn_ones(method: str) -> None:
     scene = Scene(board=Board(7, 7, 1.0), tilt=20.0, noise=0.5)
     made = draw(scene, np.random.default_rng(0))
-    found = find(made.picture, scene.board, way)
-    assert found is not None
-    own = nearest(found, made.corners)
-    assert len(np.unique(own, axis=0)) == scene.board.count
-    assert np.hypot(*(own - made.corners).T).max() < 1  # a quarter of a pixel was measured
+    detection = find(made.picture, scene.board, method)
+    assert detection is not None
+    nearest_corners = nearest(detection, made.corners)
+    assert len(np.unique(nearest_corners, axis=0)) == scene.board.count
+    assert (
+        np.hypot(*(nearest_corners - made.corners).T).max() < 1
+    )  # a quarter of a pixel was measured

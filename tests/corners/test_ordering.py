@@ -52,7 +52,7 @@ def test_an_order_is_never_mirrored(board: Board, roll: int) -> None:
         assert x[0] * y[1] - x[1] * y[0] > 0
 
 
-def test_colours_are_told_under_a_lamp_at_one_side_and_a_highlight() -> None:
+def test_colours_are_recognised_under_a_side_lamp_and_a_highlight() -> None:
     board = Board(9, 6, 1.0)
     picture, truth = Scene(board=board).draw()
     lamp = np.linspace(0.1, 1.0, picture.shape[1])
@@ -76,6 +76,6 @@ def test_sixteen_bits_are_ordered_alike() -> None:
 def test_detected_corners_come_in_that_order(roll: int) -> None:
     board = Board(9, 6, 1.0)
     picture, truth = Scene(board=board, roll=np.deg2rad(roll + 10)).draw()
-    found = find_corners(picture, board)
-    assert found is not None
-    assert rms(found.corners, truth) < 0.08
+    detection = find_corners(picture, board)
+    assert detection is not None
+    assert rms(detection.corners, truth) < 0.08

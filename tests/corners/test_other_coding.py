@@ -91,7 +91,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_the_pictures_show_is_said(
+def test_the_target_in_the_pictures_is_named(
     case: tuple[str, Kind, Callable[[Board], Board], str], tmp_path: Path
 ) -> None:
     name, kind, change, says = case
@@ -100,7 +100,7 @@ def test_what_the_pictures_show_is_said(
 
 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
-def test_mirrored_pictures_are_told(name: str, tmp_path: Path) -> None:
+def test_mirrored_pictures_are_reported(name: str, tmp_path: Path) -> None:
     flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures(name)]
     with pytest.raises(
         NotEnoughDataError, match="can be read only in a mirror: turn the pictures' mirroring off"
@@ -123,17 +123,18 @@ def test_a_refused_picture_is_listed_with_its_reason_and_both_are_kept(tmp_path:
     """
     shown = [*pictures("charuco"), np.hstack([pictures("charuco")[0][:, :240]] * 2)]
     paths = write(tmp_path, shown)
-    found = detect(paths, CHARUCO.board)
-    assert len(found.views) == 3
-    ((name, reason),) = [(one.name, one.reason) for one in found.rejected]
-    assert (name, "is seen twice" in reason) == ("3.png", True)
-    kept = (tmp_path / DETECTIONS_FILE).read_bytes()
-    again = detect(paths, CHARUCO.board)
-    assert again.rejected == found.rejected
-    for view, same in zip(found.views, again.views, strict=True):
+    detections = detect(paths, CHARUCO.board)
+    assert len(detections.views) == 3
+    (rejected,) = detections.rejected
+    assert rejected.name == "3.png"
+    assert "is seen twice" in rejected.reason
+    stored = (tmp_path / DETECTIONS_FILE).read_bytes()
+    repeat = detect(paths, CHARUCO.board)
+    assert repeat.rejected == detections.rejected
+    for view, same in zip(detections.views, repeat.views, strict=True):
         assert np.array_equal(view.corners, same.corners, equal_nan=True)
         assert view.covariance is not None
         assert np.array_equal(view.covariance, np.asarray(same.covariance), equal_nan=True)
-    assert (tmp_path / DETECTIONS_FILE).read_bytes() == kept
+    assert (tmp_path / DETECTIONS_FILE).read_bytes() == stored
     with pytest.raises(NotEnoughDataError):
         detect(paths, replace(CHARUCO.board, columns=10))

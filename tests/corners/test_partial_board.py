@@ -29,36 +29,36 @@ def covered(
     return np.asarray(cv2.fillPoly(picture.copy(), [hull], light), np.uint8)
 
 
-def off(found: Detection, truth: NDArray[np.float64]) -> NDArray[np.float64]:
+def off(detection: Detection, truth: NDArray[np.float64]) -> NDArray[np.float64]:
     """px, of the corners that were found."""
     return np.asarray(
-        np.linalg.norm(found.corners - truth, axis=1)[np.isfinite(found.corners[:, 0])]
+        np.linalg.norm(detection.corners - truth, axis=1)[np.isfinite(detection.corners[:, 0])]
     )
 
 
 @pytest.mark.slow
-def test_a_covered_corner_in_the_middle_leaves_a_part_that_is_known() -> None:
+def test_a_board_with_a_covered_middle_corner_is_located() -> None:
     """The sector detector goes astray around some discs; then there is no part."""
-    parts = 0
+    partial_count = 0
     for roll in (0.2, 1.0, -1.2):
         for light in (40, 120, 255):
             picture, truth = Scene(size=(960, 720), focal=750.0, roll=roll).draw()
             hidden = cv2.circle(
                 picture, tuple(np.rint(truth[31]).astype(int).tolist()), 40, light, -1
             )
-            found = find_board(np.asarray(hidden, np.uint8), BOARD)
-            if isinstance(found, Detection):
-                parts += 1
-                assert found.detector == "part"
-                errors = off(found, truth)
+            detection = find_board(np.asarray(hidden, np.uint8), BOARD)
+            if isinstance(detection, Detection):
+                partial_count += 1
+                assert detection.detector == "part"
+                errors = off(detection, truth)
                 assert len(errors) >= 30
                 assert (
                     np.sqrt((errors**2).mean()) < 0.05
                 )  # a drawn corner's is 0.02, and one may be touched
-    assert parts >= 5
+    assert partial_count >= 5
 
 
-def test_what_is_found_does_not_hang_on_what_was_looked_for_before() -> None:
+def test_a_detection_does_not_depend_on_earlier_ones() -> None:
     """OpenCV's detector draws random numbers, which go on from picture to picture; with this
     picture it shows.
     """
@@ -76,24 +76,24 @@ def test_what_is_found_does_not_hang_on_what_was_looked_for_before() -> None:
     assert all(np.array_equal(found(seed), found(0)) for seed in range(1, 12))
 
 
-def test_a_picture_that_cuts_off_one_end_leaves_a_part_that_is_known() -> None:
+def test_a_board_with_one_end_cut_off_is_located() -> None:
     """Both long sides and one short one are seen: the columns run along the long ones."""
     picture, truth = SCENE.draw()
     edge = int(truth[:, 0].min() * 0.25 + truth[:, 0].max() * 0.75)
-    found = find_board(np.ascontiguousarray(picture[:, :edge]), BOARD)
-    assert isinstance(found, Detection)
-    assert 30 <= len(off(found, truth)) < 54
-    assert off(found, truth).max() < 0.2
+    detection = find_board(np.ascontiguousarray(picture[:, :edge]), BOARD)
+    assert isinstance(detection, Detection)
+    assert 30 <= len(off(detection, truth)) < 54
+    assert off(detection, truth).max() < 0.2
 
 
-def test_two_sides_tell_a_square_board_and_not_another() -> None:
-    for board, told in ((SQUARE, True), (Board(9, 7, 0.02), False)):
+def test_two_sides_locate_a_part_of_a_square_board_only() -> None:
+    for board, is_located in ((SQUARE, True), (Board(9, 7, 0.02), False)):
         picture, truth = Scene(
             board=board, size=(960, 720), focal=750.0, tilt=(0.2, 0.1), roll=0.1
         ).draw()
         grid = truth.reshape(board.rows, board.columns, 2)
         far = grid[-1, -1] + (grid[-1, -1] - grid[0, 0])
-        outside = [
+        distractors = [
             grid[0, 5] * 2 - grid[1, 5],
             far,
             grid[5, 0] * 2 - grid[5, 1],
@@ -101,22 +101,22 @@ def test_two_sides_tell_a_square_board_and_not_another() -> None:
         ]  # all but the upper left, in two strips
         hidden = picture.copy()
         above = 2 * grid[0, 5] - grid[2, 5]
-        before = 2 * grid[5, 0] - grid[5, 2]
+        left_of_board = 2 * grid[5, 0] - grid[5, 2]
         right = 2 * grid[0, -1] - grid[2, -1] + 3 * (grid[0, -1] - grid[0, -2])
-        down = 2 * grid[-1, 0] - grid[-1, 2] + 3 * (grid[-1, 0] - grid[-2, 0])
-        end = outside[1]
+        downwards = 2 * grid[-1, 0] - grid[-1, 2] + 3 * (grid[-1, 0] - grid[-2, 0])
+        end = distractors[1]
         for corners in (
             [above, right, end, grid[-1, 5] + 3 * (grid[-1, 5] - grid[-2, 5])],
-            [before, down, end, grid[5, -1]],
+            [left_of_board, downwards, end, grid[5, -1]],
         ):
             cv2.fillPoly(hidden, [np.rint(corners).astype(np.int32)], 120)
-        found = find_board(hidden, board)
-        if told:
-            assert isinstance(found, Detection)
-            assert off(found, truth).max() < 0.2
+        detection = find_board(hidden, board)
+        if is_located:
+            assert isinstance(detection, Detection)
+            assert off(detection, truth).max() < 0.2
         else:
-            assert isinstance(found, NotFound)
-            assert "and not which: show it whole, or two neighbouring sides" in found.reason
+            assert isinstance(detection, NotFound)
+            assert "and not which: show it whole, or two neighbouring sides" in detection.reason
 
 
 def test_a_part_without_an_outline_is_refused_with_the_reason() -> None:
@@ -124,20 +124,20 @@ def test_a_part_without_an_outline_is_refused_with_the_reason() -> None:
         board=SQUARE, size=(960, 720), focal=750.0, tilt=(0.1, 0.1), roll=0.0, distance=12.0
     ).draw()
     (x, y), (right, below) = np.rint(truth[[20, 60]]).astype(int).tolist()
-    found = find_board(
+    detection = find_board(
         np.ascontiguousarray(picture[y - 40 : below + 40, x - 40 : right + 40]), SQUARE
     )
-    assert isinstance(found, NotFound)
-    assert "and not which" in found.reason
+    assert isinstance(detection, NotFound)
+    assert "and not which" in detection.reason
 
 
-def test_a_whole_board_of_another_size_is_no_part() -> None:
-    """Its margin is seen all around, where the declared board goes on."""
+def test_a_complete_board_of_another_size_is_not_taken_for_a_part() -> None:
+    """The board's margin is visible all around, where the declared board would go on."""
     picture, _ = Scene(board=Board(7, 5, 0.025), size=(960, 720), focal=750.0).draw()
     assert isinstance(find_board(picture, BOARD), NotFound)
 
 
-def test_a_larger_board_is_no_part_either() -> None:
+def test_a_larger_board_is_not_taken_for_a_part() -> None:
     board = Board(11, 8, 0.025)
     picture, truth = Scene(board=board, size=(960, 720), focal=750.0, distance=18.0).draw()
     hidden = np.asarray(
@@ -152,7 +152,7 @@ def test_a_larger_board_is_no_part_either() -> None:
 def test_whatever_is_covered_no_corner_is_taken_for_another() -> None:
     """Discs and bands of any grey anywhere, bands along the squares among them, white ones too."""
     rng = np.random.default_rng(4)
-    parts = 0
+    partial_count = 0
     for trial in range(30):
         board = (BOARD, SQUARE, Board(8, 6, 0.025))[trial % 3]
         scene = Scene(
@@ -176,24 +176,24 @@ def test_whatever_is_covered_no_corner_is_taken_for_another() -> None:
         else:  # from somewhere between two columns to beyond the board's end, along its squares
             first = rng.integers(1, board.columns - 3)
             start = grid[:, first] + rng.uniform(0.2, 0.8) * (grid[:, first + 1] - grid[:, first])
-            down = 3 * (start[-1] - start[-2])
-            across = 2 * (grid[0, -1] - grid[0, 0])
+            downwards = 3 * (start[-1] - start[-2])
+            sideways = 2 * (grid[0, -1] - grid[0, 0])
             band = [
-                start[0] - down,
-                start[-1] + down,
-                start[-1] + down + across,
-                start[0] - down + across,
+                start[0] - downwards,
+                start[-1] + downwards,
+                start[-1] + downwards + sideways,
+                start[0] - downwards + sideways,
             ]
             cv2.fillPoly(picture, [np.rint(band).astype(np.int32)], light)
-        found = find_board(picture, board)
-        if isinstance(found, Detection):
-            parts += found.detector == "part"
+        detection = find_board(picture, board)
+        if isinstance(detection, Detection):
+            partial_count += detection.detector == "part"
             assert (
-                off(found, truth).max() < 2
+                off(detection, truth).max() < 2
             ), (  # a corner at a cover's edge may be moved; a square is 15 px and more
                 f"trial {trial}"
             )
-    assert parts >= 7
+    assert partial_count >= 7
 
 
 def test_a_picture_that_ends_within_the_board_raises_no_error() -> None:

@@ -22,17 +22,17 @@ def noise(size: int) -> np.ndarray:
     return np.random.default_rng(0).integers(0, 255, (size, size), np.uint8)
 
 
-def test_more_than_opencv_looks_at_in_one_call_are_found() -> None:
+def test_more_saddles_than_one_call_of_opencv_handles_are_found() -> None:
     """32,767 peaks and more, of which some have edges that cross."""
     assert len(find_saddles(noise(960), 10**6).points) > 20_000
 
 
-def test_nothing_hangs_on_how_many_are_looked_at_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = find_saddles(noise(120), 1000)
+def test_the_size_of_a_batch_changes_no_saddle(monkeypatch: pytest.MonkeyPatch) -> None:
+    one_band = find_saddles(noise(120), 1000)
     monkeypatch.setattr(saddles, "RING_BATCH", 7)
-    parts = find_saddles(noise(120), 1000)
+    many_bands = find_saddles(noise(120), 1000)
     for name in ("points", "curvatures", "edges"):
-        assert np.array_equal(getattr(whole, name), getattr(parts, name))
+        assert np.array_equal(getattr(one_band, name), getattr(many_bands, name))
 
 
 @pytest.mark.slow
@@ -53,8 +53,8 @@ def test_a_stray_saddle_at_the_rim_is_not_a_larger_board_and_a_line_of_them_is()
         (grid.points if grid.points.shape[:2] == (6, 9) else grid.points.swapaxes(0, 1)),
         (1.0, 1.0),
     )
-    (whole,) = type(grid)(stray).board_positions(BOARD)
-    assert np.array_equal(whole.reshape(6, 9, 2), stray[:6])
+    (positions,) = type(grid)(stray).board_positions(BOARD)
+    assert np.array_equal(positions.reshape(6, 9, 2), stray[:6])
 
 
 def beside(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -65,19 +65,22 @@ def beside(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return wide
 
 
-def test_two_boards_in_one_picture_are_told() -> None:
-    """By both finders, and neither another board beside it nor half of a second one is taken for
-    two.
+def test_two_boards_in_one_picture_are_reported() -> None:
+    """Both finders tell two boards from one, and take neither another kind of board nor half of a
+    second one for two.
     """
-    one, _ = Scene().draw()
-    both = beside(one, np.ascontiguousarray(one[::-1, ::-1]))
-    found = find_board(both, BOARD)
-    assert isinstance(found, NotFound)
-    assert found.reason == "two 9x6 boards are seen: show one board alone"
-    frames = [Frame(both, 0, time_s) for time_s in (0.9, 1.0)]
-    before, now = map(make_finder(BOARD).look, frames)
-    assert judge_frame(now, before, ()).sentence == "Two 9x6 boards are seen: show one board alone."
-    other = draw(corner_pictures.Scene(board=Board(7, 5, 1.0)), np.random.default_rng(0)).picture
-    for alone in (beside(one, other), beside(one, one[:, : one.shape[1] // 2])):
+    picture, _ = Scene().draw()
+    double_picture = beside(picture, np.ascontiguousarray(picture[::-1, ::-1]))
+    detection = find_board(double_picture, BOARD)
+    assert isinstance(detection, NotFound)
+    assert detection.reason == "two 9x6 boards are seen: show one board alone"
+    frames = [Frame(double_picture, 0, time_s) for time_s in (0.9, 1.0)]
+    earlier, current = map(make_finder(BOARD).look, frames)
+    assert (
+        judge_frame(current, earlier, ()).sentence
+        == "Two 9x6 boards are seen: show one board alone."
+    )
+    second = draw(corner_pictures.Scene(board=Board(7, 5, 1.0)), np.random.default_rng(0)).picture
+    for alone in (beside(picture, second), beside(picture, picture[:, : picture.shape[1] // 2])):
         assert isinstance(find_board(alone, BOARD), Detection)
         assert make_finder(BOARD).look(Frame(alone, 0, 1.0)).corners is not None

@@ -27,14 +27,14 @@ def light(bends: tuple[float, ...], blur: float) -> Array:
     """
     at = (np.arange(SIZE * STRATA) + 0.5) / STRATA - 0.5
     x, y = np.meshgrid(at, at)
-    inside = np.ones(x.shape, bool)
+    mask = np.ones(x.shape, bool)
     for corner, following, bend in zip(CORNERS, np.roll(CORNERS, -1, 0), bends, strict=True):
         step = following - corner
         length = float(np.hypot(*step))
         share = ((x - corner[0]) * step[0] + (y - corner[1]) * step[1]) / length**2
-        beyond = ((x - corner[0]) * step[1] - (y - corner[1]) * step[0]) / length
-        inside &= beyond <= 4 * bend * share * (1 - share)
-    sharp = np.where(inside, 25.0, 190.0)
+        distance = ((x - corner[0]) * step[1] - (y - corner[1]) * step[0]) / length
+        mask &= distance <= 4 * bend * share * (1 - share)
+    sharp = np.where(mask, 25.0, 190.0)
     return np.asarray(
         gaussian_filter(sharp, blur * STRATA, mode="nearest")
         .reshape(SIZE, STRATA, SIZE, STRATA)
@@ -53,44 +53,40 @@ def drawn(
 
 @pytest.mark.parametrize("blur", [0.4, 0.6, 1.5])
 def test_corners_are_where_the_edges_meet(blur: float) -> None:
-    found = measure_outlines(drawn(blur=blur), (CORNERS + ROUGH)[None], CELLS)
+    outlines = measure_outlines(drawn(blur=blur), (CORNERS + ROUGH)[None], CELLS)
     assert (
-        np.abs(found.corners[0] - CORNERS).max() < 0.012
+        np.abs(outlines.corners[0] - CORNERS).max() < 0.012
     )  # rounding, and the sampling of 16 points across a pixel
 
 
-def test_16_bits_say_the_same() -> None:
+def test_pictures_of_16_bits_give_the_same_result() -> None:
     picture = drawn()
-    few, many = (
-        measure_outlines(one, (CORNERS + ROUGH)[None], CELLS)
-        for one in (picture, picture.astype(np.uint16) * 257)
-    )
-    assert np.allclose(few.corners, many.corners, atol=1e-9)
-    assert np.allclose(few.covariances, many.covariances, rtol=1e-6)
+    low_bits = measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS)
+    many = measure_outlines(picture.astype(np.uint16) * 257, (CORNERS + ROUGH)[None], CELLS)
+    assert np.allclose(low_bits.corners, many.corners, atol=1e-9)
+    assert np.allclose(low_bits.covariances, many.covariances, rtol=1e-6)
 
 
-def test_a_bend_that_is_known_does_no_harm_and_one_that_is_not_does() -> None:
+def test_a_known_bend_is_corrected_and_an_unknown_one_biases_the_corners() -> None:
     bends = (0.3, -0.2, 0.25, 0.3)
     picture = drawn(bends)
-    known, unknown = (
-        measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS, told)
-        for told in (np.array([bends]), None)
-    )
-    assert np.abs(known.corners[0] - CORNERS).max() < 0.012
+    corrected = measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS, np.array([bends]))
+    unknown = measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS, None)
+    assert np.abs(corrected.corners[0] - CORNERS).max() < 0.012
     assert (
         0.1 < np.abs(unknown.corners[0] - CORNERS).max() < 0.4
     )  # about two thirds of the bend, of each edge
 
 
-def test_covariance_is_what_repeated_noise_shows() -> None:
+def test_covariance_equals_the_scatter_over_repeated_noise() -> None:
     pictures = [drawn(noise=4.0, seed=seed) for seed in range(60)]
-    found = [measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS) for picture in pictures]
-    off = np.array([one.corners[0].ravel() for one in found])
-    off -= off.mean(0)
-    predicted = np.mean([one.covariances[0] for one in found], 0)
-    chi2 = np.mean(np.einsum("ni,ij,nj->n", off, np.linalg.inv(predicted), off)) / 8 * 60 / 59
+    outlines = [measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS) for picture in pictures]
+    error = np.array([item.corners[0].ravel() for item in outlines])
+    error -= error.mean(0)
+    predicted = np.mean([item.covariances[0] for item in outlines], 0)
+    chi2 = np.mean(np.einsum("ni,ij,nj->n", error, np.linalg.inv(predicted), error)) / 8 * 60 / 59
     assert 0.7 < chi2 < 1.3  # 480 numbers scatter by 7 %; the noise itself is estimated
-    along_one_edge = np.corrcoef(off[:, 1], off[:, 3])[
+    along_one_edge = np.corrcoef(error[:, 1], error[:, 3])[
         0, 1
     ]  # y of the two ends of the upper edge: an extrapolated line
     expected = predicted[1, 3] / np.sqrt(predicted[1, 1] * predicted[3, 3])
@@ -98,15 +94,15 @@ def test_covariance_is_what_repeated_noise_shows() -> None:
 
 
 @pytest.mark.parametrize("spoilt", ["flat", "negative", "outside"])
-def test_what_is_no_black_square_is_said_to_be_none(spoilt: str) -> None:
+def test_an_outline_that_is_no_black_square_is_rejected(spoilt: str) -> None:
     picture = drawn()
     if spoilt == "flat":
         picture[:] = 128
     shown = 255 - picture if spoilt == "negative" else picture
     rough = CORNERS + (500 if spoilt == "outside" else 0)
-    found = measure_outlines(shown, np.stack([rough, rough]), CELLS)
-    assert np.isnan(found.corners).all()
-    assert np.isnan(found.covariances).all()
+    outlines = measure_outlines(shown, np.stack([rough, rough]), CELLS)
+    assert np.isnan(outlines.corners).all()
+    assert np.isnan(outlines.covariances).all()
 
 
 def test_no_tags_are_none() -> None:
@@ -117,6 +113,6 @@ def test_a_picture_without_noise_is_still_rounded() -> None:
     picture = np.full((SIZE, SIZE), 200, np.uint8)
     picture[30:90, 30:90] = 20
     corners = np.array([[29.5, 29.5], [89.5, 29.5], [89.5, 89.5], [29.5, 89.5]])
-    found = measure_outlines(picture, corners[None], CELLS)
-    assert np.abs(found.corners[0] - corners).max() < 0.01
-    assert np.linalg.eigvalsh(found.covariances[0]).min() > 0
+    outlines = measure_outlines(picture, corners[None], CELLS)
+    assert np.abs(outlines.corners[0] - corners).max() < 0.01
+    assert np.linalg.eigvalsh(outlines.covariances[0]).min() > 0

@@ -1,4 +1,4 @@
-"""What views say of each other: which show one pose of the board, and in which order they were
+"""The labels of views: which of them show one pose of the board, and in which order they were
 taken.
 """
 
@@ -9,10 +9,10 @@ import numpy as np
 from calib.corners.view import View, are_timed, capture_times, pose_labels
 
 
-def views(*said: tuple[float | None, str | None]) -> list[View]:
+def views(*rows: tuple[float | None, str | None]) -> list[View]:
     return [
         View(f"{index}.png", np.full((4, 2), index), np.ones(4), time_s, pose)
-        for index, (time_s, pose) in enumerate(said)
+        for index, (time_s, pose) in enumerate(rows)
     ]
 
 
@@ -23,7 +23,7 @@ def test_views_of_a_burst_share_a_pose_and_others_have_their_own() -> None:
     assert pose_labels([]).tolist() == []
 
 
-def test_a_label_is_no_place_in_the_list() -> None:
+def test_a_view_without_a_label_does_not_share_the_label_of_its_index() -> None:
     """A view without a label is not taken for one of the burst that is called after its place."""
     assert pose_labels(views((None, "1"), (None, None), (None, "1"))).tolist() == [0, 1, 0]
 

@@ -10,9 +10,9 @@ from calib.apply.change_medium import immerse
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.errors import InputError
+from calib.fit_record.request import Settings
 from calib.fitting.declared import comparisons
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.fleet.limits import limit_of
 from calib.progress import Silent
 from calib.session.cover import Cover
@@ -192,7 +192,6 @@ def _calibration_of(session: Path, cover: Cover) -> Calibration:
         rejected=(),
         stages=(),
         noise_px=0.1,
-        settings={},
         gauge="",
     )
 

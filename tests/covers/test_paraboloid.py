@@ -25,9 +25,9 @@ from calib.effects.cover_radius import CoverRadius
 from calib.effects.cover_tilt import CoverTilt
 from calib.effects.effect import EffectContext
 from calib.errors import InputError
+from calib.fit_record.request import Settings
 from calib.fitting.declared import comparisons
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.fleet.limits import limit_of
 from calib.optics.params import Param, Values
 from calib.optics.vector import Vector
@@ -204,7 +204,8 @@ def test_its_tolerances_are_those_of_its_file(calibration: Calibration) -> None:
     declared = calibration.declared
     assert declared.cover.parameters["bulge"].sigma == BULGE.sigma
     assert {"bulge", "apex"} <= {*option_names()}
-    stated = read_session(Path(calibration.settings["made_by"]["session"]))
+
+    stated = read_session(Path(calibration.request.session))
     intrinsics = stated.camera.intrinsics
     assert intrinsics
     _, freed = free_parameters(intrinsics, stated.cover, ("bulge",))

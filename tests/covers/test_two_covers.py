@@ -14,9 +14,10 @@ from calib.effects.cover_offset import CoverOffset
 from calib.effects.cover_tilt import CoverTilt
 from calib.effects.effect import EffectContext
 from calib.errors import InputError
+from calib.fit_record.request import Settings
 from calib.fitting.declared import comparisons
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
+from calib.optics.exposure import MIDDLE
 from calib.optics.rays import FAILURES
 from calib.progress import Silent
 from calib.session.cover_section import cover_sections, cover_to_yaml, read_cover
@@ -146,7 +147,7 @@ def test_a_failure_names_its_surface(calibration: Calibration) -> None:
     """A window that stands inside of the dome is missed from outside."""
     moved = calibration.cover.replace_numbers({"cover2.distance": Number(0.02)})
     path, values = replace(calibration, cover=moved).model()
-    rays = path.trace(torch.tensor([[830.0, 620.0]], dtype=torch.float64), values)
+    rays = path.trace(torch.tensor([[830.0, 620.0]], dtype=torch.float64), values, MIDDLE)
     assert FAILURES[int(rays.failure[0])] == "missed the cover's surface 3"
     assert [FAILURES[stage.failures[0]] for stage in path.cover] == [
         "missed the cover's inner surface",

@@ -24,7 +24,7 @@ CHECKS: Mapping[str, Sequence[Callable[[], object]]] = {
     "vivid": (prepare, kernel_6_1),
     "libcamera": (prepare, kernel_6_12, libcamera_root, capture_wheels),
 }
-"""What each needs to be fetched.
+"""The downloads that each check needs.
 
 The checks are pytest's, in check_NAME.py, so that `python -m tests` does not find them.
 """

@@ -26,7 +26,7 @@ PER_PICTURE = 4
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the guest leaves: result.json and the session that it recorded."""
+    """Return the folder that the guest wrote: result.json and the session that it recorded."""
     folder = tmp_path_factory.mktemp("libcamera")
     imports = f"/host{PROJECT}:/host{capture_wheels()}"
     guest = Guest(kernel_6_12(), {}, root=libcamera_root())
@@ -42,7 +42,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_it_records(shared: Path) -> None:
+def test_the_guest_records_a_session(shared: Path) -> None:
     result = json.loads((shared / "result.json").read_text())
     assert result["code"] == 0, result["stderr"]
     assert len(result["pictures"]) == 24

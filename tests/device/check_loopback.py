@@ -22,7 +22,7 @@ FIXTURE = PROJECT / "fixtures" / "bumps"
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the guest leaves: result.json and the session that it recorded."""
+    """Return the folder that the guest wrote: result.json and the session that it recorded."""
     folder = tmp_path_factory.mktemp("loopback")
     kernel = kernel_6_1()
     guest = Guest(kernel, {"v4l2loopback": ""}, (v4l2loopback(kernel),))
@@ -49,7 +49,8 @@ def test_every_format_gives_the_grey_values_that_were_sent(shared: Path) -> None
 def test_every_view_is_kept_bit_for_bit(shared: Path) -> None:
     result = json.loads((shared / "result.json").read_text())
     assert result["code"] == 0, result["stderr"]
-    recorded, shown = (list_images(session / "frames") for session in (shared / "session", FIXTURE))
+    recorded = list_images(shared / "session" / "frames")
+    shown = list_images(FIXTURE / "frames")
     assert len(recorded) == len(shown)
     for ours, theirs in zip(recorded, shown, strict=True):
         np.testing.assert_array_equal(
@@ -73,7 +74,7 @@ def test_the_recording_calibrates_to_the_same_numbers(shared: Path, tmp_path: Pa
 
 
 def _fit(session: Path, output: Path) -> dict[str, Any]:
-    """What `calib fit` prints, but for the time it took and the paths of what it wrote."""
+    """Return the output of `calib fit` without the time it took and the paths that it wrote."""
     command = [sys.executable, "-m", "calib", "fit", str(session), "-o", str(output), "--json"]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
     result: dict[str, Any] = json.loads(done.stdout)

@@ -19,7 +19,7 @@ ONE_WEBCAM = "n_devs=1 node_types=0x1 num_inputs=1 input_types=0"
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the guest leaves: result.json, and the sessions that it recorded."""
+    """Return the folder that the guest wrote: result.json and the sessions that it recorded."""
     folder = tmp_path_factory.mktemp("vivid")
     Guest(kernel_6_1(), {"vivid": ONE_WEBCAM}, counted=True).run(
         folder, sys.executable, "-m", "tests.device.inside.vivid", "/shared"
@@ -33,7 +33,7 @@ def steps(shared: Path) -> dict[str, Any]:
     return result
 
 
-def test_unplugging_is_told_within_two_seconds(steps: dict[str, Any]) -> None:
+def test_unplugging_is_reported_within_two_seconds(steps: dict[str, Any]) -> None:
     step = steps["unplugged"]
     assert step["code"] == 4
     assert (
@@ -54,14 +54,14 @@ def test_plugging_in_again_continues_and_every_frame_is_intact(
     steps: dict[str, Any], shared: Path
 ) -> None:
     """Digests of the pictures: those from before the fault are still the same files."""
-    before, at_the_end, step = (
+    earlier, at_the_end, step = (
         steps["unplugged"]["before"],
         steps["unplugged"]["pictures"],
         steps["plugged_in_again"],
     )
     assert step["code"] == 0, step["stderr"]
-    assert len(before) >= 5
-    assert before.items() <= at_the_end.items() <= step["pictures"].items()
+    assert len(earlier) >= 5
+    assert earlier.items() <= at_the_end.items() <= step["pictures"].items()
     assert len(step["pictures"]) == len(at_the_end) + 3
     session = shared / "sessions" / "unplugged"
     names = [picture.name for picture in list_images(session / "frames")]
@@ -79,9 +79,10 @@ def test_dropped_buffers_show_as_gaps(steps: dict[str, Any], shared: Path) -> No
     """
     for name in ("dropped", "whole"):
         assert steps[name]["code"] == 0, steps[name]["stderr"]
-    dropped, whole = (steps[name]["summary"]["frames_lost"] for name in ("dropped", "whole"))
+    dropped = steps["dropped"]["summary"]["frames_lost"]
+    lost_frames = steps["whole"]["summary"]["frames_lost"]
     assert dropped >= 5
-    assert whole < dropped / 2
+    assert lost_frames < dropped / 2
     rows = read_table(shared / "sessions" / "dropped" / "frames.csv")
     counters = [int(row["sequence"]) for row in rows]
     passed_over = steps["dropped"]["summary"]["frames_passed_over"]

@@ -10,13 +10,12 @@ from typing import Any
 CLOSE = 5e-3
 """Relative: five times what other vector instructions and another torch came to."""
 
-kept, errors = [], []
+counts, errors = [], []
 for folder in map(Path, sys.argv[1:]):
-    recorded, fitted = (
-        json.loads((folder / name).read_text()) for name in ("record.json", "fit.json")
-    )
+    recorded = json.loads((folder / "record.json").read_text())
+    fitted = json.loads((folder / "fit.json").read_text())
     stages: list[dict[str, Any]] = fitted["stages"]
-    kept.append(
+    counts.append(
         [recorded["pictures"], recorded["frames_judged"], fitted["frames_used"], fitted["corners"]]
     )
     errors.append(
@@ -27,7 +26,7 @@ for folder in map(Path, sys.argv[1:]):
         f" {fitted['seconds']:.1f} s;",
         errors[-1],
     )
-same = kept[0] == kept[1] and errors[0].keys() == errors[1].keys()
+same = counts[0] == counts[1] and errors[0].keys() == errors[1].keys()
 if not same or any(
     abs(errors[0][name] - errors[1][name]) > CLOSE * errors[1][name] for name in errors[0]
 ):

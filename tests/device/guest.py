@@ -36,7 +36,7 @@ ENVIRONMENT = {
 FREE = ("-accel", "tcg,thread=multi", "-smp", "2")
 COUNTED = ("-accel", "tcg,thread=single", "-smp", "1", "-icount", "shift=0,align=off,sleep=on")
 BOOTED = b"booted in"
-"""What init.sh prints."""
+"""The line that init.sh prints."""
 BOOT_S = 120.0
 """Ten times what a boot takes on a busy machine."""
 BOOTS = 3
@@ -114,10 +114,10 @@ class Guest:
         return True
 
     def _wait(self, process: subprocess.Popen[bytes], log: Path) -> None:
-        said, since = 0, time.monotonic()
+        size, since = 0, time.monotonic()
         while process.poll() is None:
-            if (now := log.stat().st_size) != said:
-                said, since = now, time.monotonic()
+            if (new_size := log.stat().st_size) != size:
+                size, since = new_size, time.monotonic()
             elif time.monotonic() - since > self.silence:
                 raise GuestError(f"The guest said nothing for {self.silence:.0f} s:\n{_tail(log)}")
             time.sleep(0.2)
@@ -161,8 +161,8 @@ def _busybox() -> Path:
 
 
 def _qemu() -> list[str]:
-    """This machine's QEMU, or Debian's started by the loader and with the libraries that belong to
-    it.
+    """Return the command of this machine's QEMU, or of Debian's started by the loader and with the
+    libraries that belong to it.
     """
     if installed := shutil.which("qemu-system-x86_64"):
         return [installed]

@@ -29,10 +29,10 @@ def initramfs(
         root: folder of the host that becomes the guest's root.
         built: module files that are not the kernel's own.
     """
-    found = {_name(file): file for file in (*kernel_modules.rglob("*.ko*"), *built)}
+    results = {_name(file): file for file in (*kernel_modules.rglob("*.ko*"), *built)}
     loaded: dict[str, bytes] = {}
     for name in modules:
-        _add(name, found, loaded)
+        _add(name, results, loaded)
     entries = [(folder, 0o040755, b"") for folder in FOLDERS]
     entries += [(f"modules/{name}.ko", 0o100644, module) for name, module in loaded.items()]
     entries += [
@@ -50,16 +50,16 @@ def initramfs(
     )
 
 
-def _add(name: str, found: Mapping[str, Path], loaded: dict[str, bytes]) -> None:
-    """What a module depends on, then the module; nothing where it is built into the kernel."""
-    if name in loaded or name not in found:
+def _add(name: str, modules: Mapping[str, Path], loaded: dict[str, bytes]) -> None:
+    """Add the dependencies of a module, then the module; nothing if it is built into the kernel."""
+    if name in loaded or name not in modules:
         return
-    module = found[name].read_bytes()
-    if found[name].suffix == ".xz":
+    module = modules[name].read_bytes()
+    if modules[name].suffix == ".xz":
         module = lzma.decompress(module)
     depends = DEPENDS.search(module)
-    for other in depends[1].decode().split(",") if depends else ():
-        _add(other.replace("-", "_"), found, loaded)
+    for dependency in depends[1].decode().split(",") if depends else ():
+        _add(dependency.replace("-", "_"), modules, loaded)
     loaded[name] = module
 
 

@@ -1,4 +1,4 @@
-"""What guests are made of: two kernels, the one module that is built, and a root with libcamera."""
+"""The parts of the guests: two kernels, the one module that is built, and a root with libcamera."""
 
 import shutil
 import subprocess
@@ -13,9 +13,9 @@ BOOKWORM, TRIXIE = Apt("bookworm"), Apt("trixie")
 @dataclass(frozen=True, slots=True)
 class Kernel:
     tree: Path
-    """Where its packages are unpacked."""
+    """The folder of the unpacked packages."""
     release: str
-    """As in 6.1.0-56-amd64."""
+    """The release's name, such as 6.1.0-56-amd64."""
 
     @property
     def image(self) -> Path:

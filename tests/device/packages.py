@@ -43,7 +43,7 @@ class MissingError(Exception):
 
 
 def cache() -> Path:
-    """Where everything that is fetched stays."""
+    """The folder of all downloads."""
     return (
         Path(os.environ.get("REFRACAL_DEVICE_CACHE") or "~/.cache/refracal-device")
         .expanduser()
@@ -83,10 +83,10 @@ class Apt:
         """The package of the highest number among those whose names match a regular expression."""
         self._prepare()
         command = ("apt-cache", "search", "--names-only", pattern)
-        found = subprocess.run(
+        outcome = subprocess.run(
             command, env=self._environment, capture_output=True, text=True, check=True
         ).stdout
-        names = [line.split()[0] for line in found.splitlines()]
+        names = [line.split()[0] for line in outcome.splitlines()]
         if not names:
             raise LookupError(
                 f"Debian {self.suite} has no package like {pattern}: correct the pattern."

@@ -1,5 +1,5 @@
-"""What an emulated Pi needs: prints a root of Debian's arm64, a folder of aarch64 wheels, and an
-emulator, each made or found once.
+"""The parts of an emulated Pi. The program prints a root of Debian's arm64, a folder of aarch64
+wheels, and an emulator, each made or found once.
 
 `root`, `wheels` and `emulator` as arguments choose, in the order in which they are printed.
 """
@@ -41,22 +41,22 @@ INDIRECT = (
         "six",
     ),
 )
-"""What torch, rich and matplotlib depend on."""
+"""The dependencies of torch, rich and matplotlib."""
 
 
 def requirements() -> list[str]:
     """The project's own, as they are for aarch64."""
     written = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]["dependencies"]
-    parts = [requirement.partition(";") for requirement in written]
+    pieces = [requirement.partition(";") for requirement in written]
     return [
         wanted.strip()
-        for wanted, _, marker in parts
+        for wanted, _, marker in pieces
         if "!= 'aarch64'" not in marker and ">= '3.15'" not in marker
     ]
 
 
 def emulator() -> Path:
-    """This machine's own, or Debian's."""
+    """Return this machine's emulator, or Debian's."""
     installed = shutil.which("qemu-aarch64-static") or shutil.which("qemu-aarch64")
     return (
         Path(installed)
@@ -80,7 +80,7 @@ PARTS: dict[str, Callable[[], Path]] = {
 
 if __name__ == "__main__":
     try:
-        print(*(PARTS[part]() for part in sys.argv[1:] or PARTS))
+        print(*(PARTS[name]() for name in sys.argv[1:] or PARTS))
     except MissingError as error:
         print(f"SKIPPED: {error}", file=sys.stderr)
         sys.exit(SKIPPED)

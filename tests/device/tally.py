@@ -1,5 +1,5 @@
-"""Which checks on devices ran, and which did not: a group that silently ran nothing must not look
-like one that passed.
+"""The tally of the checks on devices that ran and that did not: a group that silently ran nothing
+must not look like one that passed.
 """
 
 from collections import Counter

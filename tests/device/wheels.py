@@ -79,5 +79,5 @@ def wheels(name: str, architecture: str, requirements: Sequence[str]) -> Path:
 
 
 def capture_wheels() -> Path:
-    """What `capture record` imports, for a guest of Debian trixie."""
+    """Return the wheels that `capture record` imports, for a guest of Debian trixie."""
     return wheels("wheels-x86_64", "x86_64", ("numpy", "opencv-python-headless", "pyyaml"))

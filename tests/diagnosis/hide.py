@@ -9,8 +9,9 @@ import torch
 from calib.calibration import Calibration
 from calib.corners.view import View
 from calib.effects.effect import Effect
-from calib.fitting.stages import Settings
+from calib.fit_record.request import Settings
 from calib.optics.build import pinhole_path
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from fixtures.calibrated import GLASS, calibrate
 from fixtures.known import lens_alone
@@ -37,7 +38,10 @@ def hidden(
     seen = []
     for index, (view, pose) in enumerate(zip(made.views, made.poses, strict=True)):
         pixels = project(
-            path, values, path.place(torch.from_numpy(made.board.points()), values, pose)
+            path,
+            values,
+            path.place(torch.from_numpy(made.board.points()), values, pose, MIDDLE),
+            MIDDLE,
         ).numpy()
         sigma = 0.4 if index < spoiled else 0.1
         seen.append(View(view.name, pixels + rng.normal(0, sigma, pixels.shape), view.weight))
@@ -45,7 +49,7 @@ def hidden(
 
 
 def fitted(made: Scene) -> Calibration:
-    """As `calib fit` would leave it."""
+    """Return the calibration as `calib fit` writes it."""
     return calibrate(made, Settings(grid=(8, 8)))
 
 
@@ -64,7 +68,7 @@ def without_cover(
     points = torch.from_numpy(made.board.points())
     views = []
     for index, pose in enumerate(made.poses):
-        pixels = project(bent, values, bent.place(points, values, pose)).numpy()
+        pixels = project(bent, values, bent.place(points, values, pose, MIDDLE), MIDDLE).numpy()
         views.append(
             View(
                 f"{index:04d}.png",

@@ -23,8 +23,10 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
+from calib.fit_record.request import FitRequest, Settings
 from calib.inference.cross_validation import HeldOutErrors, HeldOutGain, held_out_gain
-from calib.inference.score_test import ModelFit, ScoreTest
+from calib.inference.fitted_model import ModelFit
+from calib.inference.score_test import ScoreTest
 from calib.optics import path
 from calib.optics.lens_model import LensModel
 from calib.progress import Silent
@@ -60,6 +62,7 @@ def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Di
     )  # it helps near with what is learnt far away, and the other way round
     assert finding.final_quality.held_out_px < 0.2 < finding.base_quality.held_out_px
     assert finding.residual[0].fraction > 2 * finding.residual[0].chance
+    assert finding.unexplained is not None
     assert finding.unexplained < 0.2
 
 
@@ -68,17 +71,7 @@ def test_the_command_s_json_carries_the_verdict(
     found: tuple[Calibration, Diagnosis], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     better, finding = found
-    better = replace(
-        better,
-        settings=better.settings
-        | {
-            "method": "joint",
-            "grid": [],
-            "free": [],
-            "steps": 1000,
-            "exact_hit": True,
-        },
-    )
+    better = replace(better, request=FitRequest(Settings(grid=None, free=())))
     assert main(["diagnose", str(better.save(tmp_path)), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert set(said) == {*finding.as_json(), "verdict", "written"}
@@ -121,14 +114,14 @@ def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(
 
 
 @pytest.mark.parametrize("spoiled", [0, 2])
-def test_nothing_is_found_where_nothing_is(spoiled: int) -> None:
-    """With two of fifteen views four times as noisy, too."""
+def test_no_effect_is_found_in_true_models(spoiled: int) -> None:
+    """The views are alike, or two of fifteen are four times as noisy."""
     _, finding = diagnose(fitted(hidden(None, {}, seed=7, spoiled=spoiled)), Silent())
     assert finding.accepted == ()
     assert finding.final_quality == finding.base_quality
 
 
-def test_an_effect_can_be_asked_for_by_name(bowed: Calibration) -> None:
+def test_an_effect_can_be_requested_by_name(bowed: Calibration) -> None:
     better = with_requested(bowed, ("board_shape",), Silent())
     (added,) = better.effects
     value, sigma = added.parameters["board_shape.xx"]
@@ -140,7 +133,7 @@ def test_an_effect_can_be_asked_for_by_name(bowed: Calibration) -> None:
 
 
 @pytest.mark.slow
-def test_what_was_added_before_and_is_not_needed_is_dropped(bowed: Calibration) -> None:
+def test_an_added_effect_that_is_not_needed_is_dropped(bowed: Calibration) -> None:
     """A pull of the detector that nobody sees, and the bow that everybody does."""
     said = with_requested(bowed, ("detector_bias", "board_shape"), Silent())
     better, finding = diagnose(said, Silent())
@@ -158,7 +151,7 @@ def test_too_few_views_are_refused_in_a_sentence() -> None:
     ("effect", "parameters", "said"),
     [(BOW, TRUTH, "board_shape (error down by up to "), (None, {}, "No effect's")],
 )
-def test_with_few_views_the_scores_speak_and_nothing_is_accepted(
+def test_few_views_give_scores_and_no_accepted_effect(
     effect: BoardShape | None, parameters: dict[str, float], said: str
 ) -> None:
     calibration = fitted(hidden(effect, parameters, views=7))
@@ -192,7 +185,7 @@ def test_a_gain_is_tested_over_views() -> None:
     assert held_out_gain(before, held(one_view)).p_value > 0.05  # a single view proves nothing
 
 
-def test_that_an_effect_is_there_is_told_before_its_gain_is() -> None:
+def test_the_presence_of_an_effect_is_detected_before_its_gain() -> None:
     """Twelve views of an effect of 0.3 sigma; what others say of it is off by as much as it is
     large, so half of the views lose by it.
     """
@@ -206,9 +199,9 @@ def test_that_an_effect_is_there_is_told_before_its_gain_is() -> None:
     assert held_out_gain(held(views), held(views - said, half=True)).presence_p_value == 1
 
 
-def test_an_effect_that_is_not_there_is_present_by_chance_alone() -> None:
-    """What the views of a fold are said to show is independent of them. 9 % of 300 are three
-    standard deviations from 5 %.
+def test_an_absent_effect_is_detected_at_the_rate_of_chance() -> None:
+    """The prediction for the views of a fold is independent of them. 9 % of 300 are three standard
+    deviations from 5 %.
     """
     rng = np.random.default_rng(4)
     by_chance = 0
@@ -221,7 +214,7 @@ def test_an_effect_that_is_not_there_is_present_by_chance_alone() -> None:
     assert by_chance <= 27
 
 
-def test_what_helps_at_the_fitted_depths_only_is_not_taken() -> None:
+def test_an_effect_that_helps_only_at_fitted_depths_is_not_accepted() -> None:
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     folds, worse, better = (
         HeldOutGain(0.2, 0.1, (0.08, 0.12), 1e-4, 1e-4),
@@ -235,7 +228,7 @@ def test_what_helps_at_the_fitted_depths_only_is_not_taken() -> None:
     assert trial_verdict(failed, accepted=False) == "fails at other depths"
 
 
-def test_what_the_evidence_is_sure_of_is_asked_for_less() -> None:
+def test_strong_evidence_lowers_the_required_gain() -> None:
     """exp(6) is about 20 candidates over 0.05."""
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     few = HeldOutGain(0.2, 0.18, (-0.01, 0.04), 0.3, 0.02)
@@ -259,7 +252,7 @@ def test_what_the_evidence_is_sure_of_is_asked_for_less() -> None:
     assert not Trial(test, among=20, log_odds=6.1, gain=few, depth_gain=harm).passes
 
 
-def test_what_corners_may_be_off_by_is_no_effect() -> None:
+def test_an_error_within_the_corners_accuracy_is_no_effect() -> None:
     """1 % of 0.013 px is the root of two times that squared, 0.0019 px; the same share of 0.13 px
     is an effect.
     """
@@ -293,8 +286,8 @@ def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
 def test_maps_of_a_diagnosed_calibration_carry_their_sigma(
     found: tuple[Calibration, Diagnosis],
 ) -> None:
-    """What bends the board moves no ray, but the fit is less sure of the glass for it: a little
-    larger, not smaller.
+    """A bend of the board moves no ray, but makes the fit less certain of the glass: sigma grows a
+    little.
     """
     better, _ = found
     field = predicted_sigma(better)

@@ -42,7 +42,8 @@ def test_a_twisted_board_is_not_a_moving_one() -> None:
     )
     assert finding.accepted == ("board_shape",)
     assert not finding.families
-    (shape,) = (one for one in finding.candidates if one.accepted)
+    accepted = [candidate for candidate in finding.candidates if candidate.accepted]
+    (shape,) = accepted
     twist = shape.parameters["board_shape.xy"]
     assert abs(twist.value - 7e-4) < 3 * twist.sigma < 1e-4
     assert finding.final_quality.held_out_px < 0.2 < finding.base_quality.held_out_px
@@ -61,19 +62,20 @@ def test_a_window_and_a_moving_pupil_are_a_family(window: Diagnosis) -> None:
     assert "the space in front of the lens" in family.name
     assert family.experiment.startswith("To separate them, ")
     assert str(family) in window.remarks
-    said = window.as_json()["families"]
-    assert [one.keys() for one in said] == [{"name", "members", "experiment"}]
+    families = window.as_json()["families"]
+    assert [entry.keys() for entry in families] == [{"name", "members", "experiment"}]
 
 
 @pytest.mark.parametrize(
     ("odds", "chances"), [(0.09, (0.991, 0.009)), (1.0, (0.909, 0.091)), (0.04, None)]
 )
-def test_odds_beforehand_order_a_family_and_name_nothing_alone(
+def test_prior_odds_order_a_family_and_name_no_member_alone(
     monkeypatch: pytest.MonkeyPatch, odds: float, chances: tuple[float, float] | None
 ) -> None:
     """A window that the views alone find one time in twelve is named, however rare windows are."""
     pupil, window = EntrancePupil(), FlatPort("air")
-    ahead, behind = (SimpleNamespace(log_marginal=value) for value in (1.0, 0.0))
+    ahead = SimpleNamespace(log_marginal=1.0)
+    behind = SimpleNamespace(log_marginal=0.0)
     rival = SimpleNamespace(
         test=SimpleNamespace(effect=window), base=None, fit=SimpleNamespace(joint=behind)
     )
@@ -101,7 +103,7 @@ def test_a_pupil_that_moves_far_is_named_alone() -> None:
     assert not finding.families
 
 
-def test_structure_of_no_cause_gets_no_name() -> None:
+def test_structure_without_a_known_cause_gets_no_name() -> None:
     """In each view another smooth wave over the board: a motion or a board that flexes follows it,
     and neither is what it is.
     """
@@ -110,8 +112,13 @@ def test_structure_of_no_cause_gets_no_name() -> None:
     u = made.board.points()[:, :2] / np.abs(made.board.points()[:, :2]).max(0)
     views = []
     for view in made.views:
-        (sine, cosine), (one, other) = rng.normal(0, 0.2, (2, 2)), rng.uniform(0, 2 * np.pi, 2)
-        moved = sine * np.sin(4 * u[:, :1] + one) + cosine * np.cos(3 * u[:, 1:] + other)
+        (sine, cosine), (first_phase, second_phase) = (
+            rng.normal(0, 0.2, (2, 2)),
+            rng.uniform(0, 2 * np.pi, 2),
+        )
+        moved = sine * np.sin(4 * u[:, :1] + first_phase) + cosine * np.cos(
+            3 * u[:, 1:] + second_phase
+        )
         views.append(replace(view, corners=view.corners + moved))
     _, finding = diagnose(fitted(replace(made, views=tuple(views))), Silent())
     assert not finding.accepted

@@ -12,8 +12,8 @@ from calib.calibration import Calibration
 from calib.corners.detect_all import detect
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.progress import Silent
 from calib.session.session import read_session
 from fixtures.rays import detected_off, map_error
@@ -45,12 +45,12 @@ def detector_error(name: str, folder: Path) -> float:
     """px RMS between the detected corners of the held-out views and the true ones."""
     session = read_session(folder / name / "holdout")
     with np.load(FIXTURES / name / "holdout" / "truth.npz") as truth:
-        off = detected_off(detect(session.frames, session.board).views, truth["corners"])
-    return float(np.sqrt((off**2).sum(-1).mean()))
+        error = detected_off(detect(session.frames, session.board).views, truth["corners"])
+    return float(np.sqrt((error**2).sum(-1).mean()))
 
 
 @pytest.mark.slow
-def test_what_is_hidden_is_found(
+def test_hidden_effects_are_found(
     finding: tuple[str, Calibration, Diagnosis], tmp_path: Path
 ) -> None:
     """Held out, the error ends within a twentieth of the detector's own, against the true corners
@@ -60,12 +60,19 @@ def test_what_is_hidden_is_found(
     the other half: 1.05 was measured (0.017 px), and as noise explains 7 %, as much again is
     allowed.
     """
-    name, better, said = finding
-    print(name, said.accepted, said.base_quality.held_out_px, said.final_quality.held_out_px)
-    assert said.accepted == HIDDEN[name]
+    name, better, finding_of_session = finding
+    print(
+        name,
+        finding_of_session.accepted,
+        finding_of_session.base_quality.held_out_px,
+        finding_of_session.final_quality.held_out_px,
+    )
+    assert finding_of_session.accepted == HIDDEN[name]
     with np.load(FIXTURES / name / "truth.npz") as truth:
         truth_of = dict(truth)
-    parameters = {key: pair for found in better.effects for key, pair in found.parameters.items()}
+    parameters = {
+        key: pair for results in better.effects for key, pair in results.parameters.items()
+    }
     if "board_shape" in HIDDEN[name]:
         for axis, true in zip("xy", truth_of["board_bow"], strict=True):
             value, sigma = parameters[f"board_shape.{2 * axis}"]
@@ -75,17 +82,21 @@ def test_what_is_hidden_is_found(
         assert (
             abs(float(value) - truth_of["print_stretch"]) < 3 * float(sigma) + 2e-5
         )  # its square: that is a ratio, ours a difference
-    assert said.final_quality.held_out_px < (1.12 if name == "shutter" else 1.05) * detector_error(
-        name, tmp_path
-    )
+    assert finding_of_session.final_quality.held_out_px < (
+        1.12 if name == "shutter" else 1.05
+    ) * detector_error(name, tmp_path)
     if name == "tilted":  # absorbed by the relief: nothing to find, and the maps are right
         error = map_error(better, FIXTURES / name / "truth.npz", near=40.0)
         print(error.by_depth)
         assert max(error.by_depth.values()) < 0.15
     if name == "wave":
         assert (
-            said.formulas[0].words == f"a wave of {1e3 * truth_of['print_wave'][1]:.0f} mm along x"
+            finding_of_session.formulas[0].words
+            == f"a wave of {1e3 * truth_of['print_wave'][1]:.0f} mm along x"
         )
-        assert said.formulas[0].explains > 0.95
+        assert finding_of_session.formulas[0].explains > 0.95
     if HIDDEN[name]:
-        assert said.final_quality.held_out_px < 0.6 * said.base_quality.held_out_px
+        assert (
+            finding_of_session.final_quality.held_out_px
+            < 0.6 * finding_of_session.base_quality.held_out_px
+        )

@@ -1,4 +1,4 @@
-"""Which effects can be asked for by name is known before a fit."""
+"""The effects that can be requested by name are known before a fit."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 from calib.diagnosis.possible_effects import check_possible
 from calib.diagnosis.requested_effects import NAMES
 from calib.errors import InputError
-from calib.fitting.stages import Settings
+from calib.fit_record.request import Settings
 from calib.session.session import Session, session_from_mapping
 
 HELD = Settings(free=("none",))
@@ -73,7 +73,7 @@ def session(cover: Mapping[str, object], **camera: object) -> Session:
         (CONE, {}, "focal", "the fit estimates what focal would change"),
     ],
 )
-def test_what_this_session_cannot_have_is_refused(
+def test_impossible_effects_are_refused(
     cover: Mapping[str, object], camera: dict[str, object], names: str, words: str
 ) -> None:
     with pytest.raises(InputError, match=words) as refused:
@@ -82,7 +82,7 @@ def test_what_this_session_cannot_have_is_refused(
     assert str(refused.value).endswith(".")
 
 
-def test_what_the_fit_holds_can_be_asked_for() -> None:
+def test_effects_on_held_numbers_can_be_requested() -> None:
     """All that a cone can have; of the glass, what the session does not give a sigma."""
     at = session(CONE, intrinsics=LENS)
     check_possible(at, HELD, [name for name in NAMES if name not in ("flat_port", "thickness")])
@@ -90,7 +90,7 @@ def test_what_the_fit_holds_can_be_asked_for() -> None:
         check_possible(at, Settings(), ["cover_radius"])
 
 
-def test_a_window_that_is_asked_for_is_a_cover_to_what_follows() -> None:
+def test_a_requested_window_counts_as_a_cover_for_later_effects() -> None:
     bare = session(BARE, intrinsics=LENS)
     check_possible(bare, HELD, ["flat_port", "cover_tilt"])
     with pytest.raises(InputError, match="no cover_tilt"):

@@ -28,25 +28,28 @@ FIELDS = {
 
 
 @pytest.mark.parametrize("words", FIELDS)
-def test_a_field_of_one_formula_is_told_by_it(words: str) -> None:
+def test_a_field_of_one_formula_is_identified(words: str) -> None:
     noise = np.random.default_rng(0).normal(0, NOISE, POINTS.shape)
-    best, *others = closed_forms(POINTS, SIZE * np.column_stack(FIELDS[words]) + noise, SPACING)
+    best, *alternatives = closed_forms(
+        POINTS, SIZE * np.column_stack(FIELDS[words]) + noise, SPACING
+    )
     assert best.words == words
     assert (
         best.explains > 0.9
         # noise is (1e-5 / 1.4e-4)^2, below 1 %, of a wave, and up to 10 % of what a pose leaves of
         # the others
     )
-    assert all(other.explains < best.explains for other in others)
+    assert all(alternative.explains < best.explains for alternative in alternatives)
 
 
-def test_what_a_pose_does_is_no_formula_s() -> None:
+def test_shifts_by_a_pose_belong_to_no_formula() -> None:
     """The same field on a board that is elsewhere, turned and nearer."""
     wave = SIZE * np.column_stack(FIELDS["a wave of 75 mm along y"])
     posed = wave + 1e-3 + 0.01 * POINTS + 0.02 * np.column_stack([-Y, X])
-    (one, *_), (other, *_) = (closed_forms(POINTS, shifts, SPACING) for shifts in (wave, posed))
-    assert other.words == one.words
-    assert other.explains == pytest.approx(one.explains, abs=1e-6)
+    plain_form, *_ = closed_forms(POINTS, wave, SPACING)
+    posed_form, *_ = closed_forms(POINTS, posed, SPACING)
+    assert posed_form.words == plain_form.words
+    assert posed_form.explains == pytest.approx(plain_form.explains, abs=1e-6)
 
 
 def test_noise_is_no_formula() -> None:

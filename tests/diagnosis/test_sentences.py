@@ -1,5 +1,5 @@
-"""What is said of effects that were asked about while a window was in the model, and not since it
-was dropped.
+"""The remarks about effects that were requested while a window was in the model, which was dropped
+later.
 """
 
 from dataclasses import replace
@@ -18,7 +18,8 @@ from calib.effects.free_field import FreeField
 from calib.effects.registry import KINDS
 from calib.inference.calibration_model import base_model
 from calib.inference.cross_validation import fold_split
-from calib.inference.score_test import ModelFit, ScoreTest
+from calib.inference.fitted_model import ModelFit
+from calib.inference.score_test import ScoreTest
 from calib.optics.lens_model import LensModel
 from calib.optics.path import Path
 from tests.diagnosis.hide import without_cover
@@ -29,14 +30,16 @@ TILT = CoverTilt("xy")
 def state_without_window() -> SearchState:
     made = without_cover(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
     base = base_model(made)
-    there = EffectContext(made.board, made.camera.width, made.camera.height, base.path, base.means)
-    model = base.with_effects([DetectorBias(), *FreeField.propose(there)])
-    seen = made.observations
-    joint = model.fit(seen, torch.from_numpy(made.poses))
+    context = EffectContext(
+        made.board, made.camera.width, made.camera.height, base.path, base.means
+    )
+    model = base.with_effects([DetectorBias(), *FreeField.propose(context)])
+    observations = made.observations
+    joint = model.fit(observations, torch.from_numpy(made.poses))
     problem = SearchProblem(
         board=made.board,
         camera=made.camera,
-        observations=seen,
+        observations=observations,
         folds=fold_split(range(20)),
         depth_bands=None,
         base=base,
@@ -48,17 +51,17 @@ def state_without_window() -> SearchState:
     return replace(state, confounded={"detector_bias": frozenset({"cover_tilt"})})
 
 
-def test_an_effect_on_a_window_that_was_dropped_is_not_asked_about() -> None:
-    """Its parameters are read by nothing: the information on them has fewer rows than their prior,
-    and no sentence can be true.
+def test_effects_on_a_dropped_window_cause_no_remark() -> None:
+    """Nothing reads the parameters of such an effect: the information on them has fewer rows than
+    their prior, and no sentence can be true.
     """
-    said = tuple(remarks(state_without_window(), (), (), (), timed=True))
-    assert len(said) == 1
-    assert said[0].startswith("free_field has no name")
-    assert "cover_tilt" not in said[0]
+    sentences = tuple(remarks(state_without_window(), (), (), (), timed=True))
+    assert len(sentences) == 1
+    assert sentences[0].startswith("free_field has no name")
+    assert "cover_tilt" not in sentences[0]
 
 
-def test_a_window_takes_what_is_on_it_along() -> None:
+def test_without_the_window_its_effects_are_dropped_as_well() -> None:
     base = state_without_window().problem.base
     assert [e.name for e in base.with_effects([FlatPort("air"), TILT]).effects] == [
         "flat_port",
@@ -70,7 +73,7 @@ def test_a_window_takes_what_is_on_it_along() -> None:
 def test_effects_on_a_cover_are_proposed_for_covers_alone() -> None:
     made = without_cover(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
     without = Path(LensModel(0))
-    there = EffectContext(made.board, 1640, 1232, without, {}, place=torch.zeros(2))
+    context = EffectContext(made.board, 1640, 1232, without, {}, place=torch.zeros(2))
     on_cover: list[type[Effect]] = [kind for kind in KINDS if not is_possible(kind, without)]
     assert len(on_cover) == 8
-    assert not [kind.name for kind in on_cover if kind.propose(there)]
+    assert not [kind.name for kind in on_cover if kind.propose(context)]

@@ -17,7 +17,8 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.inference.calibration_model import base_model
 from calib.inference.effect_context import effect_context
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.session.camera import Camera
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
@@ -31,43 +32,46 @@ def calibration() -> Calibration:
     return fitted(hidden(None, {}, views=10))
 
 
-def optimum(model: CameraModel, seen: Observations, poses: np.ndarray) -> FittedModel:
-    return FittedModel(model, seen, model.fit(seen, torch.from_numpy(poses)))
+def optimum(model: CameraModel, observations: Observations, poses: np.ndarray) -> FittedModel:
+    return FittedModel(model, observations, model.fit(observations, torch.from_numpy(poses)))
 
 
-def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Calibration) -> None:
-    """It is taken, and the whole is fitted again, with the other effect free beside the first."""
+def test_the_proposed_view_reduces_the_sigma_as_predicted(calibration: Calibration) -> None:
+    """The view is added, and all views are fitted again with both effects free."""
     stretch, focal = BoardScale(), Focal()
     model = base_model(calibration).with_effect(stretch)
     at = optimum(model, calibration.observations, calibration.poses)
     view = separating_view(at, calibration.board, CAMERA, stretch, (focal,))
     assert view
     points = at.model.path.place(
-        torch.from_numpy(calibration.board.points()), at.joint.values, torch.from_numpy(view.pose)
+        torch.from_numpy(calibration.board.points()),
+        at.joint.values,
+        torch.from_numpy(view.pose),
+        MIDDLE,
     )
-    seen = project(at.model.path, at.joint.values, points)
-    assert np.allclose(seen.numpy(), view.corners)
-    both = model.with_effect(focal)
-    more = View("more", view.corners, np.ones(calibration.board.count))
+    corners = project(at.model.path, at.joint.values, points, MIDDLE)
+    assert np.allclose(corners.numpy(), view.corners)
+    wider = model.with_effect(focal)
+    added_view = View("more", view.corners, np.ones(calibration.board.count))
     taken = (
         (calibration.views, calibration.poses),
         (
-            (*calibration.views, more),
+            (*calibration.views, added_view),
             np.vstack([calibration.poses, view.pose]),
         ),
     )
     sigmas = []
     for views, poses in taken:
-        found = optimum(both, Observations.of(views, calibration.board), poses).joint
-        sigmas.append(float(found.sigma_of("board_scale.x_over_y") / found.sigma))
+        refitted = optimum(wider, Observations.of(views, calibration.board), poses).joint
+        sigmas.append(float(refitted.sigma_of("board_scale.x_over_y") / refitted.sigma))
     assert view.sigma_factor > 1.05
     assert sigmas[0] / sigmas[1] == pytest.approx(
         view.sigma_factor, rel=0.1
     )  # noise, prior and weights are estimated anew
 
 
-def test_the_name_that_a_field_should_have_had_is_near_it() -> None:
-    """What is hidden is a stretched print, which a field over the board can do; a bow it cannot."""
+def test_the_true_effect_is_named_as_nearest_to_a_field() -> None:
+    """The hidden effect is a stretched print. A field over the board imitates it, a bow cannot."""
     made = fitted(hidden(BoardScale(), {"board_scale.x_over_y": 2e-2}))
     at = optimum(base_model(made), made.observations, made.poses)
     (field,) = FreeField.propose(effect_context(at, made.board, CAMERA, locate=False))

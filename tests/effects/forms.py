@@ -21,6 +21,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.priors import NONE
 from calib.optics.board_target import FLEX
 from calib.optics.build import covered_path, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.session.board import Board
@@ -111,7 +112,6 @@ class Situation:
             rejected=(),
             stages=(Stage("pinhole", 1.0, 0.1),),
             noise_px=0.1,
-            settings={},
             gauge="",
             effects=tuple(effects),
         )
@@ -121,16 +121,16 @@ def situation(cover: Cover, intrinsics: Intrinsics, relief: Relief | None) -> Si
     rng = np.random.default_rng(4)
     amplitudes = rng.normal(0, 2e-5, GRID) if relief else NOTHING
     depth = rng.uniform(0.5, 1.0, len(TIMES))
-    across = rng.uniform(-0.4, 0.4, (2, len(TIMES))) * depth
+    sideways = rng.uniform(-0.4, 0.4, (2, len(TIMES))) * depth
     poses = torch.from_numpy(
-        np.column_stack([*rng.uniform(-0.6, 0.6, (3, len(TIMES))), *across, depth])
+        np.column_stack([*rng.uniform(-0.6, 0.6, (3, len(TIMES))), *sideways, depth])
     )
     path, values = covered_path(intrinsics, cover)
     views = []
     for view, pose in enumerate(poses):
         # Beside the corners, where the waves of a free field have no nodes in common.
         points = torch.from_numpy(BOARD.points() + rng.uniform(-0.01, 0.01, (BOARD.count, 2)))
-        pixels = path.lens.project(path.place(points, values, pose), values)
+        pixels = path.lens.project(path.place(points, values, pose, MIDDLE), values)
         views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count), TIMES[view]))
     return Situation(cover, intrinsics, relief, amplitudes, tuple(views), poses)
 
@@ -175,16 +175,16 @@ class Form:
         rng = np.random.default_rng(5)
         values = dict(self.model.means)
         for unknown in self.effect.effect_parameters:
-            off = rng.uniform(0.3, 0.6, unknown.param.shape) * rng.choice(
+            error = rng.uniform(0.3, 0.6, unknown.param.shape) * rng.choice(
                 [-1.0, 1.0], unknown.param.shape
             )
             values[unknown.param.name] = values[
                 unknown.param.name
-            ] + unknown.param.scale * torch.from_numpy(np.asarray(off))
+            ] + unknown.param.scale * torch.from_numpy(np.asarray(error))
         poses = self.model.pad_poses(self.there.poses)
         size = 1e-3 if self.effect.per_view == FLEX else 0.01
-        own = torch.from_numpy(rng.uniform(-size, size, (len(poses), poses.shape[1] - 6)))
-        return values, torch.cat([poses[:, :6], own], 1)
+        block_values = torch.from_numpy(rng.uniform(-size, size, (len(poses), poses.shape[1] - 6)))
+        return values, torch.cat([poses[:, :6], block_values], 1)
 
     def __str__(self) -> str:
         choice = str(getattr(self.effect, "behind", getattr(self.effect, "over", "")))

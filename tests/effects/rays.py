@@ -43,11 +43,11 @@ class Glass:
         turned.
         """
         origin = np.zeros(3) if origin is None else origin
-        glass, outside = self.parameters["refractive_index"], self.parameters["outside_index"]
-        surfaces = [(self._inner, 1.0, glass), (self._outer, glass, outside)]
+        glass, outside_index = self.parameters["refractive_index"], self.parameters["outside_index"]
+        surfaces = [(self._inner, 1.0, glass), (self._outer, glass, outside_index)]
         launched = pinhole(pixels) if turn is None else pinhole(pixels) @ turn.T
-        found = [oracle.through(surfaces, origin, direction, 0.08) for direction in launched]
-        return np.array([o for o, _ in found]), np.array([d for _, d in found])
+        traced = [oracle.through(surfaces, origin, direction, 0.08) for direction in launched]
+        return np.array([o for o, _ in traced]), np.array([d for _, d in traced])
 
     def _own(self, point: Array) -> Array:
         tilt = Rotation.from_rotvec(
@@ -56,25 +56,25 @@ class Glass:
         return np.asarray((point - self.example.origin(self.parameters)) @ tilt)
 
     def _inner(self, point: Array) -> float:
-        own = self._own(point)
-        return self.example.height(own, self.parameters) - self.inner(*self.example.chart(own))
+        local = self._own(point)
+        return self.example.height(local, self.parameters) - self.inner(*self.example.chart(local))
 
     def _outer(self, point: Array) -> float:
-        own = self._own(point) @ Rotation.from_rotvec(self.wedge).as_matrix()
+        local = self._own(point) @ Rotation.from_rotvec(self.wedge).as_matrix()
         return (
-            self.example.height(own, self.parameters)
+            self.example.height(local, self.parameters)
             - self.parameters["thickness"]
-            - self.outer(*self.example.chart(own))
+            - self.outer(*self.example.chart(local))
         )
 
 
 def pinhole(pixels: Array) -> Array:
     """(N, 2) px to (N, 3) unit, without a lens."""
-    away = (pixels - [INTRINSICS.cx.value, INTRINSICS.cy.value]) / [
+    offset = (pixels - [INTRINSICS.cx.value, INTRINSICS.cy.value]) / [
         INTRINSICS.fx.value,
         INTRINSICS.fy.value,
     ]
-    directions = np.column_stack([away, np.ones(len(away))])
+    directions = np.column_stack([offset, np.ones(len(offset))])
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
@@ -84,23 +84,27 @@ def turned(**angles: float) -> Array:
 
 
 def camera_matrix() -> Array:
-    fx, fy, cx, cy = (getattr(INTRINSICS, name).value for name in ("fx", "fy", "cx", "cy"))
+    fx = INTRINSICS.fx.value
+    fy = INTRINSICS.fy.value
+    cx = INTRINSICS.cx.value
+    cy = INTRINSICS.cy.value
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
 
 
 def projected(points: Array, pose: Array, matrix: Array | None = None) -> Array:
     """(N, 3) m on a board at a pose (6,) to (N, 2) px, by OpenCV, without a lens."""
-    found = cv2.projectPoints(
+    pixels = cv2.projectPoints(
         points, pose[:3], pose[3:6], camera_matrix() if matrix is None else matrix, np.zeros(4)
     )[0]
-    return np.asarray(found, dtype=np.float64).reshape(-1, 2)
+    return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
 
 
 def centres(
     low: tuple[float, float], high: tuple[float, float], grid: tuple[int, int]
 ) -> tuple[Array, tuple[float, float]]:
     """(n, 2) chart coordinates row by row, and their spacing."""
-    rows, columns = (np.linspace(a, b, n) for a, b, n in zip(low, high, grid, strict=True))
+    rows = np.linspace(low[0], high[0], grid[0])
+    columns = np.linspace(low[1], high[1], grid[1])
     return np.array([(first, second) for first in rows for second in columns]), (
         rows[1] - rows[0],
         columns[1] - columns[0],

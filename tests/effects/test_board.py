@@ -12,6 +12,7 @@ from calib.effects.free_field import FreeField
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.priors import NONE
 from calib.optics.build import pinhole_path
+from calib.optics.exposure import MIDDLE
 from calib.session.board import Board
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
 from tests.effects.rays import Array, pinhole, projected, waves
@@ -38,6 +39,7 @@ def land(effect: Effect, pixels: Array, parameters: dict[str, float | Array]) ->
         torch.from_numpy(pixels),
         {**model.means, **given},
         torch.from_numpy(POSE).expand(len(pixels), 6),
+        MIDDLE,
     )
     assert not failure.any()
     return landed.numpy()
@@ -99,7 +101,10 @@ def test_a_positive_bow_takes_the_middle_away_from_the_camera() -> None:
         "board_shape.yy": torch.tensor(2e-3, dtype=torch.float64),
     }
     assert np.allclose(
-        model.path.place(corner, bowed, pose)[:, 2].numpy(), [0.503, 0.5], rtol=0, atol=1e-15
+        model.path.place(corner, bowed, pose, MIDDLE)[:, 2].numpy(),
+        [0.503, 0.5],
+        rtol=0,
+        atol=1e-15,
     )
 
 
@@ -111,7 +116,7 @@ def test_board_flex_is_a_shape_that_one_view_has_for_itself() -> None:
     flexed = CameraModel(path, values, NONE).with_effect(proposed(BoardFlex)).path
     for shape in shapes:
         own = torch.cat([torch.from_numpy(POSE), shape]).expand(len(pixels), 9)
-        landed, failure = flexed.land(torch.from_numpy(pixels), values, own)
+        landed, failure = flexed.land(torch.from_numpy(pixels), values, own, MIDDLE)
         assert not failure.any()
         shared = dict(
             zip(("board_shape.xx", "board_shape.xy", "board_shape.yy"), shape.tolist(), strict=True)

@@ -10,7 +10,7 @@ from calib.effects.detector_bias import DetectorBias
 from calib.effects.effect import Effect
 from calib.effects.focal import Focal
 from calib.effects.focal_drift import FocalDrift
-from calib.effects.lens import Lens
+from calib.effects.lens import LensEffect
 from calib.effects.lens_field import LensField
 from calib.effects.principal_point import PrincipalPoint
 from calib.effects.rolling_shutter import RollingShutter
@@ -18,6 +18,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.priors import NONE
 from calib.optics.build import pinhole_path
+from calib.optics.exposure import MIDDLE
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.schema import Number
@@ -49,7 +50,7 @@ def directions(
         for name, value in parameters.items()
     }
     assert given.keys() <= model.means.keys()
-    rays = model.path.trace(torch.from_numpy(pixels), {**model.means, **given})
+    rays = model.path.trace(torch.from_numpy(pixels), {**model.means, **given}, MIDDLE)
     assert not rays.failure.any()
     return torch.stack(
         [rays.direction.x / rays.direction.z, rays.direction.y / rays.direction.z], -1
@@ -57,28 +58,32 @@ def directions(
 
 
 def landed(
-    effect: Effect, seen: list[Array], poses: Array, times: list[float], **parameters: float
+    effect: Effect, corners: list[Array], poses: Array, times: list[float], **parameters: float
 ) -> Array:
     """(V, N, 2) m: where the pixels of each view land, less where its corners are."""
     path, values = pinhole_path(INTRINSICS)
     model = CameraModel(path, values, NONE).with_effect(effect)
-    views = [View(f"{view}.png", pixels, np.ones(BOARD.count)) for view, pixels in enumerate(seen)]
+    views = [
+        View(f"{view}.png", pixels, np.ones(BOARD.count)) for view, pixels in enumerate(corners)
+    ]
     observations = Observations.of(views, BOARD).add_times(times, HEIGHT)
     given = {
         name.replace("__", "."): torch.tensor(value, dtype=torch.float64)
         for name, value in parameters.items()
     }
-    timed = observations.with_times({**model.means, **given})
     found, failure = model.path.land(
-        observations.pixels, timed, torch.from_numpy(poses)[observations.view]
+        observations.pixels,
+        {**model.means, **given},
+        torch.from_numpy(poses)[observations.view],
+        observations.exposure,
     )
     assert not failure.any()
-    return (found - observations.corners).reshape(len(seen), BOARD.count, 2).numpy()
+    return (found - observations.corners).reshape(len(corners), BOARD.count, 2).numpy()
 
 
 def test_lens_is_opencv_s_distortion_from_the_distorted_to_the_undistorted_pixel() -> None:
     k1, k2, k3, p1, p2 = parameters = (-0.02, 0.013, -0.004, 1.5e-3, -8e-4)
-    given = dict(
+    coefficients = dict(
         zip(("lens__k1", "lens__k2", "lens__k3", "lens__p1", "lens__p2"), parameters, strict=True)
     )
     solid = np.column_stack(
@@ -87,7 +92,10 @@ def test_lens_is_opencv_s_distortion_from_the_distorted_to_the_undistorted_pixel
     expected = cv2.projectPoints(
         solid, np.zeros(3), np.zeros(3), np.eye(3), np.array([k1, k2, p1, p2, k3])
     )[0].reshape(-1, 2)
-    assert np.abs(directions(Lens(), INTRINSICS, PIXELS, **given) - expected).max() < 1e-14
+    assert (
+        np.abs(directions(LensEffect(), INTRINSICS, PIXELS, **coefficients) - expected).max()
+        < 1e-14
+    )
     assert np.abs(expected - solid[:, :2]).max() > 1e-3
 
 
@@ -103,10 +111,12 @@ def test_lens_comes_before_the_lens_that_is_stated() -> None:
         0
     ].reshape(-1, 2)
     stated = np.array([number.value for number in LENS.distortion])
-    found = np.column_stack([directions(Lens(), LENS, PIXELS, lens__k1=k1), np.ones(len(PIXELS))])
+    result = np.column_stack(
+        [directions(LensEffect(), LENS, PIXELS, lens__k1=k1), np.ones(len(PIXELS))]
+    )
     assert (
         np.abs(
-            cv2.projectPoints(found, np.zeros(3), np.zeros(3), matrix, stated)[0].reshape(-1, 2)
+            cv2.projectPoints(result, np.zeros(3), np.zeros(3), matrix, stated)[0].reshape(-1, 2)
             - moved
         ).max()
         < 1e-9
@@ -150,21 +160,21 @@ def test_focal_is_a_camera_with_longer_ones() -> None:
     "times", [[0.0, 1.0, 4.0], [7.0, 3.0, 2.0]], ids=["in order", "last first"]
 )
 def test_focal_drift_is_a_camera_for_each_view(times: list[float]) -> None:
-    """Its focal length is as stated at half of the session's time, and the drift is from the first
-    picture to the last.
+    """The focal length is the stated one at half of the session's time, and the drift is from the
+    first picture to the last.
     """
     drift = 5e-3
     middle, span = (min(times) + max(times)) / 2, max(times) - min(times)
-    seen = []
+    corners = []
     for pose, time in zip(POSES, times, strict=True):
         matrix = camera_matrix()
         matrix[[0, 1], [0, 1]] *= 1 + drift * (time - middle) / span
-        seen.append(projected(SOLID, pose, matrix))
+        corners.append(projected(SOLID, pose, matrix))
     assert (
-        np.abs(landed(FocalDrift(), seen, POSES, times, focal_drift__over_session=drift)).max()
+        np.abs(landed(FocalDrift(), corners, POSES, times, focal_drift__over_session=drift)).max()
         < 1e-14
     )
-    assert np.abs(landed(FocalDrift(), seen, POSES, times)).max() > 1e-5
+    assert np.abs(landed(FocalDrift(), corners, POSES, times)).max() > 1e-5
 
 
 def test_rolling_shutter_sees_each_corner_where_it_is_when_its_row_is_read() -> None:
@@ -178,7 +188,7 @@ def test_rolling_shutter_sees_each_corner_where_it_is_when_its_row_is_read() -> 
             [0.01, 0.02, 0, 0, 0.006, -0.004],
         ]
     )
-    seen = []
+    corners = []
     for pose, motion in zip(POSES, motions, strict=True):
         pixels = projected(SOLID, pose)
         for _ in range(30):  # a corner's row says when it was read, and that says where it was
@@ -186,12 +196,14 @@ def test_rolling_shutter_sees_each_corner_where_it_is_when_its_row_is_read() -> 
             pixels = np.concatenate(
                 [_at(point, pose, motion * line) for point, line in zip(SOLID, lines, strict=True)]
             )
-        seen.append(pixels)
+        corners.append(pixels)
     poses = np.column_stack([POSES, motions])
-    assert np.abs(landed(RollingShutter(), seen, poses, [0.0, 1.0, 2.0])).max() < 1e-13
+    assert np.abs(landed(RollingShutter(), corners, poses, [0.0, 1.0, 2.0])).max() < 1e-13
     assert (
         np.abs(
-            landed(RollingShutter(), seen, np.column_stack([POSES, 0 * motions]), [0.0, 1.0, 2.0])
+            landed(
+                RollingShutter(), corners, np.column_stack([POSES, 0 * motions]), [0.0, 1.0, 2.0]
+            )
         ).max()
         > 1e-4
     )
@@ -218,10 +230,10 @@ def test_a_detector_with_a_positive_bias_draws_corners_to_the_middle_of_a_pixel(
     centre = np.floor(PIXELS + 0.5)
     assert (np.abs(low - centre) <= np.abs(PIXELS - centre)).all()
     assert np.abs(low - PIXELS).max() > 0.04
-    seen = directions(
+    tangents = directions(
         DetectorBias(), INTRINSICS, low, detector_bias__x=biases[0], detector_bias__y=biases[1]
     )
-    assert np.abs(seen - directions(None, INTRINSICS, PIXELS)).max() < 1e-14
+    assert np.abs(tangents - directions(None, INTRINSICS, PIXELS)).max() < 1e-14
 
 
 def test_lens_field_is_a_cosine_transform_of_shifts() -> None:
@@ -232,15 +244,17 @@ def test_lens_field_is_a_cosine_transform_of_shifts() -> None:
     model = CameraModel(path, values, NONE).with_effect(
         LensField((-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5), 0.5, 2.0)
     )
-    columns, rows = ((np.arange(9) + 0.5) / 9 * size - 0.5 for size in (WIDTH, HEIGHT))
+    columns = (np.arange(9) + 0.5) / 9 * WIDTH - 0.5
+    rows = (np.arange(9) + 0.5) / 9 * HEIGHT - 0.5
     pixels = np.stack(np.meshgrid(columns, rows, indexing="ij"), -1).reshape(-1, 2)
     shifts = np.column_stack([waves(parameters[f"lens_field.{axis}"]).ravel() for axis in "xy"])
     rays = model.path.trace(
         torch.from_numpy(pixels),
         {**model.means, **{name: torch.from_numpy(n) for name, n in parameters.items()}},
+        MIDDLE,
     )
-    found = torch.stack(
+    result = torch.stack(
         [rays.direction.x / rays.direction.z, rays.direction.y / rays.direction.z], -1
     ).numpy()
-    assert np.abs(found - directions(None, INTRINSICS, pixels + shifts)).max() < 1e-14
+    assert np.abs(result - directions(None, INTRINSICS, pixels + shifts)).max() < 1e-14
     assert np.abs(shifts).max() > 0.3

@@ -20,6 +20,7 @@ from calib.effects.wedge import Wedge
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.priors import NONE
 from calib.optics.build import covered_path, pinhole_path, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.relief import Relief
 from calib.session.board import Board
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
@@ -86,8 +87,8 @@ def agrees(
     assert given.keys() <= wider.means.keys()
     pixels = torch.from_numpy(PIXELS)
     rays, before = (
-        wider.path.trace(pixels, {**wider.means, **given}),
-        base.path.trace(pixels, base.means),
+        wider.path.trace(pixels, {**wider.means, **given}, MIDDLE),
+        base.path.trace(pixels, base.means, MIDDLE),
     )
     assert not rays.failure.any()
     # The oracle's normals come from differences of step 1e-5 m: 1e-11 or so of rounding; the
@@ -161,7 +162,7 @@ def test_a_wedge_in_a_window_turns_light_towards_its_thick_side() -> None:
     axis = torch.tensor([[INTRINSICS.cx.value, INTRINSICS.cy.value]], dtype=torch.float64)
     angle = 1e-3
     rays = wider.path.trace(
-        axis, {**wider.means, "wedge.x": torch.tensor(angle, dtype=torch.float64)}
+        axis, {**wider.means, "wedge.x": torch.tensor(angle, dtype=torch.float64)}, MIDDLE
     )
     assert float(rays.direction.y / rays.direction.z) == pytest.approx(
         0.5 * angle, rel=1e-5
@@ -274,7 +275,7 @@ def test_flat_port_is_snell_through_parallel_plates(behind: str, outside: float)
     )
 
 
-def test_what_cannot_be_is_not_proposed() -> None:
+def test_impossible_effects_are_not_proposed() -> None:
     covers: tuple[type[Effect], ...] = (
         CoverTilt,
         CoverOffset,

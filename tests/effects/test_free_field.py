@@ -13,7 +13,7 @@ ROWS = 600
 
 
 def falls(knee: float) -> np.ndarray:
-    """Of both directions' numbers, as the page says."""
+    """Return the fall of both directions' numbers, as the page states it."""
     m, n = np.meshgrid(np.arange(WAVES), np.arange(WAVES), indexing="ij")
     return np.tile(1 / (1 + (m**2 + n**2) / knee**2).ravel(), 2)
 
@@ -57,5 +57,5 @@ def test_scales_that_made_the_field_are_found_again(size: float, knee: float) ->
         FIELD.tune(columns.T @ columns, columns.T @ residual)
         for columns, residual in (observed(size, knee, s) for s in range(5))
     ]
-    assert abs(np.log(np.median([one.size for one in chosen]) / size)) < np.log(10) / 6
-    assert abs(np.log2(np.median([one.knee for one in chosen]) / knee)) < 1 / 2
+    assert abs(np.log(np.median([item.size for item in chosen]) / size)) < np.log(10) / 6
+    assert abs(np.log2(np.median([item.knee for item in chosen]) / knee)) < 1 / 2

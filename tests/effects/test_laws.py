@@ -1,6 +1,6 @@
-"""What holds for every effect, whatever it does.
+"""The laws that hold for every effect.
 
-Being in the registry is what gets an effect tested here.
+Every effect of the registry is tested here.
 """
 
 import re
@@ -42,7 +42,7 @@ each_situation = pytest.mark.parametrize("there", SITUATIONS, ids=lambda there: 
 
 def land(form: Form, values: dict[str, Tensor], poses: Tensor) -> Tensor:
     seen = form.there.observations
-    landed, failure = form.model.path.land(seen.pixels, seen.with_times(values), poses[seen.view])
+    landed, failure = form.model.path.land(seen.pixels, values, poses[seen.view], seen.exposure)
     assert not failure.any()
     return landed
 
@@ -50,7 +50,7 @@ def land(form: Form, values: dict[str, Tensor], poses: Tensor) -> Tensor:
 def land_without(there: Situation) -> Tensor:
     seen = there.observations
     landed, failure = there.path.land(
-        seen.pixels, seen.with_times(there.values), there.poses[seen.view]
+        seen.pixels, there.values, there.poses[seen.view], seen.exposure
     )
     assert not failure.any()
     return landed
@@ -79,8 +79,8 @@ def test_neutral_parameters_change_no_landing(form: Form) -> None:
 
 
 @each_form
-def test_its_parameters_are_read_by_the_path(form: Form) -> None:
-    """What a path does not tell of, no fit estimates."""
+def test_the_path_reads_the_effect_s_parameters(form: Form) -> None:
+    """A fit estimates only the parameters that a path names."""
     read = {param.name: param for param in form.model.path.params}
     assert form.effect.effect_parameters or form.effect.per_view
     for unknown in form.effect.effect_parameters:
@@ -91,7 +91,7 @@ def test_its_parameters_are_read_by_the_path(form: Form) -> None:
 
 @each_form
 def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
-    """What is shown as declared + increment is what the path takes. Turns about different axes add
+    """The path uses the sum that is shown as declared + increment. Turns about different axes add
     up to first order only: the largest stated tilt, some hundredths of a radian, bounds what is
     left of them.
     """
@@ -114,7 +114,7 @@ def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
             ), name
 
 
-def test_the_effects_on_declared_numbers_say_so() -> None:
+def test_effects_on_declared_numbers_name_them() -> None:
     saying = {
         form.effect.name
         for form in FORMS
@@ -134,8 +134,8 @@ def test_the_effects_on_declared_numbers_say_so() -> None:
 
 @each_form
 def test_derivatives_agree_with_central_differences(form: Form) -> None:
-    """As a fit sees them, by every number of the effect and of the views; and every one of them
-    moves some landing.
+    """The derivatives are those of a fit, by every number of the effect and of the views, and every
+    one of these moves some landing point.
     """
     values, poses = form.present()
     landing = _landing(form, values, poses)
@@ -174,7 +174,9 @@ def test_derivatives_agree_with_central_differences(form: Form) -> None:
 
 @each_form
 def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
-    """They go through probes and the chart of the glass, which an effect may move."""
+    """The relief's derivatives go through probes and the chart of the glass, which an effect may
+    move.
+    """
     if not form.there.relief:
         return
     values, poses = form.present()
@@ -199,7 +201,7 @@ def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
 
 
 @each_form
-def test_written_and_read_again(form: Form) -> None:
+def test_an_effect_is_read_as_it_was_written(form: Form) -> None:
     values, _ = form.present()
     parameters = _estimated(form, values)
     text = yaml.safe_dump(effect_to_yaml(form.effect, parameters))
@@ -224,14 +226,14 @@ def test_a_calibration_keeps_it(form: Form, tmp_path: Path) -> None:
         assert np.array_equal(one, other)
     path, read = again.model()
     landed, _ = path.land(
-        seen.pixels, seen.with_times(read), torch.from_numpy(again.poses)[seen.view]
+        seen.pixels, read, torch.from_numpy(again.poses)[seen.view], seen.exposure
     )
     assert torch.equal(landed, land(form, values, poses))
     assert (landed - land_without(form.there)).abs().max() > 1e-7, "it is there"
 
 
 @each_situation
-def test_what_is_estimated_already_is_not_proposed(there: Situation) -> None:
+def test_estimated_numbers_are_not_proposed_again(there: Situation) -> None:
     names = [param.name for param in there.path.params]
     kinds: tuple[type[Effect], ...] = (PrincipalPoint, Focal, CoverOffset, CoverTilt)
     assert not [effect for kind in kinds for effect in kind.propose(there.surroundings(names))]
@@ -264,7 +266,7 @@ def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
     ],
     ids=["unknown name", "wrong form", "missing number", "wrong shape"],
 )
-def test_a_file_that_tells_of_no_effect_is_refused(change: dict[str, object], reason: str) -> None:
+def test_a_file_without_a_known_effect_is_refused(change: dict[str, object], reason: str) -> None:
     form = next(form for form in FORMS if isinstance(form.effect, FreeField))
     said = effect_to_yaml(form.effect, _estimated(form, form.present()[0]))
     with pytest.raises((LookupError, TypeError, ValueError), match=reason):

@@ -95,14 +95,14 @@ def test_the_steps_for_a_new_effect_work_as_written(tmp_path: Path) -> None:
         "board_fold",
     )
     assert re.search(r"\n\d\d passed", laws), laws
-    found = _run(tmp_path, "-c", FINDS_IT)
-    accepted = re.match(r"\('board_fold',\) \[(.*)\]", found)
-    assert accepted, found
+    outcome = _run(tmp_path, "-c", FINDS_IT)
+    accepted = re.match(r"\('board_fold',\) \[(.*)\]", outcome)
+    assert accepted, outcome
     assert float(accepted[1]) == pytest.approx(0.03, rel=0.1)
 
 
 def _run(folder: Path, *words: str) -> str:
-    """What Python prints in the copy."""
+    """Return the output of Python in the copy."""
     environment = os.environ | {"PYTHONPATH": str(folder)}
     done = subprocess.run(
         [sys.executable, *words],

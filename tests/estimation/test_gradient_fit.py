@@ -9,6 +9,7 @@ from calib.estimation.gradient_fit import descend
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path
+from calib.optics.exposure import MIDDLE
 from fixtures.synthetic import INTRINSICS, paper_cone, scene
 
 
@@ -47,7 +48,7 @@ def test_the_loss_falls_and_more_steps_do_not_harm() -> None:
 
 def test_poses_are_recovered_through_the_true_cover() -> None:
     made = scene(3, views=8, amplitude=2e-5)
-    start = pinhole_poses(made.observations, made.values)
+    start = pinhole_poses(made.path, made.values, made.observations)
     refined = refine_poses(made.path, made.values, made.observations, start).blocks
     assert (start - made.poses).abs().max() > 1e-4, (
         "the pinhole's poses are wrong, so there is something to refine"
@@ -55,7 +56,7 @@ def test_poses_are_recovered_through_the_true_cover() -> None:
     assert (refined - made.poses).abs().max() < 1e-8
 
 
-def test_residuals_of_the_truth_are_nothing() -> None:
+def test_residuals_of_the_true_model_are_zero() -> None:
     made = scene(4, views=3)
     at_truth = residuals(made.path, made.values, made.observations, made.poses)
     assert at_truth.rms_px < 1e-8
@@ -71,10 +72,10 @@ def test_image_and_board_residuals_agree_to_first_order() -> None:
     size = 1e-4
     pixels = made.observations.pixels
     own = made.poses[made.observations.view]
-    landed = made.path.land(pixels, made.values, own)[0]
+    landed = made.path.land(pixels, made.values, own, MIDDLE)[0]
     jacobian = torch.stack(
         [
-            (made.path.land(pixels + size * axis, made.values, own)[0] - landed) / size
+            (made.path.land(pixels + size * axis, made.values, own, MIDDLE)[0] - landed) / size
             for axis in torch.eye(2, dtype=torch.float64)
         ],
         -1,

@@ -10,13 +10,9 @@ from scipy.optimize import least_squares
 from torch import Tensor
 
 from calib.estimation import levenberg_marquardt
-from calib.estimation.levenberg_marquardt import (
-    MAX_TRIES,
-    LinearisedBlocks,
-    Outcome,
-    minimise,
-    normal_equations,
-)
+from calib.estimation import normal_equations as normal_equations_module
+from calib.estimation.levenberg_marquardt import MAX_TRIES, Outcome, minimise
+from calib.estimation.normal_equations import LinearisedBlocks, normal_equations
 
 
 class Settling:
@@ -37,12 +33,11 @@ class Settling:
         move: tuple[Tensor, Tensor],
     ) -> list[Tensor]:
         near, size = 1e-3, [len(at.residual) for at in pieces]
-        ahead, here, behind = (
-            self.residual(shared + way * move[0], blocks + way * move[1])
-            for way in (near, 0.0, -near)
-        )
+        ahead = self.residual(shared + near * move[0], blocks + near * move[1])
+        middle = self.residual(shared, blocks)
+        behind = self.residual(shared - near * move[0], blocks - near * move[1])
         return list(
-            torch.split(((ahead - 2 * here + behind) / near**2).reshape(sum(size), -1), size)
+            torch.split(((ahead - 2 * middle + behind) / near**2).reshape(sum(size), -1), size)
         )
 
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
@@ -52,15 +47,19 @@ class Settling:
         raise NotImplementedError
 
     def inner_step(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
-        rows, own = normal_equations(self.linearise(shared, blocks)), self.block_precision
-        gradient = rows.gradient_block + own * blocks
+        rows, precision = normal_equations(self.linearise(shared, blocks)), self.block_precision
+        gradient = rows.gradient_block + precision * blocks
         moved = (
             blocks
-            - (torch.linalg.pinv(rows.hessian_block + own.diag()) @ gradient[..., None])[..., 0]
+            - (torch.linalg.pinv(rows.hessian_block + precision.diag()) @ gradient[..., None])[
+                ..., 0
+            ]
         )
         best = min(
             (blocks, moved),
-            key=lambda there: self.cost(shared, there) + float((there**2 @ own).sum()),
+            key=lambda candidate: (
+                self.cost(shared, candidate) + float((candidate**2 @ precision).sum())
+            ),
         )
         return best, self.cost(shared, best)
 
@@ -100,8 +99,10 @@ class Curves(Settling):
         starts = self.starts[: half + 1], self.starts[half:] - 12 * half
         residual = self.residual(shared, blocks)
         return [
-            LinearisedBlocks(first, residual[some], jacobian_block[some], jacobian_shared[some])
-            for first, some in zip(starts, rows, strict=True)
+            LinearisedBlocks(
+                first, residual[selected], jacobian_block[selected], jacobian_shared[selected]
+            )
+            for first, selected in zip(starts, rows, strict=True)
         ]
 
 
@@ -163,12 +164,12 @@ def test_works_without_shared_parameters() -> None:
     assert (solution.blocks - problem.own).abs().max() < 1e-6
 
 
-def test_says_that_its_steps_are_used_up() -> None:
+def test_reports_that_its_steps_are_used_up() -> None:
     problem = Curves(0, blocks=7, noise=0.0)
     assert minimise(problem, *start(problem), steps=2).outcome is Outcome.STEPS_USED_UP
 
 
-def test_refuses_a_step_into_what_is_not_finite_and_says_that_it_is_stuck() -> None:
+def test_refuses_a_step_to_a_cost_that_is_not_finite_and_reports_stuck() -> None:
     class Cliff(Curves):
         steps = 0
 
@@ -189,7 +190,7 @@ def test_a_start_whose_cost_is_not_a_number_is_refused() -> None:
         minimise(problem, *start(problem))
 
 
-def test_a_prior_pulls_as_its_precision_says() -> None:
+def test_a_prior_pulls_in_proportion_to_its_precision() -> None:
     """One shared number seen once at 1 with unit noise, prior precision 3 around 0: the answer is 1
     / (1 + 3).
     """
@@ -207,13 +208,13 @@ def test_a_prior_pulls_as_its_precision_says() -> None:
 
         def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
             del blocks
-            one = torch.ones(1, 1, 1, dtype=torch.float64)
+            unit = torch.ones(1, 1, 1, dtype=torch.float64)
             return [
                 LinearisedBlocks(
                     torch.tensor([0, 1]),
                     (shared - 1).reshape(1, 1),
                     torch.zeros(1, 1, 0, dtype=torch.float64),
-                    one,
+                    unit,
                 )
             ]
 
@@ -229,35 +230,18 @@ def test_a_prior_on_blocks_pulls_each_of_them() -> None:
     problem.block_precision = torch.tensor([0.0, 5.0], dtype=torch.float64)
 
     def rows(x: np.ndarray) -> np.ndarray:
-        shared, own = torch.from_numpy(x[:1]), torch.from_numpy(x[1:]).reshape(-1, 2)
+        shared, blocks = torch.from_numpy(x[:1]), torch.from_numpy(x[1:]).reshape(-1, 2)
         return np.concatenate(
-            [problem.residual(shared, own).numpy().ravel(), 5**0.5 * own[:, 1].numpy()]
+            [problem.residual(shared, blocks).numpy().ravel(), 5**0.5 * blocks[:, 1].numpy()]
         )
 
-    begin = [part.numpy().ravel() for part in start(problem)]
-    oracle = least_squares(rows, np.concatenate(begin), xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    start_vectors = [piece.numpy().ravel() for piece in start(problem)]
+    oracle = least_squares(
+        rows, np.concatenate(start_vectors), xtol=1e-14, ftol=1e-14, gtol=1e-14
+    ).x
     solution = minimise(problem, *start(problem), tolerance=1e-14)
     assert solution.shared.numpy() == pytest.approx(oracle[:1], abs=1e-6)
     assert solution.blocks.numpy().ravel() == pytest.approx(oracle[1:], abs=1e-6)
-
-
-def test_the_schur_complement_is_the_dense_one() -> None:
-    problem = Curves(3, blocks=4, noise=0.1)
-    pieces = problem.linearise(*start(problem))
-    hessian, gradient = normal_equations(pieces).schur_complement()
-    jacobian_block, residual = (
-        torch.cat([getattr(at, name) for at in pieces]) for name in ("jacobian_block", "residual")
-    )
-    dense = torch.zeros(48, 9, dtype=torch.float64)
-    dense[:, 0] = torch.cat([at.jacobian_shared for at in pieces])[:, 0, 0]
-    for block in range(4):
-        dense[12 * block : 12 * block + 12, 1 + 2 * block : 3 + 2 * block] = jacobian_block[
-            12 * block : 12 * block + 12, 0
-        ]
-    own = dense[:, 1:]
-    keep = torch.eye(48, dtype=torch.float64) - own @ torch.linalg.pinv(own)
-    assert hessian.item() == pytest.approx(float(dense[:, 0] @ keep @ dense[:, 0]), rel=1e-6)
-    assert gradient.item() == pytest.approx(float(dense[:, 0] @ keep @ residual[:, 0]), rel=1e-6)
 
 
 class Ruined(Curves):
@@ -283,19 +267,21 @@ class Ruined(Curves):
         return pieces
 
 
-def test_a_jacobian_that_is_not_finite_ends_the_fit_where_it_is() -> None:
+def test_a_jacobian_that_is_not_finite_ends_the_fit_at_once() -> None:
     problem = Ruined(sound=0)
     solution = minimise(problem, *start(problem))
     assert solution.outcome is Outcome.NOT_FINITE
     assert (problem.costs, problem.linearised) == (1, 1)
     assert torch.equal(solution.shared, start(problem)[0])
     assert torch.equal(solution.blocks, start(problem)[1])
-    assert all(part.isnan().all() for part in solution.equations.schur_complement())
+    reduced = solution.equations.eliminate_blocks()
+    assert reduced.hessian.isnan().all()
+    assert reduced.gradient.isnan().all()
 
 
 @pytest.mark.parametrize("steps", [50, 1])
-def test_a_jacobian_that_is_not_finite_after_a_step_keeps_what_the_step_gained(steps: int) -> None:
-    """With one step, it is seen only once the steps are used up."""
+def test_a_jacobian_that_is_not_finite_after_a_step_keeps_the_step(steps: int) -> None:
+    """The solver sees it after one step only when its steps are used up."""
     problem = Ruined(sound=1)
     solution = minimise(problem, *start(problem), steps=steps)
     assert solution.outcome is Outcome.NOT_FINITE
@@ -344,19 +330,19 @@ def test_a_curved_valley_is_followed() -> None:
     """The first step alone lands where the cost is a hundred times as high; the block once settled,
     at the minimum.
     """
-    begin = torch.tensor([-1.2], dtype=torch.float64), torch.tensor([[1.0]], dtype=torch.float64)
-    there = torch.tensor([1.0], dtype=torch.float64), torch.tensor([[-3.84]], dtype=torch.float64)
-    assert Valley().cost(*there) > 90 * Valley().cost(*begin)
-    solution = minimise(Valley(), *begin)
+    initial = torch.tensor([-1.2], dtype=torch.float64), torch.tensor([[1.0]], dtype=torch.float64)
+    minimum = torch.tensor([1.0], dtype=torch.float64), torch.tensor([[-3.84]], dtype=torch.float64)
+    assert Valley().cost(*minimum) > 90 * Valley().cost(*initial)
+    solution = minimise(Valley(), *initial)
     assert solution.outcome is Outcome.CONVERGED
     assert solution.iterations <= 4  # the damping leaves a little
     assert solution.shared.item() == pytest.approx(1.0)
     assert solution.blocks.item() == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("kept", [1, 2])
-def test_a_bend_needs_no_jacobian_in_memory(kept: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is too much to keep is made again."""
+@pytest.mark.parametrize("stored", [1, 2])
+def test_a_bend_needs_no_jacobian_in_memory(stored: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The solver computes again the pieces that are too many to keep."""
 
     class Counted(Curves):
         linearised = 0
@@ -368,11 +354,11 @@ def test_a_bend_needs_no_jacobian_in_memory(kept: int, monkeypatch: pytest.Monke
         def inner_step(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
             return blocks, self.cost(shared, blocks)
 
-    monkeypatch.setattr(levenberg_marquardt, "MAX_CACHED_PIECES", kept)
+    monkeypatch.setattr(levenberg_marquardt, "MAX_CACHED_PIECES", stored)
     problem = Counted(0, blocks=7, noise=0.01)
     solution = minimise(problem, *start(problem), tolerance=1e-12)
     assert solution.outcome is Outcome.CONVERGED
-    assert (problem.linearised > solution.iterations) == (kept == 1)
+    assert (problem.linearised > solution.iterations) == (stored == 1)
     assert problem.linearised < 2 * solution.iterations, "once more where a step is bent"
     assert solution.shared.item() == pytest.approx(1.7, abs=0.05)
 
@@ -385,19 +371,20 @@ class Straight(Curves):
         self.jacobians = jacobian_block, jacobian_shared
 
     def curve(self, shared: Tensor, blocks: Tensor) -> Tensor:
-        block, whole = (
+        block, by_shared = (
             self.jacobians
             if hasattr(self, "jacobians")
             else (torch.ones(36, 2, dtype=torch.float64),) * 2
         )
-        return (block * blocks[self.block]).sum(-1) + whole[:, 0] * shared
+        return (block * blocks[self.block]).sum(-1) + by_shared[:, 0] * shared
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> list[LinearisedBlocks]:
-        by_block, by_shared = (jacobian.unsqueeze(1) for jacobian in self.jacobians)
+        by_block = self.jacobians[0].unsqueeze(1)
+        by_shared = self.jacobians[1].unsqueeze(1)
         return [LinearisedBlocks(self.starts, self.residual(shared, blocks), by_block, by_shared)]
 
 
-def test_singular_blocks_are_fitted_as_far_as_the_rows_say() -> None:
+def test_singular_blocks_are_fitted_where_the_rows_determine_them() -> None:
     """One block's two parameters do the same, another's do nothing: the oracle is the least-norm
     solution of the dense equations.
     """
@@ -411,14 +398,16 @@ def test_singular_blocks_are_fitted_as_far_as_the_rows_say() -> None:
     dense = torch.cat(
         [shared, *(torch.where((problem.block == v)[:, None], block, 0.0) for v in range(3))], 1
     )
-    least = np.linalg.lstsq(dense.numpy(), problem.y.numpy(), rcond=None)[0]
-    left = dense.numpy() @ least - problem.y.numpy()
+    solution_vector = np.linalg.lstsq(dense.numpy(), problem.y.numpy(), rcond=None)[0]
+    residual = dense.numpy() @ solution_vector - problem.y.numpy()
     assert solution.outcome is Outcome.CONVERGED
-    assert solution.cost == pytest.approx(float(left @ left), rel=1e-9)
+    assert solution.cost == pytest.approx(float(residual @ residual), rel=1e-9)
     assert torch.equal(solution.blocks[1], torch.ones(2, dtype=torch.float64)), (
         "nothing moves what nothing sees"
     )
-    assert all(part.isfinite().all() for part in solution.equations.schur_complement())
+    reduced = solution.equations.eliminate_blocks()
+    assert reduced.hessian.isfinite().all()
+    assert reduced.gradient.isfinite().all()
 
 
 def test_equations_that_overflow_end_in_an_outcome() -> None:
@@ -439,8 +428,8 @@ def test_equations_that_stay_singular_end_in_an_outcome(monkeypatch: pytest.Monk
     LinAlgError is raised.
     """
     monkeypatch.setattr(
-        levenberg_marquardt,
-        "_diagonal",
+        normal_equations_module,
+        "_positive_diagonal",
         lambda matrix: torch.zeros_like(matrix.diagonal(dim1=-2, dim2=-1)),
     )
     problem = Straight(

@@ -1,6 +1,4 @@
-"""What views say of a camera, taken out of its posterior; and whether it is as its prior
-expects.
-"""
+"""The information of views about a camera, from its posterior, and its conflict with a prior."""
 
 import numpy as np
 import pytest
@@ -18,44 +16,46 @@ def a_prior(rng: np.random.Generator) -> tuple[Array, Array]:
     return rng.normal(size=SIZE), root @ root.T
 
 
-def test_what_turned_a_prior_into_a_posterior_is_the_likelihood() -> None:
+def test_the_likelihood_between_prior_and_posterior_is_recovered() -> None:
     """The oracle multiplies a prior by a likelihood that leaves two directions open."""
     rng = np.random.default_rng(1)
     mean, prior = a_prior(rng)
     rows = np.asarray(rng.normal(size=(SIZE - 2, SIZE)))
-    seen = rng.normal(size=SIZE - 2)
+    measured = rng.normal(size=SIZE - 2)
     covariance = np.linalg.inv(rows.T @ rows + np.linalg.inv(prior))
-    posterior = covariance @ (rows.T @ seen + np.linalg.solve(prior, mean))
-    told = LikelihoodInformation.between(posterior, covariance, mean, prior)
-    assert told.information == pytest.approx(rows.T @ rows, abs=1e-8)
-    assert told.score == pytest.approx(rows.T @ seen, abs=1e-8)
+    posterior = covariance @ (rows.T @ measured + np.linalg.solve(prior, mean))
+    likelihood = LikelihoodInformation.between(posterior, covariance, mean, prior)
+    assert likelihood.information == pytest.approx(rows.T @ rows, abs=1e-8)
+    assert likelihood.score == pytest.approx(rows.T @ measured, abs=1e-8)
 
 
-def test_a_posterior_that_is_the_prior_says_nothing() -> None:
+def test_a_posterior_equal_to_the_prior_carries_no_information() -> None:
     mean, prior = a_prior(np.random.default_rng(2))
-    told = LikelihoodInformation.between(mean, prior, mean, prior)
-    assert told.information == pytest.approx(np.zeros((SIZE, SIZE)), abs=1e-9)
-    assert prior_conflict(told, mean, prior).p_value == 1.0
+    likelihood = LikelihoodInformation.between(mean, prior, mean, prior)
+    assert likelihood.information == pytest.approx(np.zeros((SIZE, SIZE)), abs=1e-9)
+    assert prior_conflict(likelihood, mean, prior).p_value == 1.0
 
 
 def surprises(shift: float) -> np.ndarray:
-    """Of CAMERAS that are drawn from a prior and then moved along its first axis by so many sigmas:
-    (2, CAMERAS) squares per direction, and p-values.
+    """Draw CAMERAS from a prior and move them along its first axis by so many sigmas. Return (2,
+    CAMERAS): the squares per direction, and the p-values.
     """
     rng = np.random.default_rng(3)
     mean, prior = a_prior(rng)
     root = np.linalg.cholesky(prior)
-    found = []
+    results = []
     for _ in range(CAMERAS):
         true = mean + root @ (rng.standard_normal(SIZE) + shift * np.eye(SIZE)[0])
         rows = rng.normal(size=(4, SIZE))  # fewer than there are numbers
-        told = LikelihoodInformation(rows.T @ rows, rows.T @ (rows @ true + rng.standard_normal(4)))
-        one = prior_conflict(told, mean, prior)
-        found.append((one.square / one.directions, one.p_value))
-    return np.array(found).T
+        likelihood = LikelihoodInformation(
+            rows.T @ rows, rows.T @ (rows @ true + rng.standard_normal(4))
+        )
+        item = prior_conflict(likelihood, mean, prior)
+        results.append((item.square / item.directions, item.p_value))
+    return np.array(results).T
 
 
-def test_a_camera_of_the_fleet_is_no_surprise() -> None:
+def test_a_camera_of_the_fleet_does_not_conflict_with_the_prior() -> None:
     """The square per direction is one, within four of its standard errors (2 / directions /
     cameras); and p-values are even.
     """
@@ -64,17 +64,17 @@ def test_a_camera_of_the_fleet_is_no_surprise() -> None:
     assert (p_values < 0.1).mean() == pytest.approx(0.1, abs=4 * (0.09 / CAMERAS) ** 0.5)
 
 
-def test_another_camera_is_a_surprise() -> None:
+def test_another_camera_conflicts_with_the_prior() -> None:
     _, p_values = surprises(12.0)
     assert np.median(p_values) < 1e-3
 
 
-def test_pulls_name_the_number_that_is_off() -> None:
+def test_the_largest_deviation_names_the_wrong_number() -> None:
     mean, prior = np.zeros(SIZE), np.eye(SIZE)
-    told = LikelihoodInformation(
+    likelihood = LikelihoodInformation(
         np.diag([100.0] * 5 + [0.0]), 100.0 * np.array([0, 0, 5.0, 0, 0, 0])
     )
-    pulls = told.deviations(mean, prior)
+    pulls = likelihood.deviations(mean, prior)
     assert int(np.argmax(np.abs(pulls))) == 2
     assert pulls[2] == pytest.approx(5.0, rel=0.02)
     assert pulls[5] == 0.0  # of which nothing is told

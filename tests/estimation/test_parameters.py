@@ -34,11 +34,11 @@ def model() -> tuple[Path, Values]:
 
 
 def covariance_of(parameters: Parameters) -> np.ndarray:
-    """Of the free parameters, over their scales."""
+    """Return the covariance of the free parameters, over their scales."""
     at = {name: i for i, name in enumerate(NAMES)}
     correlation = np.eye(len(NAMES))
-    for (one, other), value in CORRELATIONS.items():
-        correlation[at[one], at[other]] = correlation[at[other], at[one]] = value
+    for (first, second), value in CORRELATIONS.items():
+        correlation[at[first], at[second]] = correlation[at[second], at[first]] = value
     order = [at[param.name] for param in parameters.free]
     spread = np.array([SIGMAS[at[param.name]] / param.scale for param in parameters.free])
     return correlation[np.ix_(order, order)] * np.outer(spread, spread)
@@ -71,10 +71,14 @@ def test_the_precision_is_the_inverse_of_the_covariance(
 
 
 def known_glass(path: Path) -> Glass:
-    """Of the path's own patch, correlated with two numbers, one of which no fit estimates."""
+    """Return the glass of the path's own patch, correlated with two numbers, one of which no fit
+    estimates.
+    """
     assert path.relief
     spread = np.diag([3e-6, 2e-6, 1e-6]) ** 2 + 1e-13
-    beside = np.stack([0.5 * SIGMAS[1] * np.array([1e-6, -1e-6, 0.0]), np.full(3, 1e-9)], 1)
+    cross_covariance = np.stack(
+        [0.5 * SIGMAS[1] * np.array([1e-6, -1e-6, 0.0]), np.full(3, 1e-9)], 1
+    )
     return Glass(
         path.relief.low,
         path.relief.high,
@@ -82,11 +86,11 @@ def known_glass(path: Path) -> Glass:
         np.array([1e-5, 0.0, 2e-6]),
         spread,
         ("camera.fx", "cover.inner_radius"),
-        beside,
+        cross_covariance,
     )
 
 
-def test_a_figure_that_is_known_goes_with_the_numbers(model: tuple[Path, Values]) -> None:
+def test_a_known_figure_is_correlated_with_the_numbers(model: tuple[Path, Values]) -> None:
     """Oracle: heights drawn from texture, what is finer than the figure, and the figure, whose
     coefficients go with the focal length.
     """
@@ -96,47 +100,47 @@ def test_a_figure_that_is_known_goes_with_the_numbers(model: tuple[Path, Values]
     sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
     parameters = Parameters.of(*model, Priors(sigmas, CORRELATIONS, glass=glass))
     heights, free = parameters.amplitudes, [param.name for param in parameters.free]
-    y, x = (
-        c.ravel()
-        for c in np.meshgrid(*(np.linspace(-1, 1, n) for n in path.relief.grid), indexing="ij")
-    )
+    sides = [np.linspace(-1, 1, count) for count in path.relief.grid]
+    y, x = np.stack(np.meshgrid(*sides, indexing="ij")).reshape(2, -1)
     waves = np.stack([np.ones_like(x), x, y], 1)
     root = parameters.joint_root(SMOOTH, glass)
-    found = root @ root.T
-    own = (
+    covariance = root @ root.T
+    height_covariance = (
         SMOOTH.covariance(path.relief)
         - figure_covariance(path.relief.grid)
         + figure_covariance(path.relief.grid, 1)
         + waves @ glass.covariance @ waves.T
     )
-    assert found[:heights, :heights] == pytest.approx(own, rel=1e-9)
+    assert covariance[:heights, :heights] == pytest.approx(height_covariance, rel=1e-9)
     place = free.index("camera.fx")
-    beside = waves @ glass.cross_covariance[:, 0] / parameters.free[place].scale
-    assert found[:heights, heights + place] == pytest.approx(beside, rel=1e-9, abs=1e-20)
-    assert not np.delete(found[:heights, heights:], place, 1).any()
-    assert found[heights:, heights:] == pytest.approx(covariance_of(parameters), rel=1e-9)
-    precision, whole = parameters.prior_precision(SMOOTH), parameters.prior_root(SMOOTH)
-    assert np.abs(whole.T @ precision @ whole - np.eye(len(whole))).max() < 1e-3, "as above"
+    cross_block = waves @ glass.cross_covariance[:, 0] / parameters.free[place].scale
+    assert covariance[:heights, heights + place] == pytest.approx(cross_block, rel=1e-9, abs=1e-20)
+    assert not np.delete(covariance[:heights, heights:], place, 1).any()
+    assert covariance[heights:, heights:] == pytest.approx(covariance_of(parameters), rel=1e-9)
+    precision, prior_root = parameters.prior_precision(SMOOTH), parameters.prior_root(SMOOTH)
+    assert np.abs(prior_root.T @ precision @ prior_root - np.eye(len(prior_root))).max() < 1e-3, (
+        "as above"
+    )
     amplitudes = expected_amplitudes(path.relief, glass).ravel()
     assert relief_basis(path.relief) @ amplitudes == pytest.approx(waves @ glass.mean, rel=1e-9)
 
 
-def test_parameters_of_effects_stand_beside_it(model: tuple[Path, Values]) -> None:
-    """They are independent, each entry for itself, wherever they stand."""
+def test_parameters_of_effects_are_independent_of_the_glass(model: tuple[Path, Values]) -> None:
+    """The parameters of effects are independent, entry by entry, wherever they stand."""
     path, values = model
     sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
     priors = Priors(sigmas, CORRELATIONS).with_sigmas({"more": torch.tensor([1.0, 2.0])})
     alone = Parameters.of(path, values, Priors(sigmas, CORRELATIONS))
-    more = Param("more", "", 0.5, (2,))
-    parameters = Parameters({**values, "more": torch.zeros(2)}, None, (more, *alone.free), priors)
+    extra = Param("more", "", 0.5, (2,))
+    parameters = Parameters({**values, "more": torch.zeros(2)}, None, (extra, *alone.free), priors)
     precision = parameters.prior_precision(None)
     assert np.diag(precision)[:2] == pytest.approx([0.25, 0.0625])
     assert not precision[:2, 2:].any()
     assert np.allclose(precision[2:, 2:] @ covariance_of(alone), np.eye(4), atol=1e-10)
 
 
-def test_entries_that_are_correlated_among_themselves(model: tuple[Path, Values]) -> None:
-    """They have the covariance that is given, and are independent of the rest."""
+def test_entries_may_be_correlated_among_themselves(model: tuple[Path, Values]) -> None:
+    """The entries have the given covariance, and are independent of all other parameters."""
     path, values = model
     sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
     root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.5, -1.0, 0.7]])

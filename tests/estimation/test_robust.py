@@ -1,4 +1,4 @@
-"""Which views are dropped for their error, and which are not."""
+"""The choice of views that are dropped for their error."""
 
 import numpy as np
 import pytest
@@ -11,13 +11,13 @@ from calib.estimation.robust import outlier_mask
 ALIKE = np.array([0.09, 0.10, 0.11, 0.10, 0.12, 0.08, 0.10])  # median 0.1, median deviation 0.01
 
 
-def test_a_view_that_does_not_belong_is_found_and_no_other() -> None:
+def test_a_view_that_does_not_belong_is_the_only_outlier() -> None:
     for place in range(8):
         errors = np.insert(ALIKE, place, 3.0)
         assert np.flatnonzero(outlier_mask(errors)).tolist() == [place]
 
 
-def test_nothing_is_found_where_nothing_is() -> None:
+def test_no_outlier_is_found_among_alike_views() -> None:
     assert not outlier_mask(ALIKE).any()
     assert not outlier_mask(np.full(5, 0.1)).any()
     assert not outlier_mask(np.zeros(5)).any(), "exact data"
@@ -44,12 +44,12 @@ def test_bad_views_are_found_as_long_as_most_are_good() -> None:
     assert outlier_mask(errors).tolist() == [False] * 7 + [True] * 5
 
 
-@pytest.mark.parametrize("lost", [np.nan, np.inf])
-def test_what_is_not_finite_is_outlying_and_hides_nothing(lost: float) -> None:
+@pytest.mark.parametrize("invalid_value", [np.nan, np.inf])
+def test_an_error_that_is_not_finite_is_an_outlier_and_hides_no_other(invalid_value: float) -> None:
     """Not even where most views have no error: the others are judged by themselves."""
-    errors = np.concatenate([[lost] * 9, ALIKE, [3.0]])
+    errors = np.concatenate([[invalid_value] * 9, ALIKE, [3.0]])
     assert outlier_mask(errors).tolist() == [True] * 9 + [False] * 7 + [True]
-    assert outlier_mask(np.full(4, lost)).all()
+    assert outlier_mask(np.full(4, invalid_value)).all()
 
 
 positive = arrays(
@@ -60,7 +60,7 @@ positive = arrays(
 
 
 @given(positive, st.floats(-6, 6))
-def test_it_depends_on_order_alone_and_not_on_the_unit(errors: np.ndarray, power: float) -> None:
+def test_the_outliers_are_the_largest_errors_in_any_unit(errors: np.ndarray, power: float) -> None:
     """The larger half is the most that can go, and whatever is smaller than an error that stays,
     stays.
     """

@@ -1,4 +1,4 @@
-"""What a description says of a fit's priors, and what doubt makes of it."""
+"""The priors that a description gives to a fit, and their form for a doubted number."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ FOUND = Intrinsics(
 
 
 def covariance(intrinsics: Intrinsics) -> np.ndarray:
-    """(9, 9), over the parameters' scales."""
+    """Return the (9, 9) covariance, over the parameters' scales."""
     path, values = covered_path(intrinsics, COVER)
     root = Parameters.of(path, values, priors_of(intrinsics, COVER, path)).free_root()
     return np.asarray(root @ root.T)
@@ -57,7 +57,7 @@ def test_each_pair_has_its_names() -> None:
     assert len(priors.correlations) == 9 * 8 / 2
 
 
-def test_freeing_the_rest_leaves_them() -> None:
+def test_freeing_the_other_numbers_keeps_correlations() -> None:
     intrinsics, cover = free_parameters(FOUND, COVER, ("all",))
     assert intrinsics == FOUND
     assert cover.parameters["thickness"].sigma > 0
@@ -67,8 +67,8 @@ def test_freeing_the_rest_leaves_them() -> None:
 def test_a_doubted_number_makes_the_prior_looser_in_every_direction(name: str) -> None:
     intrinsics, cover = widen_prior(FOUND, COVER, name, 10.0)
     assert cover == COVER
-    before, after = covariance(FOUND), covariance(intrinsics)
-    added = after - before
+    initial, final = covariance(FOUND), covariance(intrinsics)
+    added = final - initial
     place = [
         "camera.fx",
         "camera.fy",
@@ -79,13 +79,13 @@ def test_a_doubted_number_makes_the_prior_looser_in_every_direction(name: str) -
         "camera.p1",
     ].index(name)
     expected = np.zeros_like(added)
-    expected[place, place] = 99 * before[place, place]
+    expected[place, place] = 99 * initial[place, place]
     assert np.allclose(added, expected, atol=1e-12 * added.max()), (
         "an independent error is added to it, and to nothing else"
     )
 
 
-def test_a_doubted_number_of_the_cover_leaves_the_camera() -> None:
+def test_a_doubted_number_of_the_cover_does_not_change_the_camera() -> None:
     cover = replace(COVER, parameters={**COVER.parameters, "thickness": Number(0.003, 1e-4)})
     intrinsics, wider = widen_prior(FOUND, cover, "cover.thickness", 10.0)
     assert intrinsics == FOUND

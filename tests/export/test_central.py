@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.export import central
 from calib.export.central import best_central
 from calib.export.formats import FORMATS, OPENCV, SPLINED, ExportLens
-from calib.export.lens_fit import fit_lens, project
+from calib.export.lens_fit import fit_export_lens, project_slopes
 from calib.export.sampled_rays import FIT_GRID, SampledRays
 from calib.export.spline_fit import project_spline
 from tests.export.truth import LENS, distorted, fisheye, seen
@@ -33,8 +33,8 @@ def test_a_lens_comes_back_from_its_own_picture(lens: ExportLens, written_out: o
     assert callable(written_out)
     coefficients = [-0.21, 0.11, 0.003, -0.002, 0.01, 0.05, 0.02, -0.01][: lens.coefficients]
     pixels = written_out(TANGENTS, coefficients) * [900, 910] + [640, 480]
-    found = fit_lens(TANGENTS, pixels, [800.0, 800.0, 600.0, 500.0], lens)
-    assert np.abs(project(found, TANGENTS, lens.fisheye)[0] - pixels).max() < 0.01
+    fitted = fit_export_lens(TANGENTS, pixels, [800.0, 800.0, 600.0, 500.0], lens)
+    assert np.abs(project_slopes(fitted, TANGENTS, lens.fisheye)[0] - pixels).max() < 0.01
 
 
 @pytest.mark.parametrize("lens", [FOUR, TWELVE, FISHEYE])
@@ -42,15 +42,14 @@ def test_derivatives_are_central_differences(lens: ExportLens) -> None:
     parameters = np.append(
         [900.0, 910.0, 640.0, 480.0], np.linspace(-0.05, 0.05, lens.coefficients)
     )
-    exact = project(parameters, TANGENTS, lens.fisheye)[1]
+    exact = project_slopes(parameters, TANGENTS, lens.fisheye)[1]
     for i, size in enumerate([1.0] * 4 + [1e-4] * lens.coefficients):
         step = np.zeros(len(parameters))
         step[i] = size
-        beyond, before = (
-            project(parameters + sign * step, TANGENTS, lens.fisheye)[0] for sign in (1, -1)
-        )
+        forward = project_slopes(parameters + step, TANGENTS, lens.fisheye)[0]
+        backward = project_slopes(parameters - step, TANGENTS, lens.fisheye)[0]
         assert (
-            np.abs((beyond - before).ravel() / (2 * size) - exact[:, i]).max()
+            np.abs((forward - backward).ravel() / (2 * size) - exact[:, i]).max()
             < 1e-5 * np.abs(exact[:, i]).max()
         )
 
@@ -79,7 +78,7 @@ def test_without_a_cover_the_lens_is_the_calibration_s_own(bare: Calibration) ->
 def test_a_lens_is_fitted_on_one_thread(
     covered: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Beside busy processes, two threads of BLAS took 6 to 10 s for what one does in 1."""
+    """Two threads of BLAS took 6 to 10 s beside busy processes, and one thread takes 1 s."""
     seen_threads: list[int] = []
 
     def watched(*arguments: object) -> np.ndarray:
@@ -87,9 +86,9 @@ def test_a_lens_is_fitted_on_one_thread(
             pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"
         )
         seen_threads.append(torch.get_num_threads())
-        return fit_lens(*arguments)  # type: ignore[arg-type]
+        return fit_export_lens(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(central, "fit_lens", watched)
+    monkeypatch.setattr(central, "fit_export_lens", watched)
     with threadpool_limits(2, user_api="blas"):
         best_central(covered, 1.0, (FOUR,))
     assert len(seen_threads) >= 2
@@ -118,15 +117,15 @@ def test_the_rays_nearly_intersect_where_the_model_stands(covered: Calibration) 
     assert passing(best) < 0.5 * passing(np.zeros(3))
 
 
-def test_more_coefficients_are_taken_only_where_they_are_worth_it(covered: Calibration) -> None:
+def test_more_coefficients_are_used_only_if_they_reduce_the_misfit(covered: Calibration) -> None:
     models = {lens.name: best_central(covered, 0.5, [lens]) for lens in OPENCV}
     errors = [models[name].misfit_at_depth.rms_px for name in ("4", "5", "8", "12")]
-    assert all(more < fewer / 0.98 for fewer, more in pairwise(errors))
-    least = min(model.misfit_at_depth.rms_px for model in models.values())
+    assert all(extra < smaller / 0.98 for smaller, extra in pairwise(errors))
+    smallest = min(model.misfit_at_depth.rms_px for model in models.values())
     chosen = best_central(covered, 0.5, OPENCV)
-    assert chosen.misfit_at_depth.rms_px <= least / 0.98
+    assert chosen.misfit_at_depth.rms_px <= smallest / 0.98
     assert all(
-        models[lens.name].misfit_at_depth.rms_px > least / 0.98
+        models[lens.name].misfit_at_depth.rms_px > smallest / 0.98
         for lens in OPENCV[: OPENCV.index(chosen.lens)]
     )
 
@@ -134,7 +133,7 @@ def test_more_coefficients_are_taken_only_where_they_are_worth_it(covered: Calib
 @pytest.mark.parametrize(
     "lens", [lens for form in FORMATS for lens in form.lenses], ids=lambda lens: lens.name
 )
-def test_every_lens_has_the_coefficients_that_it_says(
+def test_every_lens_has_its_stated_number_of_coefficients(
     covered: Calibration, lens: ExportLens
 ) -> None:
     model = best_central(covered, 0.5, [lens])
@@ -148,7 +147,8 @@ def test_a_spline_follows_uneven_glass_at_its_depth_where_no_polynomial_does(
     """Away from its depth it is wrong by what no central model can follow: least with the rays'
     nearest point as centre.
     """
-    spline, polynomial = (best_central(covered, 1.0, [lens]) for lens in (SPLINED, TWELVE))
+    spline = best_central(covered, 1.0, [SPLINED])
+    polynomial = best_central(covered, 1.0, [TWELVE])
     assert spline.misfit_at_depth.rms_px < 0.002 < 0.2 < polynomial.misfit_at_depth.rms_px
     assert (
         spline.misfit_at_depth.rms_px
@@ -164,19 +164,19 @@ def test_a_spline_is_the_formula_of_its_knots() -> None:
     lens = ExportLens("", 0, knots=(9, 7, 0.1))
     parameters = np.zeros(4 + 9 * 7 * 2)
     parameters[:4] = 1000, 1000, 0, 0
-    still = parameters.copy()
+    unmoved = parameters.copy()
     parameters[4 + 2 * (3 * 9 + 4)] = 0.06  # x of the middle one
     u = np.column_stack([[-0.2, -0.1, 0, 0.1, 0.2], np.zeros(5)])
     tangents = u / (1 - (u**2).sum(-1, keepdims=True) / 4)  # of u = 2 tan(angle / 2)
-    moved = project_spline(lens, parameters, tangents) - project_spline(lens, still, tangents)
-    assert np.abs(project_spline(lens, still, tangents) - 1000 * u).max() < 1e-9
+    moved = project_spline(lens, parameters, tangents) - project_spline(lens, unmoved, tangents)
+    assert np.abs(project_spline(lens, unmoved, tangents) - 1000 * u).max() < 1e-9
     assert np.abs(moved[:, 0] - 60 * np.array([0, 1, 4, 1, 0]) / 6 * 4 / 6).max() < 1e-9
     assert not moved[:, 1].any()
 
 
 def test_remarks_name_the_depth_where_the_model_goes_wrong(covered: Calibration) -> None:
-    """By pixels of the test's own: how far the error at half the depth is from the error at the
-    depth.
+    """The test computes the difference between the errors at the depth and at half the depth from
+    its own pixels.
     """
     model = best_central(covered, 0.2, [SPLINED])
     assert model.misfit_at_depth.worst_px < 0.1
@@ -190,14 +190,14 @@ def test_remarks_name_the_depth_where_the_model_goes_wrong(covered: Calibration)
     assert f"differ by up to {model.misfit_at_half_depth.drift_px:.2f} px at 0.1 m" in remark
 
 
-def test_no_remark_where_depth_hardly_matters(covered: Calibration) -> None:
+def test_no_remark_is_made_if_depth_hardly_matters(covered: Calibration) -> None:
     model = best_central(covered, 20.0, [SPLINED])
     assert max(model.misfit_at_half_depth.drift_px, model.misfit_at_double_depth.drift_px) < 0.5
     assert list(model.remarks()) == []
 
 
 def test_infinity_is_no_distance_to_fit_a_central_camera_at(covered: Calibration) -> None:
-    """Its misfit at half and at twice the distance would be said to be of the same one."""
+    """The misfits at half and at twice infinity would be those of infinity itself."""
     with pytest.raises(InputError, match="at a finite distance: write metres, such as 1000"):
         best_central(covered, float("inf"), [FIVE])
 

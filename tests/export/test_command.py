@@ -62,9 +62,9 @@ def test_every_format_of_the_help_writes_its_files(
 def test_the_help_lists_every_format(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["export", "--help"])
-    said = " ".join(capsys.readouterr().out.split())
+    text = " ".join(capsys.readouterr().out.split())
     for form in FORMATS:
-        assert f" {form.name} {form.summary} " in f"{said} "
+        assert f" {form.name} {form.summary} " in f"{text} "
 
 
 def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(
@@ -101,7 +101,7 @@ def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(
     )
 
 
-def test_what_lies_beside_from_an_earlier_fit_is_named(
+def test_outputs_of_an_earlier_fit_are_named(
     small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     saved, out = tmp_path / "saved", tmp_path / "out"

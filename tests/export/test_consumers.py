@@ -65,10 +65,10 @@ def test_opencv(covered: Calibration, saved: Path, tmp_path: Path, form: str, le
     suffix = "xml" if form == "opencv-xml" else "yaml"
     path = export(saved, tmp_path, form, lens, f"camera_0.4m.{suffix}")
     file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-    matrix, coefficients, rvec, tvec = (
-        file.getNode(key).mat()
-        for key in ("camera_matrix", "distortion_coefficients", "rvec", "tvec")
-    )
+    matrix = file.getNode("camera_matrix").mat()
+    coefficients = file.getNode("distortion_coefficients").mat()
+    rvec = file.getNode("rvec").mat()
+    tvec = file.getNode("tvec").mat()
     assert (file.getNode("image_width").real(), file.getNode("image_height").real()) == (
         WIDTH,
         HEIGHT,
@@ -81,10 +81,10 @@ def test_opencv(covered: Calibration, saved: Path, tmp_path: Path, form: str, le
         ("misfit_at_half_depth", 0.5),
         ("misfit_at_double_depth", 2),
     ):
-        said = file.getNode(key)
-        depth, rms, worst = (
-            said.getNode(name).real() for name in ("depth_m", "rms_px", "worst_px")
-        )
+        node = file.getNode(key)
+        depth = node.getNode("depth_m").real()
+        rms = node.getNode("rms_px").real()
+        worst = node.getNode("worst_px").real()
         assert depth == DEPTH * factor
         pixels, points = seen(covered, depth)
         if lens == "fisheye":
@@ -103,9 +103,8 @@ def test_opencv_maps_are_the_calibration_s(small: Calibration, tmp_path: Path) -
     """
     small.save(tmp_path)
     export(tmp_path, tmp_path, "opencv", "5", "")
-    map_x, map_y = (
-        cv2.imread(str(tmp_path / f"map_{axis}_0.4m.tiff"), cv2.IMREAD_UNCHANGED) for axis in "xy"
-    )
+    map_x = cv2.imread(str(tmp_path / "map_x_0.4m.tiff"), cv2.IMREAD_UNCHANGED)
+    map_y = cv2.imread(str(tmp_path / "map_y_0.4m.tiff"), cv2.IMREAD_UNCHANGED)
     assert map_x is not None
     assert map_y is not None
     assert map_x.dtype == map_y.dtype == np.float32
@@ -127,18 +126,20 @@ def test_opencv_maps_are_the_calibration_s(small: Calibration, tmp_path: Path) -
 
 @pytest.mark.parametrize("lens", ["plumb_bob", "rational_polynomial", "equidistant"])
 def test_ros(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> None:
-    """As image_geometry does: D through the camera matrix K; P repeats K, so the rectified picture
-    has the same scale.
+    """The reader works as image_geometry does: D through the camera matrix K; P repeats K, so the
+    rectified picture has the same scale.
     """
     text = export(saved, tmp_path, "ros", lens, "camera_info_0.4m.yaml").read_text()
-    said = yaml.safe_load(text)
-    assert said["distortion_model"] == lens
-    assert said["camera_name"] == "Test_camera_3280x2464"
-    assert (said["image_width"], said["image_height"]) == (WIDTH, HEIGHT)
+    document = yaml.safe_load(text)
+    assert document["distortion_model"] == lens
+    assert document["camera_name"] == "Test_camera_3280x2464"
+    assert (document["image_width"], document["image_height"]) == (WIDTH, HEIGHT)
     shapes = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
-    k, r, p = (
-        np.array(said[key]["data"]).reshape(said[key]["rows"], said[key]["cols"]) for key in shapes
-    )
+    matrices = [
+        np.array(document[key]["data"]).reshape(document[key]["rows"], document[key]["cols"])
+        for key in shapes
+    ]
+    k, r, p = matrices
     assert [k.shape, r.shape, p.shape] == list(shapes.values())
     assert np.array_equal(p, np.column_stack([k, np.zeros(3)]))
     assert np.array_equal(r, np.eye(3))
@@ -146,7 +147,7 @@ def test_ros(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> No
     for depth, rms, worst in statements(text):
         pixels, points = seen(covered, depth)
         points = points - centre(text)
-        bent = model(points[:, :2] / points[:, 2:], said["distortion_coefficients"]["data"])
+        bent = model(points[:, :2] / points[:, 2:], document["distortion_coefficients"]["data"])
         check_misfit(bent @ k[:2, :2].T + k[:2, 2] - pixels, rms, worst)
 
 
@@ -161,16 +162,19 @@ def test_the_shift_of_the_centre_as_each_program_takes_it(
     text = export(saved, tmp_path, form, lens, NAMES[form]).read_text()
     _, points = seen(covered, 0.2)
     if form == "ros":  # tf2: the child's origin in its parent's frame
-        (line,) = (line for line in text.splitlines() if "static_transform_publisher" in line)
+        lines = [line for line in text.splitlines() if "static_transform_publisher" in line]
+        (line,) = lines
         words = line.split()
         moved = points - [float(words[words.index(f"--{axis}") + 1]) for axis in "xyz"]
         assert words[words.index("--child-frame-id") + 1] == "Test_camera_3280x2464_optical_frame"
     elif form == "kalibr":
-        (line,) = (line for line in text.splitlines() if line.startswith("# [["))
+        lines = [line for line in text.splitlines() if line.startswith("# [[")]
+        (line,) = lines
         transform = np.array(json.loads(line.removeprefix("# ")))
         moved = (transform @ np.column_stack([points, np.ones(len(points))]).T).T[:, :3]
     else:
-        (line,) = (line for line in text.splitlines() if "TX TY TZ" in line)
+        lines = [line for line in text.splitlines() if "TX TY TZ" in line]
+        (line,) = lines
         moved = points + [float(word) for word in line.split()[-3:]]
     assert (
         np.abs(moved - (points - centre(text))).max() < 1e-9
@@ -207,18 +211,19 @@ def turned(rays: Array, horizontal: list[float], vertical: list[float]) -> Array
     """distort_camera_ray of the same file: (N, 3) rays to (N, 3) unit rays."""
     unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     phi, theta = np.arcsin(unit[:, 0]), np.arcsin(unit[:, 1])
-    x, y = (np.sin(polynomial(poly, phi, theta)) for poly in (horizontal, vertical))
+    x = np.sin(polynomial(horizontal, phi, theta))
+    y = np.sin(polynomial(vertical, phi, theta))
     return np.column_stack([x, y, np.sqrt(1 - x**2 - y**2)])
 
 
 @pytest.mark.parametrize("lens", ["opencv-pinhole", "opencv-fisheye"])
 def test_windshield(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> None:
-    """By gsplat's reference of the model, in Python, and OpenCV's lens."""
-    said = json.loads(
+    """The readers are gsplat's reference of the model, in Python, and OpenCV's lens."""
+    answer = json.loads(
         export(saved, tmp_path, "windshield", lens, "windshield_0.4m.json").read_text()
     )
-    camera, text = said["camera_model_parameters"], "\n".join(said["refracal"])
-    assert (said["camera_model_type"], camera["resolution"], camera["shutter_type"]) == (
+    camera, text = answer["camera_model_parameters"], "\n".join(answer["refracal"])
+    assert (answer["camera_model_type"], camera["resolution"], camera["shutter_type"]) == (
         lens,
         [WIDTH, HEIGHT],
         "GLOBAL",
@@ -256,29 +261,30 @@ def test_windshield_by_ncore(covered: Calibration, saved: Path, tmp_path: Path, 
     reason = (
         "nvidia-ncore is not installed (pip install nvidia-ncore): NCore's own camera was not tried"
     )
-    data, sensors = (
-        pytest.importorskip(f"ncore.{name}", reason=reason) for name in ("data", "sensors")
-    )
-    said = json.loads(
+    data = pytest.importorskip(f"ncore.{'data'}", reason=reason)
+    sensors = pytest.importorskip(f"ncore.{'sensors'}", reason=reason)
+    answer = json.loads(
         export(saved, tmp_path, "windshield", lens, "windshield_0.4m.json").read_text()
     )
     types = importlib.import_module("ncore.impl.data.types")
     camera = sensors.CameraModel.from_parameters(
-        types.decode_camera_model_parameters(said), device="cpu", dtype=torch.float64
+        types.decode_camera_model_parameters(answer), device="cpu", dtype=torch.float64
     )
     assert isinstance(camera.get_parameters(), data.CameraModelParameters)
-    text = "\n".join(said["refracal"])
+    text = "\n".join(answer["refracal"])
     for depth, rms, worst in statements(text):
         pixels, points = seen(covered, depth)
-        found = camera.camera_rays_to_image_points(points - centre(text))
-        inside = found.valid_flag.numpy()  # what is projected beside the picture's edge is not
-        assert inside.mean() > 0.99
-        check_misfit((found.image_points.numpy() - (pixels + 0.5))[inside], rms, worst)
+        projection = camera.camera_rays_to_image_points(points - centre(text))
+        in_picture = (
+            projection.valid_flag.numpy()
+        )  # what is projected beside the picture's edge is not
+        assert in_picture.mean() > 0.99
+        check_misfit((projection.image_points.numpy() - (pixels + 0.5))[in_picture], rms, worst)
 
 
 def test_depthai(small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """As the device does: y and x every so many columns and rows, and between them linearly; they
-    mean what cv2.remap's maps do.
+    """The reader works as the device does: y and x every so many columns and rows, and between them
+    linearly; they mean what cv2.remap's maps do.
     """
     small.save(tmp_path)
     assert (
@@ -299,22 +305,22 @@ def test_depthai(small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixtu
     (path,) = (tmp_path / "out").glob("mesh_*")
     width, height = small.camera.width, small.camera.height
     assert path.name == "mesh_0.4m_10x14.calib"
-    across, down = 10, 14
-    assert (width % across, height % down) == (0, 0)
-    points = np.fromfile(path, np.float32).reshape(height // down + 1, width // across + 1, 2)
+    columns, row_step = 10, 14
+    assert (width % columns, height % row_step) == (0, 0)
+    points = np.fromfile(path, np.float32).reshape(height // row_step + 1, width // columns + 1, 2)
     at = np.random.default_rng(2).uniform(30, [width - 30, height - 30], (500, 2))
-    axes = np.arange(0, height + down, down), np.arange(0, width + across, across)
+    axes = np.arange(0, height + row_step, row_step), np.arange(0, width + columns, columns)
     sampled = RegularGridInterpolator(axes, points)(at[:, ::-1])[:, ::-1]
     k = small.camera.intrinsics
     assert k
     tangents = (at - [k.cx.value, k.cy.value]) / [k.fx.value, k.fy.value]
-    off = np.linalg.norm(
+    error = np.linalg.norm(
         sampled - small.project(np.column_stack([tangents, np.ones(500)]) * DEPTH), axis=-1
     )
     stated = capsys.readouterr().err
     assert "setMeshStep(10, 14)" in stated
     worst = float(stated.split(" px at worst")[0].split()[-1])
-    assert 0.3 * worst < off.max() < 1.2 * worst + 1e-3
+    assert 0.3 * worst < error.max() < 1.2 * worst + 1e-3
 
 
 @pytest.mark.parametrize("lens", ["radtan", "equidistant"])
@@ -341,7 +347,8 @@ def test_colmap(covered: Calibration, saved: Path, tmp_path: Path, lens: str) ->
     """COLMAP counts pixels from the corner of the picture."""
     path = export(saved, tmp_path, "colmap", lens, "cameras_0.4m.txt")
     text = path.read_text()
-    (line,) = [line for line in text.splitlines() if not line.startswith("#")]
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    (line,) = lines
     number, name, width, height, *params = line.split()
     assert (number, name, int(width), int(height)) == ("1", lens, WIDTH, HEIGHT)
     fx, fy, cx, cy, *coefficients = map(float, params)
@@ -406,7 +413,7 @@ def test_mrcal(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> 
         done = subprocess.run(
             command, input=json.dumps(points.tolist()), capture_output=True, text=True, check=True
         )
-        said = json.loads(done.stdout)
-        assert said["model"].startswith(f"LENSMODEL_{lens}")
-        assert said["size"] == [WIDTH, HEIGHT]
-        check_misfit(np.array(said["pixels"]) - pixels, rms, worst)
+        answer = json.loads(done.stdout)
+        assert answer["model"].startswith(f"LENSMODEL_{lens}")
+        assert answer["size"] == [WIDTH, HEIGHT]
+        check_misfit(np.array(answer["pixels"]) - pixels, rms, worst)

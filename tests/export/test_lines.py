@@ -24,7 +24,8 @@ def export(calibration: Calibration, folder: Path, *words: str) -> Path:
     assert (
         main(["export", str(folder / "saved"), "--format", *words, "-o", str(folder / "out")]) == 0
     )
-    (path,) = (path for path in (folder / "out").iterdir() if path.name != LEDGER)
+    paths = [path for path in (folder / "out").iterdir() if path.name != LEDGER]
+    (path,) = paths
     return path
 
 
@@ -34,7 +35,7 @@ def at(depth: float, origins: Array, directions: Array) -> Array:
 
 
 @pytest.mark.parametrize("axes", ["opencv", "opengl"])
-def test_a_ray_image_hits_what_its_pixels_see(
+def test_a_ray_image_hits_the_points_that_its_pixels_see(
     small: Calibration, tmp_path: Path, axes: str
 ) -> None:
     """OpenGL's camera is OpenCV's, turned by half a turn about x, and so looks along -z."""
@@ -46,9 +47,8 @@ def test_a_ray_image_hits_what_its_pixels_see(
     assert (np.sign(rays[..., 1, 2]) == (1 if axes == "opencv" else -1)).all()
     half_turn = np.eye(3) if axes == "opencv" else np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
     pixels = np.random.default_rng(1).integers(0, [width, height], (500, 2))
-    origins, directions = (
-        rays[pixels[:, 1], pixels[:, 0], part].astype(np.float64) @ half_turn for part in (0, 1)
-    )
+    origins = rays[pixels[:, 1], pixels[:, 0], 0].astype(np.float64) @ half_turn
+    directions = rays[pixels[:, 1], pixels[:, 0], 1].astype(np.float64) @ half_turn
     assert np.abs(np.linalg.norm(directions, axis=-1) - 1).max() < 1e-6
     for depth in DEPTHS:
         assert np.abs(small.project(at(depth, origins, directions)) - pixels).max() < 2e-3
@@ -83,9 +83,9 @@ def test_a_pixel_that_sees_nothing_has_no_ray(small: Calibration, tmp_path: Path
         -1,
     )
     origins, _ = wide.rays(pixels.reshape(-1, 2))
-    lost = np.isnan(origins).any(-1).reshape(rays.shape[:2])
-    assert 0 < lost.sum() < lost.size
-    assert np.array_equal(np.isnan(rays).any((2, 3)), lost)
+    no_ray = np.isnan(origins).any(-1).reshape(rays.shape[:2])
+    assert 0 < no_ray.sum() < no_ray.size
+    assert np.array_equal(np.isnan(rays).any((2, 3)), no_ray)
 
 
 class Generic:
@@ -94,21 +94,20 @@ class Generic:
     """
 
     def __init__(self, path: Path) -> None:
-        said: dict[str, str] = {}
+        document: dict[str, str] = {}
         for line in path.read_text(encoding="utf-8").splitlines():
             if not line.startswith("#"):
                 key, value = line.replace(" ", "").split(":")
-                said[key] = value
-        assert said.pop("type") == "NoncentralGenericModel"
+                document[key] = value
+        assert document.pop("type") == "NoncentralGenericModel"
         grids = {
-            key: np.array([float(word) for word in said.pop(key).strip("[]").split(",")])
+            key: np.array([float(word) for word in document.pop(key).strip("[]").split(",")])
             for key in ("point_grid", "direction_grid")
         }
-        self.number = {key: int(value) for key, value in said.items()}
+        self.number = {key: int(value) for key, value in document.items()}
         shape = self.number["grid_height"], self.number["grid_width"], 3
-        self.points, self.directions = (
-            grids[key].reshape(shape) for key in ("point_grid", "direction_grid")
-        )
+        self.points = grids["point_grid"].reshape(shape)
+        self.directions = grids["direction_grid"].reshape(shape)
         self.directions /= np.linalg.norm(self.directions, axis=-1, keepdims=True)
 
     def unproject(self, pixel: Array) -> tuple[Array, Array]:
@@ -122,12 +121,11 @@ class Generic:
             value = pixel["xy".index(axis)]
             assert low <= value < high + 1
             place.append(1 + (self.number[size] - 3) * (value - low) / (high + 1 - low) + 2)
-        (ix, wx), (iy, wy) = (self.weights(value) for value in place)
+        ix, wx = self.weights(place[0])
+        iy, wy = self.weights(place[1])
         weights = wy[:, None, None] * wx[:, None]
-        point, direction = (
-            (weights * grid[iy - 3 : iy + 1, ix - 3 : ix + 1]).sum((0, 1))
-            for grid in (self.points, self.directions)
-        )
+        point = (weights * self.points[iy - 3 : iy + 1, ix - 3 : ix + 1]).sum((0, 1))
+        direction = (weights * self.directions[iy - 3 : iy + 1, ix - 3 : ix + 1]).sum((0, 1))
         return point, direction / np.linalg.norm(direction)
 
     @staticmethod
@@ -151,15 +149,16 @@ def test_the_generic_model_s_lines_are_the_calibration_s(
     edges = [[0.0, 0.0], [width - 1e-6, 0.0], [0.0, height - 1e-6], [width - 1e-6, height - 1e-6]]
     pixels = np.vstack([np.random.default_rng(2).uniform(0, [width, height], (1000, 2)), edges])
     lines = [model.unproject(pixel) for pixel in pixels]
-    points, directions = (np.array(part) for part in zip(*lines, strict=True))
+    points = np.array([point for point, _ in lines])
+    directions = np.array([direction for _, direction in lines])
     assert "Misfit" not in capsys.readouterr().err
     worst = 0.0
     for depth in DEPTHS:
-        off = np.linalg.norm(
+        error = np.linalg.norm(
             covered.project(at(depth, points, directions)) - (pixels - 0.5), axis=-1
         )
-        worst = max(worst, off.max())
-        assert off.max() < 0.01
+        worst = max(worst, error.max())
+        assert error.max() < 0.01
     with capsys.disabled():
         print(f" up to {worst:.4f} px")
 
@@ -169,7 +168,8 @@ def test_the_control_points_of_the_directions_are_unit_vectors(
 ) -> None:
     """Readers normalise them, which must change nothing."""
     text = export(small, tmp_path, "generic").read_text()
-    (line,) = (line for line in text.splitlines() if line.startswith("direction_grid"))
+    lines = [line for line in text.splitlines() if line.startswith("direction_grid")]
+    (line,) = lines
     vectors = np.array(
         [float(word) for word in line.split(":")[1].strip(" []").split(",")]
     ).reshape(-1, 3)

@@ -39,28 +39,28 @@ def refract(normal: Array, from_: float, to: float, direction: Array) -> Array:
     return np.asarray(bent / np.linalg.norm(bent))
 
 
-def colmap_ray(said: dict[str, list[float]], pixel: Array) -> tuple[Array, Array]:
+def colmap_ray(document: dict[str, list[float]], pixel: Array) -> tuple[Array, Array]:
     """CamFromImg of FlatPort and DomePort: the ray in water of one (2,) px, which counts from the
     picture's corner.
     """
-    fx, fy, cx, cy, *lens = said["parameters"]
+    fx, fy, cx, cy, *lens = document["parameters"]
     goal = (pixel - [cx, cy]) / [fx, fy]
     slope = goal.copy()
     for _ in range(100):
         slope += goal - distorted(slope[None], lens)[0]
     direction = np.array([*slope, 1.0]) / np.linalg.norm([*slope, 1.0])
-    x, y, z, reach, thickness, air, glass, water = said["non_svp_parameters"]
+    x, y, z, reach, thickness, air, glass, water = document["non_svp_parameters"]
     place, origin = np.array([x, y, z]), np.zeros(3)
     for distance, from_, to in ((reach, air, glass), (reach + thickness, glass, water)):
-        if said["non_svp_model"] == "FLATPORT":  # type: ignore[comparison-overlap]
+        if document["non_svp_model"] == "FLATPORT":  # type: ignore[comparison-overlap]
             normal = place
-            along = (distance - normal @ origin) / (normal @ direction)
+            length = (distance - normal @ origin) / (normal @ direction)
         else:
             towards = origin - place
             half = towards @ direction
-            along = -half + np.sqrt(half**2 - towards @ towards + distance**2)
-        origin = origin + along * direction
-        if said["non_svp_model"] == "DOMEPORT":  # type: ignore[comparison-overlap]
+            length = -half + np.sqrt(half**2 - towards @ towards + distance**2)
+        origin = origin + length * direction
+        if document["non_svp_model"] == "DOMEPORT":  # type: ignore[comparison-overlap]
             normal = (origin - place) / np.linalg.norm(origin - place)
         direction = refract(normal, from_, to, direction)
     return origin, direction
@@ -70,14 +70,15 @@ def off(path: Path, calibration: Calibration, count: int = 2000) -> tuple[float,
     """rad and m: the largest angle between what the file and the calibration see, and how far the
     one's start is from the other's ray.
     """
-    said = yaml.safe_load(path.read_text())
+    document = yaml.safe_load(path.read_text())
     size = calibration.camera.width, calibration.camera.height
     pixels = np.random.default_rng(4).uniform(0, np.array(size) - 1, (count, 2))
     origins, directions = calibration.rays(pixels)
-    rays = [colmap_ray(said, pixel + 0.5) for pixel in pixels]
-    other, along = (np.array(part) for part in zip(*rays, strict=True))
-    angles = np.linalg.norm(np.cross(directions, along), axis=-1)
-    aside = np.linalg.norm(np.cross(other - origins, directions), axis=-1)
+    rays = [colmap_ray(document, pixel + 0.5) for pixel in pixels]
+    other_origins = np.array([origin for origin, _ in rays])
+    other_directions = np.array([direction for _, direction in rays])
+    angles = np.linalg.norm(np.cross(directions, other_directions), axis=-1)
+    aside = np.linalg.norm(np.cross(other_origins - origins, directions), axis=-1)
     return float(angles.max()), float(aside.max())
 
 
@@ -95,14 +96,19 @@ def test_a_port_is_exact_at_every_depth(
     text = path.read_text()
     assert text.count(": exact") == 4
     assert "Misfit" not in capsys.readouterr().err
-    said = yaml.safe_load(text)
-    assert (said["width"], said["height"]) == (calibration.camera.width, calibration.camera.height)
-    own, refractive = (
-        ", ".join(map(repr, said[key])) for key in ("parameters", "non_svp_parameters")
+    document = yaml.safe_load(text)
+    assert (document["width"], document["height"]) == (
+        calibration.camera.width,
+        calibration.camera.height,
     )
-    assert f'--ImageReader.camera_model {said["model"]} --ImageReader.camera_params "{own}"' in text
+    parameters = ", ".join(map(repr, document["parameters"]))
+    refractive = ", ".join(map(repr, document["non_svp_parameters"]))
     assert (
-        f"--ImageReader.camera_refrac_model {said['non_svp_model']}"
+        f'--ImageReader.camera_model {document["model"]} --ImageReader.camera_params "{parameters}"'
+        in text
+    )
+    assert (
+        f"--ImageReader.camera_refrac_model {document['non_svp_model']}"
         f' --ImageReader.camera_refrac_params "{refractive}"' in text
     )
 
@@ -117,7 +123,7 @@ def _number(value: float) -> tuple[Array, Array]:
     return np.array(value), np.array(0.0)
 
 
-def test_what_the_diagnosis_found_of_a_port_is_in_it(tmp_path: Path, flat: Calibration) -> None:
+def test_an_exported_port_includes_the_diagnosed_effects(tmp_path: Path, flat: Calibration) -> None:
     moved = replace(
         flat,
         effects=(
@@ -131,7 +137,7 @@ def test_what_the_diagnosis_found_of_a_port_is_in_it(tmp_path: Path, flat: Calib
 
 
 def test_a_window_that_nobody_declared_is_a_port(tmp_path: Path, flat: Calibration) -> None:
-    found = {
+    results = {
         "distance": 0.02,
         "tilt.x": 0.01,
         "tilt.y": -0.02,
@@ -139,7 +145,7 @@ def test_a_window_that_nobody_declared_is_a_port(tmp_path: Path, flat: Calibrati
         "outside_index": 1.335,
     }
     effect = AddedEffect(
-        FlatPort("water"), {f"flat_port.{name}": _number(value) for name, value in found.items()}
+        FlatPort("water"), {f"flat_port.{name}": _number(value) for name, value in results.items()}
     )
     undeclared = replace(flat, cover=Cover("none", {}), effects=(effect,))
     angle, aside = off(exported(undeclared, tmp_path), undeclared, 200)
@@ -147,7 +153,7 @@ def test_a_window_that_nobody_declared_is_a_port(tmp_path: Path, flat: Calibrati
 
 
 @pytest.mark.parametrize("what", ["relief", "wedge"])
-def test_what_a_port_has_no_place_for_is_said(
+def test_numbers_that_a_port_cannot_hold_are_reported(
     what: str, tmp_path: Path, flat: Calibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if what == "relief":

@@ -67,7 +67,8 @@ def test_undistort_and_redistort_are_the_rays(small: Calibration, maps: Path, fo
     k = small.camera.intrinsics
     assert k
     focal, principal = np.array([k.fx.value, k.fy.value]), np.array([k.cx.value, k.cy.value])
-    undistort, redistort = (read(maps, direction, form) for direction in ("undistort", "redistort"))
+    undistort = read(maps, "undistort", form)
+    redistort = read(maps, "redistort", form)
     for stored in (undistort, redistort):
         assert stored.shape == (HEIGHT, WIDTH, 4)
         assert stored.dtype == np.float32
@@ -79,7 +80,7 @@ def test_undistort_and_redistort_are_the_rays(small: Calibration, maps: Path, fo
 
 
 @FORMATS
-def test_alpha_is_1_where_the_camera_sees_and_all_is_0_elsewhere(
+def test_alpha_is_1_inside_the_camera_s_view_and_all_is_0_outside(
     small: Calibration, maps: Path, form: str
 ) -> None:
     stored = read(maps, "undistort", form)
@@ -109,5 +110,5 @@ def test_without_openexr_a_sentence_says_how_to_get_it_before_anything_is_read(
         )
         == 2
     )
-    said = capsys.readouterr().err
-    assert f"{how_to_install('exr')}, or use --format stmap" in said
+    stderr = capsys.readouterr().err
+    assert f"{how_to_install('exr')}, or use --format stmap" in stderr

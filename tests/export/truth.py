@@ -38,12 +38,15 @@ def covered() -> Calibration:
 
 def small() -> Calibration:
     """The same with a quarter of the pixels in each direction, binned four by four."""
-    whole = covered()
+    calibration = covered()
     k = INTRINSICS
-    cx, cy = (Number((number.value - 1.5) / 4) for number in (k.cx, k.cy))
+    cx = Number((k.cx.value - 1.5) / 4)
+    cy = Number((k.cy.value - 1.5) / 4)
     binned = Intrinsics(Number(k.fx.value / 4), Number(k.fy.value / 4), cx, cy)
-    views = tuple(replace(view, corners=(view.corners - 1.5) / 4) for view in whole.views)
-    return replace(whole, camera=Camera(WIDTH // 4, HEIGHT // 4, intrinsics=binned), views=views)
+    views = tuple(replace(view, corners=(view.corners - 1.5) / 4) for view in calibration.views)
+    return replace(
+        calibration, camera=Camera(WIDTH // 4, HEIGHT // 4, intrinsics=binned), views=views
+    )
 
 
 def bare() -> Calibration:
@@ -55,11 +58,11 @@ def port(shape: str) -> Calibration:
     """A camera with a lens under water, behind a tilted window (flat) or in a dome whose centre is
     beside the pinhole.
     """
-    own = {
+    ours = {
         "flat": {"distance": 0.021, "tilt.x": 0.12, "tilt.y": -0.07},
         "dome": {"inner_radius": 0.05, "centre.x": 0.004, "centre.y": -0.003, "centre.z": -0.012},
     }[shape]
-    numbers = own | {"thickness": 0.006, "refractive_index": 1.49, "outside_index": 1.34}
+    numbers = ours | {"thickness": 0.006, "refractive_index": 1.49, "outside_index": 1.34}
     cover = Cover(shape, {name: Number(value) for name, value in numbers.items()})
     return _calibration(cover, LENS, None, np.zeros((0, 0)))
 
@@ -84,7 +87,6 @@ def _calibration(
         (),
         stages,
         0.1,
-        {},
         "as made",
     )
 
@@ -95,18 +97,18 @@ def seen(calibration: Calibration, depth: float, count: int = 4000) -> tuple[Arr
     """
     pixels = np.random.default_rng(5).uniform(0, [WIDTH - 1, HEIGHT - 1], (count, 2))
     origins, directions = calibration.rays(pixels)
-    kept = np.isfinite(origins).all(-1)
-    along = (depth - origins[kept, 2]) / directions[kept, 2]
-    return pixels[kept], origins[kept] + along[:, None] * directions[kept]
+    saved = np.isfinite(origins).all(-1)
+    distance = (depth - origins[saved, 2]) / directions[saved, 2]
+    return pixels[saved], origins[saved] + distance[:, None] * directions[saved]
 
 
-def check_misfit(off: Array, rms: float, worst: float, exact: float = 1e-3) -> None:
+def check_misfit(error: Array, rms: float, worst: float, exact: float = 1e-3) -> None:
     """(N, 2) px that a consumer is off must be what the file says, but for other pixels being
     looked at.
     """
-    length = np.linalg.norm(off, axis=-1)
-    found = float(np.sqrt((length**2).mean()))
-    assert abs(found - rms) < 0.1 * rms + exact, f"{found:.4f} px where {rms:.4f} px are stated"
+    length = np.linalg.norm(error, axis=-1)
+    result = float(np.sqrt((length**2).mean()))
+    assert abs(result - rms) < 0.1 * rms + exact, f"{result:.4f} px where {rms:.4f} px are stated"
     assert length.max() < 1.1 * worst + exact, (
         f"up to {length.max():.4f} px where {worst:.4f} px are stated"
     )
@@ -114,16 +116,18 @@ def check_misfit(off: Array, rms: float, worst: float, exact: float = 1e-3) -> N
 
 def statements(text: str) -> list[tuple[float, float, float]]:
     """The (depth m, rms px, worst px) that a file's comments state."""
-    found = [(float(depth), float(rms), float(worst)) for rms, worst, depth in STATED.findall(text)]
-    assert len(found) == 3
-    return found
+    results = [
+        (float(depth), float(rms), float(worst)) for rms, worst, depth in STATED.findall(text)
+    ]
+    assert len(results) == 3
+    return results
 
 
 def centre(text: str) -> Array:
     """(3,) m: where the file's comments say that its camera stands."""
-    found = CENTRE.search(text)
-    assert found
-    return np.array([float(entry) / 1000 for entry in found.groups()])
+    result = CENTRE.search(text)
+    assert result
+    return np.array([float(entry) / 1000 for entry in result.groups()])
 
 
 def distorted(tangents: Array, coefficients: list[float]) -> Array:

@@ -1,4 +1,4 @@
-"""What is declared beside what is estimated: increments of effects as values, every figure to the
+"""The declared numbers beside the estimates: increments of effects as values, every figure to the
 second digit of its sigma.
 """
 
@@ -16,8 +16,9 @@ from calib.effects.board_shape import BoardShape
 from calib.effects.cover_radius import CoverRadius
 from calib.effects.effect import Effect
 from calib.effects.focal import Focal
-from calib.effects.lens import Lens
+from calib.effects.lens import LensEffect
 from calib.effects.thickness import Thickness
+from calib.fit_record.history import DiagnosisRecord, History
 from calib.fitting.declared import comparisons, effect_comparisons
 from calib.fitting.rounding import with_sigma
 from calib.report.effects import effect_rows
@@ -56,7 +57,7 @@ def plain() -> Calibration:
         (1.5, math.nan, "1.5"),
     ],
 )
-def test_both_have_the_digits_that_sigma_says_something_about(
+def test_value_and_sigma_have_the_digits_that_sigma_determines(
     value: float, sigma: float, said: str
 ) -> None:
     assert with_sigma(value, sigma) == said
@@ -86,7 +87,7 @@ def test_a_fraction_of_a_declared_number_is_an_increment_of_each(plain: Calibrat
         )
 
 
-def test_what_no_session_declares_has_its_own_rows(plain: Calibration) -> None:
+def test_parameters_that_no_session_declares_have_rows_of_their_own(plain: Calibration) -> None:
     """Brown's terms of the effect act before the lens and the other way: they are no increment of
     OpenCV's coefficients.
     """
@@ -100,7 +101,7 @@ def test_what_no_session_declares_has_its_own_rows(plain: Calibration) -> None:
     ]
     assert not [row for row in comparisons(bent) if row.effect]
     lens = with_effect(
-        plain, Lens(), **dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), (0.01, 0.001))
+        plain, LensEffect(), **dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), (0.01, 0.001))
     )
     assert [row.name for row in effect_comparisons(lens)] == [
         "lens.k1",
@@ -111,7 +112,7 @@ def test_what_no_session_declares_has_its_own_rows(plain: Calibration) -> None:
     ]
 
 
-def test_the_slope_of_a_cylinder_is_none_that_was_declared(plain: Calibration) -> None:
+def test_the_slope_of_a_cylinder_is_not_a_declared_number(plain: Calibration) -> None:
     parameters = {
         name: number for name, number in plain.cover.parameters.items() if name != "radius_slope"
     }
@@ -124,7 +125,7 @@ def test_the_slope_of_a_cylinder_is_none_that_was_declared(plain: Calibration) -
     assert [row.name for row in effect_comparisons(wider)] == ["cover_radius.radius_slope"]
 
 
-def test_console_report_and_diagnosis_say_the_same(
+def test_console_report_and_diagnosis_print_the_same_number(
     plain: Calibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """And the contract's JSON keeps the increment."""
@@ -137,8 +138,8 @@ def test_console_report_and_diagnosis_say_the_same(
         "parameters": {"thickness.thickness": increment},
     }
     diagnosed = with_effect(plain, Thickness(("cover.thickness",)), thickness=(-0.0015, 0.000056))
-    settings = diagnosed.settings | {"diagnosis": {"candidates": [candidate]}}
-    diagnosed = replace(diagnosed, settings=settings, stages=(Stage("pinhole", 1.0, 0.1),))
+    history = History(diagnosis=DiagnosisRecord({"candidates": [candidate]}))
+    diagnosed = replace(diagnosed, history=history, stages=(Stage("pinhole", 1.0, 0.1),))
     said = "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
     print_fit(diagnosed, 1.0)
     assert f"Corrected: {said}\n" in capsys.readouterr().out
@@ -148,7 +149,7 @@ def test_console_report_and_diagnosis_say_the_same(
     assert [row.parameters for row in effect_rows(diagnosed)] == [said]
 
 
-def test_a_field_says_its_size(plain: Calibration) -> None:
+def test_a_field_has_its_size_in_words(plain: Calibration) -> None:
     size = {"inner_surface.rms": ParameterEstimate(1.23e-5, 2e-6, "m")}
     assert describe_estimates("inner_surface", plain, size) == [
         "inner_surface.rms 0.0123 ± 0.0020 mm"

@@ -51,12 +51,12 @@ def test_a_view_whose_pixels_are_a_line_is_rejected(
         if shape == "point"
         else np.stack([np.linspace(100, 900, 81), np.linspace(50, 250, 81)], -1)
     )
-    found = calibrate_bare(
+    estimate = calibrate_bare(
         without(views, place, flat), BOARD, replace(BARE, lens_coefficients=count), Silent()
     )
-    assert [one.name for one in found.rejected] == [views[place].name]
-    assert "one line or point" in found.rejected[0].reason
-    assert found.intrinsics.fx.value == pytest.approx(2558.36, rel=0.005)
+    assert [item.name for item in estimate.rejected] == [views[place].name]
+    assert "one line or point" in estimate.rejected[0].reason
+    assert estimate.intrinsics.fx.value == pytest.approx(2558.36, rel=0.005)
 
 
 def test_corners_that_are_no_board_end_with_a_sentence() -> None:
@@ -67,7 +67,7 @@ def test_corners_that_are_no_board_end_with_a_sentence() -> None:
         calibrate_bare(views, BOARD, replace(BARE, lens_coefficients=None), Silent())
 
 
-def test_one_burst_is_no_choice_of_a_lens() -> None:
+def test_one_burst_is_too_little_to_choose_a_lens() -> None:
     """Pictures of one pose of the board: nothing can be held out."""
     views = tuple(replace(view, pose_id="only") for view in bare_views(3, 8, 0.1))
     with pytest.raises(NotEnoughDataError, match="poses of the board"):
@@ -85,15 +85,15 @@ def test_the_truth_is_within_five_sigma(kind: str, seed: int) -> None:
         k = calibrate_bare(shown.views, shown.board, shown.camera, Silent()).intrinsics
     except NotEnoughDataError:
         return
-    off = [
+    errors = [
         abs(n.value - true) / n.sigma
         for n, true in zip((k.fx, k.fy, k.cx, k.cy), shown.pinhole, strict=True)
     ]
-    assert max(off) < WRONG
+    assert max(errors) < WRONG
 
 
 @pytest.mark.parametrize("kind", ["same corners", "two pictures"])
-def test_copies_of_pictures_do_not_tell_a_lens(kind: str) -> None:
+def test_copies_of_pictures_do_not_determine_a_lens(kind: str) -> None:
     shown = bare_session(kind, 5000)
     with pytest.raises(NotEnoughDataError, match="poses of the board"):
         calibrate_bare(shown.views, shown.board, shown.camera, Silent())
@@ -102,8 +102,8 @@ def test_copies_of_pictures_do_not_tell_a_lens(kind: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["same corners", "two pictures"])
 def test_copies_of_pictures_behind_a_cone_are_not_trusted(kind: str, tmp_path: Path) -> None:
-    found = calibration_of(covered_session(kind, 5000), tmp_path)
-    assert judge(found).word is not Trust.TRUSTED
+    estimate = calibration_of(covered_session(kind, 5000), tmp_path)
+    assert judge(estimate).word is not Trust.TRUSTED
 
 
 def copies(count: int) -> tuple[View, ...]:
@@ -149,7 +149,7 @@ def test_no_command_ends_as_a_bug(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", DEGENERATE)
-def test_a_diagnosis_does_not_either(kind: str, tmp_path: Path) -> None:
+def test_no_diagnosis_ends_as_a_bug(kind: str, tmp_path: Path) -> None:
     folder = session(tmp_path, DEGENERATE[kind]())
     assert main(["fit", str(folder), "-o", str(folder / "out")]) == 0
     assert main(["diagnose", str(folder / "out"), "-o", str(folder / "diagnosed")]) in (0, 3)

@@ -22,11 +22,11 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_json_keeps_the_contract(
     fitted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    other = write_session(tmp_path, scene(12, views=6, noise=0.1, depths=(0.45, 1.2)))
+    held_out_session = write_session(tmp_path, scene(12, views=6, noise=0.1, depths=(0.45, 1.2)))
     capsys.readouterr()
-    assert main(["evaluate", str(fitted / "calibration"), str(other), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert list(said) == [
+    assert main(["evaluate", str(fitted / "calibration"), str(held_out_session), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert list(answer) == [
         "rms_px",
         "rmse_cm",
         "frames_used",
@@ -37,19 +37,20 @@ def test_json_keeps_the_contract(
         "written",
     ]
     assert (
-        said["by_depth"][0]["from_m"]
-        <= said["near_m"]
-        < said["far_m"]
-        <= said["by_depth"][-1]["to_m"]
+        answer["by_depth"][0]["from_m"]
+        <= answer["near_m"]
+        < answer["far_m"]
+        <= answer["by_depth"][-1]["to_m"]
     )
-    assert said["frames_used"] == 6
+    assert answer["frames_used"] == 6
     assert all(
-        set(band) == {"from_m", "to_m", "rms_px", "rmse_cm", "corners"} for band in said["by_depth"]
+        set(band) == {"from_m", "to_m", "rms_px", "rmse_cm", "corners"}
+        for band in answer["by_depth"]
     )
-    assert sum(band["corners"] for band in said["by_depth"]) == 6 * 81
-    assert said["rms_px"] < 0.17  # noise alone leaves 0.14
-    squares = sum(band["corners"] * band["rms_px"] ** 2 for band in said["by_depth"]) / (6 * 81)
-    assert squares**0.5 == pytest.approx(said["rms_px"], rel=1e-9)
+    assert sum(band["corners"] for band in answer["by_depth"]) == 6 * 81
+    assert answer["rms_px"] < 0.17  # noise alone leaves 0.14
+    squares = sum(band["corners"] * band["rms_px"] ** 2 for band in answer["by_depth"]) / (6 * 81)
+    assert squares**0.5 == pytest.approx(answer["rms_px"], rel=1e-9)
 
 
 def test_the_table_names_every_band(fitted: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -62,13 +63,13 @@ def test_the_table_names_every_band(fitted: Path, capsys: pytest.CaptureFixture[
 def test_another_camera_mode_is_refused(
     fitted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    other = write_session(tmp_path, scene(12, views=3))
+    held_out_session = write_session(tmp_path, scene(12, views=3))
     text = (
-        (other / "session.yaml")
+        (held_out_session / "session.yaml")
         .read_text()
         .replace(f"width: {WIDTH}", "width: 1640")
         .replace(f"height: {HEIGHT}", "height: 1232")
     )
-    (other / "session.yaml").write_text(text)
-    assert main(["evaluate", str(fitted / "calibration"), str(other)]) == 2
+    (held_out_session / "session.yaml").write_text(text)
+    assert main(["evaluate", str(fitted / "calibration"), str(held_out_session)]) == 2
     assert "evaluate with a session of the calibrated camera mode" in capsys.readouterr().err

@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.commands.console import print_fit
 from calib.commands.fit_command import summary
+from calib.fit_record.history import History
+from calib.fit_record.outcome import FitOutcome, Redetection
+from calib.fit_record.record_file import record_from_yaml, record_to_yaml
+from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.fit import fit
-from calib.fitting.guided_redetection import REDETECTION, Redetection, describe_redetection
-from calib.fitting.stages import Settings
+from calib.fitting.guided_redetection import describe_redetection
 from calib.io.images import read_grey
 from calib.progress import Silent
 from calib.session.session import read_session
@@ -78,32 +81,32 @@ def full_fit(
     )
 
 
-def test_hidden_boards_are_used_with_all_corners_that_can_be_seen(
+def test_partly_hidden_boards_are_used_with_all_visible_corners(
     hidden_fit: Calibration, truth: dict[str, NDArray[np.float64]]
 ) -> None:
-    looks = {look["file"]: look for look in hidden_fit.settings[REDETECTION]}
+    looks = {look.file: look for look in hidden_fit.outcome.redetections or ()}
     assert looks.keys() == HIDDEN.keys()
     assert (
-        sum(look["found"] for look in looks.values()) >= 3
+        sum(look.new_corners for look in looks.values()) >= 3
     )  # 6: the others were found as the picture alone goes on
     for view in hidden_fit.views:
-        off = (view.corners - truth[view.name[:4]])[view.seen]
-        assert np.sqrt((off**2).sum(1).mean()) < 0.03, (
+        error = (view.corners - truth[view.name[:4]])[view.seen]
+        assert np.sqrt((error**2).sum(1).mean()) < 0.03, (
             view.name
         )  # 0.017 and less were measured, 0.0276 with a corner that is touched
         if view.name not in HIDDEN:
             assert view.count == 81
             continue
         assert view.count >= {"end": 60, "middle": 76}[HIDDEN[view.name]]
-        assert 81 - view.count == looks[view.name]["refused"] + looks[view.name]["dropped"]
+        assert 81 - view.count == looks[view.name].refused + looks[view.name].dropped
         assert np.isnan(np.asarray(view.covariance)[~view.seen]).all()
 
 
-def test_views_that_lost_nothing_are_unchanged(
+def test_views_without_hidden_corners_are_unchanged(
     hidden_fit: Calibration, full_fit: Calibration
 ) -> None:
     expected = {view.name: view for view in full_fit.views}
-    assert not full_fit.settings[REDETECTION]
+    assert not full_fit.outcome.redetections
     for view in hidden_fit.views:
         if view.name not in HIDDEN:
             np.testing.assert_array_equal(view.corners, expected[view.name].corners)
@@ -137,7 +140,7 @@ def test_the_redetection_is_reported(
     hidden_fit: Calibration, full_fit: Calibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
     document = summary(hidden_fit, 1.0)
-    assert document[REDETECTION] == hidden_fit.settings[REDETECTION]
+    assert document["second_look"] == hidden_fit.record()["second_look"]
     print_fit(hidden_fit, 1.0)
     lines = [
         line
@@ -160,6 +163,7 @@ def test_the_line_counts_views() -> None:
         " as they do not look like corners after all."
     )
     assert describe_redetection([]) == ""
-    record = redetections[0].record()
-    assert record == {"file": "a", "found": 3, "refused": 1, "dropped": 0}
-    assert Redetection.from_record(record) == redetections[0]
+    outcome = FitOutcome(redetections=tuple(redetections))
+    record = record_to_yaml(FitRequest(), outcome, History())
+    assert record["second_look"][0] == {"file": "a", "found": 3, "refused": 1, "dropped": 0}
+    assert record_from_yaml(record) == (FitRequest(), outcome, History())

@@ -19,13 +19,15 @@ from calib.estimation import joint_fit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.fitting.inputs import read_views
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.fitting.stages import Setup, fit_stages
 from calib.progress import Advance, Silent
 from calib.session.session import read_session
 from calib.verdict.judge import judge
 from calib.verdict.verdict import Trust
+from fixtures.calibrated import with_outcome
 from fixtures.synthetic import INTRINSICS, Scene, scene
 from tests.session.malformed import write_good_session
 from tests.test_calibration import write_session
@@ -88,7 +90,7 @@ def test_a_fit_knows_when_each_view_was_taken_and_of_which_pose(
             None,
         ]
         assert [view.pose_id for view in calibration.views] == ["0", "0", "1", "1", "2", None]
-        assert calibration.settings["made_by"]["session"] == str(folder)
+        assert calibration.request.session == str(folder)
 
 
 def test_every_picture_is_decoded_once_and_never_again(
@@ -109,7 +111,7 @@ def test_every_picture_is_decoded_once_and_never_again(
     assert sorted(decoded.values()) == [1, 1, 1]
 
 
-def test_a_time_that_is_none_is_refused(made: Scene, tmp_path: Path) -> None:
+def test_an_invalid_time_is_refused(made: Scene, tmp_path: Path) -> None:
     folder = write_session(tmp_path, made)
     (folder / "frames.csv").write_text("file,time_s,view\n0000.png,,\n0001.png,noon,0\n")
     says = (
@@ -137,19 +139,17 @@ def test_folds_keep_a_burst_together(made: Scene, tmp_path: Path) -> None:
         )
         found = fit_stages(setup, Observations.of(rest, made.board), SHORT, Silent())
         test = Observations.of(own, made.board)
-        squares.append(
-            refit_poses(found.path, found.values, test, pinhole_poses(test, found.values))[1].rms_px
-            ** 2
-        )
-    assert result.settings["cross_validation"]["held_out_px"] == pytest.approx(
+        poses = pinhole_poses(found.path, found.values, test)
+        squares.append(refit_poses(found.path, found.values, test, poses)[1].rms_px ** 2)
+    validation = result.outcome.cross_validation
+    assert validation
+    assert validation.held_out_px == pytest.approx(
         np.mean(squares) ** 0.5, rel=1e-6
     )  # 81 corners each
     sigma = (
         np.std(squares, ddof=1) / 3**0.5 / (2 * np.mean(squares) ** 0.5)
     )  # three poses, so three independent squares
-    assert result.settings["cross_validation"]["held_out_sigma_px"] == pytest.approx(
-        sigma, rel=1e-6
-    )
+    assert validation.held_out_sigma_px == pytest.approx(sigma, rel=1e-6)
     with pytest.raises(
         NotEnoughDataError, match=r"4 folds need as many poses .* 6 views of 3 poses"
     ):
@@ -181,9 +181,7 @@ def test_a_bare_camera_seen_from_one_angle_is_refused(made: Scene, tmp_path: Pat
         fitted(folder)
 
 
-def test_a_cover_through_which_the_board_is_not_seen_is_refused(
-    made: Scene, tmp_path: Path
-) -> None:
+def test_a_cover_through_which_no_board_is_visible_is_refused(made: Scene, tmp_path: Path) -> None:
     """A square that is given in centimetres puts the boards inside the glass."""
     with pytest.raises(NotEnoughDataError, match=r"check the cover's numbers and board.square_mm"):
         fitted(spoiled(tmp_path, made, board__square_mm=0.1))
@@ -222,19 +220,20 @@ def test_a_number_with_a_sigma_is_estimated(made: Scene, tmp_path: Path) -> None
     assert result.covariance.shape == (17, 17)
 
 
-def test_a_fit_that_is_not_finite_is_told_and_keeps_no_covariance(
+def test_a_fit_that_is_not_finite_is_reported_and_keeps_no_covariance(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Over a noise of 1e-300 px, the residuals' squares overflow; a reader refuses such a noise, so
+    """The residuals' squares over a noise of 1e-300 px overflow; a reader refuses such a noise, so
     another is written.
     """
     monkeypatch.setattr(joint_fit, "FIRST_SIGMA", 1e-300)
     free = {"fx": {"value": 2570.0, "sigma": 30.0}, "fy": 2558.36, "cx": 1666.03, "cy": 1273.65}
     result = fitted(spoiled(tmp_path, scene(21, views=10, noise=0.05), camera__intrinsics=free))
     assert judge(result).word is Trust.DO_NOT_USE
-    read = Calibration.load(
-        replace(result, settings={**result.settings, "sigma_px": 0.1}).save(tmp_path)
-    )
+    joint = result.outcome.joint
+    assert joint
+    finite = with_outcome(result, joint=replace(joint, sigma_px=0.1))
+    read = Calibration.load(finite.save(tmp_path))
     assert read.covariance.size == 0
     assert Outcome.NOT_FINITE.value in str(judge(read))
     assert read.camera.intrinsics
@@ -254,7 +253,7 @@ class Tasks(Silent):
         return super().task(title, total)
 
 
-def test_the_fits_of_a_session_are_told_apart(tmp_path: Path) -> None:
+def test_the_fits_of_a_session_are_distinguished(tmp_path: Path) -> None:
     """A radius so wrong that it is first believed, then held, then doubted; and a view that is left
     out.
     """

@@ -19,13 +19,15 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses
 from calib.export.central import best_central
 from calib.export.formats import COLMAP, ROS
+from calib.fit_record.request import Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.fitting.stages import Setup, fit_stages
 from calib.intrinsics.calibrate import calibrate_bare
 from calib.intrinsics.ray_lens import PLAIN, SPLINES
 from calib.intrinsics.ray_lens_fit import fit_lens
 from calib.optics.build import covered_path, pinhole_path
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Silent
 from calib.session.board import Board
@@ -112,7 +114,7 @@ def test_errors_scatter_as_the_covariance_says() -> None:
     assert ((low < squares) & (squares < high)).all()
 
 
-def test_auto_takes_a_fisheye_s_own_model_where_opencv_s_predicts_other_views_worse() -> None:
+def test_auto_takes_the_fisheye_model_if_opencv_s_predicts_worse() -> None:
     fitted = calibrate_bare(wide_views(1, 20, NOISE), BOARD, replace(CAMERA, lens=AUTO), Silent())
     print(fitted.held_out_px)
     assert fitted.intrinsics.model == FISHEYE
@@ -123,14 +125,14 @@ def test_auto_takes_a_fisheye_s_own_model_where_opencv_s_predicts_other_views_wo
 
 
 def test_auto_keeps_opencv_s_model_for_a_usual_lens() -> None:
-    """Its tangential part is nothing that a fisheye has."""
+    """A fisheye has no tangential part."""
     views = bare_views(2, 12, NOISE, (-0.05, 0.01, 1e-3, -5e-4, 0.004))
     fitted = calibrate_bare(views, Board(9, 9, 0.020), Camera(WIDTH, HEIGHT, lens=AUTO), Silent())
     assert fitted.intrinsics.model == OPENCV
     assert fitted.held_out_px[FISHEYE] > min(fitted.held_out_px.values())
 
 
-def test_a_spline_takes_what_no_formula_says_and_nothing_where_nothing_is() -> None:
+def test_a_spline_fits_an_uneven_lens_and_stays_flat_for_an_even_one() -> None:
     """Fitted to 30 views and judged on 30 others: with waves of a pixel the error comes down
     from 0.22 px to the noise, up to a tenth; without any it stays where it is, within 1 %."""
     size = CAMERA.width, CAMERA.height
@@ -147,8 +149,8 @@ def test_a_spline_takes_what_no_formula_says_and_nothing_where_nothing_is() -> N
 
 
 def test_a_splined_lens_is_chosen_saved_and_read(tmp_path: Path) -> None:
-    """By held-out views; a central format without splines fits its own lens and says by how much it
-    is off.
+    """Held-out views choose the lens. A central format without splines fits its own lens and states
+    the misfit.
     """
     folder = session(tmp_path / "session", uneven_views(3, 24, NOISE, 1.0), lens="splined")
     calibration = fit(read_session(folder), Settings(), Silent())
@@ -156,7 +158,7 @@ def test_a_splined_lens_is_chosen_saved_and_read(tmp_path: Path) -> None:
     assert again.camera == calibration.camera
     assert again.camera.intrinsics
     assert again.camera.intrinsics.spline
-    assert set(again.settings["lens_held_out_px"]) <= set(map(str, SPLINES))
+    assert set(again.outcome.lens_held_out_px or ()) <= set(map(str, SPLINES))
     others = session(tmp_path / "others", uneven_views(4, 10, NOISE, 1.0))
     assert evaluate(again, read_session(others), Silent()).rms_px < 1.2 * NOISE * 2**0.5
     pixels = np.random.default_rng(0).uniform(
@@ -221,7 +223,7 @@ def test_a_fisheye_goes_all_the_way(tmp_path: Path) -> None:
         assert model.misfit_at_depth.worst_px < 1e-6
 
 
-def test_what_a_session_states_is_held(tmp_path: Path) -> None:
+def test_numbers_that_a_session_states_are_held(tmp_path: Path) -> None:
     stated = {
         "model": "fisheye",
         "fx": 300.0,
@@ -248,8 +250,8 @@ def test_behind_a_dome_a_fisheye_is_estimated_with_the_cover() -> None:
     path, values = covered_path(INTRINSICS, dome)
     points, rng, views = torch.from_numpy(BOARD.points()), np.random.default_rng(4), []
     for view in wide_views(7, 14, 0.0):
-        pose = pinhole_poses(Observations.of([view], BOARD), pinhole_path(INTRINSICS)[1])[0]
-        pixels = project(path, values, path.place(points, values, pose)).numpy()
+        pose = pinhole_poses(*pinhole_path(INTRINSICS), Observations.of([view], BOARD))[0]
+        pixels = project(path, values, path.place(points, values, pose, MIDDLE), MIDDLE).numpy()
         seen = np.isfinite(pixels).all(-1) & (
             (pixels > 0) & (pixels < [CAMERA.width - 1, CAMERA.height - 1])
         ).all(-1)

@@ -7,8 +7,9 @@ from dataclasses import replace
 import pytest
 
 from calib.estimation.prior_conflict import largest_prior_conflict
+from calib.fit_record.request import Settings
 from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.fitting.stages import Setup, fit_stages
 from calib.progress import Silent
 from calib.session.cover import Cover
 from calib.session.freeing import ALL, AUTO
@@ -35,7 +36,7 @@ def good() -> Scene:
     return scene(3, views=20, noise=0.02)
 
 
-def test_tolerances_that_the_estimates_keep_to_are_used(good: Scene) -> None:
+def test_tolerances_are_used_if_the_estimates_keep_to_them(good: Scene) -> None:
     resolved, nominal = resolve(good, good.cover)
     assert resolved.setup == resolved.declared == nominal.with_tolerances(Settings())
     assert resolved.doubted == ()
@@ -54,7 +55,7 @@ def test_a_wrong_number_is_estimated_though_it_is_contradicted(good: Scene) -> N
 
 
 @pytest.mark.slow
-def test_glass_that_the_prior_does_not_expect_leaves_numbers_as_they_are_declared() -> None:
+def test_unexpected_glass_leaves_numbers_as_declared() -> None:
     """Bumps of some 60 um on a fine grid: with tolerances, the numbers make up for what the
     relief's prior holds to be unlikely.
     """

@@ -16,8 +16,8 @@ from calib.cli import main
 from calib.corners.view import View
 from calib.estimation.noise import noise_of_views
 from calib.estimation.residuals import Residuals
-from calib.fitting.stages import Settings
-from calib.fitting.view_noise import VIEW_NOISE, describe_noisy_views, weigh_noisy_views
+from calib.fit_record.request import Settings
+from calib.fitting.view_noise import describe_noisy_views, weigh_noisy_views
 from calib.session.board import Board
 from fixtures.calibrated import GLASS, calibrate
 from fixtures.map_errors import errors
@@ -49,7 +49,7 @@ def weigh_residuals(made: Scene, errors: np.ndarray) -> tuple[tuple[View, ...], 
 
 
 @pytest.mark.parametrize("board", [Board(9, 9, 0.02), Board(7, 5, 0.02), Board(4, 3, 0.02)])
-def test_a_views_noise_and_its_spread_are_those_of_what_was_put_in(board: Board) -> None:
+def test_a_view_s_noise_and_its_spread_are_the_simulated_ones(board: Board) -> None:
     drawn = np.random.default_rng(1).normal(0, NOISE, (3000, board.count, 2))
     noise, spread = noise_of_views(drawn, board)
     assert np.median(noise) == pytest.approx(2**0.5 * NOISE, rel=0.03)
@@ -58,7 +58,7 @@ def test_a_views_noise_and_its_spread_are_those_of_what_was_put_in(board: Board)
     )  # the constant is one for all boards
 
 
-def test_among_views_alike_none_is_worse() -> None:
+def test_no_view_is_noisy_among_alike_views() -> None:
     made = scene(1, 20, noise=0.0)
     for seed in range(50):  # a thousand views
         drawn = np.random.default_rng(seed).normal(0, NOISE, (20, 81, 2))
@@ -67,7 +67,7 @@ def test_among_views_alike_none_is_worse() -> None:
         assert views == made.views
 
 
-def test_a_view_that_is_off_as_a_whole_is_not_worse() -> None:
+def test_a_view_with_a_common_shift_is_not_noisy() -> None:
     """A board that bends otherwise in one view leaves a hundred times the noise there, and its
     corners scatter as all others do.
     """
@@ -80,7 +80,7 @@ def test_a_view_that_is_off_as_a_whole_is_not_worse() -> None:
     assert weigh_residuals(made, drawn)[1] == {"0005.png": pytest.approx(3, rel=0.2)}
 
 
-def test_what_already_weighs_less_is_not_counted_twice() -> None:
+def test_corners_with_a_smaller_weight_are_not_counted_twice() -> None:
     made = scene(1, 20, noise=0.0)
     views = [
         replace(view, weight=view.weight / 3) if index == 5 else view
@@ -91,7 +91,7 @@ def test_what_already_weighs_less_is_not_counted_twice() -> None:
     assert not weigh_residuals(replace(made, views=tuple(views)), drawn)[1]
 
 
-def test_maps_are_better_and_surer_where_worse_views_weigh_less(
+def test_weighing_noisy_views_less_improves_maps(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Eight of twenty views are six times worse: with equal weights these decide."""
@@ -104,27 +104,27 @@ def test_maps_are_better_and_surer_where_worse_views_weigh_less(
         return float(np.sqrt((off**2).mean())), float(np.sqrt((sigma**2).mean()))
 
     own = calibrate(made, Settings())
-    assert set(own.settings[VIEW_NOISE]) == {f"{index:04}.png" for index in range(8)}
+    assert set(own.outcome.view_noise or ()) == {f"{index:04}.png" for index in range(8)}
     monkeypatch.setattr("fixtures.calibrated.weigh_noisy_views", lambda views, *_: (views, {}))
     alike = calibrate(made, Settings())
-    assert not alike.settings[VIEW_NOISE]
+    assert not alike.outcome.view_noise
     (better, sure), (poor, unsure) = far_off(own), far_off(alike)
     assert better < 0.6 * poor
     assert sure < 0.6 * unsure
     assert better < 2 * sure
 
 
-def test_a_fit_says_which_views_weigh_less_and_keeps_it(
+def test_a_fit_reports_and_saves_the_views_with_less_weight(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = with_noisier_views(scene(8, 12, noise=NOISE), 4, [2, 7])
     place = write_session(tmp_path / "s", made)
     assert main(["fit", str(place), "--free", "none", "--grid", "5x4", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)[VIEW_NOISE]
+    said = json.loads(capsys.readouterr().out)["view_noise"]
     assert said.keys() == {"0002.png", "0007.png"}
     assert all(times == pytest.approx(4, rel=0.25) for times in said.values())
     back = Calibration.load(place / "calibration")
-    assert back.settings[VIEW_NOISE] == said
+    assert back.outcome.view_noise == said
     weights = {view.name: float(view.weight.max()) for view in back.views}
     assert {name for name, weight in weights.items() if weight < 1} == said.keys()
     assert (
@@ -142,7 +142,7 @@ def test_the_papers_procedure_weighs_all_views_alike(
         main(["fit", str(place), "--method", "paper", "--steps", "20", "--grid", "5x4", "--json"])
         == 0
     )
-    assert json.loads(capsys.readouterr().out)[VIEW_NOISE] == {}
+    assert json.loads(capsys.readouterr().out)["view_noise"] == {}
 
 
 def test_the_sentence() -> None:

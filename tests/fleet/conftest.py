@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.fitting.stages import Settings
+from calib.fit_record.request import Settings
 from calib.fleet.identity import FleetOptions
 from calib.session.board import Board
 from fixtures.fleet import Line, write_session

@@ -14,7 +14,7 @@ NAMES = ("error_px", "held_out_px", "camera.fx", "camera.cx", "cover.thickness",
 
 
 def fleet(rng: np.random.Generator, count: int) -> Numbers:
-    """Of normal numbers, and errors whose logarithms are."""
+    """Return a fleet with normal numbers, and with errors whose logarithms are normal."""
 
     def number(name: str) -> tuple[float, float, str]:
         if name.endswith("px"):
@@ -38,7 +38,7 @@ def test_fleets_without_a_fault_have_the_stated_false_alarms(count: int) -> None
     assert alarms <= ALPHA * runs + 3 * (ALPHA * (1 - ALPHA) * runs) ** 0.5
 
 
-def test_what_is_far_away_is_out_though_a_tenth_is_broken() -> None:
+def test_an_outlier_is_found_although_a_tenth_of_the_fleet_is_broken() -> None:
     numbers = fleet(np.random.default_rng(3), 40)
     for index, (name, value) in enumerate(
         [
@@ -63,7 +63,7 @@ def test_less_error_than_the_fleet_is_no_fault() -> None:
     assert not out(charts(numbers, {}))
 
 
-def test_errors_that_are_all_alike_make_no_outlier_of_one_that_is_hardly_larger() -> None:
+def test_a_slightly_larger_error_is_no_outlier_among_equal_ones() -> None:
     numbers: Numbers = [{"noise_px": (0.1 + 1e-6 * index, 0.0, "px")} for index in range(20)]
     numbers[3]["noise_px"] = (0.115, 0.0, "px")
     assert not out(charts(numbers, {}))
@@ -71,7 +71,7 @@ def test_errors_that_are_all_alike_make_no_outlier_of_one_that_is_hardly_larger(
     assert out(charts(numbers, {})) == {("noise_px", 3)}
 
 
-def test_a_camera_that_is_less_sure_may_be_farther_away() -> None:
+def test_a_less_certain_camera_may_deviate_more() -> None:
     numbers = fleet(np.random.default_rng(5), 40)
     numbers[0]["camera.fx"] = (112.0, 5.0, "mm")
     assert not out(charts(numbers, {}))
@@ -108,7 +108,7 @@ def test_few_cameras_and_numbers_that_do_not_vary_have_no_chart(
     assert charts([{} for _ in range(9)], {}) == ()
 
 
-def test_numbers_that_some_cameras_do_not_have() -> None:
+def test_numbers_that_some_cameras_lack_are_compared_for_the_others() -> None:
     numbers = fleet(np.random.default_rng(8), 20)
     for index in range(10):
         del numbers[index]["cover.tilt.x"]

@@ -15,7 +15,7 @@ from calib.fleet.cluster import FleetError, Place
 from calib.fleet.job import Job
 from calib.fleet.local import local_workers, run_locally
 from calib.fleet.manifest import Entry
-from calib.fleet.result import State, place_of
+from calib.fleet.result import JobState, place_of
 from tests.fleet.conftest import ASKED
 from tests.fleet.work import behave
 
@@ -39,11 +39,11 @@ def listeners() -> list[str]:
 
 
 def test_every_camera_has_its_result_and_nothing_listens(tmp_path: Path) -> None:
-    before = listeners()
+    sockets = listeners()
     lines: list[str] = []
     results = run_locally(jobs("abc", tmp_path), Place(workers=1), lines.append, behave)
     first = next(results)
-    assert listeners() == before
+    assert listeners() == sockets
     (worker,) = local_children()
     assert first.sentence == os.environ.get("OMP_NUM_THREADS", "1")
     assert [first.id, *(result.id for result in results)] == ["a", "b", "c"]
@@ -60,7 +60,7 @@ def local_children() -> list[psutil.Process]:
 
 
 @pytest.mark.slow
-def test_a_camera_of_which_workers_die_is_given_up_and_the_others_go_on(
+def test_a_camera_that_kills_its_workers_is_given_up_and_the_others_continue(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(local, "KILLED_ATTEMPTS", 2)
@@ -68,7 +68,7 @@ def test_a_camera_of_which_workers_die_is_given_up_and_the_others_go_on(
     place = Place(workers=1, memory=GIB)
     names = ("crash", "kill", "memory", "sound")
     results = {r.id: r for r in run_locally(jobs(names, tmp_path), place, lines.append, behave)}
-    assert results["sound"].state is State.TOO_LITTLE
+    assert results["sound"].state is JobState.TOO_LITTLE
     assert results["crash"].sentence == (
         "3 workers died while they calibrated it, and it was given up: the last one ended with exit"
         " code 7."
@@ -78,7 +78,7 @@ def test_a_camera_of_which_workers_die_is_given_up_and_the_others_go_on(
         " signal 9"
     )
     assert "MB, and may take 1024 MB. Give workers more memory" in results["memory"].sentence
-    assert all(results[name].state is State.FAILED for name in names[:3])
+    assert all(results[name].state is JobState.FAILED for name in names[:3])
     assert all(place_of(tmp_path, name).exists() for name in names[:3])
     assert lines[0] == (
         "A worker died while it calibrated crash: it ended with exit code 7. The camera is tried"
@@ -86,7 +86,7 @@ def test_a_camera_of_which_workers_die_is_given_up_and_the_others_go_on(
     )
 
 
-def test_where_no_worker_can_start_it_says_why_and_ends(
+def test_a_run_without_workers_names_the_cause_and_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(local, "START_ATTEMPTS", 2)
@@ -115,14 +115,14 @@ def test_a_worker_that_dies_while_it_starts_is_replaced(
     monkeypatch.setattr(local, "_started", started)
     lines: list[str] = []
     results = list(run_locally(jobs("a", tmp_path), Place(workers=1), lines.append, behave))
-    assert [result.state for result in results] == [State.TOO_LITTLE]
+    assert [result.state for result in results] == [JobState.TOO_LITTLE]
     assert lines == [
         "A worker died while it started: it was killed by signal 9, as the system does when memory"
         " runs out (1 of 5 in a row)."
     ]
 
 
-def test_it_says_what_it_waits_for_and_closing_it_ends_the_workers(
+def test_a_run_names_what_it_waits_for_and_its_end_ends_the_workers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("calib.fleet.heartbeat.HEARTBEAT_S", 0.0)
@@ -139,7 +139,7 @@ def test_it_says_what_it_waits_for_and_closing_it_ends_the_workers(
     assert f"{start} at a, 7 cameras waiting (memory, b, c, d, e and 2 more)." in lines
 
 
-def test_workers_are_one_a_core_as_far_as_the_memory_reaches(
+def test_one_worker_per_core_is_started_within_the_memory(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(local, "core_count", lambda: 8)

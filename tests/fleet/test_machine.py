@@ -25,7 +25,7 @@ def write(file: Path, text: str) -> None:
     file.write_text(text)
 
 
-def test_without_limits_it_is_the_machine(groups: Path) -> None:
+def test_a_process_without_limits_has_the_whole_machine(groups: Path) -> None:
     assert core_count() == 8
     assert memory_bytes() == PHYSICAL
     write(groups.parent / "proc" / "self" / "cgroup", "0::/user/session\n")
@@ -35,7 +35,7 @@ def test_without_limits_it_is_the_machine(groups: Path) -> None:
     assert memory_bytes() == PHYSICAL
 
 
-def test_the_least_of_the_groups_around_it_counts(groups: Path) -> None:
+def test_the_lowest_limit_of_the_enclosing_groups_counts(groups: Path) -> None:
     write(groups.parent / "proc" / "self" / "cgroup", "1:cpu:/else\n0::/user/session\n")
     write(groups / "user" / "session" / "cpu.max", "450000 100000\n")
     write(groups / "user" / "cpu.max", "250000 100000\n")
@@ -55,8 +55,8 @@ def test_groups_of_the_first_version(groups: Path) -> None:
 
 
 def test_the_memory_of_a_process() -> None:
-    before = resident_bytes(os.getpid())
+    initial = resident_bytes(os.getpid())
     taken = b"x" * (64 << 20)
-    after = resident_bytes(os.getpid())
-    assert after - before > 60 << 20, len(taken)
+    final = resident_bytes(os.getpid())
+    assert final - initial > 60 << 20, len(taken)
     assert resident_bytes(2**22 + 1) == 0

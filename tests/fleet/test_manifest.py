@@ -16,7 +16,7 @@ def table(tmp_path: Path, text: str, name: str = "fleet.csv") -> tuple[Entry, ..
     return read_manifest([str(tmp_path / name)])
 
 
-def test_a_csv_has_cameras_with_places_beside_it(tmp_path: Path) -> None:
+def test_paths_of_a_csv_are_relative_to_it(tmp_path: Path) -> None:
     entries = table(
         tmp_path,
         "\ufeffid,session,serial,prior,fixture,date,held_out_px.max,camera.fx.min,camera.fx.max\n"
@@ -36,20 +36,20 @@ def test_a_csv_has_cameras_with_places_beside_it(tmp_path: Path) -> None:
     assert second == Entry("A2", "/data/A2", limits=(Limit("camera.fx", -math.inf, 1300),))
 
 
-def test_a_yaml_has_limits_for_all_that_a_camera_may_have_its_own_of(tmp_path: Path) -> None:
-    one, other = table(
+def test_a_camera_s_limits_override_those_of_the_yaml(tmp_path: Path) -> None:
+    first_entry, second_entry = table(
         tmp_path,
         "limits: {noise_px: {max: 0.2}, cover.thickness: {min: 2.9, max: 3.1}}\ncameras:\n- {id: a,"
         " session: s3://bucket/a}\n- {id: b, session: b, limits: {noise_px: {max: 0.5}}}\n",
         "fleet.yaml",
     )
-    assert one.session == "s3://bucket/a"
-    assert one.limits == (Limit("noise_px", high=0.2), Limit("cover.thickness", 2.9, 3.1))
-    assert other.limits == (Limit("noise_px", high=0.5), Limit("cover.thickness", 2.9, 3.1))
+    assert first_entry.session == "s3://bucket/a"
+    assert first_entry.limits == (Limit("noise_px", high=0.2), Limit("cover.thickness", 2.9, 3.1))
+    assert second_entry.limits == (Limit("noise_px", high=0.5), Limit("cover.thickness", 2.9, 3.1))
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("id,session\n", "has no camera"),
         ("id,session\na,x\nA,y\n", "the id a and A comes twice: give each camera an id of its own"),
@@ -76,14 +76,14 @@ def test_a_yaml_has_limits_for_all_that_a_camera_may_have_its_own_of(tmp_path: P
         ("", "has no column id"),
     ],
 )
-def test_what_is_wrong_in_a_csv(tmp_path: Path, text: str, said: str) -> None:
+def test_errors_of_a_csv_get_a_sentence(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=r"^[^\n]*$") as caught:
         table(tmp_path, text)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("cameras: []\n", "has no camera"),
         ("cameras: {a: x}\n", "cameras is a mapping: write a list"),
@@ -100,10 +100,10 @@ def test_what_is_wrong_in_a_csv(tmp_path: Path, text: str, said: str) -> None:
         ("camera: []\n", "did you mean cameras?"),
     ],
 )
-def test_what_is_wrong_in_a_yaml(tmp_path: Path, text: str, said: str) -> None:
+def test_errors_of_a_yaml_get_a_sentence(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
         table(tmp_path, text, "fleet.yaml")
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def sessions(folder: Path, *names: str) -> None:
@@ -115,8 +115,8 @@ def sessions(folder: Path, *names: str) -> None:
 def test_a_glob_and_folders_are_named_by_their_sessions(tmp_path: Path) -> None:
     sessions(tmp_path, "one", "two words", "three")
     (tmp_path / "notes.txt").write_text("")
-    found = {entry.id: entry.session for entry in read_manifest([str(tmp_path / "*")])}
-    assert found == {
+    results = {entry.id: entry.session for entry in read_manifest([str(tmp_path / "*")])}
+    assert results == {
         "one": str(tmp_path / "one"),
         "two-words": str(tmp_path / "two words"),
         "three": str(tmp_path / "three"),
@@ -127,7 +127,7 @@ def test_a_glob_and_folders_are_named_by_their_sessions(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("place", "said"),
+    ("place", "message"),
     [
         (".", "is no session, for it has no session.yaml: give a CSV, a YAML, or a glob such as"),
         ("notes.txt", "is neither a CSV nor a YAML"),
@@ -135,11 +135,13 @@ def test_a_glob_and_folders_are_named_by_their_sessions(tmp_path: Path) -> None:
         ("missing.csv", "cannot be read"),
     ],
 )
-def test_what_is_no_manifest(tmp_path: Path, place: str, said: str) -> None:
+def test_a_file_that_is_no_manifest_gets_a_sentence(
+    tmp_path: Path, place: str, message: str
+) -> None:
     (tmp_path / "notes.txt").write_text("")
     with pytest.raises(InputError) as caught:
         read_manifest([str(tmp_path / place)])
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_sessions_of_one_name_need_a_table(tmp_path: Path) -> None:

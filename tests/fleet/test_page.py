@@ -1,4 +1,4 @@
-"""What stands out, in words, on the page and in the table."""
+"""The outliers in words, on the page and in the table."""
 
 import csv
 import io
@@ -14,7 +14,7 @@ from calib.fleet.findings import Fleet, judge_fleet
 from calib.fleet.limits import Limit
 from calib.fleet.numbers import FleetNumber, PriorShift
 from calib.fleet.page import fleet_page, headline
-from calib.fleet.result import Result, State
+from calib.fleet.result import JobState, Result
 from calib.fleet.table import fleet_csv
 from fixtures.fleet_results import made, result
 from tests.report.test_chromium import CHROMIUM, DARK, browse
@@ -35,7 +35,7 @@ SHIFTS = {"camera.cx": PriorShift(100.0, 130.0, -30.0, "px")}
 LOST = "Its prior could not be checked: x does not exist."
 WAYS: dict[str, tuple[Result, str]] = {
     "c3": (
-        Result("c3", State.FAILED, "a.png is truncated or damaged: copy it again."),
+        Result("c3", JobState.FAILED, "a.png is truncated or damaged: copy it again."),
         "no calibration: a.png is truncated",
     ),
     "c5": (
@@ -68,29 +68,29 @@ WAYS: dict[str, tuple[Result, str]] = {
 
 @pytest.fixture(scope="module")
 def fleet() -> Fleet:
-    return made(60, {camera: one for camera, (one, _) in WAYS.items()})
+    return made(60, {camera: item for camera, (item, _) in WAYS.items()})
 
 
-def test_every_way_to_be_broken_is_told_in_words_and_nothing_else_is(fleet: Fleet) -> None:
+def test_every_fault_is_described_and_nothing_else(fleet: Fleet) -> None:
     assert set(fleet.outliers) == set(WAYS)
-    for camera, (_, said) in WAYS.items():
-        assert said in fleet.findings[camera][0].sentence, camera
+    for camera, (_, message) in WAYS.items():
+        assert message in fleet.findings[camera][0].sentence, camera
     assert fleet.outliers[:2] == ["c3", "c9"]
     assert headline(fleet) == "8 of 60 cameras stand out"
 
 
-def test_a_fleet_without_a_fault_says_so() -> None:
-    whole = made(30)
-    assert headline(whole) == "None of 30 cameras stands out"
-    assert 'class="good"' in fleet_page(whole, "line 3")
+def test_a_fleet_without_a_fault_is_reported_so() -> None:
+    judged = made(30)
+    assert headline(judged) == "None of 30 cameras stands out"
+    assert 'class="good"' in fleet_page(judged, "line 3")
 
 
-def test_false_alarms_over_charts_priors_and_moves_are_as_rare_as_is_said() -> None:
+def test_false_alarms_over_charts_priors_and_shifts_have_the_stated_rate() -> None:
     alarms = sum(bool(made(30, seed=seed).findings) for seed in range(100))
     assert alarms <= 100 * ALPHA + 3 * (100 * ALPHA * (1 - ALPHA)) ** 0.5
 
 
-def test_an_effect_that_many_have_is_the_fleets_way_to_be() -> None:
+def test_an_effect_that_many_cameras_have_is_no_outlier() -> None:
     shared = {
         f"c{number}": plain(f"c{number}", effects=("rolling_shutter",)) for number in range(12)
     }
@@ -98,13 +98,13 @@ def test_an_effect_that_many_have_is_the_fleets_way_to_be() -> None:
     assert "<b>rolling_shutter</b>" in fleet_page(made(60, shared), "x")
 
 
-def test_limits_of_its_own() -> None:
-    whole = made(30)
+def test_a_camera_may_have_a_limit_of_its_own() -> None:
+    judged = made(30)
     entries = [
         replace(entry, limits=(Limit("cover.thickness", high=99.0),)) if entry.id == "c4" else entry
-        for entry in whole.entries
+        for entry in judged.entries
     ]
-    results = {one.id: one for one in whole.results}
+    results = {item.id: item for item in judged.results}
     results["c4"] = replace(
         results["c4"],
         numbers={**results["c4"].numbers, "cover.thickness": FleetNumber(100.1, 0.3, "mm")},
@@ -173,10 +173,10 @@ document.getElementById("seen").textContent = JSON.stringify({ out, over,
     html = fleet_page(fleet, "line 3").replace(
         "default-src 'none'", "default-src 'none'; script-src 'unsafe-inline'"
     )
-    dom, said = browse(html.replace("</body>", look), tmp_path, *flags)
-    seen = re.search(r'<pre id="seen">(.*?)</pre>', dom)
-    assert seen
-    assert seen[1].startswith('{"out":[],"over":[],"wide":')
-    assert int(re.findall(r'"wide":(-?\d+)', seen[1])[0]) <= 0
-    assert int(re.findall(r'"marks":(\d+)', seen[1])[0]) > 5
-    assert not said
+    dom, message = browse(html.replace("</body>", look), tmp_path, *flags)
+    match = re.search(r'<pre id="seen">(.*?)</pre>', dom)
+    assert match
+    assert match[1].startswith('{"out":[],"over":[],"wide":')
+    assert int(re.findall(r'"wide":(-?\d+)', match[1])[0]) <= 0
+    assert int(re.findall(r'"marks":(\d+)', match[1])[0]) > 5
+    assert not message

@@ -14,12 +14,12 @@ from calib.cli import main
 from calib.corners.corners_file import read_corners, write_corners
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.surface_prior import expected_amplitudes
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.fleet.identity import FleetOptions, Identity
 from calib.fleet.manifest import Entry
-from calib.fleet.prior import fleet_prior
-from calib.fleet.result import Result, State, read_result
+from calib.fleet.prior import estimate_fleet_prior
+from calib.fleet.result import JobState, Result, read_result
 from calib.inference.calibration_model import base_model
 from calib.session.fleet_prior import read_fleet_prior
 from calib.session.numbers import numbers_of
@@ -46,7 +46,7 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_session(folder / "sessions" / name, LINE, number)
         fit(read_session(folder / "sessions" / name), SETTINGS).save(folder / "cameras" / name)
         written = (f"cameras/{name}/calibration.yaml",)
-        Result(name, State.CALIBRATED, verdict={"word": "care"}, written=written).write(folder)
+        Result(name, JobState.CALIBRATED, verdict={"word": "care"}, written=written).write(folder)
     return folder
 
 
@@ -86,7 +86,7 @@ def map_error(line: Line, calibration: Calibration) -> float:
 
 
 @pytest.mark.slow
-def test_a_camera_that_is_another_is_left_out_by_name(prior: Path) -> None:
+def test_a_camera_of_another_line_is_left_out_by_name(prior: Path) -> None:
     read = read_fleet_prior(prior)
     left_out = dict(read.left_out)
     assert [*left_out] == [LINE.name(BROKEN)]
@@ -94,7 +94,7 @@ def test_a_camera_that_is_another_is_left_out_by_name(prior: Path) -> None:
     assert read.cameras == LINE.cameras - 1
 
 
-def test_the_fleet_knows_its_focal_length_better_than_the_drawing(prior: Path) -> None:
+def test_the_fleet_s_focal_length_is_more_exact_than_the_drawing(prior: Path) -> None:
     read = read_fleet_prior(prior)
     known, declared = (
         numbers_of(*one)["camera.fx"] for one in ((read.intrinsics, read.cover), read.declared)
@@ -113,7 +113,8 @@ def test_the_same_views_of_a_new_camera_give_a_better_map(
             fit(read_session(named(tmp_path / str(bool(one)), NEW, views, one)), SETTINGS)
             for one in (None, prior)
         )
-    assert found.settings["fleet_prior"]["used"]
+    assert found.outcome.fleet_prior
+    assert found.outcome.fleet_prior.used
     assert map_error(NEW, found) < 0.8 * map_error(NEW, alone)
 
 
@@ -127,12 +128,13 @@ def stranger(prior: Path, tmp_path_factory: pytest.TempPathFactory) -> Calibrati
         )
 
 
-def test_a_prior_that_the_views_contradict_is_told_and_not_obeyed(
+def test_a_contradicted_prior_is_reported_and_not_used(
     stranger: Calibration, tmp_path: Path
 ) -> None:
-    said = stranger.settings["fleet_prior"]
-    assert not said["used"]
-    assert said["p_value"] < 0.01
+    tested = stranger.outcome.fleet_prior
+    assert tested
+    assert not tested.used
+    assert tested.p_value < 0.01
     with single_thread():
         alone = fit(read_session(named(tmp_path / "alone", ANOTHER, 6, None)), SETTINGS)
     assert (stranger.amplitudes == alone.amplitudes).all()  # as if it had not been named
@@ -142,7 +144,7 @@ def test_a_prior_that_the_views_contradict_is_told_and_not_obeyed(
     assert "not as the 6 cameras of" in sentences[0]
 
 
-def test_what_it_was_fitted_with_is_kept(prior: Path, tmp_path: Path) -> None:
+def test_the_prior_of_a_fit_is_saved_with_it(prior: Path, tmp_path: Path) -> None:
     """A diagnosis starts from the same prior; and a session without intrinsics of its own has the
     fleet's.
     """
@@ -152,8 +154,9 @@ def test_what_it_was_fitted_with_is_kept(prior: Path, tmp_path: Path) -> None:
     (folder / "session.yaml").write_text(yaml.safe_dump(said))
     assert main(["fit", str(folder), "--grid", "6x6", "-o", str(tmp_path / "out")]) == 0
     read = Calibration.load(tmp_path / "out")
-    assert read.settings["intrinsics_from"] == "prior"
-    assert read.settings["fleet_prior"]["cameras"] == 6
+    assert read.outcome.intrinsics_from == "prior"
+    assert read.outcome.fleet_prior
+    assert read.outcome.fleet_prior.cameras == 6
     fleet = read_fleet_prior(prior)
     assert read.declared.intrinsics.fx.sigma == pytest.approx(fleet.intrinsics.fx.sigma)
     assert read.declared.intrinsics.correlations[0] == pytest.approx(
@@ -182,7 +185,7 @@ def test_the_console_says_that_a_prior_was_used(
     )
 
 
-def test_json_says_what_is_expected(
+def test_the_json_has_the_fleet_s_numbers(
     prior: Path, fleet: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["fleet-prior", str(fleet), "-o", str(fleet / "again.yaml"), "--json"]) == 0
@@ -205,9 +208,9 @@ def test_broken_cameras_are_left_out_and_named(fleet: Path, tmp_path: Path) -> N
     first, second, *_ = [LINE.name(number) for number in range(LINE.cameras) if number != BROKEN]
     changed(folder, first, verdict={"word": "do_not_use"})
     changed(
-        folder, second, state=State.FAILED, sentence="corners.vnl ends in the middle of a line."
+        folder, second, state=JobState.FAILED, sentence="corners.vnl ends in the middle of a line."
     )
-    said = dict(fleet_prior(folder).left_out)
+    said = dict(estimate_fleet_prior(folder).left_out)
     assert said[first] == "its verdict is not to use it"
     assert said[second] == "it has no calibration: corners.vnl ends in the middle of a line"
 
@@ -217,7 +220,7 @@ def test_cameras_of_two_kinds_are_kept_apart(fleet: Path, tmp_path: Path) -> Non
     for number in (0, 1):
         other = folder / "cameras" / LINE.name(number) / "calibration.yaml"
         other.write_text(other.read_text().replace("width: 3280", "width: 3282"))
-    said = dict(fleet_prior(folder).left_out)
+    said = dict(estimate_fleet_prior(folder).left_out)
     assert (
         said[LINE.name(0)]
         == said[LINE.name(1)]
@@ -225,7 +228,7 @@ def test_cameras_of_two_kinds_are_kept_apart(fleet: Path, tmp_path: Path) -> Non
     )
 
 
-def test_kinds_of_which_none_is_most_are_refused(fleet: Path, tmp_path: Path) -> None:
+def test_kinds_without_a_majority_are_refused(fleet: Path, tmp_path: Path) -> None:
     folder = copied(fleet, tmp_path)
     for number in range(LINE.cameras):
         other = folder / "cameras" / LINE.name(number) / "calibration.yaml"
@@ -234,7 +237,7 @@ def test_kinds_of_which_none_is_most_are_refused(fleet: Path, tmp_path: Path) ->
         InputError,
         match=r"cameras of 3 kinds, and no kind has more than half of them .* for each kind",
     ):
-        fleet_prior(folder)
+        estimate_fleet_prior(folder)
 
 
 def test_too_few_cameras_are_refused(fleet: Path, tmp_path: Path) -> None:
@@ -244,7 +247,7 @@ def test_too_few_cameras_are_refused(fleet: Path, tmp_path: Path) -> None:
     with pytest.raises(
         NotEnoughDataError, match=r"A prior takes 4 cameras and .* has 3 that can be used"
     ):
-        fleet_prior(folder)
+        estimate_fleet_prior(folder)
 
 
 @pytest.mark.parametrize("empty", [True, False])
@@ -252,7 +255,7 @@ def test_a_folder_that_is_no_fleet_is_refused(empty: bool, tmp_path: Path) -> No
     if empty:
         (tmp_path / "cameras").mkdir()
     with pytest.raises(InputError, match="give the FLEET that calib batch wrote"):
-        fleet_prior(tmp_path)
+        estimate_fleet_prior(tmp_path)
 
 
 def test_a_camera_is_done_again_when_its_prior_has_changed(prior: Path, tmp_path: Path) -> None:

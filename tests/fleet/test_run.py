@@ -23,7 +23,7 @@ from calib.cli import main
 from calib.fleet.cluster import FleetError, Place, client_of, remarks_on
 from calib.fleet.job import Job
 from calib.fleet.manifest import Entry
-from calib.fleet.result import State, place_of, read_result
+from calib.fleet.result import JobState, place_of, read_result
 from calib.fleet.run import run_jobs
 from calib.io.file_set import FileSet
 from tests.fleet.conftest import ASKED, LINE
@@ -34,7 +34,9 @@ OPTIONS = ("--grid", "3x3", "--free", "none", "--folds", "2")
 
 @pytest.fixture
 def client() -> Iterator[Client]:
-    """Of workers that are threads of this process: Dask itself, without its start of processes."""
+    """Return a client whose workers are threads of this process: Dask itself, without its start of
+    processes.
+    """
     with (
         LocalCluster(
             n_workers=2, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0"
@@ -53,19 +55,19 @@ def jobs(recorded: Path, fleet: Path) -> list[Job]:
 def test_every_camera_has_its_result(client: Client, recorded: Path, tmp_path: Path) -> None:
     results = {result.id: result for result in run_jobs(client, jobs(recorded, tmp_path), print)}
     assert {name: result.state for name, result in results.items()} == {
-        **dict.fromkeys(map(LINE.name, range(LINE.cameras)), State.CALIBRATED),
-        "missing": State.FAILED,
+        **dict.fromkeys(map(LINE.name, range(LINE.cameras)), JobState.CALIBRATED),
+        "missing": JobState.FAILED,
     }
     assert all(read_result(tmp_path, name) == result for name, result in results.items())
-    before = place_of(tmp_path, LINE.name(0)).stat().st_mtime_ns
+    modified = place_of(tmp_path, LINE.name(0)).stat().st_mtime_ns
     assert {
         result.id: result for result in run_jobs(client, jobs(recorded, tmp_path), print)
     } == results
-    assert place_of(tmp_path, LINE.name(0)).stat().st_mtime_ns == before
+    assert place_of(tmp_path, LINE.name(0)).stat().st_mtime_ns == modified
 
 
 @pytest.mark.slow
-def test_a_camera_of_which_workers_die_does_not_stop_the_others(
+def test_a_camera_that_kills_its_workers_does_not_stop_the_others(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("calib.fleet.run.run_job", behave)
@@ -76,16 +78,16 @@ def test_a_camera_of_which_workers_die_does_not_stop_the_others(
         LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster,
         Client(cluster) as client,
     ):
-        each = run_jobs(client, [kills, *jobs(recorded, tmp_path)], print)
-        results = {result.id: result for result in each}
+        outcomes = run_jobs(client, [kills, *jobs(recorded, tmp_path)], print)
+        results = {result.id: result for result in outcomes}
     assert len(results) == 6
-    assert results["kill"].state is State.FAILED
+    assert results["kill"].state is JobState.FAILED
     assert results["kill"].sentence == (
         "It was given up, because 2 workers of the cluster died of it: give workers more memory"
         " with --memory."
     )
     assert json.loads(place_of(tmp_path, "kill").read_text())["state"] == "failed"
-    assert {results[name].state for name in results if name != "kill"} == {State.TOO_LITTLE}
+    assert {results[name].state for name in results if name != "kill"} == {JobState.TOO_LITTLE}
 
 
 def test_a_cluster_without_workers_says_so_and_ends(
@@ -139,14 +141,14 @@ def test_a_scheduler_that_goes_away_ends_with_6_and_the_same_command_goes_on(
         dask_process(*start) as scheduler,
         client_of(Place(address), tmp_path) as client,
     ):  # no worker comes
-        found = run_jobs(client, jobs(recorded, tmp_path), print)
+        outcomes = run_jobs(client, jobs(recorded, tmp_path), print)
         subprocess.Popen(
             [sys.executable, "-c", f"import os, time; time.sleep(3); os.kill({scheduler.pid}, 9)"]
         )
         with pytest.raises(
             FleetError, match=r"and 5 of 5 cameras are not done \(.*\): run the same command again"
         ) as caught:
-            next(found)
+            next(outcomes)
     assert caught.value.exit_code == 6
     with ExitStack() as stack:
         stack.enter_context(dask_process(*start))
@@ -179,9 +181,9 @@ def test_a_scheduler_that_goes_away_ends_with_6_and_the_same_command_goes_on(
         )
     printed = capsys.readouterr()
     assert f"The scheduler {address} asks for no certificate" in printed.err
-    said = json.loads(printed.out)
-    assert said["cameras"] == 4
-    assert said["states"] == {"calibrated": 4, "too_little_data": 0, "failed": 0}
+    answer = json.loads(printed.out)
+    assert answer["cameras"] == 4
+    assert answer["states"] == {"calibrated": 4, "too_little_data": 0, "failed": 0}
 
 
 @pytest.mark.slow
@@ -209,22 +211,22 @@ def test_the_command_is_killed_with_its_scheduler_and_goes_on(
     killed.wait()
     done = {path.name: path.stat().st_mtime_ns for path in place.glob("*.json")}
     assert done
-    after = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert after.returncode == 0, after.stderr
-    assert "Traceback" not in after.stderr
+    second_run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert second_run.returncode == 0, second_run.stderr
+    assert "Traceback" not in second_run.stderr
     assert sorted(path.name for path in place.glob("*.json")) == [
         f"{LINE.name(number)}.json" for number in range(4)
     ]
     assert {name: (place / name).stat().st_mtime_ns for name in done} == done
     assert (tmp_path / "fleet" / "fleet.html").exists()
-    assert after.stdout.startswith("None of 4 cameras stands out.")
+    assert second_run.stdout.startswith("None of 4 cameras stands out.")
 
 
 QUEUE = """#!/bin/sh
 setsid sh -c "$(grep -v '^#' "$1")" > /dev/null 2>&1 &
 echo "Submitted batch job $!"
 """
-"""What `sbatch` does, on this machine."""
+"""A script that does on this machine what `sbatch` does."""
 
 
 @pytest.fixture
@@ -240,7 +242,7 @@ def queue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("queue")
-def test_jobs_of_a_queue(
+def test_workers_run_as_jobs_of_a_queue(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ("--jobqueue", "slurm", "--workers", "1", *OPTIONS, "--json")
@@ -249,7 +251,7 @@ def test_jobs_of_a_queue(
     assert not list((tmp_path / "fleet").glob(".keys-*"))
 
 
-def test_a_queue_that_is_not_there(
+def test_a_missing_queue_gets_a_sentence(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ("--jobqueue", "slurm", *OPTIONS)
@@ -311,7 +313,7 @@ def test_a_second_command_on_the_same_fleet_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("--scheduler", "tcp://127.0.0.1:1"), "No scheduler answers at tcp://127.0.0.1:1"),
         (("--format", "ros"), "--format ros holds for one depth"),
@@ -325,13 +327,13 @@ def test_a_second_command_on_the_same_fleet_is_refused(
         (("--jobqueue", "slurm", "--scheduler", "tcp://a:1"), "not allowed with argument"),
     ],
 )
-def test_what_is_wrong_on_the_command_line(
+def test_wrong_options_get_a_sentence(
     recorded: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     arguments: tuple[str, ...],
-    said: str,
+    message: str,
 ) -> None:
     monkeypatch.setattr("calib.fleet.cluster.CONNECT_S", 1)
     try:
@@ -340,11 +342,11 @@ def test_what_is_wrong_on_the_command_line(
         code = int(str(exited.code))
     assert code == 2
     error = capsys.readouterr().err
-    assert said in error
+    assert message in error
     assert "Traceback" not in error
 
 
-def test_without_dask_it_says_what_to_install(
+def test_a_run_without_dask_names_the_package_to_install(
     recorded: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

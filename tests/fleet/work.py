@@ -6,14 +6,14 @@ import time
 from collections.abc import Callable
 
 from calib.fleet.job import Job
-from calib.fleet.result import Result, State
+from calib.fleet.result import JobState, Result
 
 
 def behave(job: Job) -> Result:
     """Do what the camera's name says, or end as a camera with too little data."""
     if act := ACTS.get(job.entry.id):
         act()
-    return Result(job.entry.id, State.TOO_LITTLE, os.environ.get("OMP_NUM_THREADS", ""))
+    return Result(job.entry.id, JobState.TOO_LITTLE, os.environ.get("OMP_NUM_THREADS", ""))
 
 
 def crash() -> None:

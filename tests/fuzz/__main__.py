@@ -24,12 +24,12 @@ from tests.fuzz.cases import Bench, Kind, each_of, spoil
 from tests.fuzz.limits import Hang, Limits
 
 SAID_EVERY_S = 10.0
-"""How often a run says how far it is."""
+"""The interval between two lines about the progress of a run."""
 
 
 @dataclass
 class Tally:
-    """What came of the cases of one kind."""
+    """The outcome of the cases of one kind."""
 
     kind: Kind
     seed: int
@@ -37,10 +37,10 @@ class Tally:
     tried: int = 0
     refused: int = 0
     seconds: float = 0.0
-    """Of work."""
+    """The seconds of work."""
     slowest: float = 0.0
     wrong: Counter[str] = field(default_factory=Counter)
-    """By the place in the code."""
+    """The wrong outcomes, by their place in the code."""
     examples: dict[str, object] = field(default_factory=dict)
 
     def __str__(self) -> str:
@@ -73,7 +73,7 @@ def fuzz(kind: Kind, cases: int, seed: int, limits: Limits) -> Tally:
 
     def each(value: Any) -> None:
         nonlocal spoken
-        begun = time.process_time()
+        start_time = time.process_time()
         try:
             with limits, warnings.catch_warnings(action="error"):
                 tally.refused += spoil(kind, value)
@@ -87,7 +87,7 @@ def fuzz(kind: Kind, cases: int, seed: int, limits: Limits) -> Tally:
             key = f"{kind.name}: {type(error).__name__} at {place}: {str(error)[:200]!r}"
             tally.wrong[key] += 1
             tally.examples.setdefault(key, value)
-        spent = time.process_time() - begun
+        spent = time.process_time() - start_time
         tally.tried, tally.seconds, tally.slowest = (
             tally.tried + 1,
             tally.seconds + spent,
@@ -130,26 +130,27 @@ def main() -> int:
         os.environ["FUZZ_DEEP"] = "1"
     tallies: list[Tally] = []
     with TemporaryDirectory() as folder:
-        known = Bench(Path(folder)).kinds
-        kinds = [kind for kind in known if args.kind in kind.name]
+        known_kinds = Bench(Path(folder)).kinds
+        kinds = [kind for kind in known_kinds if args.kind in kind.name]
         if not kinds:
             parser.error(
                 f"no kind has {args.kind!r} in its name; there are:"
-                f" {'; '.join(kind.name for kind in known)}"
+                f" {'; '.join(kind.name for kind in known_kinds)}"
             )
         silence_libraries()
         limits = Limits(deep=args.deep)
         for place, kind in enumerate(kinds):
-            left = args.cases - sum(tally.tried for tally in tallies)
-            tallies.append(fuzz(kind, max(1, -(-left // (len(kinds) - place))), args.seed, limits))
+            remaining = args.cases - sum(tally.tried for tally in tallies)
+            tallies.append(
+                fuzz(kind, max(1, -(-remaining // (len(kinds) - place))), args.seed, limits)
+            )
             print(tallies[-1], flush=True)
     wrong = [tally for tally in tallies if tally.wrong]
     for tally in wrong:
         print(tally.explained())
-    tried, refused, seconds = (
-        sum(numbers)
-        for numbers in zip(*((t.tried, t.refused, t.seconds) for t in tallies), strict=True)
-    )
+    tried = sum(tally.tried for tally in tallies)
+    refused = sum(tally.refused for tally in tallies)
+    seconds = sum(tally.seconds for tally in tallies)
     print(
         f"seed {args.seed}, {tried} cases of {len(tallies)} kinds in {seconds:.0f} s of work:"
         f" {refused} refused in a sentence, {sum(tally.wrong.total() for tally in wrong)} went"

@@ -1,6 +1,6 @@
-"""What is fuzzed: for each kind of input a strategy, and what the commands do with it.
+"""The fuzzed inputs: for each kind a strategy, and the calls that read it.
 
-None of it may raise anything but RefracalError.
+None of these may raise anything but RefracalError.
 """
 
 import io
@@ -82,7 +82,8 @@ COVERS = (
     "  intrinsics: {fx: 300.0, fy: 300.0, cx: 159.5, cy: 119.5, distortion: [0, 0, 0, 0, 0]}\n"
     f"cover:\n{FLAT}",
 )
-"""How sessions of degenerate corners go on: a camera alone, behind a cone, behind a window."""
+"""The ends of session.yaml for degenerate corners: a camera alone, behind a cone, behind a window.
+"""
 Run = Callable[[Any], object]
 Reader = Callable[[Any], bool]
 """True where the input was refused by a sentence, which was looked at, and did not come as an
@@ -90,7 +91,7 @@ exception.
 """
 BOARD = Board(6, 5, 0.02)
 SPECIAL = ("fifo", "zero", "full", "folder", "loop", "nothing")
-"""What may stand where a file is expected."""
+"""The things that may stand in the place of a file."""
 SPEAKER = re.compile(r"^\w+[\w -]*: (error: )?")
 """Who speaks, before the sentence."""
 
@@ -103,7 +104,7 @@ class Kind:
     inputs: st.SearchStrategy[Any]
     run: Run | Reader
     cost: int = 1
-    """How many usual cases take the time of one of these; so many fewer are tried."""
+    """The number of usual cases that take the time of one of these; so many fewer are tried."""
 
 
 class Bench:
@@ -241,7 +242,7 @@ class Bench:
         )
 
     def deep(self, value: object) -> None:
-        """What a person does next with a calibration that could be read; seconds."""
+        """Do what a person does next with a calibration that could be read; it takes seconds."""
         for words in (
             ["report", "--no-open"],
             ["export", "--format", "npz", "--depth", "1", "-o", str(self.folder / "out")],
@@ -252,10 +253,10 @@ class Bench:
 
     def _detections(self) -> dict[str, Any]:
         detect(list_images(self.session / "frames")[:1], BOARD)
-        said: dict[str, Any] = yaml.safe_load(
+        document: dict[str, Any] = yaml.safe_load(
             (self.session / "frames" / DETECTIONS_FILE).read_text()
         )
-        return said
+        return document
 
     def _put(self, name: str, data: bytes) -> Path:
         path = self.folder / name
@@ -293,8 +294,8 @@ class Bench:
         self._put("calibration/calibration.yaml", data)
         self._load()
 
-    def _value(self, said: dict[str, Any]) -> None:
-        self._put("calibration/calibration.yaml", _yaml(said))
+    def _value(self, document: dict[str, Any]) -> None:
+        self._put("calibration/calibration.yaml", _yaml(document))
         self._load()
 
     def _arrays(self, held: dict[str, np.ndarray]) -> None:
@@ -323,10 +324,10 @@ class Bench:
         """A session of a small camera, with these corners of BOARD."""
         folder = self.folder / "degenerate"
         self._put("degenerate/session.yaml", (SMALL_SESSION + cover).encode())
-        seen = np.isfinite(corners[..., 0])
+        visible = np.isfinite(corners[..., 0])
         views = [
             View(f"{number:04d}.png", view, weight.astype(np.float64))
-            for number, (view, weight) in enumerate(zip(corners, seen, strict=True))
+            for number, (view, weight) in enumerate(zip(corners, visible, strict=True))
         ]
         write_corners(folder / "corners.vnl", views)
         return folder
@@ -350,21 +351,21 @@ class Bench:
 
     def _spoilt(self) -> st.SearchStrategy[tuple[dict[str, Any], dict[str, np.ndarray]]]:
         """calibration.yaml and the arrays of a calibration, one of both spoilt."""
-        said: dict[str, Any] = yaml.safe_load((self.plain / "calibration.yaml").read_text())
+        document: dict[str, Any] = yaml.safe_load((self.plain / "calibration.yaml").read_text())
         with np.load(self.plain / "calibration.npz") as file:
             held = dict(file)
         return st.one_of(
-            st.tuples(mappings(said), st.just(held)), st.tuples(st.just(said), arrays(held))
+            st.tuples(mappings(document), st.just(held)), st.tuples(st.just(document), arrays(held))
         )
 
     def _judge(self, case: tuple[dict[str, Any], dict[str, np.ndarray]]) -> bool:
-        said, held = case
+        verdict, held = case
         folder = self.folder / "judged"
         buffer = io.BytesIO()
         np.savez(buffer, allow_pickle=False, **held)
         self._put("judged/calibration.npz", buffer.getvalue())
         digest = sha256(buffer.getvalue()).hexdigest()
-        self._put("judged/calibration.yaml", _yaml(said | {"arrays_sha256": digest}))
+        self._put("judged/calibration.yaml", _yaml(verdict | {"arrays_sha256": digest}))
         judge(Calibration.load(folder))
         session = self._write_corners(seen_boards(), COVERS[0])
         refused = [
@@ -454,19 +455,19 @@ class Bench:
 
     def _command(self, words: list[str], command: Callable[[list[str]], int] = main) -> bool:
         """Whether it refuses. What it says is a sentence a line, and nothing is a bug."""
-        with redirect_stdout(io.StringIO()) as shown, redirect_stderr(io.StringIO()) as said:
+        with redirect_stdout(io.StringIO()) as shown, redirect_stderr(io.StringIO()) as errors:
             try:
                 code = command(words)
             except SystemExit as ended:
                 code = int(str(ended.code))
-        last = said.getvalue().strip().splitlines()[-1:] or [""]
+        last = errors.getvalue().strip().splitlines()[-1:] or [""]
         assert code in (0, 2, 3, 4, 5), f"{code}: {last[0]}"
         assert code in (0, 5) or last[0], (
             "nothing is said"
         )  # 5 is the answer of a check, which stands on stdout
-        for line in said.getvalue().splitlines():
+        for line in errors.getvalue().splitlines():
             assert len(SPEAKER.sub("", line)) <= MAX_MESSAGE, f"{len(line)} characters: {line}"
-        assert "\x1b[2J" not in said.getvalue() + shown.getvalue()
+        assert "\x1b[2J" not in errors.getvalue() + shown.getvalue()
         return code != 0
 
 
@@ -479,8 +480,8 @@ def seen_boards() -> np.ndarray:
         turn = draw.uniform(-0.5, 0.5, 3)
         shift = np.array([*draw.uniform(-0.02, 0.02, 2), draw.uniform(0.25, 0.35)])
         points = np.column_stack([BOARD.points(), np.zeros(BOARD.count)])
-        seen, _ = cv2.projectPoints(points, turn, shift, matrix, None)
-        views.append(seen[:, 0] + draw.normal(0, 0.05, (BOARD.count, 2)))
+        projected, _ = cv2.projectPoints(points, turn, shift, matrix, None)
+        views.append(projected[:, 0] + draw.normal(0, 0.05, (BOARD.count, 2)))
     return np.array(views)
 
 
@@ -526,15 +527,15 @@ def _refused(reads: Sequence[Callable[[], object]]) -> bool:
 
 
 def _check(error: RefracalError) -> bool:
-    said = str(error)
-    assert said, "nothing is said"
-    assert len(said) <= MAX_MESSAGE, f"{len(said)} characters: {said}"
-    assert said.isprintable(), repr(said)
+    sentence = str(error)
+    assert sentence, "nothing is said"
+    assert len(sentence) <= MAX_MESSAGE, f"{len(sentence)} characters: {sentence}"
+    assert sentence.isprintable(), repr(sentence)
     return True
 
 
-def _yaml(said: object) -> bytes:
-    return yaml.safe_dump(said, sort_keys=False, allow_unicode=True).encode(
+def _yaml(document: object) -> bytes:
+    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True).encode(
         "utf-8", "backslashreplace"
     )
 

@@ -78,14 +78,14 @@ async def walk(session: Path, steps: int, seed: int) -> int:
     draw = random.Random(seed)
     done = starts = 0
     spoken = time.monotonic()
-    before: dict[str, str] = {}
+    previous: dict[str, str] = {}
     while done < steps:
         starts += 1
         async with running(session, size=draw.choice(((80, 24), (120, 40), (20, 5)))) as pilot:
             app = pilot.app
             await pilot.pause()
-            assert not before or texts(app.screen) == before, (
-                f"step {done}: {texts(app.screen)} where {before} was typed"
+            assert not previous or texts(app.screen) == previous, (
+                f"step {done}: {texts(app.screen)} where {previous} was typed"
             )
             while done < steps and app.is_running:
                 done += 1
@@ -94,7 +94,7 @@ async def walk(session: Path, steps: int, seed: int) -> int:
                     print(f"{done} of {steps}", file=sys.stderr, flush=True)
                 screen = app.screen
                 if isinstance(screen, SetupScreen):
-                    before = await step(pilot, screen, draw)
+                    previous = await step(pilot, screen, draw)
                 else:
                     await pilot.press(draw.choice(("escape", "enter", "tab", "escape")))
                     await pilot.pause()
@@ -122,7 +122,7 @@ async def step(pilot, screen, draw) -> dict[str, str]:  # type: ignore[no-untype
 
 def texts(screen: object) -> dict[str, str]:
     assert isinstance(screen, SetupScreen)
-    return {str(each.id or each.name): each.value for each in screen.query(Input)} | {
+    return {str(field.id or field.name): field.value for field in screen.query(Input)} | {
         place: str(screen.query_one(place, Select).value) for place in ("#shape", "#kind")
     }
 

@@ -50,25 +50,31 @@ class Command:
 
     name: str
     arguments: Sequence[str]
-    before: Path
+    initial_folder: Path
     digest: str
-    """Of the calibration whose files it writes; empty where the command makes that."""
+    """The digest of the calibration whose files it writes; empty if the command makes the
+    calibration.
+    """
 
 
 @dataclass(frozen=True)
 class Whole:
-    """What a run that nobody kills does."""
+    """The outcome of a run that nobody kills."""
 
     names: frozenset[str]
     written: frozenset[str]
-    """Those that are not as they were before."""
+    """The names of files that changed."""
     changes: int
     work_s: float
-    """Of the processor: on a busy machine, a moment by the clock is another one each time."""
+    """Seconds of the processor: on a busy machine, the same moment by the clock is another one in
+    each run.
+    """
 
 
 def commands(place: Path) -> list[Command]:
-    """Over a folder with everything of an earlier calibration. Each writes to its last argument."""
+    """Return commands over a folder with all files of an earlier calibration. Each writes to its
+    last argument.
+    """
     sessions = [
         write_session(place / name, scene(seed, views=10, amplitude=1e-5, noise=0.05))
         for name, seed in (("a", 7), ("b", 8))
@@ -78,19 +84,19 @@ def commands(place: Path) -> list[Command]:
     for session, out in zip(sessions, fits, strict=True):
         if run(["fit", str(session), *small, "-o", str(out)]) != 0:
             raise SystemExit("the session cannot be fitted")
-    one, other = map(str, fits)
+    first_fit, second_fit = map(str, fits)
     exported = place / "export a"
-    run(["export", one, "--format", "npz", "--depth", "0.6", "2", "-o", str(exported)])
+    run(["export", first_fit, "--format", "npz", "--depth", "0.6", "2", "-o", str(exported)])
     for folder in (*fits, exported):
         for name, data in FOREIGN.items():
             (folder / name).write_bytes(data)
-    digest = Calibration.load(other).digest
+    digest = Calibration.load(second_fit).digest
     return [
         Command("fit", ["fit", str(sessions[1]), *small, "-o"], fits[0], ""),
-        Command("diagnose", ["diagnose", other, "-o"], fits[0], ""),
+        Command("diagnose", ["diagnose", second_fit, "-o"], fits[0], ""),
         Command(
             "export",
-            ["export", other, "--format", "npz", "--depth", "0.6", "1", "3", "-o"],
+            ["export", second_fit, "--format", "npz", "--depth", "0.6", "1", "3", "-o"],
             exported,
             digest,
         ),
@@ -144,42 +150,42 @@ def contents(folder: Path) -> Contents:
 
 def measured(command: Command, place: Path) -> Whole:
     out = place / "whole"
-    shutil.copytree(command.before, out)
+    shutil.copytree(command.initial_folder, out)
     tally = place / "tally"
     _, status, used = os.wait4(_fork([*command.arguments, str(out)], counted=tally), 0)
     code = os.waitstatus_to_exitcode(status)
-    whole = Whole(
+    complete = Whole(
         frozenset(contents(out)),
         written(out, command),
         tally.stat().st_size,
         used.ru_utime + used.ru_stime,
     )
-    if code or (wrong := unlike_one_set(out, whole, command)):
+    if code or (wrong := unlike_one_set(out, complete, command)):
         raise SystemExit(f"{command.name} ends with {code}{f'; {wrong}' if code == 0 else ''}")
     shutil.rmtree(out)
     tally.unlink()
-    return whole
+    return complete
 
 
 def written(folder: Path, command: Command) -> frozenset[str]:
-    before = contents(command.before)
-    return frozenset(name for name, data in contents(folder).items() if data != before.get(name))
+    initial = contents(command.initial_folder)
+    return frozenset(name for name, data in contents(folder).items() if data != initial.get(name))
 
 
-def unlike_one_set(folder: Path, whole: Whole, command: Command) -> str:
+def unlike_one_set(folder: Path, complete: Whole, command: Command) -> str:
     """Return what speaks against these being the files of one set, without any code of calib that
     tidies up; empty where nothing does.
     """
-    found = contents(folder)
-    if found.keys() != whole.names or written(folder, command) != whole.written:
-        return f"of {sorted(found)}, it wrote {sorted(written(folder, command))}"
-    if any(found[name] != data for name, data in FOREIGN.items()):
+    files = contents(folder)
+    if files.keys() != complete.names or written(folder, command) != complete.written:
+        return f"of {sorted(files)}, it wrote {sorted(written(folder, command))}"
+    if any(files[name] != data for name, data in FOREIGN.items()):
         return "a stranger's file has changed"
-    digest = sha256(found["calibration.npz"]).hexdigest() if "calibration.npz" in found else ""
-    if digest and f"arrays_sha256: {digest}".encode() not in found["calibration.yaml"]:
+    digest = sha256(files["calibration.npz"]).hexdigest() if "calibration.npz" in files else ""
+    if digest and f"arrays_sha256: {digest}".encode() not in files["calibration.yaml"]:
         return "calibration.yaml is of another calibration.npz"
     digest = command.digest or digest
-    for name in whole.written:
+    for name in complete.written:
         path = folder / name
         if path.name == "report.html" and not (
             digest in (text := path.read_text()) and text.rstrip().endswith("</html>")
@@ -194,19 +200,19 @@ def unlike_one_set(folder: Path, whole: Whole, command: Command) -> str:
     return ""
 
 
-def judged(out: Path, command: Command, whole: Whole) -> str:
+def judged(out: Path, command: Command, complete: Whole) -> str:
     """Return old, new, or what is wrong."""
-    if contents(out) == contents(command.before):
+    if contents(out) == contents(command.initial_folder):
         return "old"
-    return unlike_one_set(out, whole, command) or "new"
+    return unlike_one_set(out, complete, command) or "new"
 
 
-def judged_after(out: Path, command: Command, whole: Whole) -> str:
+def judged_after(out: Path, command: Command, complete: Whole) -> str:
     """Return the judgement after calib has tidied up; it leaves nothing behind."""
     finish_change(out)
     if (out / HIDDEN).exists() or any(path.is_symlink() for path in out.iterdir()):
         return "links are left"
-    return judged(out, command, whole)
+    return judged(out, command, complete)
 
 
 def take_links_away() -> None:
@@ -232,8 +238,8 @@ def main() -> int:
     cv2.setNumThreads(1)
     draw = random.Random(args.seed)
     tally: Counter[tuple[str, str]] = Counter()
-    seen: Counter[tuple[str, str]] = Counter()
-    settled = left = ended = 0
+    counts: Counter[tuple[str, str]] = Counter()
+    settled = unfinished = ended = 0
     spoken = time.monotonic()
     with TemporaryDirectory() as folder:
         place = Path(folder)
@@ -241,36 +247,36 @@ def main() -> int:
         wholes = {command.name: measured(command, place) for command in tried}
         for number in range(args.kills):
             command = tried[number % len(tried)]
-            whole, turn = wholes[command.name], number // len(tried)
+            complete, turn = wholes[command.name], number // len(tried)
             out = place / "out"
-            shutil.copytree(command.before, out)
-            part = (turn // 2 + draw.random() * (turn % 2)) / -(-args.kills // (2 * len(tried)))
+            shutil.copytree(command.initial_folder, out)
+            progress = (turn // 2 + draw.random() * (turn % 2)) / -(-args.kills // (2 * len(tried)))
             at = (
-                {"work_s": part * whole.work_s}
+                {"work_s": progress * complete.work_s}
                 if turn % 2
-                else {"change": int(part * whole.changes)}
+                else {"change": int(progress * complete.changes)}
             )
             child = _fork([*command.arguments, str(out)], **at)
             ended += os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) >= 0
-            left += any(path.name.endswith(".tmp") for path in out.rglob("*"))
+            unfinished += any(path.name.endswith(".tmp") for path in out.rglob("*"))
             settled += any(path.is_symlink() for path in out.iterdir())
-            anybody = judged(out, command, whole)
-            found = judged_after(out, command, whole)
-            if not args.without_links and anybody != found:
-                found = f"calib sees {found} where another reader sees {anybody}"
-            tally[command.name, found] += 1
-            seen[command.name, anybody] += 1
+            anybody = judged(out, command, complete)
+            verdict = judged_after(out, command, complete)
+            if not args.without_links and anybody != verdict:
+                verdict = f"calib sees {verdict} where another reader sees {anybody}"
+            tally[command.name, verdict] += 1
+            counts[command.name, anybody] += 1
             shutil.rmtree(out)
             if time.monotonic() - spoken > SAID_EVERY_S:
                 spoken = time.monotonic()
                 print(f"{number + 1} of {args.kills}", file=sys.stderr, flush=True)
-    for (name, found), count in sorted(tally.items()):
-        print(f"{name:10}{count:5}  {found}")
-    bad = sum(count for (_, found), count in tally.items() if found not in ("old", "new"))
-    mixed = sum(count for (_, found), count in seen.items() if found not in ("old", "new"))
+    for (name, verdict), count in sorted(tally.items()):
+        print(f"{name:10}{count:5}  {verdict}")
+    bad = sum(count for (_, verdict), count in tally.items() if verdict not in ("old", "new"))
+    mixed = sum(count for (_, verdict), count in counts.items() if verdict not in ("old", "new"))
     print(
         f"seed {args.seed}, {args.kills} kills: {bad} left neither the old set nor the new one to"
-        f" calib, {mixed} to another reader; {settled} left links; {left} left a .tmp;"
+        f" calib, {mixed} to another reader; {settled} left links; {unfinished} left a .tmp;"
         f" {ended} ended before the kill"
     )
     return bool(bad)

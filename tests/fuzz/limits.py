@@ -1,5 +1,5 @@
-"""How long one case may take: so much work, which a busy machine does not shorten, and a wait that
-nothing should need.
+"""The limits of one case: a limit on its work, which a busy machine does not shorten, and one on
+its waiting.
 """
 
 import faulthandler
@@ -21,8 +21,8 @@ class Hang(BaseException):
 
 
 class Limits:
-    """`with` raises Hang in a case that works or waits for too long; only in the main thread, and
-    on systems with POSIX signals.
+    """A context that raises Hang in a case that works or waits for too long; only in the main
+    thread, and on systems with POSIX signals.
     """
 
     def __init__(self, *, deep: bool = False) -> None:

@@ -1,5 +1,5 @@
-"""How files go wrong, as hypothesis strategies: texts, values in mappings, arrays, and what stands
-in the place of a file.
+"""Strategies of hypothesis for wrong files: texts, values in mappings, arrays, and other things in
+the place of a file.
 """
 
 import copy
@@ -18,14 +18,14 @@ TOKENS = (
     b",", b"#", b"&a", b"*a", b"!!", b"|", b">", b"?", b"%", b"@", b"[/b]", b"[link=x]", b"<b>", b"inf", b".inf", b".nan", b"-inf",  # noqa: E501
     b"9" * 5000, b"x" * 5000, b"[" * 3000, b"{a: " * 500, b"- " * 500, b"1," * 3000, b"\n" * 3000, b"\xff" * 5000, b"a: *a\n",  # noqa: E501
 )  # fmt: skip
-"""What is put into a text, or in the place of a part of it."""
+"""The tokens that are put into a text, or in the place of a part of it."""
 VALUES: tuple[Any, ...] = (
     None, True, False, "", "x", "12", "\x1b[2J\ncalib: all is well", "y" * 5000, 0, 1, -1, 3, 10**30, 0.5, -0.0, 1e-300, 1e300, -1e300,  # noqa: E501
     float("nan"), float("inf"), [], {}, [1], [1, 2], ["a", None], [[1.0, 2.0]] * 3, {"value": 25, "sigma": 1e300},  # noqa: E501
     {"value": 25, "sigma": 0},
     {"a": {"b": [1]}}, [0] * 3000, 10**6,
 )  # fmt: skip
-"""What stands in the place of a value."""
+"""The values that take the place of a value."""
 
 
 WORDS = (
@@ -34,7 +34,7 @@ WORDS = (
     "none", "all", "lens,lens", "radius,", ",", "[/b]", "[link=x]", "%", "%(prog)s", "{}", "~", "a\nb", "absent.png", "folder:", "folder:.",  # noqa: E501
     "video:x", "v4l2:", "v4l2:/dev/null", "folder:absent?speed=nan", "libcamera:\x1b",
 )  # fmt: skip
-"""What stands in the place of a word of a command line, or beside it."""
+"""The words that take the place of a word of a command line, or stand beside it."""
 NUMBERS = (
     "0",
     "0.001",
@@ -56,8 +56,8 @@ NUMBERS = (
     "-1",
     "-0.0",
 )
-"""What stands in the place of a number of a command line: more of these are taken, and meet the
-code behind the arguments.
+"""The numbers that take the place of a number of a command line: more of these are accepted, and
+reach the code behind the arguments.
 """
 
 
@@ -92,21 +92,21 @@ def texts(draw: st.DrawFn, good: Sequence[bytes]) -> bytes:
     """A good text with a few of its parts cut, doubled, moved, or replaced by a token."""
     data = draw(st.sampled_from(good))
     for _ in range(draw(st.integers(1, 4))):
-        begin = draw(st.integers(0, len(data)))
-        end = min(len(data), begin + draw(st.sampled_from((0, 0, 1, 1, 2, 5, 30, 400))))
+        start = draw(st.integers(0, len(data)))
+        end = min(len(data), start + draw(st.sampled_from((0, 0, 1, 1, 2, 5, 30, 400))))
         match draw(st.integers(0, 5)):
             case 0:
-                data = data[:begin]
+                data = data[:start]
             case 1:
-                data = data[:begin] + data[begin:end] * 3 + data[end:]
+                data = data[:start] + data[start:end] * 3 + data[end:]
             case 2:
                 data = (
-                    data[:begin]
-                    + bytes(byte ^ (1 << draw(st.integers(0, 7))) for byte in data[begin:end][:5])
+                    data[:start]
+                    + bytes(byte ^ (1 << draw(st.integers(0, 7))) for byte in data[start:end][:5])
                     + data[end:]
                 )
             case _:
-                data = data[:begin] + draw(st.sampled_from(TOKENS)) + data[end:]
+                data = data[:start] + draw(st.sampled_from(TOKENS)) + data[end:]
     return data
 
 
@@ -115,9 +115,9 @@ def mappings(draw: st.DrawFn, good: Mapping[str, Any]) -> dict[str, Any]:
     """A good mapping with a few values, at any depth, replaced, removed or put under another
     key.
     """
-    said = copy.deepcopy(dict(good))
+    spoilt = copy.deepcopy(dict(good))
     for _ in range(draw(st.integers(1, 3))):
-        place: Any = said
+        place: Any = spoilt
         while True:
             keys = list(place) if isinstance(place, dict) else list(range(len(place)))
             if not keys:
@@ -136,7 +136,7 @@ def mappings(draw: st.DrawFn, good: Mapping[str, Any]) -> dict[str, Any]:
                 case _:
                     place[key] = copy.deepcopy(draw(st.sampled_from(VALUES)))
             break
-    return said
+    return spoilt
 
 
 @st.composite
@@ -182,36 +182,40 @@ def corner_views(draw: st.DrawFn, good: NDArray[np.float64]) -> NDArray[np.float
     corners = good.copy()
     views, count = corners.shape[:2]
     for _ in range(draw(st.integers(1, 2))):
-        some = slice(None) if draw(st.booleans()) else slice(draw(st.integers(0, views - 1)), None)
-        centre = corners[some].mean((0, 1))
+        selected = (
+            slice(None) if draw(st.booleans()) else slice(draw(st.integers(0, views - 1)), None)
+        )
+        centre = corners[selected].mean((0, 1))
         match draw(st.integers(0, 9)):
             case 0:  # the same in every view
-                corners[some] = corners[draw(st.integers(0, views - 1))]
+                corners[selected] = corners[draw(st.integers(0, views - 1))]
             case 1:  # all in one place
-                corners[some] = draw(st.sampled_from((0.0, 100.0)))
+                corners[selected] = draw(st.sampled_from((0.0, 100.0)))
             case 2:  # on one line
-                corners[some, :, 1] = draw(st.sampled_from((1.0, 120.0)))
+                corners[selected, :, 1] = draw(st.sampled_from((1.0, 120.0)))
             case 3:  # small, large, flat, or mirrored
-                corners[some] = centre + (corners[some] - centre) * draw(
+                corners[selected] = centre + (corners[selected] - centre) * draw(
                     st.sampled_from(
                         ((1e-3, 1e-3), (0.1, 0.1), (1.0, 1e-2), (-1.0, 1.0), (1e-9, 1.0))
                     )
                 )
             case 4:  # in another order
-                corners[some] = corners[some, ::-1]
+                corners[selected] = corners[selected, ::-1]
             case 5:
-                corners[some] = corners[some][:, np.random.default_rng(1).permutation(count)]
+                corners[selected] = corners[selected][
+                    :, np.random.default_rng(1).permutation(count)
+                ]
             case 6:  # noise
                 sigma = draw(st.sampled_from((0.01, 1.0, 30.0)))
                 noise = np.random.default_rng(draw(st.integers(0, 9))).normal(0, sigma, good.shape)
-                corners[some] += noise[some]
+                corners[selected] += noise[selected]
             case 7:  # few are seen
-                corners[some, draw(st.sampled_from((0, 4, 7, 8, 9, 20))) :] = np.nan
+                corners[selected, draw(st.sampled_from((0, 4, 7, 8, 9, 20))) :] = np.nan
             case 8:  # a grid without perspective, turned towards the camera
-                across, down = np.meshgrid(np.arange(6.0), np.arange(5.0))
-                corners[some] = 20 + 30 * np.stack([across, down], -1).reshape(-1, 2)
+                columns, row_index = np.meshgrid(np.arange(6.0), np.arange(5.0))
+                corners[selected] = 20 + 30 * np.stack([columns, row_index], -1).reshape(-1, 2)
             case _:
-                corners[some] += draw(st.sampled_from((-100.0, 100.0, 1e4)))
+                corners[selected] += draw(st.sampled_from((-100.0, 100.0, 1e4)))
     return corners
 
 

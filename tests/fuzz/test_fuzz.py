@@ -22,8 +22,8 @@ from tests.fuzz.cases import Bench, Kind, each_of, spoil
 from tests.fuzz.limits import Hang, Limits
 
 CASES = 12
-"""Of each kind; a wrong place that one spoilt file in twelve finds is found here, a rarer one by
-the command.
+"""The number of cases of each kind; a wrong place that one spoilt file in twelve finds is found
+here, a rarer one by the command.
 """
 
 
@@ -32,7 +32,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     return Bench(tmp_path_factory.mktemp("fuzz"))
 
 
-def test_whatever_is_spoilt_is_said_in_a_sentence(bench: Bench) -> None:
+def test_every_spoilt_input_gets_a_sentence(bench: Bench) -> None:
     def check(kind: Kind, value: Any) -> None:
         with warnings.catch_warnings(action="error"):
             spoil(kind, value)
@@ -42,16 +42,16 @@ def test_whatever_is_spoilt_is_said_in_a_sentence(bench: Bench) -> None:
 
 
 @given(st.text(), st.integers(4, 200))
-def test_foreign_text_is_one_line_that_can_be_shown(text: str, most: int) -> None:
-    said = harmless(text, most)
-    assert said.isprintable()
-    said.encode()
+def test_foreign_text_is_one_line_that_can_be_shown(text: str, limit: int) -> None:
+    shown = harmless(text, limit)
+    assert shown.isprintable()
+    shown.encode()
     assert harmless(text) == text or not text.isprintable(), "what does no harm is left as it is"
     assert len(str(InputError(text * 100))) <= MAX_MESSAGE
     assert len(harmless(text)) >= len(text)
 
 
-def test_what_is_escaped() -> None:
+def test_control_characters_are_escaped() -> None:
     assert harmless("a\x1b[2J\ncalib: all is well") == r"a\x1b[2J\ncalib: all is well"
     assert harmless("caf\udce9.png") == r"caf\xe9.png"
     assert harmless("gnp\u202e.exe\u2028\ufeff") == r"gnp\u202e.exe\u2028\ufeff"
@@ -63,7 +63,7 @@ def test_what_is_escaped() -> None:
 
 
 def test_the_same_cases_every_time(bench: Bench) -> None:
-    (kind,) = (kind for kind in bench.kinds if kind.name == "frames.csv")
+    kind = next(kind for kind in bench.kinds if kind.name == "frames.csv")
     runs: list[list[bytes]] = [[], []]
     for run in runs:
         each_of(kind, CASES, run.append)
@@ -72,12 +72,12 @@ def test_the_same_cases_every_time(bench: Bench) -> None:
 
 @pytest.fixture
 def limits() -> Iterator[Limits]:
-    """Of a fifth of a second; pytest's own handlers come back."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGPROF, signal.SIGALRM)}
+    """Set limits of a fifth of a second; pytest's own handlers come back."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGPROF, signal.SIGALRM)}
     made = Limits()
     made.work_s, made.wait_s = 0.2, 60.0
     yield made
-    for number, handler in before.items():
+    for number, handler in handlers.items():
         signal.signal(number, handler)
 
 
@@ -87,7 +87,7 @@ def _works(_: Any) -> None:
 
 
 def _waits(_: Any) -> None:
-    handle, _other = os.pipe()
+    handle, _write_end = os.pipe()
     os.read(handle, 1)
 
 
@@ -106,7 +106,7 @@ def test_a_busy_machine_is_no_hang(limits: Limits) -> None:
         time.sleep(2 * limits.work_s)
 
 
-def test_what_goes_wrong_is_counted_and_can_be_repeated(limits: Limits) -> None:
+def test_wrong_outcomes_are_counted_and_can_be_repeated(limits: Limits) -> None:
     """Every kind of wrong, among cases that are right."""
 
     def run(value: int) -> object:
@@ -125,14 +125,14 @@ def test_what_goes_wrong_is_counted_and_can_be_repeated(limits: Limits) -> None:
 
     tally = fuzz(Kind("numbers", st.integers(0, 6), run), 100, 3, limits)
     assert (tally.tried, tally.refused, tally.wrong.total()) == (7, 2, 4)
-    said = tally.explained()
+    message = tally.explained()
     for wrong in ("ValueError", "AssertionError", "UserWarning", "Hang"):
-        assert f"numbers: {wrong} at here" in said
-    assert "python -m tests.fuzz --seed 3 --cases 100 --kind 'numbers'" in said
+        assert f"numbers: {wrong} at here" in message
+    assert "python -m tests.fuzz --seed 3 --cases 100 --kind 'numbers'" in message
 
 
 def test_another_seed_gives_other_cases(bench: Bench) -> None:
-    (kind,) = (kind for kind in bench.kinds if kind.name == "frames.csv")
+    kind = next(kind for kind in bench.kinds if kind.name == "frames.csv")
     runs: list[list[bytes]] = [[], []]
     for number, run in enumerate(runs):
         each_of(kind, CASES, run.append, number)

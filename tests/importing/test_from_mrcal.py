@@ -20,17 +20,22 @@ COMMAND = "mrcal-calibrate-cameras"
     shutil.which(COMMAND) is None,
     reason="mrcal is not installed (apt-get install mrcal): no file of its own was imported",
 )
-def test_what_mrcal_calibrated_comes_back(tmp_path: Path) -> None:
-    """Its corners, in its order, with those that it rejected as outliers marked as not seen."""
-    seen = corners(12).reshape(12, BOARD.count, 2) + np.random.default_rng(1).normal(
+def test_mrcal_s_calibration_is_imported(tmp_path: Path) -> None:
+    """The import keeps mrcal's corners, in its order, with those that it rejected as outliers
+    marked as not seen.
+    """
+    all_corners = corners(12).reshape(12, BOARD.count, 2) + np.random.default_rng(1).normal(
         0, 0.1, (12, BOARD.count, 2)
     )
-    seen[4, 20] += 15  # an outlier
+    all_corners[4, 20] += 15  # an outlier
     weight = np.ones(BOARD.count)
     weight[5] = 0.25
     write_corners(
         tmp_path / "corners.vnl",
-        [View(f"view{i:02d}.png", found, weight) for i, found in enumerate(seen)],
+        [
+            View(f"view{i:02d}.png", view_corners, weight)
+            for i, view_corners in enumerate(all_corners)
+        ],
     )
     options = {
         "--corners-cache": str(tmp_path / "corners.vnl"),
@@ -58,7 +63,7 @@ def test_what_mrcal_calibrated_comes_back(tmp_path: Path) -> None:
     assert session.corners
     views = read_corners(session.corners, BOARD)
     assert [view.name for view in views] == [f"view{i:02d}.png" for i in range(12)]
-    for view, expected in zip(views, seen, strict=True):
+    for view, expected in zip(views, all_corners, strict=True):
         assert np.nanmax(np.abs(view.corners - expected)) < 1e-9
         assert view.weight[5] in (0.25, 0.0)
     assert views[4].weight[20] == 0

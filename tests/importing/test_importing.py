@@ -1,4 +1,4 @@
-"""What other programs recorded becomes a session that calib fit calibrates."""
+"""Recordings of other programs become sessions that calib fit calibrates."""
 
 import json
 from pathlib import Path
@@ -30,7 +30,7 @@ def check_fit(
     """calib fit on the session finds the camera."""
     capsys.readouterr()
     assert main(["fit", str(session.path), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    answer = json.loads(capsys.readouterr().out)
     from calib.calibration import Calibration
 
     k = Calibration.load(session.path / "calibration").camera.intrinsics
@@ -38,8 +38,8 @@ def check_fit(
     assert (k.fx.value, k.fy.value) == pytest.approx(
         (MATRIX[0, 0], MATRIX[1, 1]), abs=focal_tolerance
     )
-    assert isinstance(said, dict)
-    return said
+    assert isinstance(answer, dict)
+    return answer
 
 
 def test_mrcal_cameramodel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -51,8 +51,8 @@ def test_mrcal_cameramodel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert session.corners
     views = read_corners(session.corners, BOARD)
     assert [view.name for view in views] == [f"shot_{frame}.png" for frame in range(8)]
-    for view, seen in zip(views, recordings.corners(), strict=True):
-        assert np.nanmax(np.abs(view.corners - seen.reshape(-1, 2))) < 1e-9
+    for view, view_corners in zip(views, recordings.corners(), strict=True):
+        assert np.nanmax(np.abs(view.corners - view_corners.reshape(-1, 2))) < 1e-9
     assert np.flatnonzero(views[2].weight == 0).tolist() == [1 * 7 + 3], (
         "mrcal's outlier is not seen"
     )
@@ -63,14 +63,14 @@ def test_mrcal_cameramodel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         " cy: 238.0, distortion: [-0.12" in text
     )
     assert "warped by 1.00 mm along x and -0.20 mm along y" in text
-    said = check_fit(session, 0.01, capsys)
-    assert said["frames_used"] == 8
+    answer = check_fit(session, 0.01, capsys)
+    assert answer["frames_used"] == 8
 
 
 def test_mrcal_corners(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     views = [
-        View(f"img{i}.jpg", seen.reshape(-1, 2), np.ones(BOARD.count))
-        for i, seen in enumerate(recordings.corners())
+        View(f"img{i}.jpg", view_corners.reshape(-1, 2), np.ones(BOARD.count))
+        for i, view_corners in enumerate(recordings.corners())
     ]
     write_corners(tmp_path / "found.vnl", views)
     session = imported(
@@ -100,8 +100,8 @@ def test_pictures(source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert [path.name for path in session.frames] == [
         f"left-{i:04d}.png" if source == "ros" else f"shot {i}.png" for i in range(8)
     ]
-    said = check_fit(session, 2.0, capsys)
-    assert said["frames_used"] == 8
+    answer = check_fit(session, 2.0, capsys)
+    assert answer["frames_used"] == 8
 
 
 def test_kalibr_s_aprilgrid(tmp_path: Path) -> None:
@@ -131,7 +131,7 @@ def test_pictures_of_a_board_with_markers(source: str, tmp_path: Path) -> None:
     )
 
 
-def test_a_board_given_wins_over_kalibr_s_target(tmp_path: Path) -> None:
+def test_a_board_option_overrides_kalibr_s_target(tmp_path: Path) -> None:
     session = imported(
         ["kalibr", str(recordings.kalibr(tmp_path / "k")), "--board", "7x6", "--square-mm", "30"],
         tmp_path / "s",
@@ -140,18 +140,18 @@ def test_a_board_given_wins_over_kalibr_s_target(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_either_camera_of_a_stereo_tar(side: str, tmp_path: Path) -> None:
+def test_each_camera_of_a_stereo_tar_can_be_imported(side: str, tmp_path: Path) -> None:
     archive = recordings.stereo_tar(tmp_path / "calibrationdata.tar.gz")
     session = imported(["ros", str(archive), *AND_BOARD, "--camera", side], tmp_path / "s")
     assert session.camera.model == f"narrow_stereo/{side}"
     assert [path.name for path in session.frames] == [f"{side}-{i:04d}.png" for i in range(8)]
     first = recordings.pictures()[0]
-    kept = cv2.imread(str(session.frames[0]), cv2.IMREAD_GRAYSCALE)
-    assert kept is not None
-    assert np.array_equal(kept, first if side == "left" else first[::-1, ::-1])
+    picture = cv2.imread(str(session.frames[0]), cv2.IMREAD_GRAYSCALE)
+    assert picture is not None
+    assert np.array_equal(picture, first if side == "left" else first[::-1, ::-1])
 
 
-def test_either_camera_of_a_kalibr_chain(tmp_path: Path) -> None:
+def test_each_camera_of_a_kalibr_chain_can_be_imported(tmp_path: Path) -> None:
     folder = recordings.kalibr(
         tmp_path / "k", chain=CAMCHAIN + SECOND.replace("[640, 480]", "[320, 240]")
     )
@@ -165,7 +165,7 @@ def test_either_camera_of_a_kalibr_chain(tmp_path: Path) -> None:
     )
 
 
-def test_the_picture_s_names_in_a_tar_lead_nowhere_else(tmp_path: Path) -> None:
+def test_names_of_pictures_in_a_tar_cannot_leave_the_folder(tmp_path: Path) -> None:
     archive = recordings.tar(
         tmp_path / "c.tar.gz", extra=("../../evil.png", "rear-0001.png", "../left-9999.txt")
     )

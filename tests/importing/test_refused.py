@@ -1,4 +1,4 @@
-"""What cannot be imported gets one sentence, exit code 2, and leaves nothing behind."""
+"""A recording that cannot be imported gets one sentence and exit code 2, and leaves no file."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -307,17 +307,17 @@ REFUSED = (
 
 
 @pytest.mark.parametrize("case", REFUSED, ids=lambda case: case.name)
-def test_one_sentence_and_nothing_left_behind(
+def test_a_refused_import_gets_one_sentence_and_leaves_no_file(
     case: Refused, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "in").mkdir()
     (tmp_path / "out").mkdir()
-    given = case.make(tmp_path / "in")
+    source = case.make(tmp_path / "in")
     code = main(
         [
             "import",
             case.source,
-            str(given),
+            str(source),
             *case.arguments,
             "-o",
             str(tmp_path / "out" / "session"),

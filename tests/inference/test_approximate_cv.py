@@ -14,7 +14,7 @@ from calib.estimation.joint_fit import ROUNDS, Estimate, JointFit
 from calib.estimation.residuals import residuals
 from calib.inference.approximate_cv import FitWithout, fits_without
 from calib.inference.calibration_model import base_model
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
 from tests.diagnosis.hide import fitted, hidden
 
 PARTS = np.arange(12) % 3
@@ -45,59 +45,55 @@ def cost_of(optimum: FittedModel) -> float:
     return optimum.joint.cost
 
 
-def apart(at: FittedModel, one: Estimate, other: Estimate) -> float:
+def apart(at: FittedModel, estimate: Estimate, reference: Estimate) -> float:
     """The largest difference of two fits' numbers, over the sigma of the other."""
-    vectors = [at.model.parameters.vector(joint.values) for joint in (one, other)]
-    return float(((vectors[0] - vectors[1]) / other.covariance.diagonal().sqrt()).abs().max())
+    vectors = [at.model.parameters.vector(joint.values) for joint in (estimate, reference)]
+    return float(((vectors[0] - vectors[1]) / reference.covariance.diagonal().sqrt()).abs().max())
 
 
-def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: FittedModel) -> None:
-    for index, left in enumerate(fits_without(optimum, cost_of(optimum), PARTS)):
-        found, out = left.joint, torch.from_numpy(index == PARTS)
-        rest = optimum.model.fit(
+def test_one_step_reaches_the_fit_of_the_remaining_views(optimum: FittedModel) -> None:
+    for index, without in enumerate(fits_without(optimum, cost_of(optimum), PARTS)):
+        fit, out = without.joint, torch.from_numpy(index == PARTS)
+        refit = optimum.model.fit(
             optimum.observations.without_views(out), optimum.joint.poses[~out], optimum.joint.start
         )
-        assert apart(optimum, found, rest) < 0.1 < apart(optimum, optimum.joint, rest)
-        assert torch.allclose(found.covariance.diagonal(), rest.covariance.diagonal(), rtol=0.02)
-        moved, missing = (
-            float((joint.poses[~out] - rest.poses).abs().max()) for joint in (optimum.joint, found)
-        )
+        assert apart(optimum, fit, refit) < 0.1 < apart(optimum, optimum.joint, refit)
+        assert torch.allclose(fit.covariance.diagonal(), refit.covariance.diagonal(), rtol=0.02)
+        moved = float((optimum.joint.poses[~out] - refit.poses).abs().max())
+        missing = float((fit.poses[~out] - refit.poses).abs().max())
         assert missing < 0.1 * moved
 
 
-@pytest.mark.parametrize("every", [1, 2])
-def test_views_that_were_left_out_follow_by_a_step_of_their_own(
-    optimum: FittedModel, every: int
-) -> None:
-    """What is left of them, by equations, and by fits of their poses to all of their corners or to
-    every other.
+@pytest.mark.parametrize("interval", [1, 2])
+def test_poses_of_held_out_views_follow_by_one_step(optimum: FittedModel, interval: int) -> None:
+    """The residual of held-out views by the equations is that of fits of their poses to all of
+    their corners, or to every other corner.
     """
-    known = torch.arange(len(optimum.observations.pixels)) % every == 0
-    for index, left in enumerate(fits_without(optimum, cost_of(optimum), PARTS, known)):
+    pose_corners = torch.arange(len(optimum.observations.pixels)) % interval == 0
+    for index, fit in enumerate(fits_without(optimum, cost_of(optimum), PARTS, pose_corners)):
         out = torch.from_numpy(index == PARTS)
         test = optimum.observations.without_views(~out)
         stay = optimum.joint.poses[out]
         poses = optimum.model.fit_poses(
-            left.joint, test.select_rows(known[out[optimum.observations.view]]), stay
+            fit.joint, test.select_rows(pose_corners[out[optimum.observations.view]]), stay
         )
-        missed, before = (
-            residuals(optimum.model.path, left.joint.values, test, where).image
-            for where in (poses, stay)
-        )
-        error, control = (
-            float((other - missed).square().mean().sqrt()) for other in (left.residual, before)
-        )
+        residual = residuals(optimum.model.path, fit.joint.values, test, poses).image
+        initial_residual = residuals(optimum.model.path, fit.joint.values, test, stay).image
+        error = float((fit.residual - residual).square().mean().sqrt())
+        control = float((initial_residual - residual).square().mean().sqrt())
         assert error < 0.07 * optimum.joint.sigma, "a two-hundredth of its square"
         assert error < 0.25 * control
 
 
-def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: FittedModel) -> None:
+def test_the_prediction_variance_equals_the_scatter_over_drawn_parameters(
+    optimum: FittedModel,
+) -> None:
     """The parameters are drawn from their covariance, and the views' poses follow."""
-    left = fits_without(optimum, cost_of(optimum), PARTS)[0]
+    fit = fits_without(optimum, cost_of(optimum), PARTS)[0]
     out = torch.from_numpy(PARTS == 0)
     test = optimum.observations.without_views(~out)
-    root = torch.linalg.cholesky(left.joint.covariance)
-    middle = optimum.model.parameters.vector(left.joint.values)
+    root = torch.linalg.cholesky(fit.joint.covariance)
+    middle = optimum.model.parameters.vector(fit.joint.values)
     rng = torch.Generator().manual_seed(0)
     drawn = []
     for _ in range(40):
@@ -105,20 +101,20 @@ def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: FittedModel) -> 
             middle + root @ torch.randn(len(root), dtype=torch.float64, generator=rng)
         )
         poses = optimum.model.fit_poses(
-            replace(left.joint, values=values), test, left.joint.poses[out]
+            replace(fit.joint, values=values), test, fit.joint.poses[out]
         )
-        drawn.append(residuals(optimum.model.path, values, test, poses).image - left.residual)
+        drawn.append(residuals(optimum.model.path, values, test, poses).image - fit.residual)
     variance = torch.stack(drawn).square().mean((0, 2)) / optimum.joint.sigma**2
-    assert float(variance.mean() / left.prediction_variance.mean()) == pytest.approx(
+    assert float(variance.mean() / fit.prediction_variance.mean()) == pytest.approx(
         1, abs=0.3
     )  # 40 draws of some ten directions
     assert (
-        float(torch.corrcoef(torch.stack([variance.log(), left.prediction_variance.log()]))[0, 1])
+        float(torch.corrcoef(torch.stack([variance.log(), fit.prediction_variance.log()]))[0, 1])
         > 0.9
     )
 
 
-def test_where_a_step_fails_the_others_are_fitted(
+def test_the_remaining_views_are_fitted_if_a_step_fails(
     optimum: FittedModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From boards that are turned by 30 degrees, equations say little of where the fit ends."""
@@ -133,15 +129,13 @@ def test_where_a_step_fails_the_others_are_fitted(
     ), "the control: the steps alone"
 
 
-def errors(at: FittedModel, found: Sequence[FitWithout]) -> Iterator[float]:
-    """What each leaves of the views that it is a fit to, over what the fit to all views leaves of
-    them.
-    """
-    for index, each in enumerate(found):
+def errors(at: FittedModel, fits: Sequence[FitWithout]) -> Iterator[float]:
+    """Yield the error of each fit on its own views over the error of the fit to all views."""
+    for index, fit in enumerate(fits):
         out = torch.from_numpy(index == PARTS)
-        seen = at.observations.without_views(out)
-        left, least = (
-            residuals(at.model.path, one.values, seen, one.poses[~out]).rms_px
-            for one in (each.joint, at.joint)
-        )
-        yield left / least
+        observations = at.observations.without_views(out)
+        rms = residuals(at.model.path, fit.joint.values, observations, fit.joint.poses[~out]).rms_px
+        full_rms = residuals(
+            at.model.path, at.joint.values, observations, at.joint.poses[~out]
+        ).rms_px
+        yield rms / full_rms

@@ -1,4 +1,4 @@
-"""What is held out together, and what frames.csv says of it."""
+"""The groups of views that are held out together, also by frames.csv."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from tests.diagnosis.hide import fitted, hidden
 POSES = [0, 0, 0, 1, 1, 2, 3, 4, 5, 5, 6, 7]
 
 
-def test_a_burst_is_held_out_as_a_whole() -> None:
+def test_all_views_of_a_burst_are_held_out_together() -> None:
     split = fold_split(POSES)
     assert split.group.tolist() == [0, 0, 0, 1, 1, 2, 3, 4, 0, 0, 1, 2]
     assert split.pose.tolist() == POSES
@@ -32,17 +32,19 @@ def test_bands_of_depth_are_near_middle_and_far() -> None:
 
 
 def test_a_part_is_scored_by_a_fit_that_did_not_see_it() -> None:
-    """By hand for one part, its poses refitted on the board and not in the image."""
+    """The test refits one part by hand. Its poses are refitted on the board, not in the image."""
     made = fitted(hidden(None, {}, views=10))
-    model, seen = base_model(made), made.observations
-    joint = model.fit(seen, torch.from_numpy(made.poses))
-    held = hold_out(model, seen, joint, fold_split(range(10)))
+    model, observations = base_model(made), made.observations
+    joint = model.fit(observations, torch.from_numpy(made.poses))
+    held = hold_out(model, observations, joint, fold_split(range(10)))
     out = torch.arange(10) % 5 == 3
-    rest = model.fit(seen.without_views(out), joint.poses[~out], joint.start)
-    missed = refit_poses(model.path, rest.values, seen.without_views(~out), joint.poses[out])[1]
-    scored = held.squares[out[seen.view].numpy()]
+    refit = model.fit(observations.without_views(out), joint.poses[~out], joint.start)
+    held_out = refit_poses(
+        model.path, refit.values, observations.without_views(~out), joint.poses[out]
+    )[1]
+    scored = held.squares[out[observations.view].numpy()]
     assert np.sqrt(scored.mean()) == pytest.approx(
-        missed.rms_px, rel=0.01
+        held_out.rms_px, rel=0.01
     )  # the two ways to fit a pose weigh corners differently
     assert held.rms > 1.01 * joint.sigma * 2**0.5
 
@@ -54,14 +56,14 @@ def test_a_burst_counts_as_one_view() -> None:
     assert finding.remarks[0].startswith("With 5 views nothing can be confirmed")
 
 
-def test_what_the_fit_hardly_predicts_counts_as_much_less() -> None:
+def test_corners_that_are_hardly_predicted_have_less_weight() -> None:
     """Corners that the folds' fits extrapolate to are off by more than the noise, by as much as
     their weights say.
     """
     made = fitted(hidden(None, {}, seed=3, views=15))
-    model, seen = base_model(made), made.observations
-    joint = model.fit(seen, torch.from_numpy(made.poses))
-    held = hold_out(model, seen, joint, fold_split(range(15)))
+    model, observations = base_model(made), made.observations
+    joint = model.fit(observations, torch.from_numpy(made.poses))
+    held = hold_out(model, observations, joint, fold_split(range(15)))
     unsure = held.weight < np.quantile(held.weight, 0.2)
     noise = 2 * 0.1**2 * (1 - 6 / (2 * 81))  # each pose takes up six of 162 degrees of freedom
     assert held.weight[unsure].mean() < 0.8 * held.weight[~unsure].mean()

@@ -8,8 +8,8 @@ VIEWS, ROWS, PARAMETERS = 12, 80, 3
 
 
 def _p_value(size: float, seed: int, *, silent: int = 0, bad: int = 0) -> float:
-    """Of an effect that shifts a view's rows by `size` sigma and more; the first views do not show
-    it, the last are noise of five sigma.
+    """Return the p-value of an effect that shifts a view's rows by `size` sigma and more. The first
+    views do not show it, and the last ones have noise of five sigma.
     """
     rng = np.random.default_rng(seed)
     rows = [
@@ -17,16 +17,16 @@ def _p_value(size: float, seed: int, *, silent: int = 0, bad: int = 0) -> float:
     ]
     sigmas = [5.0 if view >= VIEWS - bad else 1.0 for view in range(VIEWS)]
     residuals = [
-        own @ np.full(PARAMETERS, size) + rng.normal(0, sigma, ROWS)
-        for own, sigma in zip(rows, sigmas, strict=True)
+        row @ np.full(PARAMETERS, size) + rng.normal(0, sigma, ROWS)
+        for row, sigma in zip(rows, sigmas, strict=True)
     ]
-    score = sum(own.T @ residual for own, residual in zip(rows, residuals, strict=True))
+    score = sum(row.T @ residual for row, residual in zip(rows, residuals, strict=True))
     return jackknife_p_value(
-        residuals, rows, score, sum(own.T @ own for own in rows) + np.eye(PARAMETERS)
+        residuals, rows, score, sum(row.T @ row for row in rows) + np.eye(PARAMETERS)
     )
 
 
-def test_it_is_seen_though_some_views_say_nothing_and_some_are_bad() -> None:
+def test_an_effect_is_detected_beside_uninformative_and_bad_views() -> None:
     """Nine or ten views of twelve agree: flips of their signs alone are as one-sided once in 2^9
     times, twice that for two tests.
     """
@@ -35,6 +35,6 @@ def test_it_is_seen_though_some_views_say_nothing_and_some_are_bad() -> None:
     assert _p_value(1.0, 0, bad=2) < 0.01
 
 
-def test_noise_passes_no_more_often_than_it_says() -> None:
+def test_noise_passes_at_most_at_the_stated_rate() -> None:
     p_values = np.array([_p_value(0.0, seed) for seed in range(100)])
     assert (p_values < 0.05).sum() <= 10  # 5 are expected at most, their standard deviation is 2.2

@@ -11,6 +11,7 @@ import torch
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.priors import Priors
+from calib.inference.fitted_model import FittedModel
 from calib.inference.laplace_evidence import LaplaceEvidence
 from calib.inference.model_discrepancy import (
     LENGTHS,
@@ -18,7 +19,6 @@ from calib.inference.model_discrepancy import (
     board_modes,
     discrepancy_gain,
 )
-from calib.inference.score_test import FittedModel
 from fixtures.synthetic import Scene, scene
 
 
@@ -29,11 +29,11 @@ def test_modes_have_the_processes_covariances() -> None:
     x, y = np.meshgrid(0.03 * np.arange(9), 0.03 * np.arange(6))
     corners = np.column_stack([x.ravel(), y.ravel()])[np.random.default_rng(0).permutation(54)[:40]]
     modes, spreads = board_modes(corners)
-    apart = ((corners[:, None] - corners) ** 2).sum(-1) / np.ptp(corners, axis=0).max() ** 2
+    distances = ((corners[:, None] - corners) ** 2).sum(-1) / np.ptp(corners, axis=0).max() ** 2
     for length, spread in zip(LENGTHS, spreads, strict=True):
-        assert np.abs(modes @ spread @ modes.T - np.exp(-apart / (2 * length**2))).max() < 0.03, (
-            length
-        )  # a mode left out has a thousandth
+        assert (
+            np.abs(modes @ spread @ modes.T - np.exp(-distances / (2 * length**2))).max() < 0.03
+        ), length  # a mode left out has a thousandth
 
 
 def test_a_large_board_has_few_modes() -> None:
@@ -42,22 +42,22 @@ def test_a_large_board_has_few_modes() -> None:
     assert board_modes(np.column_stack([x.ravel(), y.ravel()]))[0].shape[1] < 64
 
 
-def test_the_likelihood_is_the_dense_one() -> None:
-    """Of three views with two own parameters, one of which has a prior, and two shared ones: a
-    normal distribution whose covariance is written out, a flat prior being a very wide one. Only
-    constants differ, those of the priors.
+def test_the_likelihood_agrees_with_a_dense_one() -> None:
+    """The test has three views with two own parameters, one of which has a prior, and two shared
+    ones. Their dense covariance is written out, with a very wide prior for a flat one. The results
+    differ by constants of the priors.
     """
     rng = np.random.default_rng(1)
     views, corners, modes = 3, 6, 4
-    process, (own, shared) = (
+    process, (own_jacobian, shared) = (
         rng.normal(size=(views, corners, modes)),
         (rng.normal(size=(views, 2 * corners, 2)) for _ in "ab"),
     )
-    left = rng.normal(size=(views, 2 * corners, 1))
+    residuals_of_views = rng.normal(size=(views, 2 * corners, 1))
     roots = rng.normal(size=(2, modes, modes))
     spread = roots @ roots.swapaxes(1, 2)
     own_precision, precision = np.array([0.0, 2.0]), np.diag([3.0, 0.5])
-    columns = torch.from_numpy(np.concatenate([own, shared, left], -1))
+    columns = torch.from_numpy(np.concatenate([own_jacobian, shared, residuals_of_views], -1))
     around = LaplaceEvidence(tuple(columns), torch.from_numpy(precision))
     likelihood = DiscrepancyLikelihood(
         around,
@@ -76,10 +76,12 @@ def test_the_likelihood_is_the_dense_one() -> None:
             covariance[place, place] += noise**2 * np.kron(
                 over_board, np.eye(2)
             )  # x and y have processes of their own
-            covariance[place, place] += own[view] @ np.diag([flat, 0.5]) @ own[view].T
-        whole = shared.reshape(-1, 2)
-        covariance += whole @ np.linalg.inv(precision) @ whole.T
-        residual = left.ravel()
+            covariance[place, place] += (
+                own_jacobian[view] @ np.diag([flat, 0.5]) @ own_jacobian[view].T
+            )
+        stacked = shared.reshape(-1, 2)
+        covariance += stacked @ np.linalg.inv(precision) @ stacked.T
+        residual = residuals_of_views.ravel()
         return (
             -float(
                 np.linalg.slogdet(covariance)[1] + residual @ np.linalg.solve(covariance, residual)
@@ -101,16 +103,18 @@ def test_the_likelihood_is_the_dense_one() -> None:
 
 
 def optimum(made: Scene, shift: np.ndarray) -> FittedModel:
-    """Of a camera whose focal lengths and glass are estimated, its corners moved by (M, 2) px."""
-    seen = made.observations
-    moved = replace(seen, pixels=seen.pixels + torch.from_numpy(shift))
+    """Return the fit of a camera whose focal lengths and glass are estimated, with its corners
+    moved by (M, 2) px.
+    """
+    observations = made.observations
+    moved = replace(observations, pixels=observations.pixels + torch.from_numpy(shift))
     model = CameraModel(made.path, made.values, Priors({"camera.fx": 20.0, "camera.fy": 20.0}))
     joint: JointFit = model.fit(moved, made.poses)
     assert joint.finite
     return FittedModel(model, moved, joint)
 
 
-def test_noise_has_no_structure_and_a_bend_of_its_own_in_each_view_has() -> None:
+def test_a_bend_in_each_view_raises_the_evidence_and_noise_does_not() -> None:
     made = scene(5, views=12, grid=(4, 4), noise=0.1)
     corners, view = made.observations.corners.numpy(), made.observations.view.numpy()
     assert abs(discrepancy_gain(optimum(made, np.zeros((len(corners), 2))))) < 0.1

@@ -1,4 +1,4 @@
-"""What organises a residual is found, what does not is not, and noise is called noise."""
+"""The variables that organise a residual are found, no others are, and noise is called noise."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -35,9 +35,9 @@ def unmoved() -> ResidualScene:
         depth = rng.uniform(0.25, 1.0)
         turn = rng.uniform(-0.6, 0.6)
         turned = points @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        seen = turned * 900 / depth
-        room = np.array([WIDTH, HEIGHT]) / 2 - np.abs(seen).max(0)
-        pixels.append(seen + np.array([WIDTH, HEIGHT]) / 2 + rng.uniform(-1, 1, 2) * room)
+        shown = turned * 900 / depth
+        room = np.array([WIDTH, HEIGHT]) / 2 - np.abs(shown).max(0)
+        pixels.append(shown + np.array([WIDTH, HEIGHT]) / 2 + rng.uniform(-1, 1, 2) * room)
         depths.append(depth + 0.3 * turned[:, 0])
     views = tuple(View(f"{v}.png", at, np.ones(BOARD.count)) for v, at in enumerate(pixels))
     x, y = (np.concatenate(pixels) - [WIDTH / 2, HEIGHT / 2]).T / WIDTH
@@ -53,9 +53,14 @@ def unmoved() -> ResidualScene:
 
 
 def with_residual(residual: Array) -> ResidualScene:
-    still = unmoved()
+    unmoved_scene = unmoved()
     return ResidualScene(
-        still.observations, residual, still.distance, still.incidence, WIDTH, HEIGHT
+        unmoved_scene.observations,
+        residual,
+        unmoved_scene.distance,
+        unmoved_scene.incidence,
+        WIDTH,
+        HEIGHT,
     )
 
 
@@ -102,11 +107,13 @@ def drift() -> Array:
 
 
 def parallax() -> Array:
-    """What a wrong glass does: outwards by incidence, near boards against far ones."""
-    still = unmoved()
-    outwards = (still.observations.pixels.numpy() - [WIDTH / 2, HEIGHT / 2]) / WIDTH
-    near = 1 / still.distance
-    return np.asarray((1 - still.incidence)[:, None] * (near - near.mean())[:, None] * outwards)
+    """Return the shifts by a wrong glass: outwards by incidence, near boards against far ones."""
+    unmoved_scene = unmoved()
+    outwards = (unmoved_scene.observations.pixels.numpy() - [WIDTH / 2, HEIGHT / 2]) / WIDTH
+    near = 1 / unmoved_scene.distance
+    return np.asarray(
+        (1 - unmoved_scene.incidence)[:, None] * (near - near.mean())[:, None] * outwards
+    )
 
 
 def detector() -> Array:
@@ -133,26 +140,28 @@ UNTOUCHED: dict[str, set[str]] = {
     "incidence x depth": {"board", "sub-pixel phase"},
     "sub-pixel phase": {"board", "view and time"},
 }
-"""What a field has no part in; the rest is smooth over the picture as it is, and shares some."""
+"""The variables that have no part in a field. The other ones are smooth over the picture as the
+field is, and share some of it.
+"""
 
 
-def test_every_organiser_is_planted() -> None:
+def test_every_variable_is_planted_once() -> None:
     assert set(PLANTED) == set(UNTOUCHED) == set(ORGANISERS)
 
 
 @pytest.mark.parametrize("name", PLANTED)
-def test_what_is_planted_is_named_first_and_what_is_not_is_not(name: str) -> None:
-    """As large as the noise. A chance of a thousandth is what a diagnosis would speak of."""
-    plant, least = PLANTED[name]
+def test_a_planted_variable_is_named_first_and_no_untouched_one(name: str) -> None:
+    """The planted field is as large as the noise. A diagnosis reports p-values below 0.001."""
+    plant, minimum = PLANTED[name]
     field = plant()
     with single_thread():
         shares = with_residual(noise(5) + field * SIGMA / np.sqrt((field**2).mean())).split()
     assert shares[0].organised_by == name
     assert shares[0].p_value < 1e-10
-    assert shares[0].fraction - shares[0].chance > least
-    found = by_name(shares)
-    assert found.keys() == ORGANISERS.keys()
-    assert all(found[other].p_value > 1e-3 for other in UNTOUCHED[name]), found
+    assert shares[0].fraction - shares[0].chance > minimum
+    result = by_name(shares)
+    assert result.keys() == ORGANISERS.keys()
+    assert all(result[untouched].p_value > 1e-3 for untouched in UNTOUCHED[name]), result
 
 
 def test_a_board_s_share_is_the_field_s_part_of_the_variance() -> None:
@@ -160,11 +169,11 @@ def test_a_board_s_share_is_the_field_s_part_of_the_variance() -> None:
     chance gives.
     """
     field = print_()
-    even = np.random.default_rng(3).normal(0, 1, field.shape)
+    white_noise = np.random.default_rng(3).normal(0, 1, field.shape)
     with single_thread():
         share = by_name(
             with_residual(
-                even / np.sqrt((even**2).mean()) + field / np.sqrt((field**2).mean())
+                white_noise / np.sqrt((white_noise**2).mean()) + field / np.sqrt((field**2).mean())
             ).split()
         )["board"]
     assert share.chance == pytest.approx(1 / VIEWS)
@@ -180,9 +189,9 @@ def test_p_values_of_noise_are_uniform() -> None:
     with single_thread():
         splits = [by_name(with_residual(noise(seed)).split()) for seed in range(60)]
     for name in ORGANISERS:
-        p_values = [found[name].p_value for found in splits]
+        p_values = [results[name].p_value for results in splits]
         assert stats.kstest(p_values, "uniform").pvalue > 1e-3, (name, p_values)
-        excess = np.mean([found[name].fraction - found[name].chance for found in splits])
+        excess = np.mean([results[name].fraction - results[name].chance for results in splits])
         assert (
             abs(excess) < 0.005
             # of fractions that scatter by 0.01 at most: four standard deviations of a mean of sixty
@@ -209,18 +218,22 @@ def test_a_residual_that_repeats_in_every_view_is_organised_by_the_board() -> No
     assert first.fraction == pytest.approx(1.0)
 
 
-def test_no_residual_is_organised_by_nothing() -> None:
+def test_a_zero_residual_has_no_structure() -> None:
     shares = unmoved().split()
     assert {share.organised_by for share in shares} == set(ORGANISERS)
     assert all(share.fraction == 0.0 and share.p_value == 1.0 for share in shares)
 
 
-def test_columns_that_leave_no_freedom_tell_nothing() -> None:
+def test_columns_without_remaining_freedom_give_no_test() -> None:
     """One picture of five corners: a mean for each corner explains all, by chance as well."""
-    whole = unmoved()
+    unmoved_scene = unmoved()
     residual = np.random.default_rng(2).normal(0, SIGMA, (5, 2))
-    one = whole.observations.view_range(range(1)).select_rows(torch.arange(BOARD.count) < 5)
-    scene = ResidualScene(one, residual, whole.distance[:5], whole.incidence[:5], WIDTH, HEIGHT)
+    item = unmoved_scene.observations.view_range(range(1)).select_rows(
+        torch.arange(BOARD.count) < 5
+    )
+    scene = ResidualScene(
+        item, residual, unmoved_scene.distance[:5], unmoved_scene.incidence[:5], WIDTH, HEIGHT
+    )
     board = next(share for share in scene.split() if share.organised_by == "board")
     assert board.fraction == pytest.approx(1.0)
     assert (board.chance, board.p_value) == (1.0, 1.0)

@@ -9,9 +9,11 @@ import torch
 import yaml
 
 from calib.corners.corners_file import write_corners
-from calib.effects.lens import Lens
+from calib.effects.lens import LensEffect
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.inference.score_test import FittedModel
+from calib.inference.fitted_model import FittedModel
+from calib.inference.score_test import score_test
 from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.session.cover import Cover
@@ -33,25 +35,23 @@ def ended(tmp_path_factory: pytest.TempPathFactory) -> FittedModel:
     )
     write_corners(folder / "corners.vnl", bare_views(3, 12, 0.02, (-0.1, 0.02)))
     calibration = fit(read_session(folder))
-    return Case(
-        calibration, (), NextCommands(folder, folder, calibration.settings), None, ""
-    ).optimum
+    return Case(calibration, (), NextCommands(folder, folder, Settings()), None, "").optimum
 
 
-def test_what_a_fit_left_to_do_is_not_credited_to_an_effect_that_its_parameters_imitate(
+def test_an_unfinished_fit_does_not_favour_an_imitated_effect(
     ended: FittedModel,
 ) -> None:
     """A tenth of a standard deviation beside the optimum in each parameter of the camera; a score
     of noise alone is about 5.
     """
-    there = ended.test(Lens())
-    assert there.absorbed > 0.99
-    assert there.chi2 < 20  # of five parameters: beyond it by chance once in a thousand times
+    at_end = score_test(ended, LensEffect())
+    assert at_end.absorbed > 0.99
+    assert at_end.chi2 < 20  # of five parameters: beyond it by chance once in a thousand times
     parameters = ended.parameters()
     equations = sum(ended.information())
     sigmas = np.sqrt(np.diag(np.linalg.inv(equations + ended.prior_precision())))
     for entry in range(parameters.count):
         step = torch.zeros(parameters.count, dtype=torch.float64)
         step[entry] = 0.1 * sigmas[entry]
-        beside = replace(ended, joint=replace(ended.joint, values=parameters.values(step)))
-        assert beside.test(Lens()).chi2 == pytest.approx(there.chi2, abs=1.0)
+        displaced = replace(ended, joint=replace(ended.joint, values=parameters.values(step)))
+        assert score_test(displaced, LensEffect()).chi2 == pytest.approx(at_end.chi2, abs=1.0)

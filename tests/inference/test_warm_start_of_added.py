@@ -35,20 +35,20 @@ def fitted() -> Fitted:
     return model, observations, model.fit(observations, torch.from_numpy(calibration.poses))
 
 
-def test_poses_are_begun_anew_behind_a_port(fitted: Fitted) -> None:
+def test_poses_start_anew_behind_a_port(fitted: Fitted) -> None:
     model, observations, joint = fitted
     wider = model.with_effect(FlatPort("water"))
     start = start_with_effect(wider, observations, joint)
     assert residuals(wider.path, start.values, observations, start.poses).rms_px < 2 * NOISE
-    found = wider.fit(observations, start.poses, start.start, ROUNDS)
-    assert found.sigma == pytest.approx(NOISE, rel=0.05)
-    assert abs(float(found.values["flat_port.outside_index"]) - WATER) < 0.002
+    fit = wider.fit(observations, start.poses, start.start, ROUNDS)
+    assert fit.sigma == pytest.approx(NOISE, rel=0.05)
+    assert abs(float(fit.values["flat_port.outside_index"]) - WATER) < 0.002
     assert refit_poses(wider.path, start.values, observations, joint.poses)[1].rms_px > 1, (
         "the control: they lead into another valley"
     )
 
 
-def test_a_focal_length_that_made_up_for_water_is_begun_near_its_own() -> None:
+def test_a_focal_length_that_compensated_for_water_starts_near_its_true_value() -> None:
     """From where the fit without a port left it, the window ends without thickness and the error
     ten times as large.
     """
@@ -56,22 +56,22 @@ def test_a_focal_length_that_made_up_for_water_is_begun_near_its_own() -> None:
     calibration = without_cover(
         port, {u.param.name: u.initial for u in port.effect_parameters}, NOISE, seed=3
     )
-    observations, known = calibration.observations, full_model(calibration)
-    model = replace(known, priors=known.priors.with_sigmas(dict.fromkeys(FREE, 1000.0)))
+    observations, base = calibration.observations, full_model(calibration)
+    model = replace(base, priors=base.priors.with_sigmas(dict.fromkeys(FREE, 1000.0)))
     joint = model.fit(observations, torch.from_numpy(calibration.poses))
-    true = {name: float(known.means[name]) for name in FREE}
+    true = {name: float(base.means[name]) for name in FREE}
     assert all(float(joint.values[name]) < 0.9 * true[name] for name in FREE)
     wider = model.with_effect(port)
     start = start_with_effect(wider, observations, joint)
     assert all(abs(float(start.values[name]) / true[name] - 1) < 0.05 for name in FREE)
-    found = wider.fit(observations, start.poses, start.start, ROUNDS)
-    assert found.sigma == pytest.approx(NOISE, rel=0.05)
-    assert all(abs(float(found.values[name]) / true[name] - 1) < 0.001 for name in FREE)
+    fit = wider.fit(observations, start.poses, start.start, ROUNDS)
+    assert fit.sigma == pytest.approx(NOISE, rel=0.05)
+    assert all(abs(float(fit.values[name]) / true[name] - 1) < 0.001 for name in FREE)
 
 
-def test_what_begins_with_doing_nothing_stays_where_it_is(fitted: Fitted) -> None:
+def test_an_effect_that_starts_neutral_keeps_the_earlier_fit(fitted: Fitted) -> None:
     model, observations, joint = fitted
     assert start_with_effect(model.with_effect(EntrancePupil()), observations, joint) is joint
     wider = model.with_effect(FlatPort("water"))
-    there = replace(joint, values={**wider.means, **joint.values})
-    assert start_with_effect(wider, observations, there) is there
+    at_neutral = replace(joint, values={**wider.means, **joint.values})
+    assert start_with_effect(wider, observations, at_neutral) is at_neutral

@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from calib.fitting.stages import Settings, Setup
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup
 from calib.intrinsics.calibrate import calibrate_bare
 from calib.intrinsics.opencv_lens import CRITERIA
 from calib.progress import Silent
@@ -71,7 +72,8 @@ def test_errors_scatter_as_the_covariance_says() -> None:
         loose.append(error)
     squares, alone = np.mean(np.square(whitened), 0), np.mean(np.square(loose), 0)
     print(f"by covariance {squares.round(2)}, by sigmas alone {alone.round(3)}")
-    low, high = (chi2.ppf(share, DRAWS) / DRAWS for share in (5e-5, 1 - 5e-5))
+    low = chi2.ppf(5e-05, DRAWS) / DRAWS
+    high = chi2.ppf(1 - 5e-05, DRAWS) / DRAWS
     assert ((low < squares) & (squares < high)).all()
     assert squares.mean() == pytest.approx(1, abs=3 * (2 / DRAWS / 9) ** 0.5)
     assert alone[0] < 0.05
@@ -84,7 +86,7 @@ def test_a_covered_fit_gains_from_the_correlations() -> None:
     five sessions, chance may take a third of the one, and a tenth of the other.
     """
     settings = Settings(grid=(6, 6), free=("none",))
-    off: dict[bool, list[float]] = {True: [], False: []}
+    deviations: dict[bool, list[float]] = {True: [], False: []}
     maps: dict[bool, list[float]] = {True: [], False: []}
     for seed in range(SESSIONS):
         made = scene(seed, views=6, amplitude=3e-6, noise=0.1)
@@ -93,14 +95,16 @@ def test_a_covered_fit_gains_from_the_correlations() -> None:
             bare_views(1000 + seed, 8, 0.3), made.board, camera, Silent()
         ).intrinsics
         for full in (True, False):
-            given = bare if full else replace(bare, correlations=())
-            result = calibrated(made, Setup(made.board, CAMERA, given, made.cover), settings)
+            arguments = bare if full else replace(bare, correlations=())
+            result = calibrated(made, Setup(made.board, CAMERA, arguments, made.cover), settings)
             k = result.camera.intrinsics
             assert k
-            off[full].append((k.fx.value - k.fy.value) ** 2)
+            deviations[full].append((k.fx.value - k.fy.value) ** 2)
             maps[full].append(float(np.mean(list(errors(made, result))[-1][0] ** 2)))
     ours, theirs, our_maps, their_maps = (
-        float(np.sqrt(np.mean(squares[full]))) for squares in (off, maps) for full in (True, False)
+        float(np.sqrt(np.mean(squares[full])))
+        for squares in (deviations, maps)
+        for full in (True, False)
     )
     print(
         f"fx - fy {ours:.2f}, by sigmas alone {theirs:.2f} px; maps {our_maps:.3f},"

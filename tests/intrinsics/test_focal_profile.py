@@ -13,7 +13,7 @@ FREEDOM = 500
 
 @dataclass(frozen=True)
 class Left:
-    """What a fit leaves."""
+    """The result of a fit."""
 
     rms: float
 
@@ -26,11 +26,11 @@ def over(deviations: Callable[[float], float]) -> Callable[[float], Left]:
 
 
 @pytest.mark.parametrize("sigma", [0.001, 0.02])
-@pytest.mark.parametrize("told", [0.3, 1.0, 1e-9])
-def test_a_parabola_gives_its_own_sigma(sigma: float, told: float) -> None:
+@pytest.mark.parametrize("expected", [0.3, 1.0, 1e-9])
+def test_a_parabola_gives_its_own_sigma(sigma: float, expected: float) -> None:
     """Whatever the linearised sigma says: what is far from it is bracketed by doubling."""
     interval, best = profile_focal_length(
-        Left(0.1), over(lambda times: np.log(times) / sigma), FREEDOM, told * sigma
+        Left(0.1), over(lambda times: np.log(times) / sigma), FREEDOM, expected * sigma
     )
     assert interval.closed
     assert interval.sigma == pytest.approx(
@@ -67,7 +67,7 @@ def test_a_better_minimum_is_found() -> None:
     assert best.rms == 0.09
 
 
-def test_it_ends_where_nothing_fits() -> None:
+def test_the_profile_is_closed_if_no_other_focal_length_fits() -> None:
     interval, _ = profile_focal_length(Left(0.1), lambda _: Left(np.inf), FREEDOM, 0.01)
     assert interval.closed
     assert 1 / MAX_RATIO < interval.low < 1 < interval.high < MAX_RATIO

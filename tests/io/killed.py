@@ -23,7 +23,7 @@ def on_change(folder: Path, act: Callable[[], object]) -> None:
             if home in str(path) and isinstance(flags, int) and flags & (os.O_WRONLY | os.O_RDWR):
                 act()
         elif event in CHANGES and (
-            event == "os.link" or any(home in str(one) for one in arguments[:2])
+            event == "os.link" or any(home in str(item) for item in arguments[:2])
         ):
             act()
 

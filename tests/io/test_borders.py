@@ -1,4 +1,4 @@
-"""What stands where a file is expected, and what a file says of itself: refused before it costs
+"""Other things in the place of a file, and files with false sizes, are refused before they cost
 anything.
 """
 
@@ -63,7 +63,7 @@ def test_a_socket_is_no_file(tmp_path: Path) -> None:
             read_file(tmp_path / "s")
 
 
-def test_a_file_that_is_too_large_says_what_it_may_have(tmp_path: Path) -> None:
+def test_a_file_that_is_too_large_gets_the_limit_in_its_sentence(tmp_path: Path) -> None:
     path = tmp_path / "a"
     with path.open("wb") as file:
         file.truncate((1 << 20) + 1)  # sparse: it takes no room
@@ -86,14 +86,14 @@ def test_kept_detections_of_another_kind_are_looked_for_again(
 ) -> None:
     frames = write_good_session(tmp_path / "s") / "frames"
     good = detect(list_images(frames), BOARD).views
-    said = json.loads((frames / DETECTIONS_FILE).read_text())
-    said["files"]["0000.png"]["corners"][3] = wrong
-    said["files"]["0001.jpg"]["corners"] = wrong
-    said["files"]["0002.png"]["size"] = wrong
-    (frames / DETECTIONS_FILE).write_text(json.dumps(said))
-    for view, before in zip(detect(list_images(frames), BOARD).views, good, strict=True):
+    answer = json.loads((frames / DETECTIONS_FILE).read_text())
+    answer["files"]["0000.png"]["corners"][3] = wrong
+    answer["files"]["0001.jpg"]["corners"] = wrong
+    answer["files"]["0002.png"]["size"] = wrong
+    (frames / DETECTIONS_FILE).write_text(json.dumps(answer))
+    for view, earlier_view in zip(detect(list_images(frames), BOARD).views, good, strict=True):
         if wrong is not None or view.name == "0002.png":  # null says: not measured, or not found
-            np.testing.assert_array_equal(view.corners, before.corners)
+            np.testing.assert_array_equal(view.corners, earlier_view.corners)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_a_sigma_that_cannot_be_squared_is_refused(sigma: str, tmp_path: Path) -
         "",
     ],
 )
-def test_a_header_that_says_more_than_is_there(header: str) -> None:
+def test_a_header_that_declares_too_much_data_is_refused(header: str) -> None:
     data = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() + bytes(64)
     with pytest.raises(ValueError, match=r"\w"):
         decode_npy(data)
@@ -165,10 +165,11 @@ def test_a_zip_is_no_npy_and_a_bomb_no_npz(tmp_path: Path, monkeypatch: pytest.M
         decode_npz(packed)
 
 
-def test_an_archive_whose_member_says_it_has_a_tebibyte(tmp_path: Path) -> None:
-    whole, claimed = tars(b"picture")
+def test_an_archive_with_a_declared_tebibyte_is_refused(tmp_path: Path) -> None:
+    archive, claimed = tars(b"picture")
     assert [
-        data for _, data in from_ros_archive(put(tmp_path / "whole.tar", whole), BOARD, None).frames
+        data
+        for _, data in from_ros_archive(put(tmp_path / "whole.tar", archive), BOARD, None).frames
     ] == [b"picture"]
     with pytest.raises(
         InputError, match=r"left-0000\.png in it is larger than the 256 MB that a picture may have"
@@ -176,12 +177,12 @@ def test_an_archive_whose_member_says_it_has_a_tebibyte(tmp_path: Path) -> None:
         from_ros_archive(put(tmp_path / "claimed.tar", claimed), BOARD, None)
 
 
-def test_a_jpeg_that_ends_in_erased_flash_is_told_at_once(tmp_path: Path) -> None:
+def test_a_jpeg_that_ends_in_erased_flash_is_refused_at_once(tmp_path: Path) -> None:
     path = put(tmp_path / "a.jpg", b"\xff\xd8\xff\xe0\x00\x04ab" + b"\xff" * 3_000_000)
-    begun = time.process_time()
+    start_time = time.process_time()
     with pytest.raises(InputError, match="truncated or damaged"):
         read_image(path)
-    assert time.process_time() - begun < 5, (
+    assert time.process_time() - start_time < 5, (
         "of this process alone; it was 21 s for a fiftieth of it, and grew with the square"
     )
 
@@ -201,11 +202,13 @@ def test_a_jpeg_that_ends_in_erased_flash_is_told_at_once(tmp_path: Path) -> Non
         ("a: " + "x" * 3_000_000, "larger than the 2 MB"),
     ],
 )
-def test_yaml_that_would_take_minutes_or_gigabytes(text: str, says: str, tmp_path: Path) -> None:
+def test_yaml_that_would_take_minutes_or_gigabytes_is_refused(
+    text: str, says: str, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match=says):
         read_yaml(put(tmp_path / "a.yaml", text))
 
 
-def test_a_cell_beyond_what_csv_takes(tmp_path: Path) -> None:
+def test_a_cell_beyond_the_limit_of_csv_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not a CSV table"):
         read_points(put(tmp_path / "points.csv", f"x,y\n1,{'2' * 200_000}\n"))

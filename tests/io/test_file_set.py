@@ -57,7 +57,9 @@ def fill(folder: Path) -> Path:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """What any program sees, hidden files left out: a link that leads nowhere is no file."""
+    """Return the files that any program sees, without hidden ones: a link that leads nowhere is no
+    file.
+    """
     return {
         path.name: path.read_text() if path.is_file() else "a folder"
         for path in folder.iterdir()
@@ -69,34 +71,36 @@ def contents(folder: Path) -> dict[str, str]:
 def test_a_writer_killed_at_any_change_leaves_the_old_set_or_the_new_one(
     disk: str, tmp_path: Path
 ) -> None:
-    found = []
+    results = []
     for change in range(100):
         folder = fill(tmp_path / str(change))
         ended = subprocess.run(
             [sys.executable, "-c", WRITER, str(folder), str(change), disk], check=False
         ).returncode
-        seen = contents(folder)
+        content = contents(folder)
         if disk == "links":
-            assert seen in (OLD, NEW_SET), "any program sees one whole set, before calib tidies up"
+            assert content in (OLD, NEW_SET), (
+                "any program sees one whole set, before calib tidies up"
+            )
         assert find_current(folder / "a").read_text() in ("old a", "new a")
-        found.append(contents(folder))
-        assert found[-1] in (OLD, NEW_SET), f"killed at change {change}"
-        assert disk == "no links" or found[-1] == seen
+        results.append(contents(folder))
+        assert results[-1] in (OLD, NEW_SET), f"killed at change {change}"
+        assert disk == "no links" or results[-1] == content
         assert not (folder / HIDDEN).exists()
         assert not any(path.is_symlink() for path in folder.iterdir())
         if ended == 0:
             break
         assert ended == -signal.SIGKILL
-    assert found[-1] == NEW_SET
-    turned = found.index(NEW_SET)
-    assert found == [OLD] * turned + [NEW_SET] * (len(found) - turned)
+    assert results[-1] == NEW_SET
+    turned = results.index(NEW_SET)
+    assert results == [OLD] * turned + [NEW_SET] * (len(results) - turned)
     assert turned >= 5, (
         "there are as many changes before the new set is in force as there are files"
     )
-    assert len(found) - turned >= 5, "and as many after it"
+    assert len(results) - turned >= 5, "and as many after it"
 
 
-def test_what_is_not_put_in_force_changes_nothing(tmp_path: Path) -> None:
+def test_a_set_that_is_not_committed_changes_nothing(tmp_path: Path) -> None:
     folder = fill(tmp_path / "out")
     with FileSet(folder) as files:
         for number in range(MAX_OPEN_FILES + 20):
@@ -105,7 +109,7 @@ def test_what_is_not_put_in_force_changes_nothing(tmp_path: Path) -> None:
     assert contents(folder) == OLD
 
 
-def test_more_files_than_may_be_open(tmp_path: Path) -> None:
+def test_a_set_may_have_more_files_than_may_be_open(tmp_path: Path) -> None:
     names = {str(number) for number in range(2 * MAX_OPEN_FILES + 1)}
     with FileSet(tmp_path) as files:
         for name in names:
@@ -117,7 +121,7 @@ def test_more_files_than_may_be_open(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("without", ["O_TMPFILE", "proc"])
-def test_a_disk_without_unnamed_files(
+def test_a_disk_without_unnamed_files_is_written_to(
     without: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if without == "proc":

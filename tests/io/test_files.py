@@ -77,7 +77,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_a_small_file_is_read_in_little_memory(tmp_path: Path) -> None:
-    """Of a machine with 1 GB, 2 GB cannot be had, however little of it is used."""
+    """A machine with 1 GB cannot give 2 GB, however little of it is used."""
     path = tmp_path / "small"
     path.write_bytes(b"x" * 3 * READ_SIZE)
     tracemalloc.start()
@@ -89,14 +89,14 @@ def test_a_small_file_is_read_in_little_memory(tmp_path: Path) -> None:
     assert peak < 8 * READ_SIZE, "the bytes, a piece, and room to grow"
 
 
-@pytest.mark.parametrize("most", [0, 1, READ_SIZE, READ_SIZE + 1, 2 * READ_SIZE])
-def test_a_file_may_be_as_large_as_was_said_and_no_larger(tmp_path: Path, most: int) -> None:
+@pytest.mark.parametrize("limit", [0, 1, READ_SIZE, READ_SIZE + 1, 2 * READ_SIZE])
+def test_a_file_may_be_as_large_as_the_limit_and_no_larger(tmp_path: Path, limit: int) -> None:
     path = tmp_path / "file"
-    path.write_bytes(b"x" * most)
-    assert len(read_file(path, most)) == most
-    path.write_bytes(b"x" * (most + 1))
+    path.write_bytes(b"x" * limit)
+    assert len(read_file(path, limit)) == limit
+    path.write_bytes(b"x" * (limit + 1))
     with pytest.raises(InputError, match="is larger than the"):
-        read_file(path, most)
+        read_file(path, limit)
 
 
 def test_arrays_come_back() -> None:

@@ -90,11 +90,11 @@ def test_thumbnail_does_not_hide_a_truncated_jpeg(tmp_path: Path) -> None:
     picture for a whole one.
     """
     path = save(tmp_path / "a.jpg", noise(48, 64))
-    whole = path.read_bytes()
-    thumbnail = b"\xff\xe1" + (len(whole) + 2).to_bytes(2, "big") + whole
-    path.write_bytes(whole[:2] + thumbnail + whole[2:])
+    content = path.read_bytes()
+    thumbnail = b"\xff\xe1" + (len(content) + 2).to_bytes(2, "big") + content
+    path.write_bytes(content[:2] + thumbnail + content[2:])
     assert image_size(path) == (64, 48)
-    path.write_bytes(whole[:2] + thumbnail + whole[2 : len(whole) // 2])
+    path.write_bytes(content[:2] + thumbnail + content[2 : len(content) // 2])
     with pytest.raises(InputError, match="truncated"):
         read_image(path)
 

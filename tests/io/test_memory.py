@@ -62,7 +62,7 @@ def look(*paths: Path) -> list[tuple[int, str]]:
         check=True,
     )
     lines = [line.partition(" ") for line in done.stdout.splitlines()]
-    return [(int(peak), said) for peak, _, said in lines]
+    return [(int(peak), sentence) for peak, _, sentence in lines]
 
 
 def zeros(size: int) -> bytes:
@@ -82,10 +82,10 @@ def zipped(head: bytes, size: int, claimed: int) -> bytes:
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as file:
         file.writestr("a.npy", packed)
     data = bytearray(buffer.getvalue())
-    begin = data.rfind(b"PK\x01\x02")
-    for place, value in ((begin + 10, 8), (8, 8)):
+    start = data.rfind(b"PK\x01\x02")
+    for place, value in ((start + 10, 8), (8, 8)):
         struct.pack_into("<H", data, place, value)  # deflated, not stored
-    for place in (begin + 24, 22):
+    for place in (start + 24, 22):
         struct.pack_into("<I", data, place, claimed)
     return bytes(data)
 
@@ -171,23 +171,23 @@ BOMBS: Mapping[str, tuple[Callable[[], bytes], str]] = {
 }
 
 
-def test_what_would_fill_the_memory_is_refused_before_it_does(tmp_path: Path) -> None:
+def test_files_that_would_fill_the_memory_are_refused_early(tmp_path: Path) -> None:
     for name, (made, _) in BOMBS.items():
         (tmp_path / name).write_bytes(made())
         assert (tmp_path / name).stat().st_size < 5 << 20
     answers = look(*(tmp_path / name for name in BOMBS))
-    for (name, (_, says)), (peak, said) in zip(BOMBS.items(), answers, strict=True):
+    for (name, (_, says)), (peak, sentence) in zip(BOMBS.items(), answers, strict=True):
         assert peak < MOST_TAKEN, f"{name}: {peak >> 20} MB"
-        assert says in said, f"{name}: {said}"
+        assert says in sentence, f"{name}: {sentence}"
 
 
 @pytest.mark.slow
-def test_the_largest_that_is_taken_takes_no_more_than_itself(tmp_path: Path) -> None:
+def test_the_largest_accepted_file_takes_only_its_own_memory(tmp_path: Path) -> None:
     """Half of the limit: what is read is not held twice."""
     size = MAX_DECODED_BYTES // 2
     head = npy_header(size)
     path = tmp_path / "a.npz"
     path.write_bytes(zipped(head, size, len(head) + size))
-    [(peak, said)] = look(path)
-    assert "CRC" in said, "the last check, after all of it was read"
+    [(peak, sentence)] = look(path)
+    assert "CRC" in sentence, "the last check, after all of it was read"
     assert size < peak < size + MOST_TAKEN, f"{peak >> 20} MB"

@@ -34,7 +34,8 @@ def gradient(function: Callable[[Vec], float], point: Vec, size: float = 1e-5) -
     """Fourth-order central differences."""
     gradient = np.empty(3)
     for axis, step in enumerate(np.eye(3) * size):
-        near, far = (function(point + k * step) - function(point - k * step) for k in (1, 2))
+        near = function(point + step) - function(point - step)
+        far = function(point + 2 * step) - function(point - 2 * step)
         gradient[axis] = (8 * near - far) / (12 * size)
     return gradient
 
@@ -61,7 +62,7 @@ def bumps(
     """
 
     def height(first: float, second: float) -> float:
-        away = (np.array([first, second]) - centres) / widths
-        return float(amplitudes @ np.exp(-0.5 * (away**2).sum(-1)))
+        offset = (np.array([first, second]) - centres) / widths
+        return float(amplitudes @ np.exp(-0.5 * (offset**2).sum(-1)))
 
     return height

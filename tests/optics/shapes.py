@@ -27,9 +27,9 @@ class Example:
     patch: Patch
     """About what the camera of fixtures.synthetic sees of its outer surface."""
     origin: Callable[[Numbers], Vec]
-    """Where its frame stands in the camera frame."""
+    """The place of its frame in the camera frame."""
     height: Callable[[Vec, Numbers], float]
-    """Of a point of its own frame above the inner surface."""
+    """The height of a point of its own frame above the inner surface."""
     chart: Callable[[Vec], tuple[float, float]]
 
     def changed(self, parameters: Mapping[str, float]) -> Cover:

@@ -1,4 +1,4 @@
-"""How a board's own place and shape move what rays meet on it."""
+"""The board's own place and shape move the points where rays meet it."""
 
 import pytest
 import torch
@@ -20,7 +20,7 @@ def seen() -> tuple[Rays, list[Tensor], dict[str, Tensor]]:
     shape.
     """
     generator = torch.Generator().manual_seed(3)
-    along = torch.cat(
+    directions = torch.cat(
         [
             torch.rand(40, 2, generator=generator, dtype=torch.float64) * 0.3 - 0.15,
             torch.ones(40, 1, dtype=torch.float64),
@@ -28,7 +28,7 @@ def seen() -> tuple[Rays, list[Tensor], dict[str, Tensor]]:
         1,
     )
     start = torch.rand(40, 3, generator=generator, dtype=torch.float64) * 1e-3
-    rays = Rays(Vector.of(start), Vector.of(along).unit(), torch.zeros(40, dtype=torch.uint8))
+    rays = Rays(Vector.of(start), Vector.of(directions).unit(), torch.zeros(40, dtype=torch.uint8))
     turn = rotation.matrix(torch.tensor([0.5, -0.4, 0.2], dtype=torch.float64)).expand(40, 3, 3)
     shift = torch.tensor([0.01, -0.02, 0.5], dtype=torch.float64).expand(40, 3)
     flex = torch.tensor([8e-4, -5e-4, 3e-4], dtype=torch.float64).expand(40, 3)
@@ -36,7 +36,7 @@ def seen() -> tuple[Rays, list[Tensor], dict[str, Tensor]]:
         unknown.param.name: torch.tensor(1e-3 / (1 + at), dtype=torch.float64)
         for at, unknown in enumerate(BOWED.effect_parameters)
     }
-    return rays, [part.clone().requires_grad_() for part in (turn, shift, flex)], sizes
+    return rays, [tensor.clone().requires_grad_() for tensor in (turn, shift, flex)], sizes
 
 
 @pytest.mark.parametrize("bends", [(), (BOWED,)], ids=["flat", "bowed"])
@@ -49,9 +49,9 @@ def test_changes_are_those_of_reverse_passes(bends: tuple[Bend, ...], flexed: bo
     landed, failure = target(rays, placement, sizes)
     expected = row_derivatives(landed, leaves)
     with torch.no_grad():
-        again, failed, changes = target.intersect_with_derivatives(rays, placement, sizes)
-    assert torch.equal(again, landed.detach())
+        recomputed, failed, changes = target.intersect_with_derivatives(rays, placement, sizes)
+    assert torch.equal(recomputed, landed.detach())
     assert torch.equal(failed, failure)
     assert len(changes) == len(expected)
-    for found, wanted in zip(changes, expected, strict=True):
-        assert torch.allclose(found, wanted, rtol=1e-9, atol=1e-12)
+    for result, wanted in zip(changes, expected, strict=True):
+        assert torch.allclose(result, wanted, rtol=1e-9, atol=1e-12)

@@ -1,12 +1,11 @@
-"""What every textbook says of windows and domes, and what happens where a ray cannot meet a
-cover.
-"""
+"""The laws of windows and domes from textbooks, and the rays that cannot meet a cover."""
 
 import numpy as np
 import pytest
 import torch
 
 from calib.optics.build import covered_path, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.rays import MISSED_INNER, MISSED_OUTER, Rays
 from calib.optics.relief import Relief
 from calib.session.cover import Cover
@@ -29,7 +28,7 @@ def seen(
         INTRINSICS,
         example.changed({name.replace("__", "."): value for name, value in changed.items()}),
     )
-    rays = path.trace(pixels, values)
+    rays = path.trace(pixels, values, MIDDLE)
     return (
         rays,
         rays.origin.stacked().numpy(),
@@ -53,12 +52,12 @@ def test_a_window_in_air_shifts_rays_and_turns_none(tilt: tuple[float, float]) -
     sin_in = np.sqrt(1 - cos_in**2)
     index, thickness = GLASS["refractive_index"], GLASS["thickness"]
     shift = thickness * sin_in * (1 - cos_in / np.sqrt(index**2 - sin_in**2))
-    across = (normal - cos_in[:, None] * launched) / sin_in[:, None]
-    expected = shift[:, None] * across
-    apart = (
+    sideways = (normal - cos_in[:, None] * launched) / sin_in[:, None]
+    expected = shift[:, None] * sideways
+    distance = (
         origins - (origins * directions).sum(-1, keepdims=True) * directions
     )  # from the pinhole to the ray
-    assert np.abs(apart - expected).max() < 1e-16
+    assert np.abs(distance - expected).max() < 1e-16
     assert shift.max() > 1e-4, "it does shift them"
 
 
@@ -71,8 +70,8 @@ def test_the_distance_of_a_tilted_window_is_along_the_optical_axis() -> None:
 def test_a_tilt_about_x_takes_the_window_s_lower_half_away() -> None:
     """y points down and z forward, so a right-handed turn about x takes +y towards +z."""
     below = torch.tensor([[INTRINSICS.cx.value, HEIGHT - 1.0]], dtype=torch.float64)
-    away = [float(seen(FLAT, below, tilt__x=tilt)[1][0, 2]) for tilt in (-0.1, 0.0, 0.1)]
-    assert away[0] < away[1] < away[2]
+    depths = [float(seen(FLAT, below, tilt__x=tilt)[1][0, 2]) for tilt in (-0.1, 0.0, 0.1)]
+    assert depths[0] < depths[1] < depths[2]
 
 
 def test_a_flat_port_magnifies_by_the_index_of_water() -> None:
@@ -90,8 +89,8 @@ def test_a_flat_port_magnifies_by_the_index_of_water() -> None:
 
 
 def test_a_dome_around_the_pinhole_bends_nothing_in_air_or_water() -> None:
-    for outside in (1.0, WATER):
-        _, origins, directions, launched = seen(DOME, centre__z=0.0, outside_index=outside)
+    for outside_index in (1.0, WATER):
+        _, origins, directions, launched = seen(DOME, centre__z=0.0, outside_index=outside_index)
         assert np.abs(directions - launched).max() < 1e-14
         assert np.abs(origins - launched * (0.05 + GLASS["thickness"])).max() < 1e-16
 
@@ -124,7 +123,7 @@ def test_a_dome_s_paraxial_rays_obey_gauss() -> None:
     ids=["parallel to the window", "from outside the dome", "on the axis of a steep cone"],
 )
 @pytest.mark.parametrize("exact_hit", [True, False])
-def test_missing_is_data_with_finite_gradients(
+def test_a_missed_cover_is_data_with_finite_gradients(
     example: Example, changed: dict[str, float], exact_hit: bool
 ) -> None:
     path, values = covered_path(INTRINSICS, example.changed(changed))
@@ -133,7 +132,7 @@ def test_missing_is_data_with_finite_gradients(
     values["relief.amplitudes"] = torch.full((3, 3), 1e-5, dtype=torch.float64)
     values = {name: value.double().requires_grad_() for name, value in values.items()}
     columns, rows = torch.linspace(0, WIDTH - 1, 15), torch.linspace(0, HEIGHT - 1, 15)
-    rays = path.trace(torch.cartesian_prod(columns, rows).double(), values)
+    rays = path.trace(torch.cartesian_prod(columns, rows).double(), values, MIDDLE)
     assert MISSED_INNER in rays.failure.tolist()
     (rays.origin.stacked().sum() + rays.direction.stacked().sum()).backward()  # type: ignore[no-untyped-call]
     for param in path.params:
@@ -145,12 +144,12 @@ def test_missing_is_data_with_finite_gradients(
 @pytest.mark.parametrize("example", [CONE, CYLINDER, FLAT], ids=lambda example: example.cover.shape)
 def test_a_tilt_is_left_out_only_where_it_is_zero_for_certain(example: Example) -> None:
     tilts = [f"tilt.{axis}" for axis in "xyz" if f"tilt.{axis}" in example.cover.parameters]
-    known, _ = covered_path(INTRINSICS, example.cover)
+    path, _ = covered_path(INTRINSICS, example.cover)
     uncertain = Cover(
         example.cover.shape, {**example.cover.parameters, tilts[0]: Number(0.0, sigma=0.01)}
     )
     open_, _ = covered_path(INTRINSICS, uncertain)
-    assert not {param.name for param in known.params} & {f"cover.{name}" for name in tilts}
+    assert not {param.name for param in path.params} & {f"cover.{name}" for name in tilts}
     assert {f"cover.{name}" for name in tilts} <= {param.name for param in open_.params}
 
 

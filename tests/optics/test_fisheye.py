@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from calib.optics.exposure import MIDDLE, Exposure
 from calib.optics.fisheye import Fisheye
 from calib.optics.lens import PUPIL, PUPIL_LATERAL
 from calib.optics.params import Param, Values
@@ -20,9 +21,10 @@ PINHOLE = {"fx": 300.0, "fy": 305.0, "cx": 400.0, "cy": 310.0}
 
 
 def values(coefficients: tuple[float, ...] = COEFFICIENTS) -> dict[str, torch.Tensor]:
-    named = PINHOLE | {f"kb{order}": value for order, value in enumerate(coefficients, 1)}
+    numbers = PINHOLE | {f"kb{order}": value for order, value in enumerate(coefficients, 1)}
     lens = {
-        f"camera.{name}": torch.tensor(value, dtype=torch.float64) for name, value in named.items()
+        f"camera.{name}": torch.tensor(value, dtype=torch.float64)
+        for name, value in numbers.items()
     }
     pupil = {"e2": 2e-3, "e4": -1e-4, "x2": 3e-4, "y2": -2e-4}
     return lens | {
@@ -40,7 +42,7 @@ def around(degrees: float, count: int = 36) -> torch.Tensor:
     )
 
 
-def test_it_is_opencv_s() -> None:
+def test_the_fisheye_agrees_with_opencv() -> None:
     """Up to 85 degrees from the axis."""
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-8, 8, (400, 2)), np.ones(400)])
@@ -65,9 +67,9 @@ def test_it_is_opencv_s() -> None:
 
 
 @pytest.mark.parametrize("degrees", [0.0, 1e-7, 30, 89.9999, 90, 120, 170])
-def test_it_sees_beside_and_behind_itself(degrees: float) -> None:
-    """As far from the principal point as the polynomial says, and back; through a path's
-    projection, too.
+def test_the_fisheye_sees_beside_and_behind_itself(degrees: float) -> None:
+    """A ray's distance from the principal point is that of the polynomial, also through a path's
+    projection and back.
     """
     directions = around(degrees)
     pixels = Fisheye().project(directions, values())
@@ -75,13 +77,13 @@ def test_it_sees_beside_and_behind_itself(degrees: float) -> None:
     distance = angle * (
         1 + sum(k * angle ** (2 * order) for order, k in enumerate(COEFFICIENTS, 1))
     )
-    off = (pixels.numpy() - [PINHOLE["cx"], PINHOLE["cy"]]) / [PINHOLE["fx"], PINHOLE["fy"]]
-    assert np.abs(np.linalg.norm(off, axis=-1) - distance).max() < 1e-12
+    error = (pixels.numpy() - [PINHOLE["cx"], PINHOLE["cy"]]) / [PINHOLE["fx"], PINHOLE["fy"]]
+    assert np.abs(np.linalg.norm(error, axis=-1) - distance).max() < 1e-12
     rays = Fisheye()(pixels, values())
     assert not rays.failure.any()
     assert (rays.direction.stacked() - directions).abs().max() < 1e-12
     assert torch.equal(
-        project(Path(Fisheye()), values(), 0.7 * directions),
+        project(Path(Fisheye()), values(), 0.7 * directions, MIDDLE),
         Fisheye().project(0.7 * directions, values()),
     )
 
@@ -92,7 +94,9 @@ class Shift:
 
     params: tuple[Param, ...] = ()
 
-    def __call__(self, pixels: torch.Tensor, values: Values) -> tuple[torch.Tensor, Values]:
+    def __call__(
+        self, pixels: torch.Tensor, values: Values, _exposure: Exposure | None, /
+    ) -> tuple[torch.Tensor, Values]:
         return pixels - torch.tensor([0.3, 0.0], dtype=pixels.dtype), values
 
 
@@ -111,10 +115,10 @@ def test_points_on_rays_are_projected_back(path: Path, degrees: float) -> None:
     nearby.
     """
     pixels = Fisheye().project(around(degrees), values())
-    rays = path.trace(pixels, values())
+    rays = path.trace(pixels, values(), MIDDLE)
     points = (rays.origin + rays.direction * torch.tensor(0.4, dtype=torch.float64)).stacked()
     for start in (None, pixels + 3.0):
-        found = project(path, values(), points, start)
+        found = project(path, values(), points, MIDDLE, start)
         assert (found - pixels).abs().max() < 1e-6
 
 
@@ -122,11 +126,11 @@ def test_a_point_on_the_other_side_is_not_seen() -> None:
     """The line of a ray continues behind its origin, where the ray sees nothing."""
     path = Path(Fisheye(), adjustments=(Shift(),))
     pixels = Fisheye().project(around(60), values())
-    found = project(path, values(), -around(60), start=pixels)
+    found = project(path, values(), -around(60), MIDDLE, start=pixels)
     assert (torch.isnan(found).all(-1) | ((found - pixels).norm(dim=-1) > 100)).all()
 
 
-def test_it_fails_beyond_the_fold_and_stays_finite() -> None:
+def test_the_fisheye_fails_beyond_the_fold_and_stays_finite() -> None:
     """theta (1 - theta^2 / 4) never exceeds 0.77, at 66 degrees; what is seen at a larger angle is
     imaged where a smaller one is.
     """
@@ -145,8 +149,8 @@ def test_it_fails_beyond_the_fold_and_stays_finite() -> None:
     assert gradient is not None
     assert torch.isfinite(gradient)
     fixed = {name: value.detach() for name, value in folded.items()}
-    assert torch.isnan(project(Path(Fisheye()), fixed, around(70))).all()
-    assert torch.isfinite(project(Path(Fisheye()), fixed, around(60))).all()
+    assert torch.isnan(project(Path(Fisheye()), fixed, around(70), MIDDLE)).all()
+    assert torch.isfinite(project(Path(Fisheye()), fixed, around(60), MIDDLE)).all()
 
 
 def test_a_second_branch_is_no_ray() -> None:
@@ -172,21 +176,20 @@ def test_derivatives_agree_with_central_differences() -> None:
         return torch.cat([rays.origin.stacked(), rays.direction.stacked()], -1).reshape(-1)
 
     for param in lens.params:
-        here = values()[param.name].requires_grad_()
-        rows = launched({**values(), param.name: here})
+        point = values()[param.name].requires_grad_()
+        rows = launched({**values(), param.name: point})
         analytic = torch.stack(
             [
-                torch.autograd.grad(row, here, retain_graph=True, materialize_grads=True)[0]
+                torch.autograd.grad(row, point, retain_graph=True, materialize_grads=True)[0]
                 for row in rows
             ]
         )
         size = (
             1e-4 * param.scale
         )  # kb4 weighs the angle to the ninth power: longer steps show the third derivative
-        up, down = (
-            launched({**values(), param.name: here.detach() + sign * size}) for sign in (1, -1)
-        )
-        numeric = (up - down) / (2 * size)
+        forward = launched({**values(), param.name: point.detach() + size})
+        backward = launched({**values(), param.name: point.detach() - size})
+        numeric = (forward - backward) / (2 * size)
         assert numeric.abs().max() > 0
         assert (analytic - numeric).abs().max() < 1e-6 * numeric.abs().max(), param.name
 
@@ -198,10 +201,10 @@ def test_rays_begin_where_the_pupil_stands_at_their_angle(degrees: float) -> Non
     """
     pixels = Fisheye().project(around(degrees), values())
     angle = math.radians(degrees)
-    along = 2e-3 * angle**2 - 1e-4 * angle**4
+    distance = 2e-3 * angle**2 - 1e-4 * angle**4
     for pupil, aside in ((PUPIL, (0.0, 0.0)), (PUPIL + PUPIL_LATERAL, (3e-4, -2e-4))):
         origin = Fisheye(pupil)(pixels, values()).origin.stacked().numpy()
-        assert np.abs(origin - [aside[0] * angle**2, aside[1] * angle**2, along]).max() < 1e-14
+        assert np.abs(origin - [aside[0] * angle**2, aside[1] * angle**2, distance]).max() < 1e-14
     assert not Fisheye()(pixels, values()).origin.stacked().any()
 
 
@@ -209,9 +212,9 @@ def test_projection_and_rays_have_inverse_derivatives() -> None:
     """The projection's derivative, against central differences in space."""
     points = around(100, 5) * 0.4
     at = points.clone().requires_grad_()
-    seen = Fisheye().project(at, values())
+    visible = Fisheye().project(at, values())
     analytic = torch.stack(
-        [torch.autograd.grad(seen[:, i].sum(), at, retain_graph=True)[0] for i in (0, 1)], 1
+        [torch.autograd.grad(visible[:, i].sum(), at, retain_graph=True)[0] for i in (0, 1)], 1
     )
     for axis in range(3):
         step = 1e-5 * torch.eye(3, dtype=torch.float64)[axis]
@@ -222,15 +225,17 @@ def test_projection_and_rays_have_inverse_derivatives() -> None:
 
 
 def test_each_pixel_can_have_a_lens_of_its_own() -> None:
-    """As the derivatives by row ask for."""
+    """The derivatives by row need this."""
     pixels = torch.tensor([[100.0, 80.0], [600.0, 700.0], [420.0, 200.0]], dtype=torch.float64)
-    other = {name: 1.1 * value for name, value in values().items()}
-    mixed = {name: torch.stack([value, other[name], value]) for name, value in values().items()}
+    alternative = {name: 1.1 * value for name, value in values().items()}
+    mixed = {
+        name: torch.stack([value, alternative[name], value]) for name, value in values().items()
+    }
     together = Fisheye()(pixels, mixed).direction.stacked()
     alone = torch.cat(
         [
-            Fisheye()(pixels[i : i + 1], own).direction.stacked()
-            for i, own in enumerate((values(), other, values()))
+            Fisheye()(pixels[i : i + 1], row).direction.stacked()
+            for i, row in enumerate((values(), alternative, values()))
         ]
     )
     assert torch.allclose(together, alone, rtol=0, atol=1e-12)

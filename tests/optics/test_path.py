@@ -8,6 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from calib.optics.build import covered_path, footprint, with_relief
+from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path, row_derivatives
 from calib.optics.projection import project
 from calib.optics.rays import FAILURES, MISSED_INNER, REFLECTED_OUTER
@@ -85,7 +86,7 @@ def test_agrees_with_bisection_in_numpy(example: Example, moved: bool) -> None:
     changed = example.moved if moved else {}
     path, values = nominal(example, changed=changed)
     pixels = some_pixels(60)
-    rays = path.trace(pixels, values)
+    rays = path.trace(pixels, values, MIDDLE)
     parameters = {
         name: number.value for name, number in example.changed(changed).parameters.items()
     }
@@ -105,7 +106,7 @@ def test_neglecting_the_shift_moves_rays_by_little_but_not_by_nothing(example: E
 
     def directions(*, amplitude: float, exact_hit: bool) -> torch.Tensor:
         path, values = nominal(example, amplitude=amplitude, exact_hit=exact_hit)
-        return path.trace(pixels, values).direction.stacked()
+        return path.trace(pixels, values, MIDDLE).direction.stacked()
 
     exact = directions(amplitude=2e-5, exact_hit=True)
     bumps = (exact - directions(amplitude=0.0, exact_hit=True)).norm(dim=-1).max()
@@ -118,8 +119,8 @@ def test_neglecting_the_shift_moves_rays_by_little_but_not_by_nothing(example: E
 def test_any_batch_shape(example: Example, batch: tuple[int, ...]) -> None:
     path, values = nominal(example, changed=example.moved)
     flat = some_pixels(int(np.prod(batch)))
-    together = path.trace(flat.reshape(*batch, 2), values)
-    one_by_one = path.trace(flat, values)
+    together = path.trace(flat.reshape(*batch, 2), values, MIDDLE)
+    one_by_one = path.trace(flat, values, MIDDLE)
     assert together.failure.shape == batch
     assert torch.equal(together.direction.stacked().reshape(-1, 3), one_by_one.direction.stacked())
 
@@ -136,7 +137,7 @@ def test_derivatives_agree_with_central_differences(example: Example) -> None:
     pixels = some_pixels(20)
 
     def exit_rays(at: dict[str, torch.Tensor]) -> torch.Tensor:
-        rays = path.trace(pixels, at)
+        rays = path.trace(pixels, at, MIDDLE)
         return torch.cat([rays.origin.stacked(), rays.direction.stacked()], -1)
 
     here = {param.name: values[param.name].clone().requires_grad_() for param in path.params}
@@ -165,13 +166,13 @@ def test_derivatives_agree_with_central_differences(example: Example) -> None:
 def test_derivatives_by_pixel_agree_with_central_differences(example: Example) -> None:
     path, values = nominal(example, changed=example.moved)
     pixels = some_pixels(20).requires_grad_()
-    at = path.trace(pixels, values).at_depth(torch.tensor(0.5, dtype=torch.float64))
+    at = path.trace(pixels, values, MIDDLE).at_depth(torch.tensor(0.5, dtype=torch.float64))
     (derivatives,) = row_derivatives(at, [pixels])
     for axis in range(2):
         step = torch.zeros(2, dtype=torch.float64)
         step[axis] = 1e-2
         up, down = (
-            path.trace(pixels.detach() + sign * step, values).at_depth(
+            path.trace(pixels.detach() + sign * step, values, MIDDLE).at_depth(
                 torch.tensor(0.5, dtype=torch.float64)
             )
             for sign in (1, -1)
@@ -187,7 +188,7 @@ def test_failures_are_data_with_finite_gradients(example: Example) -> None:
         example, amplitude=3e-3, changed={"refractive_index": 2.6}
     )  # bumps so steep that light cannot leave
     values["cover.refractive_index"].requires_grad_()
-    rays = path.trace(some_pixels(2000), values)
+    rays = path.trace(some_pixels(2000), values, MIDDLE)
     seen = {FAILURES[code] for code in rays.failure.tolist()}
     assert FAILURES[REFLECTED_OUTER] in seen
     total = rays.origin.stacked().sum() + rays.direction.stacked().sum()
@@ -204,7 +205,7 @@ def test_a_ray_along_a_narrowing_cone_that_never_meets_it_has_missed() -> None:
     pixels = torch.tensor(
         [[float(values["camera.cx"]), 4000.0]], dtype=torch.float64
     )  # steeply down, where the cone opens faster
-    rays = path.trace(pixels, values)
+    rays = path.trace(pixels, values, MIDDLE)
     assert rays.failure.tolist() == [MISSED_INNER]
     assert torch.isfinite(rays.direction.stacked()).all()
 
@@ -214,7 +215,7 @@ def test_a_ray_along_a_narrowing_cone_that_never_meets_it_has_missed() -> None:
 def test_projection_is_the_inverse_of_tracing(example: Example, depth: float) -> None:
     path, values = nominal(example, changed=example.moved)
     pixels = some_pixels(500)
-    rays = path.trace(pixels, values)
+    rays = path.trace(pixels, values, MIDDLE)
     points = torch.cat(
         [
             rays.at_depth(torch.tensor(depth, dtype=torch.float64)),
@@ -222,7 +223,7 @@ def test_projection_is_the_inverse_of_tracing(example: Example, depth: float) ->
         ],
         -1,
     )
-    assert (project(path, values, points) - pixels).norm(dim=-1).max() < 1e-6
+    assert (project(path, values, points, MIDDLE) - pixels).norm(dim=-1).max() < 1e-6
 
 
 @each_shape
@@ -232,7 +233,7 @@ def test_projection_says_nan_where_no_ray_goes(example: Example) -> None:
         [[0.0, 0.0, -1.0], [0.0, 0.0, float("nan")], [0.0, 0.0, 1.0], [50.0, 0.0, 0.01]],
         dtype=torch.float64,
     )
-    seen = project(path, values, points)
+    seen = project(path, values, points, MIDDLE)
     assert torch.isfinite(seen).all(-1).tolist() == [False, False, True, False]
 
 
@@ -240,20 +241,20 @@ def test_projection_says_nan_where_no_ray_goes(example: Example) -> None:
 def test_projection_says_nan_for_a_point_inside_the_cover(example: Example) -> None:
     """The line of the ray is the light's way only from where it leaves the cover on."""
     path, values = nominal(example)
-    rays = path.trace(some_pixels(50), values)
+    rays = path.trace(some_pixels(50), values, MIDDLE)
     before, beyond = (
         (rays.origin + rays.direction * torch.tensor(way, dtype=torch.float64)).stacked()
         for way in (-1e-3, 1e-3)
     )
-    assert torch.isnan(project(path, values, before)).all()
-    assert torch.isfinite(project(path, values, beyond)).all()
+    assert torch.isnan(project(path, values, before, MIDDLE)).all()
+    assert torch.isfinite(project(path, values, beyond, MIDDLE)).all()
 
 
 @each_shape
 def test_exit_ray_gives_the_undistorted_pixel_affine_in_inverse_depth(example: Example) -> None:
     """DESIGN: p_u(Z) = A + B / Z exactly, so three depths lie on a line."""
     path, values = nominal(example)
-    rays = path.trace(some_pixels(50), values)
+    rays = path.trace(some_pixels(50), values, MIDDLE)
     near, middle, far = (
         rays.at_depth(torch.tensor(z, dtype=torch.float64)) / z for z in (0.1, 0.2, 1.0)
     )
@@ -265,7 +266,7 @@ def test_exit_ray_gives_the_undistorted_pixel_affine_in_inverse_depth(example: E
 def test_footprint_holds_every_ray(example: Example) -> None:
     path, values = nominal(example, amplitude=0.0)
     low, high = footprint(path, values, WIDTH, HEIGHT)
-    rays = path.trace(some_pixels(500), values)
+    rays = path.trace(some_pixels(500), values, MIDDLE)
     outer = path.cover[-1]
     first, second = outer.surface.chart(outer.frame.at(values).enter(rays.origin))
     assert low[0] <= first.min() <= first.max() <= high[0]
@@ -280,7 +281,7 @@ def test_the_paper_s_patch_holds_what_its_camera_sees() -> None:
         dtype=torch.float64,
     )
     height, around = outer.surface.chart(
-        outer.frame.at(values).enter(path.trace(corners, values).origin)
+        outer.frame.at(values).enter(path.trace(corners, values, MIDDLE).origin)
     )
     assert PATCH[0][0] < height.min() < height.max() < PATCH[1][0], "its 20 mm"
     assert PATCH[0][1] < around.min() < around.max() < PATCH[1][1], "its 30 degrees"
@@ -291,8 +292,8 @@ def test_the_paper_s_patch_holds_what_its_camera_sees() -> None:
 def test_cuda_gives_the_same_rays(example: Example) -> None:
     path, values = nominal(example, changed=example.moved)
     pixels = some_pixels(500)
-    here = path.trace(pixels, values).direction.stacked()
+    here = path.trace(pixels, values, MIDDLE).direction.stacked()
     there = path.trace(
-        pixels.cuda(), {name: value.cuda() for name, value in values.items()}
+        pixels.cuda(), {name: value.cuda() for name, value in values.items()}, MIDDLE
     ).direction.stacked()
     assert (here - there.cpu()).abs().max() < 1e-13

@@ -8,7 +8,6 @@ import torch
 from calib.optics import rotation
 from calib.optics.board_target import Placement, Target
 from calib.optics.lens_model import COEFFICIENTS, LensModel
-from calib.optics.params import NEAR
 from calib.optics.rays import LENS, Rays
 from calib.optics.relief import Relief
 from calib.optics.snell import refract
@@ -38,9 +37,10 @@ PINHOLE = {"fx": 1279.18, "fy": 1270.0, "cx": 832.765, "cy": 636.575}
 def lens_values(
     count: int, parameters: tuple[float, ...] = LENS_NUMBERS
 ) -> dict[str, torch.Tensor]:
-    named = {**PINHOLE, **dict(zip(COEFFICIENTS[:count], parameters, strict=False))}
+    keywords = {**PINHOLE, **dict(zip(COEFFICIENTS[:count], parameters, strict=False))}
     return {
-        f"camera.{name}": torch.tensor(value, dtype=torch.float64) for name, value in named.items()
+        f"camera.{name}": torch.tensor(value, dtype=torch.float64)
+        for name, value in keywords.items()
     }
 
 
@@ -68,18 +68,17 @@ def test_lens_finds_the_same_rays_from_a_start(monkeypatch: pytest.MonkeyPatch) 
     """From near by, in fewer steps, and from where no start is known."""
     count = 8
     pixels = torch.from_numpy(np.random.default_rng(0).uniform((0, 0), (1600, 1200), (200, 2)))
-    found = LensModel(count)(pixels, lens_values(count)).direction
-    near = torch.stack([found.x, found.y], -1) / found.z[:, None] + 1e-3
+    result = LensModel(count)(pixels, lens_values(count)).direction
+    near = torch.stack([result.x, result.y], -1) / result.z[:, None] + 1e-3
     near[::7] = torch.nan
-    again = LensModel(count)(pixels, {**lens_values(count), NEAR: near}).direction
-    assert float((again.stacked() - found.stacked()).abs().max()) < 1e-12
+    with_start = LensModel(count)(pixels, lens_values(count), near).direction
+    assert float((with_start.stacked() - result.stacked()).abs().max()) < 1e-12
     monkeypatch.setattr("calib.optics.lens_model.NEWTON_STEPS", 2)
-    few = [
-        LensModel(count)(pixels, {**lens_values(count), **start}).failure != 0
-        for start in ({}, {NEAR: near})
+    failures = [
+        LensModel(count)(pixels, lens_values(count), start).failure != 0 for start in (None, near)
     ]
-    assert int(few[0].sum()) > 100, "the control: from the pixel, two steps are too few"
-    assert not few[1][near.isfinite().all(1)].any()
+    assert int(failures[0].sum()) > 100, "the control: from the pixel, two steps are too few"
+    assert not failures[1][near.isfinite().all(1)].any()
 
 
 def test_lens_fails_beyond_the_fold_and_stays_finite() -> None:
@@ -104,33 +103,39 @@ def test_lens_derivatives_agree_with_central_differences() -> None:
     values = lens_values(14)
     pixels = torch.tensor([[300.0, 900.0], [1500.0, 100.0]], dtype=torch.float64)
     for param in LensModel(14).params:
-        here = values[param.name].clone().requires_grad_()
-        rows = LensModel(14)(pixels, {**values, param.name: here}).direction.stacked().reshape(-1)
+        value = values[param.name].clone().requires_grad_()
+        rows = LensModel(14)(pixels, {**values, param.name: value}).direction.stacked().reshape(-1)
         analytic = torch.stack(
-            [torch.autograd.grad(row, here, retain_graph=True)[0] for row in rows]
+            [torch.autograd.grad(row, value, retain_graph=True)[0] for row in rows]
         )
         size = 1e-3 * param.scale
-        up, down = (
-            LensModel(14)(pixels, {**values, param.name: here.detach() + s * size})
+        forward = (
+            LensModel(14)(pixels, {**values, param.name: value.detach() + size})
             .direction.stacked()
             .reshape(-1)
-            for s in (1, -1)
         )
-        numeric = (up - down) / (2 * size)
+        backward = (
+            LensModel(14)(pixels, {**values, param.name: value.detach() - size})
+            .direction.stacked()
+            .reshape(-1)
+        )
+        numeric = (forward - backward) / (2 * size)
         assert (analytic - numeric).abs().max() < 1e-6 * numeric.abs().max(), param.name
 
 
 def test_each_pixel_can_have_a_lens_of_its_own() -> None:
-    """As the derivatives by row ask for."""
+    """The derivatives by row need this."""
     pixels = torch.tensor([[100.0, 80.0], [900.0, 700.0], [1500.0, 200.0]], dtype=torch.float64)
     values = lens_values(14)
-    other = {name: 1.1 * value for name, value in values.items()}
-    mixed = {name: torch.stack([value, other[name], value]) for name, value in values.items()}
+    other_values = {name: 1.1 * value for name, value in values.items()}
+    mixed = {
+        name: torch.stack([value, other_values[name], value]) for name, value in values.items()
+    }
     together = LensModel(14)(pixels, mixed).direction.stacked()
     alone = torch.cat(
         [
-            LensModel(14)(pixels[i : i + 1], own).direction.stacked()
-            for i, own in enumerate((values, other, values))
+            LensModel(14)(pixels[i : i + 1], lens_values_of_row).direction.stacked()
+            for i, lens_values_of_row in enumerate((values, other_values, values))
         ]
     )
     assert torch.allclose(together, alone, rtol=0, atol=1e-12)
@@ -146,10 +151,10 @@ def test_rotation_is_opencv_s() -> None:
     "rotvec", [[0.3, -1.2, 2.0], [3e-4, 2e-4, -1e-4], [2e-3, 0.0, 1e-3], [0.0, 0.0, 0.0]]
 )
 def test_rotation_derivatives_agree_with_central_differences(rotvec: list[float]) -> None:
-    here = torch.tensor(rotvec, dtype=torch.float64)
-    derivatives = rotation.derivatives(here, rotation.matrix(here))
+    vector = torch.tensor(rotvec, dtype=torch.float64)
+    derivatives = rotation.derivatives(vector, rotation.matrix(vector))
     for axis, step in enumerate(1e-6 * torch.eye(3, dtype=torch.float64)):
-        numeric = (rotation.matrix(here + step) - rotation.matrix(here - step)) / 2e-6
+        numeric = (rotation.matrix(vector + step) - rotation.matrix(vector - step)) / 2e-6
         assert (derivatives[axis] - numeric).abs().max() < 1e-9
 
 
@@ -231,9 +236,9 @@ def test_board_is_hit_where_opencv_s_homography_says() -> None:
 
 
 def test_a_board_behind_the_camera_is_missed() -> None:
-    zero, one = torch.zeros(1, dtype=torch.float64), torch.ones(1, dtype=torch.float64)
+    zero, item = torch.zeros(1, dtype=torch.float64), torch.ones(1, dtype=torch.float64)
     rays = Rays(
-        Vector(zero, zero, zero), Vector(zero, zero, one), torch.zeros(1, dtype=torch.uint8)
+        Vector(zero, zero, zero), Vector(zero, zero, item), torch.zeros(1, dtype=torch.uint8)
     )
     _, failure = Target()(
         rays, Placement.of(torch.tensor([[0.0, 0, 0, 0, 0, -1.0]], dtype=torch.float64)), {}

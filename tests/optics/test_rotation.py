@@ -50,20 +50,21 @@ def test_the_matrix_is_scipy_s(rotvec: np.ndarray) -> None:
 
 @given(rotvecs)
 def test_the_derivative_is_that_of_central_differences(rotvec: np.ndarray) -> None:
-    """Of scipy's matrices.
+    """The differences are of scipy's matrices.
 
-    STEP^2 / 6 times the third derivative, and the roundings of the matrices over STEP: 2e-11 each,
-    times some.
+    Their error is STEP^2 / 6 times the third derivative, and the roundings of the matrices over
+    STEP: 2e-11 each, times some.
     """
-    here = torch.from_numpy(rotvec)
-    derivatives = rotation.derivatives(here, rotation.matrix(here)).numpy()
+    vector = torch.from_numpy(rotvec)
+    derivatives = rotation.derivatives(vector, rotation.matrix(vector)).numpy()
     for axis, step in enumerate(STEP * np.eye(3)):
-        there, back = (Rotation.from_rotvec(rotvec + sign * step).as_matrix() for sign in (1, -1))
-        assert np.abs(derivatives[axis] - (there - back) / (2 * STEP)).max() < 2e-10
+        forward = Rotation.from_rotvec(rotvec + step).as_matrix()
+        back = Rotation.from_rotvec(rotvec - step).as_matrix()
+        assert np.abs(derivatives[axis] - (forward - back) / (2 * STEP)).max() < 2e-10
 
 
 @given(directions, st.floats(-12, -2))
-def test_both_pass_through_zero_smoothly(
+def test_both_functions_are_smooth_at_zero(
     direction: tuple[float, float, float], power: float
 ) -> None:
     """A turn and the same turn back are none, and the derivative's second difference across zero is
@@ -72,17 +73,17 @@ def test_both_pass_through_zero_smoothly(
     axis = torch.tensor(direction, dtype=torch.float64)
     axis = axis / axis.norm()
     line = 10.0**power * axis * torch.tensor([[-1.0], [0.0], [1.0]], dtype=torch.float64)
-    before, at, after = rotation.matrix(line)
+    initial, at, final = rotation.matrix(line)
     assert torch.equal(at, torch.eye(3, dtype=torch.float64))
-    assert (before @ after - at).abs().max() < 1e-15, "turning back undoes it"
+    assert (initial @ final - at).abs().max() < 1e-15, "turning back undoes it"
     derivatives = rotation.derivatives(line, rotation.matrix(line))
     assert (derivatives[0] + derivatives[2] - 2 * derivatives[1]).abs().max() < 10.0 ** (
         2 * power
     ) + 1e-15
 
 
-def test_many_are_turned_as_each_alone() -> None:
+def test_many_vectors_are_turned_as_each_alone() -> None:
     many = torch.from_numpy(np.random.default_rng(0).normal(size=(4, 3, 3)))
     turns = rotation.matrix(many)
-    alone = torch.stack([rotation.matrix(each) for each in many.reshape(-1, 3)])
+    alone = torch.stack([rotation.matrix(vector) for vector in many.reshape(-1, 3)])
     assert turns.reshape(-1, 3, 3).numpy() == pytest.approx(alone.numpy(), abs=1e-15)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calib.calibration import Calibration
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.progress import Silent
 from calib.session.session import read_session
 from fixtures.synthetic import HEIGHT, WIDTH, scene

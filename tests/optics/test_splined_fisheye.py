@@ -4,12 +4,12 @@ import numpy as np
 import torch
 from scipy.interpolate import NdBSpline
 
+from calib.optics.exposure import MIDDLE
 from calib.optics.fisheye import Fisheye
 from calib.optics.path import Path
 from calib.optics.projection import project
 from calib.optics.splined_fisheye import (
     CORRELATION_LENGTH,
-    GRID,
     PRIOR_SCALE,
     ROUGHNESS,
     SHIFTS,
@@ -26,7 +26,7 @@ LENS = SplinedFisheye(Grid(SIZE_PX, (COLUMNS, ROWS)))
 
 def uneven(size: float = 2.0) -> dict[str, torch.Tensor]:
     shifts = torch.from_numpy(np.random.default_rng(1).normal(0, size, (2, COUNT)))
-    return values() | dict(zip(SHIFTS, shifts, strict=True)) | {GRID: LENS.grid.encoded}
+    return values() | dict(zip(SHIFTS, shifts, strict=True))
 
 
 def inside(count: int = 300) -> torch.Tensor:
@@ -72,7 +72,7 @@ def test_there_and_back_beside_and_behind_the_pinhole() -> None:
         directions = around(degrees)
         pixels = LENS.project(directions, uneven())
         assert (LENS(pixels, uneven()).direction.stacked() - directions).abs().max() < 1e-12
-        assert torch.isfinite(project(Path(LENS), uneven(), directions)).all()
+        assert torch.isfinite(project(Path(LENS), uneven(), directions, MIDDLE)).all()
 
 
 def test_derivatives_by_the_control_points_agree_with_central_differences() -> None:
@@ -98,9 +98,9 @@ def test_derivatives_by_the_control_points_agree_with_central_differences() -> N
 
 
 def test_each_pixel_can_have_a_surface_of_its_own() -> None:
-    """As the derivatives by row ask for."""
+    """The derivatives by row need this."""
     pixels, one, two = inside(2), uneven(), uneven(1.0)
-    mixed = {name: torch.stack([one[name], two[name]]) for name in one if name != GRID}
+    mixed = {name: torch.stack([one[name], two[name]]) for name in one}
     alone = torch.cat(
         [LENS(pixels[i : i + 1], own).direction.stacked() for i, own in enumerate((one, two))]
     )

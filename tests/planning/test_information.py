@@ -1,4 +1,4 @@
-"""What views tell of the numbers they share, against oracles that are built otherwise; and the
+"""The information of views about the shared parameters, compared with independent oracles; and the
 process that computes it.
 """
 
@@ -15,12 +15,14 @@ import torch
 from calib.apply.map_uncertainty import predicted_sigma
 from calib.corners.view import View
 from calib.estimation.jacobians import undistorted_jacobian
-from calib.estimation.levenberg_marquardt import normal_equations
+from calib.estimation.normal_equations import normal_equations
 from calib.estimation.observations import Observations
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
-from calib.fitting.stages import Settings, Setup
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup
+from calib.optics.exposure import MIDDLE
 from calib.planning.information import PlanningFit, estimate, survey, view_information
 from calib.planning.pose_bank import Reach, make_pose_bank
 from calib.session.camera import Camera
@@ -62,23 +64,23 @@ def some_poses() -> np.ndarray:
 def test_the_jacobian_is_central_differences_of_rays(few: PlanningFit) -> None:
     model = few.model
     pixels = np.array([[300.0, 200], [1600, 1200], [3000, 2300]])
-    jacobian, motions, lost = undistorted_jacobian(model.path, model.parameters, pixels)
-    assert not lost.any()
+    jacobian, motions, failed = undistorted_jacobian(model.path, model.parameters, pixels)
+    assert not failed.any()
     places = model.parameters.slices()
     assert {"cover.thickness", "camera.fx"} <= set(places)
 
     def undistorted(
         values: dict[str, torch.Tensor], turn: np.ndarray, shift: np.ndarray
     ) -> np.ndarray:
-        rays = model.path.trace(torch.from_numpy(pixels), values)
+        rays = model.path.trace(torch.from_numpy(pixels), values, MIDDLE)
         origin, direction = rays.origin.stacked().numpy(), rays.direction.stacked().numpy()
         origin, direction = (
             origin + np.cross(turn, origin) + shift,
             direction + np.cross(turn, direction),
         )
-        across = direction[:, :2] / direction[:, 2:]
-        parts = across, origin[:, :2] - across * origin[:, 2:]
-        return np.asarray(INTRINSICS.fx.value * np.stack(parts, 1))
+        slopes = direction[:, :2] / direction[:, 2:]
+        coefficients = slopes, origin[:, :2] - slopes * origin[:, 2:]
+        return np.asarray(INTRINSICS.fx.value * np.stack(coefficients, 1))
 
     def difference(change: dict[str, torch.Tensor], size: float) -> np.ndarray:
         ends = [
@@ -116,21 +118,20 @@ def test_the_jacobian_is_central_differences_of_rays(few: PlanningFit) -> None:
 ZERO = np.zeros(3)
 
 
-def test_a_views_information_is_what_elimination_leaves(few: PlanningFit) -> None:
+def test_a_view_s_information_is_the_schur_complement_of_its_pose(few: PlanningFit) -> None:
     """Oracle: the solver's own normal equations, each view by itself; and that they add up."""
-    model, seen = few.model, few.observations
-    weights = pixel_weights(model.path, model.means, seen, few.poses, 1.0)
-    ours = view_information(model, seen, few.poses)
-    pieces = make_residual_blocks(model.path, model.parameters, seen, weights)
-    whole, _ = normal_equations(
-        piece.linearise(model.means, few.poses) for piece in pieces
-    ).schur_complement()
-    assert ours.shape == (2, *whole.shape)
+    model, observations = few.model, few.observations
+    weights = pixel_weights(model.path, model.means, observations, few.poses, 1.0)
+    ours = view_information(model, observations, few.poses)
+    pieces = make_residual_blocks(model.path, model.parameters, observations, weights)
+    equations = normal_equations(piece.linearise(model.means, few.poses) for piece in pieces)
+    total = equations.eliminate_blocks().hessian
+    assert ours.shape == (2, *total.shape)
     assert ours.sum(0) == pytest.approx(
-        whole.numpy(), rel=1e-6, abs=1e-6 * float(whole.abs().max())
+        total.numpy(), rel=1e-6, abs=1e-6 * float(total.abs().max())
     )
-    for one in ours:
-        assert np.linalg.eigvalsh(one).min() > -1e-9 * np.abs(one).max()
+    for item in ours:
+        assert np.linalg.eigvalsh(item).min() > -1e-9 * np.abs(item).max()
 
 
 def test_the_predicted_sigma_is_the_calibrations_own(made: Scene) -> None:
@@ -150,7 +151,7 @@ def test_the_predicted_sigma_is_the_calibrations_own(made: Scene) -> None:
     assert 0.7 < np.median(ours / theirs) < 1
 
 
-def test_modes_that_are_left_out_change_nothing(few: PlanningFit, setup: Setup) -> None:
+def test_neglected_modes_change_nothing(few: PlanningFit, setup: Setup) -> None:
     """Oracle: the covariance of all shared parameters, without modes."""
     surveyed_design = few.design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
     model = few.model
@@ -172,12 +173,10 @@ def test_modes_that_are_left_out_change_nothing(few: PlanningFit, setup: Setup) 
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     jacobian, motions, _ = undistorted_jacobian(model.path, model.parameters, pixels)
     at = np.stack([np.ones_like(DEPTHS), 1 / DEPTHS])
-    changed, moved = (
-        np.einsum("nabs,ad->ndbs", part, at).reshape(-1, part.shape[-1])
-        for part in (jacobian, motions)
-    )
-    left = changed - moved @ np.linalg.lstsq(moved, changed, rcond=None)[0]
-    variance = np.einsum("ns,st,nt->n", left, covariance, left).mean() * 2
+    changed = np.einsum("nabs,ad->ndbs", jacobian, at).reshape(-1, jacobian.shape[-1])
+    moved = np.einsum("nabs,ad->ndbs", motions, at).reshape(-1, motions.shape[-1])
+    remainder = changed - moved @ np.linalg.lstsq(moved, changed, rcond=None)[0]
+    variance = np.einsum("ns,st,nt->n", remainder, covariance, remainder).mean() * 2
     assert surveyed_design.sigma(surveyed_design.precision()) == pytest.approx(
         np.sqrt(variance), rel=0.02
     )
@@ -192,14 +191,14 @@ def test_poses_that_the_cover_pushes_out_of_the_picture_are_dropped(
     assert design.poses == pytest.approx(poses[:1])
 
 
-def test_of_a_board_with_markers_what_is_seen_counts(few: PlanningFit, made: Scene) -> None:
+def test_visible_corners_of_a_board_with_markers_count(few: PlanningFit, made: Scene) -> None:
     """Oracle: the same view with the other corners taken from its observations.
 
     A pose in which too little is seen is dropped.
     """
     board = replace(made.board, coding=Charuco(0.75 * made.board.square, "DICT_4X4_250"))
     half_out, far_out = np.array([0.1, -0.2, 0, 0.5, 0, 0.8]), np.array([0, 0, 0, 0.62, 0.46, 0.8])
-    found = survey(few.model, board, CAMERA, np.array([half_out, far_out]), COVERAGE_CELLS, DEPTHS)
+    result = survey(few.model, board, CAMERA, np.array([half_out, far_out]), COVERAGE_CELLS, DEPTHS)
     assert (
         len(
             survey(
@@ -208,19 +207,19 @@ def test_of_a_board_with_markers_what_is_seen_counts(few: PlanningFit, made: Sce
         )
         == 0
     )
-    assert found.poses == pytest.approx(half_out[None])
-    seen = np.isfinite(found.corners[0, :, 0])
-    assert 0.4 <= seen.mean() < 0.9
-    assert (found.corners[0, seen] < [CAMERA.width - 1, CAMERA.height - 1]).all()
-    view = View("", found.corners[0], seen.astype(float))
-    whole = Observations.of((view,), made.board)
-    assert len(whole.pixels) == seen.sum()
-    assert found.information == pytest.approx(
-        view_information(few.model, whole, torch.from_numpy(half_out[None])), rel=1e-6
+    assert result.poses == pytest.approx(half_out[None])
+    visible = np.isfinite(result.corners[0, :, 0])
+    assert 0.4 <= visible.mean() < 0.9
+    assert (result.corners[0, visible] < [CAMERA.width - 1, CAMERA.height - 1]).all()
+    view = View("", result.corners[0], visible.astype(float))
+    full = Observations.of((view,), made.board)
+    assert len(full.pixels) == visible.sum()
+    assert result.information == pytest.approx(
+        view_information(few.model, full, torch.from_numpy(half_out[None])), rel=1e-6
     )
 
 
-def test_the_bank_knows_what_views_in_its_poses_tell(setup: Setup) -> None:
+def test_the_bank_predicts_the_information_of_views_in_its_poses(setup: Setup) -> None:
     """A view taken exactly where the guide asked lowers sigma as the plan foresaw."""
     nominal = estimate(setup, (), GRID)
     design = nominal.design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
@@ -240,16 +239,18 @@ def test_planned_views_beat_others(setup: Setup) -> None:
     planned = design.plan(design.precision(), np.zeros(len(design.poses), bool), 0.0, limit=8)
     best = design.sigma(design.precision(design.information[planned].sum(0)))
     rng = np.random.default_rng(0)
-    others = [
+    alternatives = [
         design.sigma(
             design.precision(design.information[rng.permutation(len(design.poses))[:8]].sum(0))
         )
         for _ in range(20)
     ]
-    assert best < min(others)
+    assert best < min(alternatives)
 
 
-def test_a_rougher_prior_and_more_noise_make_maps_less_sure(few: PlanningFit, setup: Setup) -> None:
+def test_a_rougher_prior_and_more_noise_make_maps_less_certain(
+    few: PlanningFit, setup: Setup
+) -> None:
     def sigma(height: float, noise: float) -> float:
         changed = PlanningFit(
             few.model, few.poses, few.observations, Smoothness(height, 0.4), noise
@@ -263,24 +264,24 @@ def test_a_rougher_prior_and_more_noise_make_maps_less_sure(few: PlanningFit, se
 
 def test_enough_views_are_fitted(made: Scene) -> None:
     setup = Setup(made.board, CAMERA, INTRINSICS, GLASS)
-    known = estimate(setup, made.views, GRID)
-    assert known.sigma == pytest.approx(0.1, rel=0.1)
-    assert float(known.model.means["relief.amplitudes"].abs().max()) > 1e-7
+    reference = estimate(setup, made.views, GRID)
+    assert reference.sigma == pytest.approx(0.1, rel=0.1)
+    assert float(reference.model.means["relief.amplitudes"].abs().max()) > 1e-7
 
 
 def test_parameters_without_a_sigma_are_not_estimated(made: Scene, setup: Setup) -> None:
-    known = estimate(Setup(made.board, CAMERA, INTRINSICS, GLASS), (), GRID)
-    assert known.model.parameters.free == ()
+    reference = estimate(Setup(made.board, CAMERA, INTRINSICS, GLASS), (), GRID)
+    assert reference.model.parameters.free == ()
     assert {param.name for param in estimate(setup, (), GRID).model.parameters.free} == set(
-        priors_of(setup.intrinsics, setup.cover, known.model.path).sigmas
+        priors_of(setup.intrinsics, setup.cover, reference.model.path).sigmas
     )
 
 
 @pytest.fixture
 def guidance(made: Scene) -> Iterator[Guidance]:
-    asked = Guidance(made.board, CAMERA, GLASS, REACH, target_px=20.0)
-    yield asked
-    asked.close()
+    requested = Guidance(made.board, CAMERA, GLASS, REACH, target_px=20.0)
+    yield requested
+    requested.close()
 
 
 @pytest.mark.slow
@@ -316,7 +317,7 @@ def test_a_later_question_ends_an_earlier_one(guidance: Guidance, made: Scene) -
         pytest.param(0.01, ["would not reach"], marks=pytest.mark.slow),
     ],
 )
-def test_folds_are_tried_once_the_maps_are_sure_enough(
+def test_folds_are_tried_once_the_maps_are_certain_enough(
     target: float, words: list[str], made: Scene
 ) -> None:
     views = [KeptView(view.corners) for view in made.views[:6]]
@@ -327,7 +328,7 @@ def test_folds_are_tried_once_the_maps_are_sure_enough(
 
 
 def guidance_of(made: Scene, count: int, target: float) -> list[InformedGuide]:
-    """What the process answers, computed here."""
+    """Return the answer of the process, computed here."""
     request = Request(
         made.board, CAMERA, GLASS, REACH, tuple(view.corners for view in made.views[:count]), target
     )
@@ -357,7 +358,9 @@ def test_without_torch_the_plain_guide_is_named(
     [(Camera(3280, 2464), GLASS), (CAMERA, Cover("none", {}))],
     ids=["no intrinsics", "no cover"],
 )
-def test_what_it_cannot_serve_is_said(camera: Camera, cover: Cover, made: Scene) -> None:
+def test_requests_that_the_guide_cannot_serve_are_reported(
+    camera: Camera, cover: Cover, made: Scene
+) -> None:
     guidance = Guidance(made.board, camera, cover, REACH)
     try:
         with pytest.raises(GuidanceError, match="needs a cover and the camera's intrinsics"):

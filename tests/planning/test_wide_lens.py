@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from calib.optics.build import pinhole_path
+from calib.optics.exposure import MIDDLE
 from calib.planning.pose_bank import Reach, fit_bare_pose, make_pose_bank, mask_to_picture
 from calib.session.board import Board
 from fixtures.wide import BOARD, CAMERA, INTRINSICS
@@ -16,8 +17,8 @@ CAMERA_WIDE = replace(CAMERA, intrinsics=INTRINSICS)
 
 @pytest.mark.parametrize("focal", [300.0, 150.0])
 def test_its_poses_are_in_the_picture_where_the_ray_path_has_them(focal: float) -> None:
-    """Of a lens that sees 170 degrees across the diagonal, and of one that sees more than 180
-    degrees from side to side.
+    """One lens sees 170 degrees across the diagonal, another one more than 180 degrees from side to
+    side.
     """
     lens = replace(
         INTRINSICS, fx=replace(INTRINSICS.fx, value=focal), fy=replace(INTRINSICS.fy, value=focal)
@@ -27,7 +28,9 @@ def test_its_poses_are_in_the_picture_where_the_ray_path_has_them(focal: float) 
     assert len(found.poses) > 50
     path, values = pinhole_path(lens)
     for pose, corners in zip(found.poses[::10], found.corners[::10], strict=True):
-        placed = path.place(torch.from_numpy(BOARD.points()), values, torch.from_numpy(pose))
+        placed = path.place(
+            torch.from_numpy(BOARD.points()), values, torch.from_numpy(pose), MIDDLE
+        )
         assert np.abs(path.lens.project(placed, values).numpy() - corners).max() < 1e-9
     assert np.isfinite(mask_to_picture(found.corners, camera)).all()
     around = np.ptp(found.corners.reshape(-1, 2), axis=0) / [camera.width, camera.height]
@@ -36,7 +39,7 @@ def test_its_poses_are_in_the_picture_where_the_ray_path_has_them(focal: float) 
     )
 
 
-def test_a_pose_is_found_again_from_what_is_seen() -> None:
+def test_a_pose_is_recovered_from_visible_corners() -> None:
     found = make_pose_bank(BOARD, CAMERA_WIDE, Reach.of(BOARD, CAMERA_WIDE))
     for pose, corners in zip(found.poses[::10], found.corners[::10], strict=True):
         again = fit_bare_pose(Board(BOARD.columns, BOARD.rows, BOARD.square), CAMERA_WIDE, corners)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from calib.calibration import Calibration
-from calib.fitting.provenance import KEY, provenance
+from calib.fitting.provenance import provenance
 from calib.session.session import read_session
 from fixtures.synthetic import paper_cone, scene
 from tests.report.made import add_pictures, calibrated, report_in
@@ -32,9 +32,8 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> Reported:
     session = folder / "session"
     calibration = calibrated(made, session)
     add_pictures(session, made)
-    calibration = replace(
-        calibration, settings=calibration.settings | {KEY: provenance(read_session(session))}
-    )
+    request = replace(calibration.request, provenance=provenance(read_session(session)))
+    calibration = replace(calibration, request=request)
     (session / "calibration").mkdir()
     return Reported(calibration, session, report_in(session / "calibration", calibration))
 

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from calib.calibration import Calibration
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.io.file_set import FileSet
 from calib.progress import Silent
 from calib.report.effects import EffectRow

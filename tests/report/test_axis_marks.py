@@ -53,16 +53,16 @@ def drawn(paint: object, *, ours: bool) -> str:
 
 
 def marks(svg: str) -> Marks:
-    """Of every text, by what it says and how it is anchored: x and y, pt."""
-    found = {}
-    for style, rest, said in TEXT.findall(svg):
-        at = re.search(r'x="([-\d.]+)" y="([-\d.]+)"', rest) or re.search(
-            r"translate\(([-\d.]+) ([-\d.]+)\)", rest
+    """Return the x and y in pt of every text, by its words and its anchor."""
+    results = {}
+    for style, attributes, text in TEXT.findall(svg):
+        at = re.search(r'x="([-\d.]+)" y="([-\d.]+)"', attributes) or re.search(
+            r"translate\(([-\d.]+) ([-\d.]+)\)", attributes
         )
         assert at
         anchor = re.search(r"text-anchor: (\w+)", style)
-        found[said, anchor[1] if anchor else "start"] = float(at[1]), float(at[2])
-    return found
+        results[text, anchor[1] if anchor else "start"] = float(at[1]), float(at[2])
+    return results
 
 
 @PAINTED
@@ -70,11 +70,12 @@ def test_numbers_and_names_stand_where_matplotlib_puts_them(paint: object) -> No
     """To half a point; the name beside the numbers to two, for it is as far off as these are wide,
     which is a matter of the font.
     """
-    theirs, own = (marks(drawn(paint, ours=ours)) for ours in (False, True))
-    assert theirs.keys() == own.keys()
-    for (said, anchor), (x, y) in theirs.items():
-        beside = said in ("error (px)", "y (px)")
-        assert own[said, anchor] == pytest.approx((x, y), abs=2.0 if beside else 0.5), said
+    theirs = marks(drawn(paint, ours=False))
+    ours = marks(drawn(paint, ours=True))
+    assert theirs.keys() == ours.keys()
+    for (text, anchor), (x, y) in theirs.items():
+        is_title = text in ("error (px)", "y (px)")
+        assert ours[text, anchor] == pytest.approx((x, y), abs=2.0 if is_title else 0.5), text
 
 
 @PAINTED
@@ -82,9 +83,9 @@ def test_ticks_stand_where_matplotlib_puts_them(paint: object) -> None:
     theirs = places(
         r'<use xlink:href="#m[^"]*" x="([-\d.]+)" y="([-\d.]+)"', drawn(paint, ours=False)
     )
-    own = places(r"M([-\d.]+) ([-\d.]+)[hv]", drawn(paint, ours=True))
+    ours = places(r"M([-\d.]+) ([-\d.]+)[hv]", drawn(paint, ours=True))
     assert len(theirs) >= 5
-    assert own == pytest.approx(theirs, abs=0.02)
+    assert ours == pytest.approx(theirs, abs=0.02)
 
 
 def places(pattern: str, svg: str) -> np.ndarray:

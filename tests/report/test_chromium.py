@@ -17,8 +17,9 @@ import yaml
 from calib.calibration import Calibration
 from calib.corners.view import RejectedPicture
 from calib.diagnosis.requested_effects import with_requested
+from calib.fit_record.history import DiagnosisRecord, DiagnosisRun, History
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.progress import Silent
 from calib.session.session import read_session
 from fixtures.synthetic import scene
@@ -104,14 +105,14 @@ def look(html: str, folder: Path, *flags: str) -> dict[str, Any]:
     return seen
 
 
-def test_the_console_says_nothing(reported: Reported, tmp_path: Path) -> None:
+def test_the_browser_console_stays_empty(reported: Reported, tmp_path: Path) -> None:
     assert browse(reported.html, tmp_path)[1] == []
 
 
 @pytest.mark.parametrize(
     "spoilt", ["<img src='http://192.0.2.1/x.png'>", "<script>null.x</script>"]
 )
-def test_the_console_would_have_said_something(
+def test_an_error_would_appear_in_the_browser_console(
     reported: Reported, tmp_path: Path, spoilt: str
 ) -> None:
     assert browse(reported.html.replace("</body>", f"{spoilt}</body>"), tmp_path)[1]
@@ -190,8 +191,8 @@ def on_a_phone(html: str, folder: Path) -> dict[str, Any]:
 def pages(
     reported: Reported, few: Calibration, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, str]:
-    """Of a fit, of a diagnosed calibration whose session is gone, and of a camera without a
-    cover.
+    """Return the pages of a fit, of a diagnosed calibration whose session is gone, and of a camera
+    without a cover.
     """
     folder = tmp_path_factory.mktemp("pages")
     found: list[dict[str, object]] = [
@@ -205,10 +206,10 @@ def pages(
         for name in ("cover_offset", "board_shape")
     ]
     fitted = with_requested(few, ("cover_offset", "board_shape"), Silent())
-    steps = [{"calibration": "/" + 30 * "far", "holdout": "/held out"}]
+    run = DiagnosisRun("/" + 30 * "far", "/held out")
     diagnosed = replace(
         fitted,
-        settings=fitted.settings | {"diagnosis": {"candidates": found}, "diagnosed": steps},
+        history=History(diagnosis=DiagnosisRecord({"candidates": found}), diagnosis_runs=(run,)),
         rejected=(RejectedPicture(30 * "name" + ".png", "its board is not whole"),),
     )
     lens = scene(7, views=8, noise=0.05)

@@ -26,8 +26,9 @@ from calib.cli import main
 from calib.commands import fit_command
 from calib.commands.report_command import has_screen
 from calib.errors import InputError
+from calib.fit_record.history import DiagnosisRecord, History
+from calib.fit_record.request import CommandOptions, FitRequest, Provenance, Settings
 from calib.fitting.provenance import session_hash
-from calib.fitting.stages import Settings
 from calib.report.again import commands, pasted
 from calib.session.session import read_session
 from fixtures.synthetic import scene
@@ -43,9 +44,11 @@ def test_fit_leaves_a_report(session: Path, capfd: pytest.CaptureFixture[str]) -
     assert main(["fit", str(session), "--grid", "4x4"]) == 0
     path = session / "calibration" / "report.html"
     assert f"Wrote {path}" in capfd.readouterr().out
-    origin = Calibration.load(path.parent).settings["made_by"]
-    assert origin["session"] == str(session.resolve())
-    assert origin["session_sha256"] in path.read_text()
+    origin = Calibration.load(path.parent).request.provenance
+    assert origin
+    assert origin.session == str(session.resolve())
+    assert origin.session_sha256
+    assert origin.session_sha256 in path.read_text()
 
 
 @pytest.mark.usefixtures("without_figures")
@@ -118,18 +121,14 @@ def test_a_browser_is_opened_only_in_front_of_the_person(
     ],
 )
 def test_the_command_asks_for_the_same_fit(settings: Settings) -> None:
-    said = {
-        "method": settings.method,
-        "grid": list(settings.grid or ()),
-        "free": list(settings.free),
-        "steps": settings.steps,
-        "exact_hit": settings.exact_hit,
-        "made_by": {"session": "/there/my session"},
-        "asked": {"depths": [0.5, 1 / 3], "effects": ["board_shape", "focal"]},
-    } | ({"cross_validation": {"folds": settings.folds}} if settings.folds else {})
+    request = FitRequest(
+        settings,
+        CommandOptions(effects=("board_shape", "focal"), depths=(0.5, 1 / 3)),
+        Provenance(session="/there/my session"),
+    )
     parser = argparse.ArgumentParser()
     fit_command.add_arguments(parser)
-    ((program, verb, *words),) = commands(said, Path("/out"))
+    ((program, verb, *words),) = commands(request, History(), Path("/out"))
     assert (program, verb) == ("calib", "fit")
     args = parser.parse_args(words)
     assert (args.session, args.output) == (Path("/there/my session"), Path("/out"))
@@ -141,16 +140,10 @@ def test_the_command_asks_for_the_same_fit(settings: Settings) -> None:
 
 
 def test_what_is_left_at_its_default_is_not_said() -> None:
-    said = {
-        "method": "joint",
-        "grid": [12, 12],
-        "free": ["auto"],
-        "steps": 1000,
-        "exact_hit": True,
-        "made_by": {"session": "/s"},
-    }
-    assert commands(said, Path("/out")) == [["calib", "fit", "/s", "-o", "/out"]]
-    assert commands(said | {"diagnosis": {}}, Path("/out")) == [
+    request = FitRequest(Settings(), provenance=Provenance(session="/s"))
+    assert commands(request, History(), Path("/out")) == [["calib", "fit", "/s", "-o", "/out"]]
+    diagnosed = History(diagnosis=DiagnosisRecord())
+    assert commands(request, diagnosed, Path("/out")) == [
         ["calib", "fit", "/s", "--effects", "auto", "-o", "/out"]
     ]
 
@@ -222,7 +215,8 @@ def test_the_printed_commands_make_the_calibration_again(
             assert np.array_equal(getattr(one, name), getattr(other, name)), (
                 "on one machine, a fit repeats to the last bit"
             )
-        unlike = {key for key in one.settings if one.settings[key] != other.settings[key]}
+        records = one.record(), other.record()
+        unlike = {key for key, value in records[0].items() if value != records[1][key]}
         assert unlike <= {"made_by", "diagnosis"}, "made_by says when"
         assert (other.camera, other.cover, other.stages) == (one.camera, one.cover, one.stages)
 

@@ -1,4 +1,4 @@
-"""What is written into figures can be read."""
+"""The texts in figures can be read."""
 
 from itertools import combinations
 
@@ -24,5 +24,5 @@ def test_the_levels_of_contours_keep_clear_of_the_border_and_of_each_other() -> 
         axes.bbox.x0 < b.x0 and b.x1 < axes.bbox.x1 and axes.bbox.y0 < b.y0 and b.y1 < axes.bbox.y1
         for b in boxes
     )
-    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    assert not any(first.overlaps(second) for first, second in combinations(boxes, 2))
     assert not any(box.contains(*axes.transData.transform((0.0, 0.5))) for box in boxes)

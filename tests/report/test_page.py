@@ -1,5 +1,5 @@
-"""What report.html holds: one file, nothing from outside, every section, and nothing of a file's
-text taken for HTML.
+"""The content of report.html: one file, nothing from outside, every section, and no text of a file
+that counts as HTML.
 """
 
 import re
@@ -16,7 +16,10 @@ from calib.calibration import Calibration
 from calib.cli import main
 from calib.commands.console import print_fit
 from calib.corners.view import RejectedPicture
+from calib.fit_record.outcome import Redetection
+from calib.fit_record.request import FitRequest, Provenance
 from calib.report.effects import EffectRow
+from fixtures.calibrated import with_outcome
 from tests.report.conftest import Reported
 from tests.report.made import report_in
 
@@ -61,13 +64,20 @@ def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> 
         assert f"{stage.rms_px:.3f} px" in said
         assert f"{stage.rmse_cm:.4f} cm" in said
     assert "2558.36" in said
-    origin = reported.calibration.settings["made_by"]
-    assert origin["session_sha256"] in said
-    assert origin["torch"] in said
+    origin = reported.calibration.request.provenance
+    assert origin
+    assert origin.session_sha256
+    assert origin.session_sha256 in said
+    assert origin.packages["torch"] in said
     assert (
         f"calib fit {reported.session} --grid 6x6 --free none --folds 3 -o"
         f" {reported.session / 'calibration'}" in said
     )
+
+
+def made_of(calibration: Calibration, session: str) -> Calibration:
+    request = replace(calibration.request, provenance=Provenance(session=session))
+    return replace(calibration, request=request)
 
 
 @pytest.mark.usefixtures("without_figures")
@@ -95,7 +105,7 @@ def test_text_from_files_is_text(few: Calibration, tmp_path: Path) -> None:
         camera=replace(few.camera, model=HOSTILE),
         views=(replace(few.views[0], name=HOSTILE), *few.views[1:]),
         rejected=(RejectedPicture(HOSTILE, HOSTILE),),
-        settings=few.settings | {"made_by": {"session": HOSTILE, HOSTILE: HOSTILE}},
+        request=FitRequest(provenance=Provenance(session=HOSTILE, packages={HOSTILE: HOSTILE})),
         gauge=HOSTILE,
     )
     html = report_in(tmp_path, hostile, effects=[EffectRow(HOSTILE, 0.4, 0.1, HOSTILE)]).read_text()
@@ -106,10 +116,8 @@ def test_text_from_files_is_text(few: Calibration, tmp_path: Path) -> None:
 def test_a_calibration_opened_elsewhere_shows_its_errors_without_pictures(
     few: Calibration, tmp_path: Path
 ) -> None:
-    origin = {"session": str(tmp_path / "gone" / "session")}
-    html = report_in(
-        tmp_path, replace(few, settings=few.settings | {"made_by": origin})
-    ).read_text()
+    gone = made_of(few, str(tmp_path / "gone" / "session"))
+    html = report_in(tmp_path, gone).read_text()
     assert "<img" not in html
     assert "only lines and corners are drawn" in html
     assert html.count('<div class="shot"') == len(few.views)
@@ -126,7 +134,7 @@ def test_a_session_that_moved_with_its_calibration_is_found(
     other = cv2.imencode(".jpg", np.zeros((480, 640), np.uint8))[1].tobytes()
     for view, data in zip(few.views, (whole, b"", b"no picture", other, whole), strict=False):
         (tmp_path / "frames" / view.name).write_bytes(data)
-    moved = replace(few, settings=few.settings | {"made_by": {"session": "/nowhere/session"}})
+    moved = made_of(few, "/nowhere/session")
     assert (
         report_in(tmp_path / "calibration", moved)
         .read_text()
@@ -153,7 +161,7 @@ def test_depths_are_those_asked_for(few: Calibration, tmp_path: Path) -> None:
     assert re.findall(r"at ([\d.]+) m: [\d.]+ px at the corners", html) == ["0.3", "0.9", "2"]
 
 
-def test_without_covariance_nothing_is_said_of_certainty(few: Calibration, tmp_path: Path) -> None:
+def test_a_report_without_covariance_has_no_sigmas(few: Calibration, tmp_path: Path) -> None:
     html = report_in(tmp_path, replace(few, covariance=np.zeros((0, 0))), (0.7,)).read_text()
     assert 'id="sigma"' not in html
     assert "standard deviation:" not in html
@@ -165,22 +173,21 @@ def test_a_file_name_that_is_no_utf_8_and_one_that_a_terminal_would_obey(
     few: Calibration, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     names = ("caf\udce9.png", "a\x1b[2Jb\ncalib: all is well.png", "[/b][link=x]y.png")
-    looks = [{"file": name, "found": 1, "refused": 0, "dropped": 0} for name in names]
+    looks = tuple(Redetection(name, new_corners=1, refused=0, dropped=0) for name in names)
     odd = replace(
-        few,
+        with_outcome(few, redetections=looks),
         views=(
             *(replace(view, name=name) for view, name in zip(few.views, names, strict=False)),
             *few.views[len(names) :],
         ),
         rejected=tuple(RejectedPicture(name, "no board") for name in names),
-        settings=few.settings | {"second_look": looks},
     )
     report_in(tmp_path, odd)
     odd.save(tmp_path)
     back = Calibration.load(tmp_path)
     assert tuple(view.name for view in back.views[: len(names)]) == names
     assert tuple(one.name for one in back.rejected) == names
-    assert back.settings["second_look"] == looks
+    assert back.outcome.redetections == looks
     print_fit(back, 1.0)
     assert main(["report", "--no-open", str(tmp_path)]) == 0
     said = "".join(capfd.readouterr())

@@ -12,6 +12,7 @@ import torch
 
 from calib.calibration import AddedEffect, Calibration
 from calib.effects.board_shape import BoardShape
+from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.report.evidence import gather_evidence
 from calib.report.straight import lines_across, straight_html
@@ -21,11 +22,11 @@ Lines = list[np.ndarray]
 
 
 def paths(html: str, kind: str) -> list[Lines]:
-    """Of each panel its lines, (n, 2) px."""
-    found = re.findall(rf'<path class="{kind}" d="([^"]*)"', html)
+    """Return the lines of each panel, (n, 2) px."""
+    outlines = re.findall(rf'<path class="{kind}" d="([^"]*)"', html)
     return [
         [np.array([at.split() for at in line.split("L")], float) for line in path.split("M")[1:]]
-        for path in found
+        for path in outlines
     ]
 
 
@@ -33,18 +34,18 @@ def most_bent(lines: Lines) -> float:
     """px from the chord between the ends."""
     worst = []
     for line in lines:
-        along = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
-        worst.append(np.abs((line - line[0]) @ [-along[1], along[0]]).max())
+        direction = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
+        worst.append(np.abs((line - line[0]) @ [-direction[1], direction[0]]).max())
     return float(max(worst))
 
 
 def test_lines_that_bend_become_straight(reported: Reported) -> None:
     """And the pictures are in the page, small."""
     html = straight_html(gather_evidence(reported.calibration), reported.session)
-    before, after = paths(html, "bent")
-    assert len(before) == len(after) == 18, "nine rows and nine columns"
-    assert most_bent(before) > 50, "of 3280 px: to be seen"
-    assert most_bent(after) < 0.2, "places are written to a tenth of a pixel"
+    bent, straight = paths(html, "bent")
+    assert len(bent) == len(straight) == 18, "nine rows and nine columns"
+    assert most_bent(bent) > 50, "of 3280 px: to be seen"
+    assert most_bent(straight) < 0.2, "places are written to a tenth of a pixel"
     assert re.findall(r'aria-label="([^:"]+)', html) == ["As taken", "Undistorted"]
     assert len(re.findall(r"data:image/jpeg", html)) == 2
     assert len(html) < 300_000
@@ -59,8 +60,8 @@ def test_lines_are_where_the_model_sees_straight_lines_of_the_board(few: Calibra
     lattice = few.board.points().reshape(9, 9, 2)
     lines = list(lines_across(evidence, 0))
     assert len(lines) == 18
-    for line, along in zip(lines, (*lattice, *lattice.swapaxes(0, 1)), strict=True):
-        reach = np.linspace(-8, 8, 401)[:, None] * (along[-1] - along[0]) + along[0]
+    for line, true_line in zip(lines, (*lattice, *lattice.swapaxes(0, 1)), strict=True):
+        reach = np.linspace(-8, 8, 401)[:, None] * (true_line[-1] - true_line[0]) + true_line[0]
         pixels = few.project(np.column_stack([reach, np.zeros(len(reach))]) @ turn.T + at)
         pixels = pixels[np.isfinite(pixels).all(-1)]
         for point in line.distorted:
@@ -74,14 +75,14 @@ def test_lines_are_where_the_model_sees_straight_lines_of_the_board(few: Calibra
 
 def test_the_drawn_bend_is_the_real_one_times_the_stated_factor(few: Calibration) -> None:
     html = straight_html(gather_evidence(few), None)
-    said = re.search(r"bend by up to ([\d.]+) px.*drawn (\d+) times as large", html)
-    assert said
-    bend, factor = float(said[1]), int(said[2])
+    match = re.search(r"bend by up to ([\d.]+) px.*drawn (\d+) times as large", html)
+    assert match
+    bend, factor = float(match[1]), int(match[2])
     (bent, _), (straight, _) = paths(html, "bent"), paths(html, "straight")
     worst = 0.0
     for drawn, ends in zip(bent, straight, strict=True):
-        along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-        worst = max(worst, float(np.abs((drawn - ends[0]) @ [-along[1], along[0]]).max()))
+        direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+        worst = max(worst, float(np.abs((drawn - ends[0]) @ [-direction[1], direction[0]]).max()))
     assert worst == pytest.approx(factor * bend, rel=0.05), "the bend is said with two digits"
 
 
@@ -89,12 +90,12 @@ def test_corners_lie_on_their_lines(few: Calibration) -> None:
     """Corners with 0.05 px of noise, undistorted: beside straight lines by about as much, and by
     more if the cover is forgotten.
     """
-    left = re.search(
+    match = re.search(
         r"corners are ([\d.]+) px \(RMS\) off straight lines",
         straight_html(gather_evidence(few), None),
     )
-    assert left
-    assert 0.01 < float(left[1]) < 0.06
+    assert match
+    assert 0.01 < float(match[1]) < 0.06
     forgot = replace(
         few, amplitudes=3e-5 * np.random.default_rng(1).normal(size=few.amplitudes.shape)
     )
@@ -103,10 +104,10 @@ def test_corners_lie_on_their_lines(few: Calibration) -> None:
         straight_html(gather_evidence(forgot), None),
     )
     assert worse
-    assert float(worse[1]) > 3 * float(left[1])
+    assert float(worse[1]) > 3 * float(match[1])
 
 
-def test_a_bow_that_is_known_does_not_bend_the_lines(few: Calibration) -> None:
+def test_a_known_bow_does_not_bend_the_lines(few: Calibration) -> None:
     """Corners of a board with 2 mm of bow, without noise: what the model knows of the board is not
     the lens's fault.
     """
@@ -114,27 +115,27 @@ def test_a_bow_that_is_known_does_not_bend_the_lines(few: Calibration) -> None:
     figures = {
         f"board_shape.{term}": (np.array(size), np.array(1e-5)) for term, size in shape.items()
     }
-    known = replace(
+    described = replace(
         few, effects=(AddedEffect(BoardShape(0.08, 0.08), figures),), covariance=np.zeros((0, 0))
     )
-    path, values = known.model()
+    path, values = described.model()
     points, poses = torch.from_numpy(few.board.points()), torch.from_numpy(few.poses)
     corners = [
-        project(path, values, path.place(points, values, pose.expand(len(points), 6))).numpy()
+        project(
+            path, values, path.place(points, values, pose.expand(len(points), 6), MIDDLE), MIDDLE
+        ).numpy()
         for pose in poses
     ]
-    known = replace(
-        known,
+    described = replace(
+        described,
         views=tuple(
             replace(view, corners=seen) for view, seen in zip(few.views, corners, strict=True)
         ),
     )
-    one, other = (
-        straight_html(gather_evidence(made), None) for made in (replace(known, effects=()), known)
-    )
-    one_left, other_left = (
-        float(re.findall(r"corners are ([\d.e-]+) px", html)[0]) for html in (one, other)
-    )
+    first_html = straight_html(gather_evidence(replace(described, effects=())), None)
+    alternative = straight_html(gather_evidence(described), None)
+    one_left = float(re.findall("corners are ([\\d.e-]+) px", first_html)[0])
+    other_left = float(re.findall("corners are ([\\d.e-]+) px", alternative)[0])
     assert other_left < 0.01, (
         "to first order, as the board's flatness is taken away in undistorted pixels"
     )

@@ -1,19 +1,20 @@
 """Three sentences that are true of the calibration, and a warning where one is due."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.fitting.stages import Settings
+from calib.fit_record.outcome import CrossValidation
+from calib.fit_record.request import Settings
 from calib.report.evidence import gather_evidence
 from calib.report.patterns import over_board, over_image
 from calib.report.summary import summarise
 from calib.session.board import Board
 from calib.verdict.residual import NOT_ALL_NOISE
 from calib.verdict.verdict import Reason, Trust, Verdict
+from fixtures.calibrated import with_outcome
 from fixtures.synthetic import scene
 from tests.optics.shapes import Example, each_shape
 from tests.report.conftest import Reported
@@ -23,7 +24,7 @@ FAST = Settings(grid=(5, 5), free=("none",))
 
 
 class Misprinted(Board):
-    """Its corners are up to 0.1 mm beside their places, smoothly over the board."""
+    """A board whose corners are up to 0.1 mm beside their places, smoothly over the board."""
 
     def points(self) -> NDArray[np.float64]:
         flat = super().points()
@@ -33,13 +34,13 @@ class Misprinted(Board):
 def test_a_good_calibration_is_trusted(reported: Reported) -> None:
     summary = summarise(gather_evidence(reported.calibration))
     assert summary.verdict.word is Trust.TRUSTED
-    what, left, where = summary.sentences
+    what, remaining, where = summary.sentences
     assert (
         "3280x2464 px behind a cone, 1.15 mm thick with index 1.5, was calibrated from 45 views of"
         " a 9x9 board" in what
     )
-    assert ": the error is noise" in left
-    assert "so the fit does not overfit" in left
+    assert ": the error is noise" in remaining
+    assert "so the fit does not overfit" in remaining
     assert "predicted standard deviation of the maps" in where
     assert all(sentence.endswith(".") for sentence in summary.sentences)
 
@@ -57,29 +58,15 @@ def test_the_paragraph_says_what_the_verdict_says(
 
 
 def test_overfitting_is_said(reported: Reported) -> None:
-    worse = {"folds": 3, "held_out_px": 0.2, "fitted_px": 0.1}
-    summary = summarise(
-        gather_evidence(
-            replace(
-                reported.calibration,
-                settings=reported.calibration.settings | {"cross_validation": worse},
-            )
-        )
-    )
+    worse = CrossValidation(folds=3, held_out_px=0.2, fitted_px=0.1)
+    summary = summarise(gather_evidence(with_outcome(reported.calibration, cross_validation=worse)))
     assert "On held-out views it is 0.200 px, so the fit overfits" in summary.sentences[1]
     assert "the fit overfits" in [reason.sentence[:16] for reason in summary.verdict.reasons]
 
 
 def test_without_folds_overfitting_is_not_known(reported: Reported) -> None:
-    settings = {
-        key: value
-        for key, value in reported.calibration.settings.items()
-        if key != "cross_validation"
-    }
-    assert (
-        "was not measured"
-        in summarise(gather_evidence(replace(reported.calibration, settings=settings))).sentences[1]
-    )
+    unknown = with_outcome(reported.calibration, cross_validation=None)
+    assert "was not measured" in summarise(gather_evidence(unknown)).sentences[1]
 
 
 def test_a_misprinted_board_leaves_a_pattern_over_it(tmp_path: Path) -> None:

@@ -41,11 +41,13 @@ DOME = (
 )
 
 
-def checkerboard(left: int, top: int) -> NDArray[np.uint8]:
+def checkerboard(left_edge: int, top: int) -> NDArray[np.uint8]:
     """(240, 320) a board of 6x5 inner corners, 30 px apart, squarely before the camera."""
     pixels = np.full((240, 320), 200, np.uint8)
     squares = (np.indices((6, 7)).sum(0) % 2).astype(np.uint8) * 160 + 40
-    pixels[top : top + 180, left : left + 210] = np.kron(squares, np.ones((30, 30), np.uint8))
+    pixels[top : top + 180, left_edge : left_edge + 210] = np.kron(
+        squares, np.ones((30, 30), np.uint8)
+    )
     return pixels
 
 
@@ -56,10 +58,10 @@ def write_good_session(folder: Path) -> Path:
     (folder / "frames").mkdir(parents=True)
     (folder / "session.yaml").write_text(SESSION)
     lines = ["# filename x y level"]
-    for name, left, top in (("0000.png", 50, 30), ("0001.jpg", 80, 40), ("0002.png", 30, 20)):
-        cv2.imwrite(str(folder / "frames" / name), checkerboard(left, top))
+    for name, left_edge, top in (("0000.png", 50, 30), ("0001.jpg", 80, 40), ("0002.png", 30, 20)):
+        cv2.imwrite(str(folder / "frames" / name), checkerboard(left_edge, top))
         lines += [
-            f"{name} {left + 30 * column + 29.5} {top + 30 * row + 29.5} 0"
+            f"{name} {left_edge + 30 * column + 29.5} {top + 30 * row + 29.5} 0"
             for row in range(1, 6)
             for column in range(1, 7)
         ]

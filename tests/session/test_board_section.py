@@ -46,8 +46,8 @@ def test_a_tag_s_sigma_is_the_board_s() -> None:
         Section({**GRID, "tag_mm": {"value": 88.0, "sigma": 0.44}}, "session.yaml", "board")
     )
     assert board.relative_sigma == pytest.approx(0.005)
-    again = read_board(Section(board_to_yaml(board), "session.yaml", "board"))
-    assert again.square_sigma == board.square_sigma
+    read_back = read_board(Section(board_to_yaml(board), "session.yaml", "board"))
+    assert read_back.square_sigma == board.square_sigma
 
 
 def test_an_aprilgrid_s_corners_are_its_tags() -> None:
@@ -98,7 +98,7 @@ WRONG: list[tuple[dict[str, object], str]] = [
 
 
 @pytest.mark.parametrize(("written", "says"), WRONG, ids=range(len(WRONG)))
-def test_what_is_wrong_is_said(written: dict[str, object], says: str) -> None:
+def test_errors_of_the_board_section_get_a_sentence(written: dict[str, object], says: str) -> None:
     with pytest.raises(InputError) as caught:
         read_board(Section(written, "session.yaml", "board"))
     assert says in str(caught.value), caught.value

@@ -42,24 +42,26 @@ def covariance() -> np.ndarray:
     size = np.array(
         [*(0.1 * numbers_of(*DECLARED)[name].sigma for name in NAMES), *[1e-6] * COEFFICIENTS]
     )
-    found = mixed @ mixed.T
-    scale = size / np.sqrt(found.diagonal())
-    return np.asarray(found * scale[:, None] * scale)
+    result = mixed @ mixed.T
+    scale = size / np.sqrt(result.diagonal())
+    return np.asarray(result * scale[:, None] * scale)
 
 
 @pytest.fixture(scope="module")
 def prior() -> FleetPrior:
-    whole, count = covariance(), len(NAMES)
+    joint_covariance, count = covariance(), len(NAMES)
     mean = np.array([numbers_of(*DECLARED)[name].value for name in NAMES])
-    intrinsics, cover = replace_covariance(INTRINSICS, CONE, NAMES, mean, whole[:count, :count])
+    intrinsics, cover = replace_covariance(
+        INTRINSICS, CONE, NAMES, mean, joint_covariance[:count, :count]
+    )
     glass = Glass(
         (-0.01, -0.3),
         (0.01, 0.3),
         1,
         np.array([1e-6, 2e-6, 3e-6]),
-        whole[count:, count:],
+        joint_covariance[count:, count:],
         NAMES,
-        whole[count:, :count],
+        joint_covariance[count:, :count],
     )
     camera = Camera(WIDTH, HEIGHT, intrinsics=intrinsics)
     return FleetPrior(
@@ -76,8 +78,8 @@ def prior() -> FleetPrior:
 def told(intrinsics: Intrinsics, cover: Cover) -> np.ndarray:
     glass = cover.glass
     assert glass
-    found = covariance_of(intrinsics, cover, NAMES)
-    beside = np.stack(
+    matrix = covariance_of(intrinsics, cover, NAMES)
+    cross_covariance = np.stack(
         [
             glass.cross_covariance[:, glass.numbers.index(name)]
             if name in glass.numbers
@@ -86,10 +88,10 @@ def told(intrinsics: Intrinsics, cover: Cover) -> np.ndarray:
         ],
         1,
     )
-    return np.block([[found, beside.T], [beside, glass.covariance]])
+    return np.block([[matrix, cross_covariance.T], [cross_covariance, glass.covariance]])
 
 
-def test_it_comes_back_from_its_file(prior: FleetPrior, tmp_path: Path) -> None:
+def test_a_prior_is_read_as_it_was_written(prior: FleetPrior, tmp_path: Path) -> None:
     file = tmp_path / "prior.yaml"
     file.write_text(fleet_prior_yaml(prior, "0"))
     read = read_fleet_prior(file)
@@ -103,19 +105,19 @@ def test_it_comes_back_from_its_file(prior: FleetPrior, tmp_path: Path) -> None:
 
 
 def test_plain_numbers_give_way_to_the_fleets(prior: FleetPrior) -> None:
-    """What the drawing says the fleet's fits have had already."""
-    found = combine_with_prior(prior, INTRINSICS, CONE, "session.yaml")
-    assert told(*found) == pytest.approx(covariance(), rel=1e-9, abs=0)
+    """The fleet's fits have already used the numbers of the drawing."""
+    combined = combine_with_prior(prior, INTRINSICS, CONE, "session.yaml")
+    assert told(*combined) == pytest.approx(covariance(), rel=1e-9, abs=0)
 
 
 def with_thickness(number: Number) -> Cover:
     return replace(CONE, parameters={**CONE.parameters, "thickness": number})
 
 
-def test_a_measurement_of_this_camera_is_one_more(prior: FleetPrior) -> None:
+def test_a_measurement_of_this_camera_is_combined_with_the_prior(prior: FleetPrior) -> None:
     """Oracle: information adds."""
     sigma = float(np.sqrt(covariance()[THICKNESS, THICKNESS]))
-    found = combine_with_prior(
+    combined = combine_with_prior(
         prior,
         INTRINSICS,
         with_thickness(Number(CONE.parameters["thickness"].value + sigma, sigma)),
@@ -123,19 +125,21 @@ def test_a_measurement_of_this_camera_is_one_more(prior: FleetPrior) -> None:
     )
     information = np.linalg.inv(covariance())
     information[THICKNESS, THICKNESS] += sigma**-2
-    after = np.linalg.inv(information)
-    assert told(*found) == pytest.approx(after, rel=1e-6, abs=1e-9 * np.abs(after).min())
-    score = np.zeros(len(after))
+    posterior = np.linalg.inv(information)
+    assert told(*combined) == pytest.approx(posterior, rel=1e-6, abs=1e-9 * np.abs(posterior).min())
+    score = np.zeros(len(posterior))
     score[THICKNESS] = 1 / sigma
-    moved = after @ score
-    assert numbers_of(*found)["camera.fx"].value - INTRINSICS.fx.value == pytest.approx(moved[FX])
-    assert found[1].glass is not None
-    assert found[1].glass.mean == pytest.approx(
+    moved = posterior @ score
+    assert numbers_of(*combined)["camera.fx"].value - INTRINSICS.fx.value == pytest.approx(
+        moved[FX]
+    )
+    assert combined[1].glass is not None
+    assert combined[1].glass.mean == pytest.approx(
         np.array([1e-6, 2e-6, 3e-6]) + moved[-COEFFICIENTS:]
     )
 
 
-def test_what_the_fleet_declared_with_the_same_sigma_is_not_counted_twice(
+def test_numbers_that_the_fleet_declared_are_not_counted_twice(
     prior: FleetPrior,
 ) -> None:
     same = with_thickness(DECLARED[1].parameters["thickness"])
@@ -144,21 +148,23 @@ def test_what_the_fleet_declared_with_the_same_sigma_is_not_counted_twice(
     )
 
 
-def test_an_exact_number_is_held_and_tells_the_others(prior: FleetPrior) -> None:
+def test_an_exact_number_is_held_and_shifts_correlated_ones(prior: FleetPrior) -> None:
     sigma = float(np.sqrt(covariance()[THICKNESS, THICKNESS]))
     exact = Number(CONE.parameters["thickness"].value + sigma, exact=True)
     intrinsics, cover = combine_with_prior(prior, INTRINSICS, with_thickness(exact), "session.yaml")
     assert cover.parameters["thickness"] == exact
-    whole = covariance()
-    gain = whole[FX, THICKNESS] / whole[THICKNESS, THICKNESS]
+    joint_covariance = covariance()
+    gain = joint_covariance[FX, THICKNESS] / joint_covariance[THICKNESS, THICKNESS]
     assert intrinsics.fx.value - INTRINSICS.fx.value == pytest.approx(gain * sigma)
-    assert intrinsics.fx.sigma**2 == pytest.approx(whole[FX, FX] - gain * whole[FX, THICKNESS])
+    assert intrinsics.fx.sigma**2 == pytest.approx(
+        joint_covariance[FX, FX] - gain * joint_covariance[FX, THICKNESS]
+    )
     assert cover.glass is not None
     assert "cover.thickness" not in cover.glass.numbers
 
 
 @pytest.mark.parametrize(
-    ("camera", "cover", "said"),
+    ("camera", "cover", "message"),
     [
         (
             Camera(WIDTH // 2, HEIGHT // 2, intrinsics=INTRINSICS),
@@ -189,9 +195,9 @@ def test_an_exact_number_is_held_and_tells_the_others(prior: FleetPrior) -> None
     ids=["mode", "shape", "covers", "lens", "another glass"],
 )
 def test_a_camera_of_another_make_is_refused(
-    prior: FleetPrior, camera: Camera, cover: Cover, said: str
+    prior: FleetPrior, camera: Camera, cover: Cover, message: str
 ) -> None:
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         check_compatible(prior, camera, cover, "session.yaml")
 
 
@@ -206,14 +212,14 @@ def test_a_measurement_that_cannot_be_of_this_fleet_is_refused(prior: FleetPrior
         combine_with_prior(prior, INTRINSICS, with_thickness(Number(0.004, 1e-5)), "session.yaml")
 
 
-def session(folder: Path, **more: object) -> Path:
-    said = {
+def session(folder: Path, **entries: object) -> Path:
+    document = {
         "format": 1,
         **session_to_yaml(BOARD, Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS), CONE),
         "corners": "corners.vnl",
     }
     (folder / "corners.vnl").write_text("# filename x y level\n")
-    (folder / "session.yaml").write_text(yaml.safe_dump(said | more))
+    (folder / "session.yaml").write_text(yaml.safe_dump(document | entries))
     return folder
 
 
@@ -226,7 +232,7 @@ def test_a_session_names_it_from_its_own_folder_on(prior: FleetPrior, tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "document"),
     [
         (
             None,
@@ -239,18 +245,18 @@ def test_a_session_names_it_from_its_own_folder_on(prior: FleetPrior, tmp_path: 
         ({"declared": {}}, "declared.cover is missing"),
     ],
 )
-def test_a_file_that_is_none_is_refused(
-    prior: FleetPrior, tmp_path: Path, spoil: dict[str, object] | None, said: str
+def test_a_file_that_is_no_prior_is_refused(
+    prior: FleetPrior, tmp_path: Path, spoil: dict[str, object] | None, document: str
 ) -> None:
     if spoil is not None:
         written = yaml.safe_load(fleet_prior_yaml(prior, "0"))
         (tmp_path / "prior.yaml").write_text(yaml.safe_dump(written | spoil))
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=document):
         read_session(session(tmp_path, prior="prior.yaml"))
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
+    ("key", "value", "message"),
     [
         ("mean_um", [0, 0], "mean_um is a list of 2: write 3 numbers"),
         (
@@ -263,18 +269,18 @@ def test_a_file_that_is_none_is_refused(
         ("degree", 99, "degree is 99: write a whole number from 0 to 10"),
     ],
 )
-def test_glass_that_cannot_be_is_refused(
-    prior: FleetPrior, tmp_path: Path, key: str, value: object, said: str
+def test_impossible_glass_is_refused(
+    prior: FleetPrior, tmp_path: Path, key: str, value: object, message: str
 ) -> None:
     written = yaml.safe_load(fleet_prior_yaml(prior, "0"))
     written["cover"]["glass"][key] = value
     (tmp_path / "prior.yaml").write_text(yaml.safe_dump(written))
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         read_session(session(tmp_path, prior="prior.yaml"))
 
 
 @pytest.mark.parametrize(
-    ("pairs", "said"),
+    ("pairs", "message"),
     [
         ([["cover.thickness", "camera.fx"]], "two names and a number from -1 to 1 for each pair"),
         (
@@ -285,12 +291,12 @@ def test_glass_that_cannot_be_is_refused(
         ([["cover.thickness", "camera.fx", 1.0]], "positive definite"),
     ],
 )
-def test_correlations_of_a_cover_that_cannot_be_are_refused(
-    tmp_path: Path, pairs: object, said: str
+def test_impossible_correlations_of_a_cover_are_refused(
+    tmp_path: Path, pairs: object, message: str
 ) -> None:
     folder = session(tmp_path)
     written = yaml.safe_load((folder / "session.yaml").read_text())
     written["cover"]["correlations"] = pairs
     (folder / "session.yaml").write_text(yaml.safe_dump(written))
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         read_session(folder)

@@ -113,7 +113,9 @@ nested = st.recursive(
     lambda inner: st.one_of(st.lists(inner, max_size=5), st.dictionaries(keys, inner, max_size=5)),
     max_leaves=12,
 )
-"""What `read_yaml` may return: its keys are text, and what has 19 digits or more is a float."""
+"""Return the values that `read_yaml` may return: keys are text, and numbers of 19 digits or more
+are floats.
+"""
 
 GOOD = [
     yaml.safe_load(SESSION.replace(CONE, cover))

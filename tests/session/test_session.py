@@ -51,7 +51,7 @@ def test_malformed_session_is_refused_in_one_sentence(case: Malformed, folder: P
         read_everything(folder)
     sentence = str(caught.value)
     assert caught.value.exit_code == case.exit_code
-    assert [part for part in case.says if part not in sentence] == [], sentence
+    assert [words for words in case.says if words not in sentence] == [], sentence
     assert str(folder) in sentence, "names no file"
     assert "\n" not in sentence
 
@@ -102,7 +102,7 @@ def test_yaml_numbers_are_read_as_people_write_them(folder: Path) -> None:
         ("{value: 20.0, exact: true}", 0.0, 0.0),
     ],
 )
-def test_how_well_a_square_is_known(
+def test_the_sigma_of_a_square_is_read_and_written(
     folder: Path, written: str, sigma: float | None, relative: float
 ) -> None:
     (folder / "session.yaml").write_text(
@@ -112,8 +112,10 @@ def test_how_well_a_square_is_known(
     board = session.board
     assert board.square_sigma == sigma
     assert board.relative_sigma == pytest.approx(relative)
-    again, *_ = session_from_mapping(session_to_yaml(board, session.camera, session.cover), "here")
-    assert again.square_sigma == sigma
+    read_back, *_ = session_from_mapping(
+        session_to_yaml(board, session.camera, session.cover), "here"
+    )
+    assert read_back.square_sigma == sigma
 
 
 @pytest.mark.parametrize("digits", [15, 17])
@@ -127,9 +129,9 @@ def test_written_setup_reads_as_the_same_numbers(shape: str, digits: int) -> Non
     for _ in range(50):
         mapping = random_setup(shape, rng, digits)
         setup = session_from_mapping(mapping, "here")
-        again = yaml.safe_load(yaml.safe_dump(session_to_yaml(*setup)))
-        assert session_from_mapping(again, "there") == setup
-        assert again == mapping or digits == 17
+        read_back = yaml.safe_load(yaml.safe_dump(session_to_yaml(*setup)))
+        assert session_from_mapping(read_back, "there") == setup
+        assert read_back == mapping or digits == 17
 
 
 def random_setup(shape: str, rng: np.random.Generator, digits: int) -> dict[str, object]:
@@ -192,15 +194,15 @@ def test_tilted_axis_is_what_the_camera_must_be_inside_of(folder: Path) -> None:
     assert read_session(folder).cover.shape == "cylinder"
 
 
-@pytest.mark.parametrize(("tilt", "inside"), [(20, False), (-20, True)])
-def test_cone_is_measured_beside_the_camera(tilt: int, inside: bool, folder: Path) -> None:
+@pytest.mark.parametrize(("tilt", "is_inside"), [(20, False), (-20, True)])
+def test_cone_is_measured_beside_the_camera(tilt: int, is_inside: bool, folder: Path) -> None:
     """The axis passes behind the camera.
 
     Tipped forwards it comes by further down, where this cone is narrower by 10 mm; else wider.
     """
     steep = CONE.replace("-0.105", "-1.0").replace("41.95", "36.0") + f"  tilt_deg: [{tilt}, 0]\n"
     (folder / "session.yaml").write_text(SESSION.replace(CONE, steep))
-    if inside:
+    if is_inside:
         assert read_session(folder).cover.parameters["inner_radius"] == Number(0.036)
     else:
         with pytest.raises(
@@ -234,13 +236,13 @@ def test_bare_pictures_share_board_and_size(folder: Path) -> None:
 
 def test_bare_session_has_its_own_board_and_corners(folder: Path) -> None:
     (folder / "session.yaml").write_text(SESSION.replace(INTRINSICS, ""))
-    own = (
+    text = (
         WITH_CORNERS.replace(CONE, "  shape: none\n")
         .replace("columns: 6", "columns: 7")
         .replace("corners.vnl", "../corners.vnl")
     )
     (folder / "bare").mkdir()
-    (folder / "bare" / "session.yaml").write_text(own)
+    (folder / "bare" / "session.yaml").write_text(text)
     bare = read_session(folder).bare
     assert bare is not None
     assert bare.board.columns == 7

@@ -8,7 +8,7 @@ import numpy as np
 import pypdfium2
 from numpy.typing import NDArray
 
-from calib.sheet.checkerboard import Checkerboard
+from calib.sheet.checkerboard import CheckerboardPattern
 from calib.sheet.layout import lay_out
 from calib.sheet.paper import parse_paper
 from calib.sheet.sheet import Sheet
@@ -23,7 +23,7 @@ class Raster:
 
     grey: NDArray[np.uint8]
     mm: NDArray[np.float64]
-    """(2,) of a pixel, across and down."""
+    """The (2,) size of a pixel, across and down."""
 
     def place(self, pixels: NDArray) -> NDArray[np.float64]:
         """(..., 2) mm from the page's upper left of (..., 2) px."""
@@ -33,7 +33,7 @@ class Raster:
 def made(paper: str, columns: int = 9, rows: int = 6, side: float | None = None) -> Sheet:
     sizes = parse_paper(paper)
     assert sizes
-    return lay_out(Checkerboard(columns, rows), sizes, side)
+    return lay_out(CheckerboardPattern(columns, rows), sizes, side)
 
 
 def rasterise(pdf: bytes, dpi: float = 300) -> Raster:
@@ -43,8 +43,8 @@ def rasterise(pdf: bytes, dpi: float = 300) -> Raster:
 
 
 def exposed(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """As a camera would, that cuts off neither black nor white: what is cut off says nothing of a
-    corner.
+    """Return the picture of a camera that cuts off neither black nor white: a level that is cut off
+    says nothing about a corner.
     """
     return np.asarray(25 + 0.8 * grey, np.uint8)
 

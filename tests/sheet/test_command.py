@@ -149,13 +149,13 @@ def test_pictures_of_the_print_become_a_calibration(
 
 def test_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(tmp_path, "--json", "--paper", "letter", "--square-mm", "15.5") == 0
-    said = json.loads(capsys.readouterr().out)
-    assert list(said) == ["type", "board", "paper_mm", "rulers_mm", "corners_mm", "written"]
-    assert said["type"] == "checkerboard"
-    assert said["board"] == {"columns": 9, "rows": 6, "square_mm": 15.5}
-    assert sorted(said["paper_mm"]) == [215.9, 279.4]
-    assert np.array(said["corners_mm"]).shape == (54, 2)
-    assert said["written"] == [
+    answer = json.loads(capsys.readouterr().out)
+    assert list(answer) == ["type", "board", "paper_mm", "rulers_mm", "corners_mm", "written"]
+    assert answer["type"] == "checkerboard"
+    assert answer["board"] == {"columns": 9, "rows": 6, "square_mm": 15.5}
+    assert sorted(answer["paper_mm"]) == [215.9, 279.4]
+    assert np.array(answer["corners_mm"]).shape == (54, 2)
+    assert answer["written"] == [
         str(tmp_path / name) for name in ("board.pdf", "board.svg", "session.yaml")
     ]
 
@@ -167,7 +167,7 @@ def test_the_same_board_is_the_same_file(printed: Path, tmp_path: Path) -> None:
 
 
 def test_no_session_is_overwritten(printed: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = shutil.copytree(printed, printed.with_name("before"))
+    copy = shutil.copytree(printed, printed.with_name("before"))
     capsys.readouterr()
     assert run(printed, "--rows", "7") == 2
     file = printed / "session.yaml"
@@ -176,9 +176,9 @@ def test_no_session_is_overwritten(printed: Path, capsys: pytest.CaptureFixture[
         == f"calib: {file} is there already, and no session is overwritten: give another folder"
         " with -o, or replace its session.yaml with --overwrite.\n"
     )
-    assert all((before / path.name).read_bytes() == path.read_bytes() for path in printed.iterdir())
+    assert all((copy / path.name).read_bytes() == path.read_bytes() for path in printed.iterdir())
     assert run(printed, "--rows", "7", "--overwrite") == 0
-    assert (before / "session.yaml").read_bytes() != file.read_bytes()
+    assert (copy / "session.yaml").read_bytes() != file.read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -223,14 +223,14 @@ def test_wrong_usage(
     assert not (tmp_path / "s").exists()
 
 
-def test_what_does_not_fit_leaves_nothing(
+def test_a_board_that_does_not_fit_leaves_no_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(tmp_path / "s", "--square-mm", "40") == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith("calib: 9x6 corners with squares of 40 mm have no room on A4")
-    assert said.err.count("\n") == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("calib: 9x6 corners with squares of 40 mm have no room on A4")
+    assert captured.err.count("\n") == 1
     assert not (tmp_path / "s").exists()
 
 
@@ -308,16 +308,16 @@ def test_the_session_s_board_is_found_where_the_sheet_says(
     it: to 0.05 mm, half a pixel. The page is blurred by 0.7 px, as no camera's picture is as sharp.
     """
     assert run(tmp_path / "s", *options, "--json") == 0
-    said = json.loads(capsys.readouterr().out)
+    answer = json.loads(capsys.readouterr().out)
     board, _, _ = read_setup(tmp_path / "s" / "session.yaml")
     assert expected in (None, board)
     raster = rasterise((tmp_path / "s" / "board.pdf").read_bytes())
-    found = find_board(np.asarray(cv2.GaussianBlur(raster.grey, (0, 0), 0.7), np.uint8), board)
-    assert isinstance(found, Detection)
-    off = np.linalg.norm(raster.place(found.corners) - said["corners_mm"], axis=1)
-    assert off.max() < 0.05, f"{off.max():.4f} mm"
-    middle = np.mean(said["corners_mm"], axis=0)
-    assert np.abs(board.points() * 1000 + middle - said["corners_mm"]).max() < 1e-3
+    detection = find_board(np.asarray(cv2.GaussianBlur(raster.grey, (0, 0), 0.7), np.uint8), board)
+    assert isinstance(detection, Detection)
+    error = np.linalg.norm(raster.place(detection.corners) - answer["corners_mm"], axis=1)
+    assert error.max() < 0.05, f"{error.max():.4f} mm"
+    middle = np.mean(answer["corners_mm"], axis=0)
+    assert np.abs(board.points() * 1000 + middle - answer["corners_mm"]).max() < 1e-3
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from calib.corners.detect import eight_bits
 from calib.errors import InputError
-from calib.sheet.aprilgrid import AprilGrid
-from calib.sheet.charuco import Charuco
+from calib.sheet.aprilgrid import AprilGridPattern
+from calib.sheet.charuco import CharucoPattern
 from calib.sheet.layout import lay_out
 from calib.sheet.paper import parse_paper
 from calib.sheet.pdf import to_pdf
@@ -27,14 +27,14 @@ STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
 charucos = pytest.mark.parametrize(
     ("board", "side"),
     [
-        (Charuco(9, 6), 20.0),
-        (Charuco(6, 9, marker=0.7, dictionary="DICT_5X5_1000"), 20.0),
-        (Charuco(7, 5, dictionary="DICT_6X6_250", legacy_pattern=True), 25.0),
-        (Charuco(7, 6, legacy_pattern=True), None),
+        (CharucoPattern(9, 6), 20.0),
+        (CharucoPattern(6, 9, marker=0.7, dictionary="DICT_5X5_1000"), 20.0),
+        (CharucoPattern(7, 5, dictionary="DICT_6X6_250", legacy_pattern=True), 25.0),
+        (CharucoPattern(7, 6, legacy_pattern=True), None),
     ],
 )
 grids = pytest.mark.parametrize(
-    ("grid", "side"), [(AprilGrid(6, 6), None), (AprilGrid(5, 4, spacing=0.25), 30.0)]
+    ("grid", "side"), [(AprilGridPattern(6, 6), None), (AprilGridPattern(5, 4, spacing=0.25), 30.0)]
 )
 
 
@@ -50,13 +50,13 @@ def made(pattern: Pattern, side: float | None) -> tuple[Sheet, Raster]:
 def measured(raster: Raster, rough: NDArray) -> NDArray[np.float64]:
     """(N, 2) mm, from (N, 2) px that are near."""
     grey = cv2.GaussianBlur(eight_bits(raster.grey), (0, 0), 1.5)
-    found = cv2.cornerSubPix(
+    result = cv2.cornerSubPix(
         grey, rough.reshape(-1, 1, 2).astype(np.float32), (11, 11), (-1, -1), STOP
     )
-    return raster.place(found.reshape(-1, 2).astype(np.float64))
+    return raster.place(result.reshape(-1, 2).astype(np.float64))
 
 
-def opencv_s(board: Charuco) -> cv2.aruco.CharucoBoard:
+def opencv_s(board: CharucoPattern) -> cv2.aruco.CharucoBoard:
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     drawn = cv2.aruco.CharucoBoard(
         (board.columns + 1, board.rows + 1), 1.0, board.marker, dictionary
@@ -66,8 +66,8 @@ def opencv_s(board: Charuco) -> cv2.aruco.CharucoBoard:
 
 
 @charucos
-def test_a_charuco_is_opencv_s(board: Charuco, side: float | None) -> None:
-    """Its picture of the board, laid over ours: pixels differ along edges alone."""
+def test_a_charuco_is_opencv_s(board: CharucoPattern, side: float | None) -> None:
+    """OpenCV's picture of the board lies over ours: pixels differ along edges alone."""
     sheet, raster = made(board, side)
     extent = np.array(board.extent)
     theirs = opencv_s(board).generateImage(tuple(int(n) for n in 120 * extent), None, 0, 1)
@@ -79,25 +79,25 @@ def test_a_charuco_is_opencv_s(board: Charuco, side: float | None) -> None:
     ours = cv2.warpAffine(
         raster.grey, onto, theirs.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     )
-    inside = cv2.dilate(theirs, np.ones((5, 5))) == cv2.erode(theirs, np.ones((5, 5)))
-    assert inside.mean() > 0.75
-    assert np.array_equal(ours[inside] > 127, theirs[inside] > 127)
+    is_uniform = cv2.dilate(theirs, np.ones((5, 5))) == cv2.erode(theirs, np.ones((5, 5)))
+    assert is_uniform.mean() > 0.75
+    assert np.array_equal(ours[is_uniform] > 127, theirs[is_uniform] > 127)
 
 
 @charucos
-def test_every_corner_of_a_charuco_is_found(board: Charuco, side: float | None) -> None:
+def test_every_corner_of_a_charuco_is_found(board: CharucoPattern, side: float | None) -> None:
     """OpenCV names the corners; before version 5 its places were half a pixel off, so they are
     measured again.
     """
     sheet, raster = made(board, side)
     rough, names, _, _ = cv2.aruco.CharucoDetector(opencv_s(board)).detectBoard(raster.grey)
     assert names.ravel().tolist() == list(range(len(sheet.corners)))
-    off = np.linalg.norm(measured(raster, rough) - sheet.corners, axis=1)
-    assert off.max() < 0.05, f"{off.max():.4f} mm"
+    error = np.linalg.norm(measured(raster, rough) - sheet.corners, axis=1)
+    assert error.max() < 0.05, f"{error.max():.4f} mm"
 
 
 @grids
-def test_every_corner_of_an_aprilgrid_is_found(grid: AprilGrid, side: float | None) -> None:
+def test_every_corner_of_an_aprilgrid_is_found(grid: AprilGridPattern, side: float | None) -> None:
     """Each tag's four corners, where the number of a tag says: 0 at the lower left, then to the
     right, then up.
     """
@@ -115,12 +115,12 @@ def test_every_corner_of_an_aprilgrid_is_found(grid: AprilGrid, side: float | No
         turned = np.array(
             [lower[1], lower[0], upper[0], upper[1]]
         )  # clockwise from OpenCV's first, which is upside down
-        off = np.linalg.norm(measured(raster, np.asarray(rough)) - turned, axis=1)
-        assert off.max() < 0.05, f"tag {number}: {off.max():.4f} mm"
+        error = np.linalg.norm(measured(raster, np.asarray(rough)) - turned, axis=1)
+        assert error.max() < 0.05, f"tag {number}: {error.max():.4f} mm"
 
 
 def test_tags_have_kalibr_s_bits() -> None:
-    grid = AprilGrid(6, 6)
+    grid = AprilGridPattern(6, 6)
     sheet, raster = made(grid, None)
     expected = np.array(sheet.corners).reshape(12, 12, 2)
     for number, code in KALIBR.items():
@@ -136,8 +136,10 @@ def test_tags_have_kalibr_s_bits() -> None:
         assert white.sum() == sum(bits), "two cells of black around them"
 
 
-@pytest.mark.parametrize("board", [Charuco(11, 11, dictionary="DICT_4X4_50"), AprilGrid(25, 24)])
-def test_more_markers_than_there_are(board: Pattern) -> None:
+@pytest.mark.parametrize(
+    "board", [CharucoPattern(11, 11, dictionary="DICT_4X4_50"), AprilGridPattern(25, 24)]
+)
+def test_more_markers_than_the_dictionary_has_are_refused(board: Pattern) -> None:
     with pytest.raises(
         InputError,
         match=(

@@ -52,24 +52,24 @@ def test_the_detector_finds_every_corner_where_the_sheet_says(
     """0.05 mm is a third of a pixel at 150 dpi; the largest that was seen is 0.0074 mm."""
     sheet = made(paper, columns, rows, side)
     raster = rasterise(to_pdf(sheet), 150)
-    found = find_corners(exposed(raster.grey), Board(columns, rows, sheet.side / 1000))
-    assert found
-    off = np.linalg.norm(raster.place(found.corners) - sheet.corners, axis=1)
-    assert off.max() < 0.05, f"{off.max():.4f} mm"
+    detection = find_corners(exposed(raster.grey), Board(columns, rows, sheet.side / 1000))
+    assert detection
+    error = np.linalg.norm(raster.place(detection.corners) - sheet.corners, axis=1)
+    assert error.max() < 0.05, f"{error.max():.4f} mm"
 
 
 @pytest.mark.parametrize(("columns", "rows", "side"), [(9, 6, 25.0), (9, 6, None), (6, 9, 26.0)])
 def test_the_detector_finds_the_sheet_on_black(columns: int, rows: int, side: float | None) -> None:
-    """Where the paper ends, a dark table begins: even the least white is enough."""
+    """A dark table begins at the edge of the paper: even the narrowest white margin is enough."""
     sheet = made("A4", columns, rows, side)
     raster = rasterise(to_pdf(sheet), 150)
     around = 100
-    found = find_corners(
+    detection = find_corners(
         exposed(np.pad(raster.grey, around)), Board(columns, rows, sheet.side / 1000)
     )
-    assert found
-    off = np.linalg.norm(raster.place(found.corners - around) - sheet.corners, axis=1)
-    assert off.max() < 0.05, f"{off.max():.4f} mm"
+    assert detection
+    error = np.linalg.norm(raster.place(detection.corners - around) - sheet.corners, axis=1)
+    assert error.max() < 0.05, f"{error.max():.4f} mm"
 
 
 @each_sheet
@@ -121,11 +121,11 @@ def test_words_are_text_inside_the_page_and_off_the_board(
 ) -> None:
     sheet = made(paper, columns, rows, side)
     stretches = words_of(to_pdf(sheet))
-    said = " ".join(words for words, _ in stretches)
+    text = " ".join(words for words, _ in stretches)
     a, b = sheet.rulers
-    assert f"Checkerboard, {columns} × {rows} inner corners, squares of {sheet.side:g} mm." in said
-    assert "Print at 100 %, no scaling." in said
-    assert f"VALUE = {sheet.side:g} * (a / {a} + b / {b}) / 2" in " ".join(said.split())
+    assert f"Checkerboard, {columns} × {rows} inner corners, squares of {sheet.side:g} mm." in text
+    assert "Print at 100 %, no scaling." in text
+    assert f"VALUE = {sheet.side:g} * (a / {a} + b / {b}) / 2" in " ".join(text.split())
     boxes = np.array([box for _, box in stretches])
     assert (boxes[:, :2] > PAPER_EDGE - 0.5).all(), (
         "letters reach over their own origin by some tenths of a mm"
@@ -134,14 +134,17 @@ def test_words_are_text_inside_the_page_and_off_the_board(
     assert (boxes[:, 3] < sheet.paper.height - PAPER_EDGE + 1).all(), (
         "what hangs below the last line's baseline"
     )
-    left, right, top, bottom = _edges(sheet)
-    beside = (
-        (boxes[:, 2] < left) | (boxes[:, 0] > right) | (boxes[:, 3] < top) | (boxes[:, 1] > bottom)
+    left_edge, right, top, bottom = _edges(sheet)
+    is_beside = (
+        (boxes[:, 2] < left_edge)
+        | (boxes[:, 0] > right)
+        | (boxes[:, 3] < top)
+        | (boxes[:, 1] > bottom)
     )
-    assert beside.all()
+    assert is_beside.all()
 
 
-def test_both_files_say_the_same() -> None:
+def test_both_files_have_the_same_words() -> None:
     sheet = made("A4")
     drawn = [text.text for text in ElementTree.fromstring(to_svg(sheet)).iter(f"{SVG}text")]
     shown = re.findall(rb"\((.*)\) Tj", to_pdf(sheet))
@@ -150,7 +153,7 @@ def test_both_files_say_the_same() -> None:
 
 
 @each_sheet
-def test_rulers_are_as_long_as_they_say(
+def test_rulers_have_their_stated_length(
     paper: str, columns: int, rows: int, side: float | None
 ) -> None:
     """Along each ruler: a tick every millimetre from 0 to its length, all off the board, and each
@@ -169,24 +172,24 @@ def test_rulers_are_as_long_as_they_say(
             for line in lines
         ]
     )  # (lines, 2, 2)
-    left, _, _, bottom = _edges(sheet)
+    left_edge, _, _, bottom = _edges(sheet)
     for axis, length in enumerate(sheet.rulers):
-        along = ends[..., axis]
+        positions = ends[..., axis]
         ticks = ends[
-            (along[:, 0] == along[:, 1]) & (np.abs(ends[:, 1] - ends[:, 0]).sum(-1) < 5)
+            (positions[:, 0] == positions[:, 1]) & (np.abs(ends[:, 1] - ends[:, 0]).sum(-1) < 5)
         ]  # not the other ruler's whole length
-        ours = ticks[ticks[:, 0, 1] > bottom] if axis == 0 else ticks[ticks[:, 0, 0] < left]
+        ours = ticks[ticks[:, 0, 1] > bottom] if axis == 0 else ticks[ticks[:, 0, 0] < left_edge]
         places = np.sort(ours[:, 0, axis])
         assert len(places) == length + 1
         assert (
             np.abs(places - places[0] - np.arange(length + 1)).max() < 1.1e-4
         )  # twice what the last digit rounds
         outward = 1 if axis == 0 else -1
-        beside = ours[0, 0, 1 - axis]
+        ruler_position = ours[0, 0, 1 - axis]
         numbers = {
             int(words): at[axis]
             for words, at in stretches
-            if 0 < outward * (at[1 - axis] - beside) < 6
+            if 0 < outward * (at[1 - axis] - ruler_position) < 6
         }
         assert set(numbers) >= set(range(0, length, 10))  # the last has its unit with it
         zero = places[0] if axis == 0 else places[-1]
@@ -207,15 +210,15 @@ def test_the_white_is_as_wide_as_the_sheet_says() -> None:
     """Nothing is printed so near to the board: measured on the picture."""
     sheet = made("A4", side=25.0)
     raster = rasterise(to_pdf(sheet))
-    left, right, top, bottom = _edges(sheet)
+    left_edge, right, top, bottom = _edges(sheet)
     y, x = np.nonzero(raster.grey < 128)
     ink = raster.place(np.stack([x, y], -1))
-    away = np.maximum.reduce(
-        [left - ink[:, 0], ink[:, 0] - right, top - ink[:, 1], ink[:, 1] - bottom]
+    distance = np.maximum.reduce(
+        [left_edge - ink[:, 0], ink[:, 0] - right, top - ink[:, 1], ink[:, 1] - bottom]
     )
-    beyond = away[away > 0.1]
-    assert beyond.min() == pytest.approx(sheet.white, abs=0.15)  # a pixel and a line's half width
-    assert min(left, sheet.paper.width - right, top) >= sheet.white - 1e-9
+    distant = distance[distance > 0.1]
+    assert distant.min() == pytest.approx(sheet.white, abs=0.15)  # a pixel and a line's half width
+    assert min(left_edge, sheet.paper.width - right, top) >= sheet.white - 1e-9
 
 
 @pytest.mark.parametrize(
@@ -239,7 +242,7 @@ def test_the_white_is_as_wide_as_the_sheet_says() -> None:
         ),
     ],
 )
-def test_a_board_that_does_not_fit_says_what_does(
+def test_a_board_that_does_not_fit_gets_a_fitting_size(
     paper: str, side: float | None, says: str
 ) -> None:
     with pytest.raises(InputError) as refused:

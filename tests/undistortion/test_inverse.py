@@ -42,17 +42,17 @@ The same examples every time: a test that fails once fails again.
 
 
 def some_field(amplitudes: Array) -> RayField:
-    """Whose displacement at infinity, and what depth adds to it, are sums of cosines: (2, 2, WAVES,
-    WAVES) A or B, x or y, and waves.
+    """Return a field whose displacement at infinity, and its change with depth, are sums of
+    cosines: (2, 2, WAVES, WAVES) A or B, x or y, and waves.
     """
     nodes_x, nodes_y = grid_nodes(WIDTH, SPACING, 20), grid_nodes(HEIGHT, SPACING, 20)
-    across = np.cos(np.pi * np.outer(np.arange(WAVES), nodes_x / WIDTH))
-    down = np.cos(np.pi * np.outer(np.arange(WAVES), nodes_y / HEIGHT))
+    sideways = np.cos(np.pi * np.outer(np.arange(WAVES), nodes_x / WIDTH))
+    downwards = np.cos(np.pi * np.outer(np.arange(WAVES), nodes_y / HEIGHT))
     gradient = (
         np.pi * (WAVES - 1) / min(WIDTH, HEIGHT) * np.sqrt(2) * np.abs(amplitudes).sum((2, 3)).max()
     )
     scaled = amplitudes * STEEPEST / 2 / max(gradient, 1e-3)
-    displacement, parallax = np.einsum("acji,jh,iw->ahwc", scaled, down, across)
+    displacement, parallax = np.einsum("acji,jh,iw->ahwc", scaled, downwards, sideways)
     at = np.stack(np.meshgrid(nodes_x, nodes_y), -1)
     shape = at.shape[:2]
     return RayField(
@@ -81,9 +81,9 @@ def test_distorting_what_was_undistorted_gives_the_pixel(amplitudes: Array, dept
     squared. Each pixel has its own depth.
     """
     field, pixels = some_field(amplitudes), some_pixels(200)
-    found, seen = field.distort_pixels(field.undistort_pixels(pixels, depth), depth)
-    assert seen.all()
-    assert np.abs(found - pixels).max() < 1e-6
+    projected, is_visible = field.distort_pixels(field.undistort_pixels(pixels, depth), depth)
+    assert is_visible.all()
+    assert np.abs(projected - pixels).max() < 1e-6
 
 
 def test_the_jacobian_agrees_with_central_differences() -> None:
@@ -99,17 +99,17 @@ def test_the_jacobian_agrees_with_central_differences() -> None:
     depth = np.random.default_rng(2).uniform(NEAR, 1.0, len(pixels))
     _, jacobian = field._undistort_with_jacobian(pixels, depth)
     for axis in range(2):
-        ahead, behind = (
-            field.undistort_pixels(pixels + sign * step * np.eye(2)[axis], depth)
-            for sign in (1, -1)
-        )
+        ahead = field.undistort_pixels(pixels + step * np.eye(2)[axis], depth)
+        behind = field.undistort_pixels(pixels - step * np.eye(2)[axis], depth)
         assert np.abs((ahead - behind) / (2 * step) - jacobian[..., axis]).max() < 1e-9
 
 
-def test_no_points_give_none() -> None:
-    found, seen = some_field(np.zeros((2, 2, WAVES, WAVES))).distort_pixels(np.empty((0, 2)), 1.0)
-    assert found.shape == (0, 2)
-    assert seen.shape == (0,)
+def test_no_points_give_an_empty_result() -> None:
+    projected, is_visible = some_field(np.zeros((2, 2, WAVES, WAVES))).distort_pixels(
+        np.empty((0, 2)), 1.0
+    )
+    assert projected.shape == (0, 2)
+    assert is_visible.shape == (0,)
 
 
 @each_time
@@ -133,11 +133,12 @@ def test_undistorting_a_map_gives_the_picture(amplitudes: Array, depth: float) -
         < 0.01
     )
     unseen = picture[~made.valid]
-    found, seen = field.distort_pixels(unseen, depth)
-    inside = (
-        np.abs(found - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) < np.array([WIDTH, HEIGHT]) / 2 - 0.01
+    projected, is_visible = field.distort_pixels(unseen, depth)
+    in_picture = (
+        np.abs(projected - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
+        < np.array([WIDTH, HEIGHT]) / 2 - 0.01
     )
-    assert not (seen & inside.all(-1)).any()
+    assert not (is_visible & in_picture.all(-1)).any()
 
 
 def test_newtons_method_finds_a_root_and_admits_where_there_is_none() -> None:
@@ -154,13 +155,13 @@ def test_newtons_method_finds_a_root_and_admits_where_there_is_none() -> None:
 
     goal = np.array([[25.0, 80.0], [25.0, 80.0], [-25.0, 80.0]])
     starts = np.array([[60.0, 0.0], [400.0, -300.0], [60.0, 0.0]])
-    kept = starts.copy()
-    found, converged = solve_newton(undistort, starts, goal)
+    stored = starts.copy()
+    solution, converged = solve_newton(undistort, starts, goal)
     assert converged.tolist() == [True, True, False]
     assert (
-        np.abs(found[:2] - [50, 30]).max() < 1e-9
+        np.abs(solution[:2] - [50, 30]).max() < 1e-9
     )  # quadratic convergence from a step of 1e-6 px at most
-    assert (starts == kept).all()
+    assert (starts == stored).all()
 
 
 def test_each_point_is_given_its_own_row() -> None:
@@ -172,11 +173,11 @@ def test_each_point_is_given_its_own_row() -> None:
     def undistort(pixels: Array, rows: NDArray[np.intp]) -> tuple[Array, Array]:
         return pixels * scales[rows, None], np.eye(2) * scales[rows, None, None]
 
-    found, converged = solve_newton(
+    solution, converged = solve_newton(
         undistort, np.array([[8.0, 8.0], [0.0, 0.0], [0.0, 0.0]]), np.full((3, 2), 8.0)
     )
     assert converged.all()
-    assert np.abs(found - 8 / scales[:, None]).max() < 1e-12
+    assert np.abs(solution - 8 / scales[:, None]).max() < 1e-12
 
 
 def test_a_step_is_the_solution_of_the_linear_equation_or_the_error_where_it_folds() -> None:

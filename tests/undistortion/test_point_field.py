@@ -25,7 +25,7 @@ def cone() -> Calibration:
 
 
 def dome() -> Calibration:
-    """Whose centre is 6 mm behind the pinhole: a small one, so that rays bend."""
+    """Return a small dome whose centre is 6 mm behind the pinhole, so that rays bend."""
     numbers = {
         "inner_radius": 0.02,
         "centre.x": 1e-3,
@@ -56,13 +56,13 @@ EACH = pytest.mark.parametrize(
 
 
 def both(
-    monkeypatch: pytest.MonkeyPatch, found: Callable[[], np.ndarray]
+    monkeypatch: pytest.MonkeyPatch, rays_of: Callable[[], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Through the field, and traced."""
     monkeypatch.setattr(room, "MIN_FIELD_POINTS", 0)
-    through = found()
+    through = rays_of()
     monkeypatch.setattr(room, "MIN_FIELD_POINTS", 10**9)
-    return through, found()
+    return through, rays_of()
 
 
 @EACH
@@ -76,13 +76,13 @@ def test_rays_are_those_that_are_traced(
     )  # some beyond the field
     pixels[0] = np.nan
     through, traced = both(monkeypatch, lambda: np.concatenate(calibration.rays(pixels), 1))
-    lost = np.isnan(traced).any(1)
-    assert lost[0]
-    assert np.array_equal(np.isnan(through).any(1), lost)
-    assert np.abs(through - traced)[~lost, 3:].max() < SURE / FOCAL
-    assert np.abs(np.linalg.norm(through[~lost, 3:], axis=1) - 1).max() < 1e-12
+    invalid = np.isnan(traced).any(1)
+    assert invalid[0]
+    assert np.array_equal(np.isnan(through).any(1), invalid)
+    assert np.abs(through - traced)[~invalid, 3:].max() < SURE / FOCAL
+    assert np.abs(np.linalg.norm(through[~invalid, 3:], axis=1) - 1).max() < 1e-12
     assert (
-        np.abs(through - traced)[~lost, :3].max() < 1e-6
+        np.abs(through - traced)[~invalid, :3].max() < 1e-6
     )  # m along the ray, or a thousandth of a millimetre beside it
 
 
@@ -96,15 +96,15 @@ def test_points_are_seen_where_tracing_sees_them(
     points = np.column_stack([rng.uniform(-0.9, 0.9, (3000, 2)) * depth[:, None], depth])
     points[:4] = np.array([[np.nan, 0, 1], [0, 0, -1], [0, 0, 0.001], [0.1, np.inf, 1]])
     through, traced = both(monkeypatch, lambda: calibration.project(points))
-    lost = np.isnan(traced).any(1)
-    assert np.array_equal(np.isnan(through).any(1), lost)
-    assert np.abs(through - traced)[~lost].max() < SURE
+    invalid = np.isnan(traced).any(1)
+    assert np.array_equal(np.isnan(through).any(1), invalid)
+    assert np.abs(through - traced)[~invalid].max() < SURE
 
 
-def test_a_camera_that_sees_nothing_says_so_of_many_as_of_few(
+def test_a_camera_that_sees_nothing_is_refused_for_any_number_of_points(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Its window stands behind it."""
+    """The window of this camera stands behind it."""
     made = scene(3, views=1)
     numbers = {
         "distance": 0.01,

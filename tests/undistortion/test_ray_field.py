@@ -6,6 +6,7 @@ import torch
 
 from calib.errors import InputError
 from calib.optics.build import pinhole_path
+from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.projection import project
@@ -49,7 +50,7 @@ def test_map_agrees_with_tracing(made: Scene, field: RayField, depth: float) -> 
     v = {name: float(made.values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy")}
     tangents = (pixels - [v["cx"], v["cy"]]) / [v["fx"], v["fy"]]
     points = np.column_stack([tangents * depth, np.full(len(pixels), depth)])
-    traced = project(made.path, made.values, torch.from_numpy(points)).numpy()
+    traced = project(made.path, made.values, torch.from_numpy(points), MIDDLE).numpy()
     inside = (np.abs(traced - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) <= [WIDTH / 2, HEIGHT / 2]).all(
         -1
     )
@@ -72,6 +73,7 @@ def test_field_is_enough_for_any_depth(made: Scene, field: RayField) -> None:
     rays = made.path.trace(
         torch.from_numpy(np.stack(np.meshgrid(field.nodes_x, field.nodes_y), -1).reshape(-1, 2)),
         made.values,
+        MIDDLE,
     )
     v = {name: float(made.values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy")}
     for depth in (0.1, 0.37, 20.0):
@@ -83,7 +85,7 @@ def test_field_is_enough_for_any_depth(made: Scene, field: RayField) -> None:
         )
 
 
-def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
+def test_the_map_is_invalid_where_no_ray_leaves_the_cover(made: Scene) -> None:
     """A bump so steep that light is totally reflected on its flanks, by a small camera: the cost
     goes with its area.
     """
@@ -103,7 +105,7 @@ def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
 
 
 @pytest.mark.parametrize("depth", [0.0, -1.0, float("nan")])
-def test_a_depth_that_is_none_is_refused(field: RayField, depth: float) -> None:
+def test_an_invalid_depth_is_refused(field: RayField, depth: float) -> None:
     with pytest.raises(InputError, match="write metres above 0"):
         field.map_at(depth)
 
@@ -117,8 +119,8 @@ def test_a_depth_inside_the_lens_is_refused(field: RayField, depth: float) -> No
 def off_projection(
     path: Path, values: Values, made: DepthMap, every: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every so many pixels: how far (px) the map is from projecting, whether projecting lands on
-    the image, whether the map is valid.
+    """Return for every so many pixels the distance (px) between map and projection, whether the
+    projection lies in the picture, and whether the map is valid.
     """
     height, width = made.valid.shape
     rows, columns = (grid.ravel() for grid in np.mgrid[0:height:every, 0:width:every])
@@ -126,7 +128,7 @@ def off_projection(
     points = (
         np.column_stack([(columns - cx) / fx, (rows - cy) / fy, np.ones(len(rows))]) * made.depth
     )
-    seen = project(path, values, torch.from_numpy(points)).numpy()
+    seen = project(path, values, torch.from_numpy(points), MIDDLE).numpy()
     inside = (np.abs(seen - [(width - 1) / 2, (height - 1) / 2]) < [width / 2, height / 2]).all(-1)
     off = np.hypot(made.x[rows, columns] - seen[:, 0], made.y[rows, columns] - seen[:, 1])
     return off, inside, made.valid[rows, columns]

@@ -18,10 +18,10 @@ def maps(scattered: bool) -> tuple[np.ndarray, np.ndarray]:
         x, y = rng.uniform(-60, 460, (90, 110)), rng.uniform(-60, 360, (90, 110))
     else:
         x, y = np.meshgrid(np.linspace(-15, 415, 110), np.linspace(-15, 315, 90))
-    across, down = (
-        (np.round(4 * at) / 4 + 0.125).astype(np.float32) for at in (x, y)
-    )  # exact when shifted, and no ties
-    return across, down
+    # exact when shifted, and no ties
+    sideways = (np.round(4 * x) / 4 + 0.125).astype(np.float32)
+    downwards = (np.round(4 * y) / 4 + 0.125).astype(np.float32)
+    return sideways, downwards
 
 
 @pytest.mark.parametrize("scattered", [False, True])
@@ -30,31 +30,31 @@ def maps(scattered: bool) -> tuple[np.ndarray, np.ndarray]:
 def test_parts_join_to_the_whole(
     kind: int, border: int, scattered: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With a limit of 50 px; cv2.remap itself is the oracle.
+    """The limit is 50 px, and cv2.remap itself is the oracle.
 
     Beyond the border Lanczos' weights are rounded otherwise: 1 level.
     """
     source = np.random.default_rng(0).integers(0, 255, (300, 400, 3), dtype=np.uint8)
     x, y = maps(scattered)
-    whole = cv2.remap(source, x, y, kind, borderMode=border)
+    at_once = cv2.remap(source, x, y, kind, borderMode=border)
     monkeypatch.setattr(module, "MAX_SIDE", 50)
     monkeypatch.setattr(module, "TILE", 16)
-    assert np.abs(np.int16(remap(source, x, y, kind, border)) - whole).max() <= (
+    assert np.abs(np.int16(remap(source, x, y, kind, border)) - at_once).max() <= (
         kind == cv2.INTER_LANCZOS4
     )
-    into = np.empty_like(whole)
+    into = np.empty_like(at_once)
     assert remap(source, x, y, kind, border, into) is into
-    assert np.abs(np.int16(into) - whole).max() <= (kind == cv2.INTER_LANCZOS4)
+    assert np.abs(np.int16(into) - at_once).max() <= (kind == cv2.INTER_LANCZOS4)
 
 
-def test_opencv_s_limit_is_where_it_is_said() -> None:
+def test_opencv_s_limit_has_its_stated_value() -> None:
     many = np.zeros((MAX_SIDE + 1, 1), np.float32)
     with pytest.raises(cv2.error, match="SHRT_MAX"):
         cv2.remap(np.zeros((2, 2), np.uint8), many, many, cv2.INTER_LINEAR)
 
 
 @pytest.mark.parametrize("rows", [MAX_SIDE, MAX_SIDE + 1, 100_000])
-def test_as_many_points_as_are_asked(rows: int) -> None:
+def test_any_number_of_points_is_interpolated(rows: int) -> None:
     table = np.arange(12, dtype=np.float32).reshape(3, 4)  # linear in both: 4 y + x
     x, y = np.random.default_rng(2).uniform(0, 2, (2, rows, 1)).astype(np.float32)
     assert (

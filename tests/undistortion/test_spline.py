@@ -16,8 +16,9 @@ Array = NDArray[np.float64]
 
 NODES_X, NODES_Y = np.linspace(-20.0, 130.0, 11), np.linspace(-7.5, 80.0, 8)
 ROUNDING = 1e-12
-"""Of the largest node value. From values to coefficients, an error grows at most 15.6-fold along
-each axis, so one unit of rounding becomes 5e-14 at most: this allows twenty of them.
+"""The tolerance, as a fraction of the largest node value. From values to coefficients, an error
+grows at most 15.6-fold along each axis, so one unit of rounding becomes 5e-14 at most: this allows
+twenty of them.
 """
 
 rectangle = np.array([[NODES_X[0], NODES_Y[0]], [NODES_X[-1], NODES_Y[-1]]])
@@ -39,20 +40,20 @@ def some_values(components: int = 2) -> Array:
 
 def some_points(count: int = 500) -> Array:
     """(N, 2) within the nodes, corners and edges among them."""
-    inside = rectangle[0] + np.random.default_rng(1).random((count, 2)) * np.diff(rectangle, axis=0)
+    points = rectangle[0] + np.random.default_rng(1).random((count, 2)) * np.diff(rectangle, axis=0)
     onto_edges = np.where(
-        np.arange(count)[:, None] % 2 == [0, 1], rectangle[np.arange(count) // 2 % 2], inside
+        np.arange(count)[:, None] % 2 == [0, 1], rectangle[np.arange(count) // 2 % 2], points
     )
     corners = np.stack(np.meshgrid(NODES_X[[0, -1]], NODES_Y[[0, -1]]), -1).reshape(-1, 2)
-    return np.vstack([inside, onto_edges, corners])
+    return np.vstack([points, onto_edges, corners])
 
 
 def oracle(values: Array) -> NdBSpline:
     """scipy's, of y and x."""
-    down = make_interp_spline(NODES_Y, values, 3)
-    across = make_interp_spline(NODES_X, down.c, 3, axis=1)
+    downwards = make_interp_spline(NODES_Y, values, 3)
+    sideways = make_interp_spline(NODES_X, downwards.c, 3, axis=1)
     return NdBSpline(
-        (down.t, across.t), across.c.swapaxes(0, 1), 3
+        (downwards.t, sideways.t), sideways.c.swapaxes(0, 1), 3
     )  # BSpline keeps its own axis first
 
 
@@ -84,11 +85,11 @@ def test_any_node_values_give_scipys_spline(values: Array) -> None:
 
 @each_time
 @given(node_values)
-def test_it_takes_its_values_at_the_nodes(values: Array) -> None:
+def test_a_spline_takes_its_values_at_the_nodes(values: Array) -> None:
     nodes = np.stack(np.meshgrid(NODES_X, NODES_Y), -1).reshape(-1, 2)
     spline = Spline.through(NODES_X, NODES_Y, values)
-    for found in (spline.at(nodes)[0].reshape(values.shape), spline.on_grid(NODES_X, NODES_Y)):
-        assert np.abs(found - values).max() <= ROUNDING * np.abs(values).max()
+    for result in (spline.at(nodes)[0].reshape(values.shape), spline.on_grid(NODES_X, NODES_Y)):
+        assert np.abs(result - values).max() <= ROUNDING * np.abs(values).max()
 
 
 def test_derivatives_agree_with_central_differences() -> None:
@@ -100,7 +101,8 @@ def test_derivatives_agree_with_central_differences() -> None:
     points = some_points(500)[:500]
     _, derivatives = spline.at(points)
     for axis in range(2):
-        ahead, behind = (spline.at(points + sign * step * np.eye(2)[axis])[0] for sign in (1, -1))
+        ahead = spline.at(points + step * np.eye(2)[axis])[0]
+        behind = spline.at(points - step * np.eye(2)[axis])[0]
         assert np.abs((ahead - behind) / (2 * step) - derivatives[..., axis]).max() < 1e-9
         assert np.abs(derivatives[..., axis]).max() > 0.05
 
@@ -119,18 +121,18 @@ def test_many_points_are_evaluated_like_few(count: int) -> None:
         assert (derivatives[i] == derivative[0]).all()
 
 
-def test_beyond_the_nodes_it_goes_on_as_the_tangent_plane_at_their_border() -> None:
+def test_a_spline_continues_as_the_tangent_plane_beyond_the_nodes() -> None:
     spline, values = Spline.through(NODES_X, NODES_Y, some_values()), some_values()
     points = np.array(
         [[-50.0, 30.0], [200.0, 30.0], [60.0, -40.0], [60.0, 300.0], [-50.0, -40.0], [200.0, 300.0]]
     )
     border = points.clip(*rectangle)
     value, derivatives = expected(values, border)
-    beyond, carried = spline.at(points)
+    extrapolated, carried = spline.at(points)
     assert np.abs(carried - derivatives).max() < ROUNDING * np.abs(values).max()
     plane = value + np.einsum("nca,na->nc", derivatives, points - border)
     assert (
-        np.abs(beyond - plane).max() < 1e3 * ROUNDING
+        np.abs(extrapolated - plane).max() < 1e3 * ROUNDING
     )  # up to 220 units away, times derivatives below 1
 
 
@@ -142,10 +144,10 @@ def test_values_and_derivatives_do_not_jump_at_nodes_and_border() -> None:
     for nodes, axis in ((NODES_X, 0), (NODES_Y, 1)):
         at = np.full((len(nodes), 2), 33.3)
         at[:, axis] = nodes
-        for before, after in zip(
+        for backward, forward in zip(
             *(spline.at(at + side * np.eye(2)[axis]) for side in (-1e-9, 1e-9)), strict=True
         ):
-            assert np.abs(after - before).max() < 1e-8
+            assert np.abs(forward - backward).max() < 1e-8
 
 
 def test_a_cubic_is_its_own_spline() -> None:
@@ -178,15 +180,15 @@ def test_grid_and_strips_agree_with_points(count_x: int, count_y: int) -> None:
         height, width, 3
     )
     assert np.abs(spline.on_grid(xs, ys) - values).max() < 1e-12
-    seen = 0
-    for rows, parts in spline.strips(width, height):
-        assert rows.start == seen
-        seen = rows.stop
+    row_count = 0
+    for rows, strips in spline.strips(width, height):
+        assert rows.start == row_count
+        row_count = rows.stop
         assert all(
-            part.dtype == np.float32 and part.shape == (rows.stop - rows.start, width)
-            for part in parts
+            strip.dtype == np.float32 and strip.shape == (rows.stop - rows.start, width)
+            for strip in strips
         )
         assert (
-            np.abs(np.stack(parts, -1) - values[rows]).max() < 3e-6
+            np.abs(np.stack(strips, -1) - values[rows]).max() < 3e-6
         )  # float32 of values below 6, four products each
-    assert seen == height
+    assert row_count == height

@@ -1,9 +1,10 @@
-"""What a single check says of a calibration."""
+"""The reasons that a single check gives for a calibration."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from calib.calibration import Calibration
+from calib.fit_record.request import Settings
 from calib.fitting.evaluate import Evaluation
 from calib.verdict.case import Case
 from calib.verdict.next_commands import NextCommands
@@ -19,5 +20,6 @@ def asked(
     evaluation: Evaluation | None = None,
 ) -> list[Reason]:
     """The reasons that one check gives."""
-    commands = NextCommands(SESSION, SESSION / "calibration", calibration.settings)
+    settings = calibration.request.settings or Settings()
+    commands = NextCommands(SESSION, SESSION / "calibration", settings)
     return list(check(Case(calibration, depths, commands, evaluation, "other views")))

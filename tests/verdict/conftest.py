@@ -3,7 +3,7 @@
 import pytest
 
 from calib.calibration import Calibration
-from calib.fitting.stages import Settings
+from calib.fit_record.request import Settings
 from fixtures.synthetic import paper_cone, scene
 from tests.report.made import calibrated
 

@@ -12,8 +12,8 @@ import yaml
 from calib.calibration import Calibration, Stage
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
 from calib.session.camera import Camera
 from calib.session.cover import Cover
 from calib.session.session import read_session, session_to_yaml
@@ -22,6 +22,7 @@ from calib.verdict.cover_stage import cover_stage, worse_than_none
 from calib.verdict.judge import judge
 from calib.verdict.thresholds import EXPLAINED, WORSE_THAN_BARE
 from calib.verdict.verdict import Trust
+from fixtures.calibrated import with_outcome
 from fixtures.synthetic import (
     HEIGHT,
     INTRINSICS,
@@ -84,7 +85,7 @@ def test_a_bare_that_was_taken_through_the_cover_is_told(
 def test_a_true_bare_is_not_doubted_whatever_the_cover_is_off_by(
     tmp_path: Path, thickness: float
 ) -> None:
-    """By draws from the tolerances of its numbers."""
+    """The numbers of the cover are drawn from their tolerances."""
     made, bare = covered(thickness), bare_views(3, 8, NOISE)
     assert not asked(bare_pictures, with_bare(tmp_path / "as it is", made, bare, made.cover))
     for seed in range(4):
@@ -106,9 +107,11 @@ def test_a_true_bare_is_not_doubted_whatever_the_cover_is_off_by(
     ids=["both", "more than noise", "no worse by much"],
 )
 def test_from_where_on(good: Calibration, alone: float, cover: float, doubted: bool) -> None:
-    bare = alone * EXPLAINED * good.noise_px
-    errors = {"pinhole": bare, "cover": cover * WORSE_THAN_BARE * bare, "cover+rbf": good.noise_px}
+    noise = good.noise_px
+    assert noise
+    bare = alone * EXPLAINED * noise
+    errors = {"pinhole": bare, "cover": cover * WORSE_THAN_BARE * bare, "cover+rbf": noise}
     staged = replace(good, stages=tuple(Stage(name, rms, 0.0) for name, rms in errors.items()))
-    from_bare = replace(staged, settings=good.settings | {"intrinsics_from": "bare"})
+    from_bare = with_outcome(staged, intrinsics_from="bare")
     assert bool(asked(bare_pictures, from_bare)) is doubted
     assert not asked(bare_pictures, staged), "the lens is the session's"

@@ -12,10 +12,14 @@ from calib.corners.coded import PAST_LAST_ROW
 from calib.corners.view import RejectedPicture, View
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.relief_heights import height_spread
+from calib.fit_record.history import DiagnosisRecord, History
+from calib.fit_record.outcome import CrossValidation
+from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.evaluate import Evaluation
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import AprilGrid, Charuco, Coding
+from calib.session.freeing import AUTO
 from calib.session.schema import Number
 from calib.verdict.board_place import board_place
 from calib.verdict.case import Case
@@ -34,6 +38,7 @@ from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, unc
 from calib.verdict.unevenness import unevenness
 from calib.verdict.unseen_row import extra_rows, unseen_row
 from calib.verdict.verdict import Trust
+from fixtures.calibrated import with_outcome
 from fixtures.synthetic import paper_cone, scene
 from tests.fitting.test_inputs import spoiled
 from tests.report.made import calibrated
@@ -58,7 +63,9 @@ def test_a_good_calibration_is_not_doubted(check, good: Calibration, freed: Cali
 
 
 def ended_with(calibration: Calibration, outcome: Outcome) -> Calibration:
-    return replace(calibration, settings=calibration.settings | {"outcome": outcome.value})
+    joint = calibration.outcome.joint
+    assert joint
+    return with_outcome(calibration, joint=replace(joint, outcome=outcome.value))
 
 
 @pytest.mark.parametrize(
@@ -117,7 +124,7 @@ def test_a_fit_that_is_not_finite_is_of_no_use(good: Calibration) -> None:
 
 
 @pytest.mark.parametrize("outcome", [Outcome.STEPS_USED_UP, Outcome.STUCK])
-def test_a_fit_that_ended_early_is_judged_by_how_far_that_was(
+def test_a_fit_that_ended_early_is_judged_by_its_distance_from_the_optimum(
     good: Calibration, outcome: Outcome
 ) -> None:
     assert not asked(not_converged, ended_with(good, outcome)), "it is at its optimum all the same"
@@ -149,7 +156,7 @@ def test_an_unevenness_that_explains_too_much_with_every_number_held(
     assert not asked(cover_stage, replace(freed, stages=much.stages)), (
         "there the numbers had their say"
     )
-    tried = replace(much, settings=much.settings | {"free": ["auto"]})
+    tried = replace(much, request=FitRequest(Settings(free=(AUTO,))))
     assert not asked(cover_stage, tried), "and there, before they were held"
     every = {name: replace(number, exact=True) for name, number in good.cover.parameters.items()}
     known = good.declared.intrinsics
@@ -191,7 +198,7 @@ def test_a_number_that_is_far_from_what_is_declared(
         ("views", []),
     ],
 )
-def test_a_focal_length_is_held_against_where_it_comes_from(
+def test_a_focal_length_is_compared_with_its_source(
     freed: Calibration, where: str, said: list[str]
 ) -> None:
     """Off by 30 standard deviations: whoever declared nothing has no session.yaml to correct, and
@@ -202,9 +209,7 @@ def test_a_focal_length_is_held_against_where_it_comes_from(
     found = replace(freed.camera, intrinsics=replace(k, fx=Number(2560.0, 0.1)))
     reasons = asked(
         declared_numbers,
-        replace(
-            freed, camera=found, stated=told, settings=freed.settings | {"intrinsics_from": where}
-        ),
+        with_outcome(replace(freed, camera=found, stated=told), intrinsics_from=where),
     )
     sentences = [reason.sentence for reason in reasons if reason.suspects == ("camera.fx",)]
     assert len(sentences) == bool(said)
@@ -212,7 +217,7 @@ def test_a_focal_length_is_held_against_where_it_comes_from(
 
 
 @pytest.mark.parametrize(("uneven", "doubted"), [(29e-6, False), (31e-6, True)])
-def test_glass_that_is_more_uneven_than_glass(
+def test_implausibly_uneven_glass_is_reported(
     good: Calibration, freed: Calibration, uneven: float, doubted: bool
 ) -> None:
     def bent(calibration: Calibration) -> Calibration:
@@ -244,19 +249,19 @@ def test_a_stretched_print_is_named(tmp_path: Path) -> None:
     assert reason.next == DIAGNOSE
 
 
-def test_more_than_noise_is_said_whatever_it_is(good: Calibration) -> None:
+def test_any_error_beyond_noise_is_reported(good: Calibration) -> None:
     last = good.stages[-1].rms_px
     assert not asked(residual, replace(good, noise_px=1.01 * last / BEYOND_NOISE))
     (reason,) = asked(residual, replace(good, noise_px=0.99 * last / BEYOND_NOISE))
     assert "are left where the corners' noise" in reason.sentence
-    again = replace(good, noise_px=0.01, settings=good.settings | {"diagnosis": {}})
+    again = replace(good, noise_px=0.01, history=History(diagnosis=DiagnosisRecord()))
     assert asked(residual, again)[0].next.startswith("calib report"), "it was diagnosed already"
 
 
 @pytest.mark.parametrize(("held", "doubted"), [(0.124, False), (0.126, True)])
 def test_overfitting(good: Calibration, held: float, doubted: bool) -> None:
-    folds = {"folds": 3, "held_out_px": held, "fitted_px": 0.1}
-    reasons = asked(overfits, replace(good, settings=good.settings | {"cross_validation": folds}))
+    folds = CrossValidation(3, held, fitted_px=0.1)
+    reasons = asked(overfits, with_outcome(good, cross_validation=folds))
     assert [reason.next for reason in reasons] == [
         f"calib fit '{SESSION}' --free none --grid auto"
     ] * doubted
@@ -275,7 +280,7 @@ def test_an_evaluation_is_judged_too(good: Calibration) -> None:
     assert "0.1 to 1 m away" in near.sentence
 
 
-def test_where_the_picture_is_empty(good: Calibration) -> None:
+def test_empty_regions_of_the_picture_are_named(good: Calibration) -> None:
     left = tuple(
         replace(view, weight=np.where(view.corners[:, 0] < 1400, 1.0, 0.0)) for view in good.views
     )
@@ -299,7 +304,7 @@ def test_one_distance(good: Calibration) -> None:
     )
 
 
-def test_depths_that_the_views_speak_of() -> None:
+def test_trusted_depths_reach_half_of_the_views_span_further() -> None:
     near, far = trusted_depths(0.5, 1.0)  # 1 to 2 per metre, half of that span to either side
     assert (near, far) == pytest.approx((1 / 2.5, 1 / 0.5))
     assert trusted_depths(0.3, 1.2)[1] == np.inf, (
@@ -327,26 +332,28 @@ def test_views_are_counted_against_the_unknowns(good: Calibration, freed: Calibr
     assert not asked(too_few_views, first(freed, 8)), (
         "12 numbers of camera and cover have tolerances of their own"
     )
-    plain = replace(freed, settings=freed.settings | {"intrinsics_from": "views"})
+    plain = with_outcome(freed, intrinsics_from="views")
     assert asked(too_few_views, first(plain, 8)), "the lens is no more than these views say"
 
 
-def test_maps_that_are_hardly_known(good: Calibration) -> None:
+def test_uncertain_maps_are_reported(good: Calibration) -> None:
     (reason,) = asked(uncertain_maps, replace(good, covariance=1e4 * good.covariance), (0.5,))
     assert "px at 0.5 m" in reason.sentence
     assert not asked(uncertain_maps, good, (0.5,))
 
 
 @pytest.mark.parametrize(("sigma", "doubted"), [(9.9, False), (10.1, True), (52.0, True)])
-def test_a_focal_length_that_is_hardly_known(
+def test_an_uncertain_focal_length_is_reported(
     good: Calibration, sigma: float, doubted: bool
 ) -> None:
-    """Of a camera without a cover, from its own views: 1000 px within that."""
+    """The sigma is that of a camera without a cover, from its own views, at a focal length of 1000
+    px.
+    """
     k = Intrinsics(
         Number(1000.0, sigma), Number(1000.0, 1.0), Number(1640.0, 5.0), Number(1232.0, 5.0)
     )
     bare = replace(good, camera=Camera(3280, 2464, intrinsics=k), covariance=np.zeros((0, 0)))
-    plain = replace(bare, settings=bare.settings | {"intrinsics_from": "views"})
+    plain = with_outcome(bare, intrinsics_from="views")
     reasons = asked(uncertain_focal_length, plain)
     assert [reason.suspects for reason in reasons] == [("camera.fx",)] * doubted
     assert all("tilt the board by about 30 degrees" in reason.sentence for reason in reasons)
@@ -403,7 +410,7 @@ def test_a_principal_point_outside_of_the_picture(good: Calibration) -> None:
     assert not asked(principal_point, told(good, 1640, 1232, 1279.0, 1600.0, 500.0))
 
 
-def test_water_for_air(tmp_path: Path) -> None:
+def test_water_declared_as_air_is_reported(tmp_path: Path) -> None:
     made = scene(21, views=10, noise=0.05)
     wet = calibrated_from(spoiled(tmp_path / "wet", made, cover__outside_index=1.333))
     (reason,) = asked(medium, wet)
@@ -413,7 +420,7 @@ def test_water_for_air(tmp_path: Path) -> None:
     assert not asked(medium, calibrated_from(thin)), "that is another number"
 
 
-def test_air_for_water(tmp_path: Path) -> None:
+def test_air_declared_as_water_is_reported(tmp_path: Path) -> None:
     cover = paper_cone()
     wet = replace(cover, parameters={**cover.parameters, "outside_index": Number(1.333)})
     made = scene(21, views=10, noise=0.05, cover=wet)

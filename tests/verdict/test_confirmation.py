@@ -36,7 +36,7 @@ NAMES = ("camera.fx", "camera.fy")
 
 
 def bare(folder: Path, views: tuple[View, ...], focal: Number) -> Calibration:
-    """Of a camera without a cover, whose focal length session.yaml declares so."""
+    """Return the calibration of a camera without a cover, with its focal length declared."""
     intrinsics = replace(INTRINSICS, fx=focal, fy=focal)
     setup = session_to_yaml(BOARD, Camera(WIDTH, HEIGHT, intrinsics=intrinsics), Cover("none", {}))
     folder.mkdir()
@@ -57,47 +57,49 @@ def test_parallel_boards_confirm_no_focal_length(tmp_path: Path, times: float) -
     """Neither the right one nor one that is 10 % wrong, however it is declared."""
     views = bare_views(1, 16, 0.1, tilt=PARALLEL)
     for index, focal in enumerate(declared(times)):
-        found = bare(tmp_path / str(index), views, focal)
-        (reason,) = asked(unconfirmed_numbers, found)
+        estimate = bare(tmp_path / str(index), views, focal)
+        (reason,) = asked(unconfirmed_numbers, estimate)
         assert (reason.word, reason.suspects) == (Trust.CARE, NAMES)
         assert "taken as declared, not confirmed by these views" in reason.sentence
         assert "tilted by 20 to 40 degrees" in reason.sentence
         assert reason.next == f"capture '{SESSION}'"
-        assert not asked(contradicted_numbers, found)
-        assert judge(found).word is Trust.CARE
+        assert not asked(contradicted_numbers, estimate)
+        assert judge(estimate).word is Trust.CARE
 
 
-def test_tilted_boards_confirm_the_right_one(tmp_path: Path) -> None:
+def test_tilted_boards_confirm_the_right_focal_length(tmp_path: Path) -> None:
     views = bare_views(1, 16, 0.1)
     for index, focal in enumerate(declared(1.0)):
-        found = bare(tmp_path / str(index), views, focal)
-        assert not asked(unconfirmed_numbers, found)
-        assert not asked(contradicted_numbers, found)
-        assert judge(found).word is Trust.TRUSTED
+        estimate = bare(tmp_path / str(index), views, focal)
+        assert not asked(unconfirmed_numbers, estimate)
+        assert not asked(contradicted_numbers, estimate)
+        assert judge(estimate).word is Trust.TRUSTED
 
 
 @pytest.mark.parametrize("times", [1.02, 1.1])
-def test_tilted_boards_contradict_a_wrong_one(tmp_path: Path, times: float) -> None:
-    """With the value that they tell instead, to a tenth of the error, and the change of lengths."""
+def test_tilted_boards_contradict_a_wrong_focal_length(tmp_path: Path, times: float) -> None:
+    """The reason names the value that the views ask for, to a tenth of the error, and the change of
+    lengths.
+    """
     views = bare_views(1, 16, 0.1)
     for index, focal in enumerate(declared(times)):
-        found = bare(tmp_path / str(index), views, focal)
-        (reason,) = asked(contradicted_numbers, found)
+        estimate = bare(tmp_path / str(index), views, focal)
+        (reason,) = asked(contradicted_numbers, estimate)
         assert (reason.word, reason.suspects) == (Trust.CARE, NAMES)
         assert f"declared as {times * FOCAL:.6g}" in reason.sentence
         assert reason.next.startswith("calib fit")
-        evidence = scale_evidence(found)
+        evidence = scale_evidence(estimate)
         assert evidence.change == pytest.approx(times - 1, rel=0.1)
-        told = times * FOCAL + evidence.corrections["camera.fx"].change
-        assert told == pytest.approx(FOCAL, rel=0.1 * (times - 1))
-        assert judge(found).suspects[:2] == NAMES
+        estimated_focal = times * FOCAL + evidence.corrections["camera.fx"].change
+        assert estimated_focal == pytest.approx(FOCAL, rel=0.1 * (times - 1))
+        assert judge(estimate).suspects[:2] == NAMES
 
 
-def test_an_exact_number_that_is_off_within_what_is_noticed(tmp_path: Path) -> None:
-    """0.2 % of depth: less than anybody is told of."""
-    found = bare(tmp_path / "near", bare_views(1, 16, 0.1), Number(1.002 * FOCAL, exact=True))
-    assert scale_evidence(found).change == pytest.approx(0.002, rel=0.1)
-    assert not asked(contradicted_numbers, found)
+def test_an_exact_number_with_a_small_error_is_not_contradicted(tmp_path: Path) -> None:
+    """The change of depth is 0.2 %, which is less than any reason mentions."""
+    estimate = bare(tmp_path / "near", bare_views(1, 16, 0.1), Number(1.002 * FOCAL, exact=True))
+    assert scale_evidence(estimate).change == pytest.approx(0.002, rel=0.1)
+    assert not asked(contradicted_numbers, estimate)
 
 
 def test_copies_of_pictures_are_no_further_evidence(tmp_path: Path) -> None:
@@ -109,10 +111,12 @@ def test_copies_of_pictures_are_no_further_evidence(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("exact", [False, True])
-def test_parallel_boards_behind_a_cone(tmp_path: Path, exact: bool) -> None:
+def test_parallel_boards_behind_a_cone_leave_only_the_focal_length_unconfirmed(
+    tmp_path: Path, exact: bool
+) -> None:
     """The cover does not tell it either, and its own numbers are not what depth rests on."""
     glass = paper_cone(0.00115)
-    parameters = {name: replace(one, exact=exact) for name, one in glass.parameters.items()}
+    parameters = {name: replace(item, exact=exact) for name, item in glass.parameters.items()}
     made = scene(
         3, 16, noise=0.1, depths=(0.35, 1.2), cover=replace(glass, parameters=parameters), tilt=0.01
     )
@@ -128,13 +132,13 @@ def test_a_good_cone_is_confirmed_by_a_wide_margin(good: Calibration, freed: Cal
         assert evidence.change_sigma < evidence.sigma * 1.5
 
 
-def test_the_scale_is_known_as_well_as_it_says(tmp_path: Path) -> None:
-    """Where every declared number is true, the views ask for a change as large as its standard
+def test_the_sigma_of_the_scale_equals_the_scatter(tmp_path: Path) -> None:
+    """The views ask, if every declared number is true, for a change as large as its standard
     deviation: by the root mean square over ten sessions, to three standard deviations of that.
     """
     ratios = []
     for seed in range(10):
-        found = bare(tmp_path / str(seed), bare_views(seed, 10, 0.1), Number(FOCAL))
-        evidence = scale_evidence(found)
+        estimate = bare(tmp_path / str(seed), bare_views(seed, 10, 0.1), Number(FOCAL))
+        evidence = scale_evidence(estimate)
         ratios.append(evidence.change / evidence.change_sigma)
     assert 0.33 < np.sqrt(np.mean(np.square(ratios))) < 1.67

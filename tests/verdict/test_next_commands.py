@@ -1,15 +1,14 @@
-"""What is to be typed can be typed."""
+"""The next commands can be typed as they are printed."""
 
 import shlex
 from pathlib import Path
 
+from calib.fit_record.request import Settings
 from calib.verdict.next_commands import NextCommands
-
-SETTINGS = {"method": "joint", "grid": [12, 12], "free": ["auto"]}
 
 
 def test_paths_are_quoted_and_usual_options_left_out() -> None:
-    commands = NextCommands(Path("my session"), Path("my session/calibration"), SETTINGS)
+    commands = NextCommands(Path("my session"), Path("my session/calibration"), Settings())
     assert commands.fit() == "calib fit 'my session'"
     assert commands.capture() == "capture 'my session'"
     assert shlex.split(commands.diagnose("--holdout", "a b")) == [
@@ -21,7 +20,7 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
     ]
     assert commands.evaluate() == "calib evaluate 'my session/calibration' HOLDOUT"
     out = "my session/calibration"
-    asked = [
+    words = [
         "calib",
         "undistort",
         out,
@@ -31,13 +30,12 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
         "-o",
         f"{out}/undistorted",
     ]
-    assert shlex.split(commands.undistort(0.5)) == asked
+    assert shlex.split(commands.undistort(0.5)) == words
 
 
 def test_a_fit_is_asked_for_again_as_it_was() -> None:
-    commands = NextCommands(
-        Path("s"), Path("out"), {"method": "paper", "grid": [8, 6], "free": ["thickness", "index"]}
-    )
+    settings = Settings(method="paper", grid=(8, 6), free=("thickness", "index"))
+    commands = NextCommands(Path("s"), Path("out"), settings)
     assert commands.fit() == "calib fit s --method paper --grid 8x6 --free thickness,index -o out"
     assert (
         commands.fit("--free", "all") == "calib fit s --method paper --grid 8x6 -o out --free all"

@@ -9,7 +9,8 @@ import torch
 
 from calib.corners.view import View
 from calib.estimation.observations import Observations
-from calib.fitting.stages import Settings, Setup
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup
 from calib.session.schema import Number
 from calib.verdict.judge import judge
 from calib.verdict.orientation import ALL, Orientation
@@ -20,16 +21,18 @@ FAST = Settings(grid=(4, 4))
 TURNS = {0: None, 1: cv2.ROTATE_90_CLOCKWISE, 2: cv2.ROTATE_180, 3: cv2.ROTATE_90_COUNTERCLOCKWISE}
 
 
-@pytest.mark.parametrize("way", ALL, ids=str)
-def test_a_pixel_goes_where_opencv_puts_it(way: Orientation) -> None:
+@pytest.mark.parametrize("orientation", ALL, ids=str)
+def test_a_turned_pixel_agrees_with_opencv(orientation: Orientation) -> None:
     picture = np.arange(12 * 8, dtype=np.int32).reshape(8, 12)
-    turn = TURNS[way.quarters]
+    turn = TURNS[orientation.quarters]
     put_right = picture if turn is None else cv2.rotate(picture, turn)
-    put_right = cv2.flip(put_right, 1) if way.mirrored else put_right
+    put_right = cv2.flip(put_right, 1) if orientation.mirrored else put_right
     y, x = np.mgrid[0:8, 0:12]
     pixels = torch.from_numpy(np.stack([x.ravel(), y.ravel()], -1).astype(np.float64))
-    seen = Observations.of((View("a", pixels[:81].numpy(), np.ones(81)),), scene(1, views=1).board)
-    moved = way.apply(seen, 12, 8).pixels.numpy().astype(int)
+    observations = Observations.of(
+        (View("a", pixels[:81].numpy(), np.ones(81)),), scene(1, views=1).board
+    )
+    moved = orientation.apply(observations, 12, 8).pixels.numpy().astype(int)
     assert (put_right[moved[:, 1], moved[:, 0]] == picture.ravel()[:81]).all()
 
 

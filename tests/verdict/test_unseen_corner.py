@@ -13,8 +13,10 @@ from fixtures.degenerate import bare_session, calibration_of
 
 
 def test_views_in_one_line_are_judged_though_a_corner_is_out_of_sight(tmp_path: Path) -> None:
-    found = calibration_of(bare_session("line", 5099), tmp_path)
-    path, values = found.model()
-    left = residuals(path, values, found.observations, torch.from_numpy(found.poses)).board
-    assert 0 < int(torch.isnan(left).any(-1).sum()) < 5
-    assert judge(found).word is not Trust.TRUSTED
+    estimate = calibration_of(bare_session("line", 5099), tmp_path)
+    path, values = estimate.model()
+    residual = residuals(
+        path, values, estimate.observations, torch.from_numpy(estimate.poses)
+    ).board
+    assert 0 < int(torch.isnan(residual).any(-1).sum()) < 5
+    assert judge(estimate).word is not Trust.TRUSTED

@@ -28,5 +28,5 @@ def test_the_gravest_reason_decides() -> None:
     assert str(verdict) == "Do not use it. It is small. It is wrong."
 
 
-def test_of_equally_grave_ones_the_first_is_followed() -> None:
+def test_the_first_of_equally_grave_reasons_decides() -> None:
     assert Verdict((CARE, Reason("later.", "capture it")), "").next == CARE.next

@@ -23,7 +23,7 @@ from tests.capture.tui.test_session import FIXTURE
         ("covered-bare", "cannot be computed: the lens is not known."),
     ],
 )
-def test_before_the_first_view_it_is_said_what_of_the_lens_is_missing(
+def test_missing_lens_numbers_are_named_before_the_first_view(
     tmp_path: Path, like: str, sentence: str
 ) -> None:
     adviser = Adviser(
@@ -36,7 +36,7 @@ def test_before_the_first_view_it_is_said_what_of_the_lens_is_missing(
 
 
 @pytest.mark.slow
-def test_with_a_lens_that_is_known_it_is_computed_before_the_first_view(tmp_path: Path) -> None:
+def test_guidance_is_computed_before_the_first_view_for_a_known_lens(tmp_path: Path) -> None:
     adviser = Adviser(
         Task(tmp_path, "", read_setup(FIXTURE.parent / "tilted" / "session.yaml"), bare=False),
         (820, 616),

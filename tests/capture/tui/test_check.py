@@ -43,7 +43,7 @@ async def results(session: Path) -> AsyncIterator[Pilot[None]]:
         yield pilot
 
 
-def test_pictures_that_are_there_are_asked_at_once(session: Path, later: Path) -> None:
+def test_existing_pictures_are_checked_at_once(session: Path, later: Path) -> None:
     drive(_asked(session, later))
 
 
@@ -65,7 +65,7 @@ async def _asked(session: Path, later: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_has_changed_is_said_and_an_update_is_written_beside_the_calibration(
+def test_a_change_is_reported_and_an_update_is_written_beside_the_calibration(
     session: Path, later: Path
 ) -> None:
     for picture in later.glob("*.jpg"):  # as if the sensor had been moved sideways by four pixels
@@ -99,7 +99,7 @@ async def _changed(session: Path, later: Path) -> None:
 
 
 @pytest.mark.slow
-def test_pictures_are_taken_for_it_into_a_session_of_their_own(session: Path, later: Path) -> None:
+def test_pictures_for_a_check_go_into_a_session_of_their_own(session: Path, later: Path) -> None:
     drive(_taken(session, later))
     assert len(list((session / "checks" / "001" / "frames").glob("*.png"))) == 4
     assert next_folder(session) == session / "checks" / "002"
@@ -144,7 +144,7 @@ async def _few(session: Path, later: Path, folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_pictures_that_cannot_bring_it_up_to_date_are_not_offered_to(
+def test_pictures_that_cannot_update_the_calibration_are_not_offered(
     session: Path, later: Path
 ) -> None:
     """The screen says so if the pictures are the calibration's own."""

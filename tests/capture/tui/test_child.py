@@ -74,7 +74,7 @@ def test_a_result_is_the_end() -> None:
     ]
 
 
-def test_one_that_was_killed_says_nothing_more() -> None:
+def test_a_killed_child_sends_no_further_message() -> None:
     child = Child(slow)
     events = child.events()
     assert next(events)["title"] == "One"

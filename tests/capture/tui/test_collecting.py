@@ -31,7 +31,7 @@ def empty(tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_source_without_the_board_says_what_was_looked_for(
+def test_a_source_without_the_board_gets_a_report_of_the_declared_one(
     tmp_path: Path, empty: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(collect, "REASON_S", 0.3)
@@ -59,7 +59,7 @@ async def _without(session: Path, empty: Path) -> None:
         assert pilot.app.focused.name == "columns"
 
 
-def test_what_to_record_stays_as_it_was_chosen(tmp_path: Path, empty: Path) -> None:
+def test_the_chosen_phase_is_kept(tmp_path: Path, empty: Path) -> None:
     drive(_chosen(tmp_path / "session", empty))
 
 
@@ -106,7 +106,7 @@ async def _before_the_first(session: Path, empty: Path) -> None:
         )
 
 
-def test_what_was_pressed_after_the_end_takes_nothing(tmp_path: Path) -> None:
+def test_a_key_after_the_end_records_nothing(tmp_path: Path) -> None:
     shutil.copytree(FIXTURE, tmp_path, dirs_exist_ok=True)
     for picture in sorted((tmp_path / "frames").glob("*.jpg"))[2:]:
         picture.unlink()

@@ -50,7 +50,7 @@ WORDS = {
 SESSION = Path(__file__).parents[3] / "fixtures" / "bow"
 
 
-def test_what_was_found_with_the_error_before_and_after() -> None:
+def test_accepted_effects_are_shown_with_the_errors_before_and_after() -> None:
     lines = as_text(FINDING, NUMBERS, WORDS).splitlines()
     assert lines[0] == "Found: board_shape."
     assert lines[5].split() == ["held-out", "views", "0.590", "px", "0.170", "px"]
@@ -76,7 +76,7 @@ def test_people_are_told_in_plain_words_and_programs_as_ever() -> None:
     ] == ["absorbed"]
 
 
-def test_finding_nothing_is_said_as_a_result() -> None:
+def test_a_diagnosis_without_effects_is_reported_as_a_result() -> None:
     nothing = Diagnosis(
         0.08, "", (), (), (), Quality(0.1, 0.01, 0.1), Quality(0.1, 0.01, 0.1), 0.0, "", ()
     )

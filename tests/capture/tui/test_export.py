@@ -18,7 +18,7 @@ from capture.tui.export import ExportScreen, parse_depths, warn_of_distance
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 
 
-def test_who_leaves_while_it_writes_is_told_when_it_is_done(
+def test_leaving_during_an_export_is_answered_when_it_is_complete(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     leave = Event()
@@ -76,7 +76,7 @@ def test_depths_are_a_list(text: str, read: list[str]) -> None:
         ("0.5m", "is not a depth"),
     ],
 )
-def test_what_may_be_a_decimal_comma_is_asked_about(text: str, advice: str) -> None:
+def test_a_possible_decimal_comma_causes_a_question(text: str, advice: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match=re.escape(advice)):
         parse_depths(text)
 
@@ -102,7 +102,7 @@ def test_what_may_be_a_decimal_comma_is_asked_about(text: str, advice: str) -> N
         ),
     ],
 )
-def test_depths_far_from_every_board_are_told(listed: list[str], text: str) -> None:
+def test_depths_far_from_every_board_are_reported(listed: list[str], text: str) -> None:
     assert warn_of_distance(listed, (0.25, 1.1)) == text
 
 
@@ -159,7 +159,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
     return calls
 
 
-def test_of_what_will_not_do_nothing_is_written(tmp_path: Path, calls: list[Sequence[str]]) -> None:
+def test_an_invalid_export_writes_nothing(tmp_path: Path, calls: list[Sequence[str]]) -> None:
     drive(_refuse(tmp_path))
     assert not calls
 
@@ -201,7 +201,7 @@ async def _at_home(session: Path) -> None:
         await see(pilot, "That is all")
 
 
-def test_without_a_depth_it_is_said_that_there_is_no_map(
+def test_an_export_without_a_depth_reports_that_there_is_no_map(
     tmp_path: Path, calls: list[Sequence[str]]
 ) -> None:
     drive(_no_depth(tmp_path))
@@ -217,7 +217,7 @@ async def _no_depth(session: Path) -> None:
         assert "That is all" not in shown(pilot)
 
 
-def test_a_late_success_leaves_what_is_wrong_now(
+def test_a_late_success_does_not_hide_the_current_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     changed = Event()
@@ -245,9 +245,7 @@ async def _late(session: Path, changed: Event) -> None:
         assert "'1m' is not a depth" in shown(pilot)
 
 
-def test_the_last_export_is_the_one_that_is_told_of(
-    tmp_path: Path, calls: list[Sequence[str]]
-) -> None:
+def test_the_last_export_is_the_reported_one(tmp_path: Path, calls: list[Sequence[str]]) -> None:
     drive(_twice(tmp_path))
     assert len(calls) == 2
 

@@ -12,14 +12,14 @@ from capture.tui.farewell import farewell_lines
 from tests.capture.tui.test_session import FIXTURE
 
 
-def test_of_nothing_it_says_how_to_go_on(tmp_path: Path) -> None:
+def test_the_farewell_without_pictures_names_the_next_command(tmp_path: Path) -> None:
     assert list(farewell_lines(tmp_path / "my s", None, [])) == [
         f"Nothing is recorded in {tmp_path / 'my s'} yet; what was typed is kept.",
         f"To go on: capture '{tmp_path / 'my s'}'",
     ]
 
 
-def test_of_pictures_it_counts_them(tmp_path: Path) -> None:
+def test_the_farewell_counts_pictures(tmp_path: Path) -> None:
     session = shutil.copytree(FIXTURE, tmp_path / "s")
     assert list(farewell_lines(session, None, [])) == [
         (
@@ -31,7 +31,7 @@ def test_of_pictures_it_counts_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_what_it_says_to_type_goes_from_a_calibration_to_straight_pictures(tmp_path: Path) -> None:
+def test_the_named_commands_lead_from_a_calibration_to_straight_pictures(tmp_path: Path) -> None:
     session = shutil.copytree(FIXTURE, tmp_path / "s")
     assert main(["fit", str(session), "--grid", "5x5"]) == 0
     where, export = farewell_lines(session, None, [])
@@ -52,7 +52,7 @@ def test_what_it_says_to_type_goes_from_a_calibration_to_straight_pictures(tmp_p
     assert list(farewell_lines(session, None, [])) == [where, export]
 
 
-def test_of_a_doubtful_calibration_the_report_comes_next(tmp_path: Path) -> None:
+def test_the_farewell_of_a_doubtful_calibration_names_the_report(tmp_path: Path) -> None:
     shown = tmp_path / "s" / "calibration" / "calibration.yaml"
     *_, why, following = farewell_lines(
         tmp_path / "s", shown, [tmp_path / "map_1m.npz"], doubt="Take care before you trust it."
@@ -61,7 +61,7 @@ def test_of_a_doubtful_calibration_the_report_comes_next(tmp_path: Path) -> None
     assert following == f"Next: calib report {shown.parent}"
 
 
-def test_of_a_refit_that_was_cut_short_it_says_whose_the_calibration_is(tmp_path: Path) -> None:
+def test_the_farewell_of_an_interrupted_refit_names_the_older_calibration(tmp_path: Path) -> None:
     shown = tmp_path / "calibration" / "calibration.yaml"
     first, *remainder = farewell_lines(tmp_path, shown, [], was_cancelled=True)
     assert first == (

@@ -71,7 +71,7 @@ async def _unplugged(session: Path, camera: Path) -> None:
         assert pilot.app.screen.query_one(Picture).updates > updates
 
 
-def test_a_slow_camera_is_said_to_be_waited_for(tmp_path: Path) -> None:
+def test_waiting_for_a_slow_camera_is_shown(tmp_path: Path) -> None:
     session = tmp_path / "session"
     session.mkdir()
     (session / "session.yaml").write_text(PLAIN)
@@ -164,7 +164,7 @@ def _runs(pid: int) -> bool:
     return True
 
 
-def test_too_little_for_a_fit_is_said(session: Path) -> None:
+def test_too_few_views_for_a_fit_are_reported(session: Path) -> None:
     for picture in sorted((session / "frames").glob("*.jpg"))[2:]:
         picture.unlink()
     drive(_too_little(session))
@@ -193,7 +193,7 @@ def full_disk(session: Path) -> Iterator[Path]:
     resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_a_full_disk_is_said_and_what_there_is_stays(full_disk: Path) -> None:
+def test_a_full_disk_is_reported_and_recorded_pictures_remain(full_disk: Path) -> None:
     drive(_full_disk(full_disk))
     assert len(list((full_disk / "frames").glob("*.*g"))) == 3
 
@@ -212,7 +212,7 @@ async def _full_disk(session: Path) -> None:
         await see(pilot, "auto OFF")
 
 
-def test_a_small_terminal_is_said_and_the_camera_goes_on(session: Path) -> None:
+def test_a_small_terminal_is_reported_and_the_camera_continues(session: Path) -> None:
     drive(_small_terminal(session))
 
 
@@ -254,7 +254,7 @@ async def _blind(session: Path) -> None:
         await until(pilot, lambda: not pilot.app.is_running)
 
 
-def test_another_recorder_is_said(session: Path) -> None:
+def test_a_second_recorder_is_reported(session: Path) -> None:
     with locked(session):
         drive(_two_recorders(session))
 
@@ -267,7 +267,7 @@ async def _two_recorders(session: Path) -> None:
         assert isinstance(pilot.app.screen, CollectScreen)
 
 
-def test_leaving_lets_go_of_the_session(session: Path) -> None:
+def test_leaving_releases_the_session(session: Path) -> None:
     drive(_leave(session))
     with Recorder(session, BOARD):  # nobody holds it
         pass

@@ -23,7 +23,7 @@ from tests.capture.recordings import FIXTURE
 SETUP = read_setup(FIXTURE / "session.yaml")
 
 
-def test_what_is_written_reads_the_same() -> None:
+def test_written_values_are_read_as_the_same() -> None:
     board, camera, cover = SETUP
     assert read_form(write_form(board, cover), camera) == SETUP
     unsure = Cover(
@@ -56,7 +56,7 @@ def test_what_is_written_reads_the_same() -> None:
         ("0, 5", "write three numbers, x, y and z, such as 0, 0, 0."),
     ],
 )
-def test_of_three_numbers(text: str, expected: str | None) -> None:
+def test_fields_of_three_numbers_are_checked(text: str, expected: str | None) -> None:
     message = find_problem("centre_mm", text, "dome")
     assert message is None if expected is None else expected in str(message)
 

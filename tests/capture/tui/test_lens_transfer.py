@@ -94,7 +94,7 @@ async def _larger(session: Path, source: str) -> None:
         assert "f Fit" not in " ".join(shown(pilot).split())
 
 
-def test_what_else_session_yaml_says_stays_as_it_was_written(tmp_path: Path) -> None:
+def test_the_other_keys_of_session_yaml_keep_their_text(tmp_path: Path) -> None:
     shutil.copy(FIXTURE / "session.yaml", tmp_path)
     file = tmp_path / "session.yaml"
     file.write_text("# mine\n" + file.read_text())

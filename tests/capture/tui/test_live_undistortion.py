@@ -77,7 +77,7 @@ def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(
     assert np.mean(bent) > 3 * np.mean(straightened)  # the control
 
 
-def test_points_that_are_not_seen_or_outside_stay_away(straight: LiveUndistortion) -> None:
+def test_invisible_points_and_points_outside_are_not_drawn(straight: LiveUndistortion) -> None:
     mapped = straight.points(
         np.array([[410.0, 308.0], [np.nan, np.nan], [-40.0, 10.0], [10.0, 700.0]])
     )

@@ -53,7 +53,7 @@ def farewell(pilot: Pilot[None]) -> Sequence[str]:
     return pilot.app.farewell
 
 
-def test_what_was_set_aside_is_shown_so_and_comes_back(session: Path) -> None:
+def test_views_that_were_set_aside_are_marked_and_can_be_restored(session: Path) -> None:
     drive(_come_back(session))
     assert sorted(path.name for path in (session / "frames" / "dropped").iterdir()) == ["0001.jpg"]
     assert (session / "frames" / "0002.jpg").exists()
@@ -73,7 +73,7 @@ async def _come_back(session: Path) -> None:
         assert "0002.jpg          0.050 px █" in shown(pilot)
 
 
-def test_maps_of_the_fit_before_views_were_set_aside_are_told_to_be_so(session: Path) -> None:
+def test_outdated_maps_are_marked_after_views_were_set_aside(session: Path) -> None:
     drive(_as_before(session))
 
 
@@ -83,7 +83,7 @@ async def _as_before(session: Path) -> None:
         await see(pilot, "these maps are still of the fit")
 
 
-def test_what_a_check_brought_up_to_date_is_what_is_exported(
+def test_the_export_uses_the_calibration_that_a_check_updated(
     session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(session)
@@ -135,7 +135,7 @@ async def _second(session: Path) -> None:
         await see(pilot, "0001.jpg is back")
 
 
-def test_what_a_fit_went_on_without_comes_back_the_last_one_first(session: Path) -> None:
+def test_rejected_views_can_be_restored_the_last_one_first(session: Path) -> None:
     views = [view for view in RESULT["views"] if view["file"] not in ("0001.jpg", "0002.jpg")]  # type: ignore[attr-defined]
     frames = session / "frames"
     for file in ("0002.jpg", "0001.jpg"):  # which was set aside last
@@ -181,7 +181,7 @@ async def _report(session: Path) -> None:
         )
 
 
-def test_a_report_that_is_there_is_said_to_be_written_anew(
+def test_an_existing_report_is_announced_as_rewritten(
     session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started = Event()
@@ -211,7 +211,7 @@ async def _anew(session: Path, started: Event) -> None:
         await see(pilot, "The report is s/calibration/report.html")
 
 
-def test_back_from_an_export_it_is_said_what_was_written(
+def test_the_results_screen_names_the_exported_files(
     session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = session / "maps"
@@ -277,7 +277,7 @@ async def _refit(session: Path) -> None:
 
 @pytest.mark.usefixtures("_endless")
 @pytest.mark.parametrize("key", ["ctrl+c", "q"])
-def test_who_ends_the_program_in_a_refit_is_told_which_calibration_there_is(
+def test_ending_the_program_in_a_refit_names_the_remaining_calibration(
     session: Path, key: str
 ) -> None:
     drive(_end(session, key))
@@ -344,7 +344,7 @@ async def _behind_help(session: Path) -> None:
 
 
 @pytest.mark.parametrize("of_an_effect", [True, False])
-def test_beside_what_a_diagnosis_found_no_same_numbers_stand(
+def test_the_results_do_not_repeat_the_numbers_of_a_diagnosis(
     session: Path, of_an_effect: bool
 ) -> None:
     """Effects continue the diagnosed fit, so its stages are theirs; another fit is compared

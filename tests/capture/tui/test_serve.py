@@ -137,7 +137,7 @@ def test_the_token_opens_page_and_websocket_and_is_printed_once(open_to_all: Ser
     assert token not in out + err
 
 
-def test_an_address_that_is_taken_is_said(tmp_path: Path) -> None:
+def test_an_address_in_use_is_reported(tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -198,7 +198,7 @@ def test_no_script_runs_but_those_that_are_served(local: Served) -> None:
         (["--apps", "0"], "is not a number of windows"),
     ],
 )
-def test_an_address_that_cannot_be_is_refused_before_it_is_printed(
+def test_an_impossible_address_is_refused_before_it_is_printed(
     options: list[str], says: str, tmp_path: Path
 ) -> None:
     command = [sys.executable, "-m", "capture", str(tmp_path / "session"), "--serve", *options]
@@ -208,7 +208,7 @@ def test_an_address_that_cannot_be_is_refused_before_it_is_printed(
     assert says in done.stderr.splitlines()[-1]
 
 
-def test_odd_requests_are_answered_and_no_news(open_to_all: Served) -> None:
+def test_malformed_requests_are_answered_without_a_traceback(open_to_all: Served) -> None:
     for raw in (
         b"GET / HTTP/1.1\r\nHost: a\r\nCookie: refracal=\xff\xe9\r\n\r\n",
         b"GET / HTTP/1.1\r\nHost: a\r\nX: " + b"y" * 200_000 + b"\r\n\r\n",
@@ -298,7 +298,7 @@ def frame(payload: bytes) -> bytes:
     return b"\x81" + length + bytes(4) + payload
 
 
-def test_what_a_window_asks_for_is_within_what_a_window_can_be() -> None:
+def test_the_requested_window_size_is_limited() -> None:
     from capture.serve import _size
 
     assert _size({"width": "100", "height": 30}) == {"width": 100, "height": 30}

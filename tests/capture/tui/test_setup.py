@@ -15,7 +15,7 @@ from tests.capture.tui.test_session import FIXTURE
 from tests.fuzz.keys import walk
 
 
-def test_start_waits_for_what_was_typed_before_it(brief: Path, tmp_path: Path) -> None:
+def test_start_waits_for_keys_typed_before_it(brief: Path, tmp_path: Path) -> None:
     session = tmp_path / "session"
     drive(_fast(session, brief))
     assert read_setup(session / "session.yaml")[2] == read_setup(FIXTURE / "session.yaml")[2]

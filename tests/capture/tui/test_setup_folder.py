@@ -19,7 +19,7 @@ from tests.capture.tui.driving import drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 
 
-def test_what_is_recorded_can_be_fitted_without_a_camera(tmp_path: Path) -> None:
+def test_recorded_pictures_can_be_fitted_without_a_camera(tmp_path: Path) -> None:
     session = tmp_path / "session"
     shutil.copytree(FIXTURE, session)
     drive(_recorded(session))
@@ -99,7 +99,7 @@ async def _finished(session: Path) -> None:
         assert pilot.app.farewell[0] == f"The calibration is in {session / 'calibration'}"
 
 
-def test_ctrl_c_quits_and_what_was_typed_is_kept(tmp_path: Path) -> None:
+def test_ctrl_c_quits_and_keeps_the_typed_texts(tmp_path: Path) -> None:
     drive(_interrupted(tmp_path / "session"))
 
 
@@ -112,7 +112,7 @@ async def _interrupted(session: Path) -> None:
         await see(pilot, "source folder:there")
 
 
-def test_of_a_session_that_is_recorded_source_and_what_is_recorded_now_are_there_again(
+def test_a_recorded_session_restores_its_source_and_recorded_part(
     tmp_path: Path, brief: Path
 ) -> None:
     session = tmp_path / "session"
@@ -137,7 +137,7 @@ async def _again(session: Path, source: str) -> None:
         await see(pilot, "record now through the cover")
 
 
-def test_views_without_the_cover_can_be_taken_anew(tmp_path: Path, brief: Path) -> None:
+def test_views_without_the_cover_can_be_recorded_again(tmp_path: Path, brief: Path) -> None:
     session = tmp_path / "session"
     shutil.copytree(brief, session)
     drive(_anew(session, f"folder:{brief}"))

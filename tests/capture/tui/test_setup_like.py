@@ -43,9 +43,7 @@ async def _tilde(session: Path, brief: Path) -> None:
         await see(pilot, "no more pictures")
 
 
-def test_what_is_corrected_stays_although_another_session_is_named(
-    brief: Path, tmp_path: Path
-) -> None:
+def test_corrections_stay_when_another_session_is_named(brief: Path, tmp_path: Path) -> None:
     session = tmp_path / "session"
     drive(_corrected(session, brief))
     assert read_setup(session / "session.yaml")[0].square == pytest.approx(0.0201)
@@ -63,7 +61,7 @@ async def _corrected(session: Path, brief: Path) -> None:
         await see(pilot, "no more pictures")
 
 
-def test_what_was_corrected_is_there_again_although_another_session_is_named(
+def test_corrections_are_restored_although_another_session_is_named(
     tmp_path: Path,
 ) -> None:
     drive(_reopened(tmp_path / "session"))

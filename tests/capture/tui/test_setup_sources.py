@@ -103,7 +103,7 @@ async def _doubted(session: Path) -> None:
         await see(pilot, "3 views")
 
 
-def test_after_the_bare_step_the_field_that_is_asked_for_has_the_focus(tmp_path: Path) -> None:
+def test_the_next_required_field_has_the_focus_after_the_bare_step(tmp_path: Path) -> None:
     session = tmp_path / "session"
     shutil.copytree(FIXTURE, session)
     drive(_cover_on(session))

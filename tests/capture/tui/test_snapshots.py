@@ -335,7 +335,7 @@ CONTINUED: tuple[Story, ...] = (
 @pytest.mark.parametrize(
     "story", [*NEW, *CONTINUED, collect_charuco], ids=lambda story: story.__name__
 )
-def test_looks_as_it_should(
+def test_screens_look_like_their_snapshots(
     story: Story, size: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # so that the paths on the screen are the same everywhere

@@ -58,7 +58,7 @@ def test_a_file_in_the_place_of_the_session_is_refused_before_the_screen_opens(
     )
 
 
-def test_the_help_names_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_help_names_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--help"])
     text = " ".join(capsys.readouterr().out.split())
@@ -67,7 +67,7 @@ def test_the_help_names_it(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("installed", [True, False])
-def test_the_extra_is_named_where_it_is_missing(
+def test_a_missing_extra_is_named(
     installed: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("capture.commands.ui.find_spec", lambda _: installed or None)

@@ -11,7 +11,7 @@ from capture.tui.mirror import describe_screen
 from tests.capture.tui.driving import drive, running, see
 
 
-def test_each_bar_of_the_error_says_of_which_step_it_is(
+def test_each_bar_of_the_error_names_its_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(FitScreen, "follow", lambda *_: None)

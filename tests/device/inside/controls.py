@@ -11,15 +11,15 @@ NEXT = 0x80000000
 
 def controls(handle: int) -> dict[str, int]:
     """The numbers of all controls of a device that is open."""
-    found: dict[str, int] = {}
+    results: dict[str, int] = {}
     number = NEXT
     while True:
         try:
             described = ioctl(handle, QUERYCTRL, struct.pack("=I64x", number))
         except OSError:
-            return found
+            return results
         number = struct.unpack_from("=I", described)[0]
-        found[described[8:40].split(b"\0")[0].decode()] = number
+        results[described[8:40].split(b"\0")[0].decode()] = number
         number |= NEXT
 
 

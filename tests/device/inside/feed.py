@@ -1,4 +1,4 @@
-"""What feeds a loopback device: pictures in the formats that cameras send."""
+"""A feed for a loopback device: pictures in the formats that cameras send."""
 
 import os
 import struct
@@ -33,7 +33,7 @@ BUFFERS: Mapping[str, Callable[[Grey], bytes]] = {
     "YU12": _with_chroma,
     "MJPG": _jpeg,
 }
-"""What a camera sends of a picture, by format."""
+"""The buffer that a camera sends for a picture, by format."""
 
 
 @contextmanager

@@ -37,14 +37,14 @@ def furthest(pixels: str) -> int | str:
             written_every(0.05, handle, buffer),
             open_source(f"v4l2:{DEVICE}?format={pixels}") as source,
         ):
-            seen = next(iter(source)).pixels
+            grey = next(iter(source)).pixels
     except CaptureError as error:
         return str(error)
     if pixels == "MJPG":  # lossy: what it shows is what is in the file
         shown = np.asarray(
             cv2.imdecode(np.frombuffer(buffer, np.uint8), cv2.IMREAD_GRAYSCALE), np.uint8
         )
-    return int(np.abs(seen.astype(int) - shown).max())
+    return int(np.abs(grey.astype(int) - shown).max())
 
 
 def recorded() -> dict[str, Any]:

@@ -42,11 +42,11 @@ def unplugged() -> dict[str, Any]:
     recording = start("unplugged")
     recording.wait_for(4)
     with opened() as handle:
-        before = pictures(SESSIONS / "unplugged")
+        earlier = pictures(SESSIONS / "unplugged")
         pulled = time.monotonic()
         set_control(handle, "Disconnect")
         ended = recording.ended(pulled)
-        return {**ended, "before": before, "again": start("unplugged").ended()}
+        return {**ended, "before": earlier, "again": start("unplugged").ended()}
 
 
 def plugged_in_again() -> dict[str, Any]:
@@ -69,7 +69,7 @@ def whole() -> dict[str, Any]:
 
 
 def silent() -> dict[str, Any]:
-    """It streams, and no buffer ever comes."""
+    """Open a device that streams and never gives a buffer."""
     with opened() as handle:
         set_control(handle, "Percentage of Dropped Buffers", 100)
         try:
@@ -79,7 +79,7 @@ def silent() -> dict[str, Any]:
 
 
 def refusing() -> dict[str, Any]:
-    """It opens, and every attempt to stream fails."""
+    """Open a device that refuses to stream."""
     over = threading.Event()
 
     def refuse() -> None:

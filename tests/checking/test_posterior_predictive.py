@@ -12,12 +12,12 @@ from scipy.linalg import block_diag, null_space
 from scipy.stats import chi2, kstest
 
 from calib.checking.overdispersion import Overdispersion, explained_squares
+from calib.checking.posterior_predictive import PosteriorPredictive, parameters_with_changes
 from calib.checking.prior import CalibrationPrior
-from calib.checking.reduced_equations import ReducedEquations, parameters_with_changes
 from calib.checking.significance import significance
 from calib.effects.focal import Focal
-from calib.estimation.elimination import view_equations
 from calib.estimation.observations import Observations
+from calib.estimation.view_equations import view_equations
 from calib.fitting.fit import fit
 from calib.session.session import read_session
 from fixtures.later import Later
@@ -28,31 +28,33 @@ from tests.checking.conftest import Made
 DRAWS = 300
 
 
-def test_dense_algebra_says_the_same(cameras: Made) -> None:
+def test_the_inner_products_agree_with_dense_algebra(cameras: Made) -> None:
     made, checker = cameras["flat"]
     later = Later.drawn(made, None, 5, 3)
-    seen = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
+    observations = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
     poses, prior = later.made.poses, checker.prior
     changes = checker.changes[:2]
-    equations = ReducedEquations.of(prior, changes, seen, poses)
+    predictive = PosteriorPredictive.of(prior, changes, observations, poses)
     parameters, new = parameters_with_changes(prior, changes)
     views = list(
-        view_equations(prior.model.with_effects(new).path, parameters, seen, poses, prior.sigma)
+        view_equations(
+            prior.model.with_effects(new).path, parameters, observations, poses, prior.sigma
+        )
     )
-    still = block_diag(
+    complement = block_diag(
         *(null_space(view.jacobian_block.T).T for view in views)
     )  # all that no pose does
-    residual = still @ np.concatenate([view.residual for view in views])
-    shared = still @ np.concatenate([view.jacobian_shared for view in views])
+    residual = complement @ np.concatenate([view.residual for view in views])
+    shared = complement @ np.concatenate([view.jacobian_shared for view in views])
     jacobian, columns = shared[:, : len(prior.root)] @ prior.root, shared[:, len(prior.root) :]
     covariance = np.eye(len(residual)) + jacobian @ jacobian.T
     rows = np.column_stack([residual, columns])
     dense = rows.T @ np.linalg.solve(covariance, rows)
-    found = equations.predicted()
+    result = predictive.normalised_products()
     scale = np.sqrt(np.outer(dense.diagonal(), dense.diagonal()))
-    assert np.abs((found - dense) / scale).max() < 1e-6  # the metric's condition is some 1e8
-    assert equations.freedom.sum() == len(residual)
-    assert equations.log_determinant(np.arange(3)) == pytest.approx(
+    assert np.abs((result - dense) / scale).max() < 1e-6  # the metric's condition is some 1e8
+    assert predictive.freedom.sum() == len(residual)
+    assert predictive.log_determinant(np.arange(3)) == pytest.approx(
         np.linalg.slogdet(covariance)[1], rel=1e-6
     )
 
@@ -66,10 +68,10 @@ def test_no_view_of_a_bare_camera_has_more_information_than_its_fit(tmp_path: Pa
     calibration = fit(session)
     prior = CalibrationPrior.of(calibration)
     poses = torch.from_numpy(calibration.poses)
-    equations = ReducedEquations.of(prior, (), calibration.observations, poses)
-    inner = slice(1, 1 + equations.calibrated)
-    shares = [np.linalg.eigvalsh(products[inner, inner]) for products in equations.products]
-    assert equations.calibrated == 8
+    predictive = PosteriorPredictive.of(prior, (), calibration.observations, poses)
+    inner = slice(1, 1 + predictive.calibrated)
+    shares = [np.linalg.eigvalsh(products[inner, inner]) for products in predictive.products]
+    assert predictive.calibrated == 8
     assert max(share.max() for share in shares) < 1
     assert np.sum(shares) == pytest.approx(8, rel=0.1), "the views' shares add up to the total"
 
@@ -97,35 +99,40 @@ def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:
         np.column_stack([data[v] - jacobian[v] @ estimate, jacobian[v] @ root, change[v]])
         for v in range(views)
     ]
-    equations = ReducedEquations(
-        np.array([own.T @ own for own in columns]),
+    predictive = PosteriorPredictive(
+        np.array([view_columns.T @ view_columns for view_columns in columns]),
         np.full(views, float(rows)),
         count,
         {"it": slice(1 + count, 3 + count)},
-        {},
         1.0,
     )
     for view in range(views):
         spread, without = fitted([v for v in range(views) if v != view])
-        whole = np.eye(rows) + jacobian[view] @ spread @ jacobian[view].T
-        seen = np.column_stack([data[view] - jacobian[view] @ without, change[view]])
-        found, freedom = equations.left_out(view)
-        assert found == pytest.approx(seen.T @ np.linalg.solve(whole, seen), rel=1e-9)
+        prediction_covariance = np.eye(rows) + jacobian[view] @ spread @ jacobian[view].T
+        view_rows = np.column_stack([data[view] - jacobian[view] @ without, change[view]])
+        result, freedom = predictive.leave_one_out(view)
+        assert result == pytest.approx(
+            view_rows.T @ np.linalg.solve(prediction_covariance, view_rows), rel=1e-9
+        )
         assert freedom == rows
 
 
-def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: Made) -> None:
+def test_residuals_drawn_from_a_valid_calibration_give_uniform_p_values(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 6, 4)
-    seen = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
+    observations = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
     prior, changes = checker.prior, checker.changes
     parameters, new = parameters_with_changes(prior, changes)
     views = list(
         view_equations(
-            prior.model.with_effects(new).path, parameters, seen, later.made.poses, prior.sigma
+            prior.model.with_effects(new).path,
+            parameters,
+            observations,
+            later.made.poses,
+            prior.sigma,
         )
     )
-    equations = ReducedEquations.of(prior, changes, seen, later.made.poses)
+    predictive = PosteriorPredictive.of(prior, changes, observations, later.made.poses)
     columns = np.concatenate(
         [parameters.entries(u.param.name for u in change.effect_parameters) for change in changes]
     )
@@ -139,7 +146,7 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
         )
         for view in views
     ]
-    rows = [basis @ own for basis, own in zip(bases, rows, strict=True)]
+    rows = [basis @ p_values for basis, p_values in zip(bases, rows, strict=True)]
     theory = Overdispersion(
         {c.name: 1.0 for c in changes},
         {c.name: np.inf for c in changes},
@@ -150,21 +157,24 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
     tails: dict[str, list[float]] = {change.name: [] for change in changes}
     answers = []
     for _ in range(DRAWS):
-        wrong = rng.normal(size=equations.calibrated)
+        wrong = rng.normal(size=predictive.calibrated)
         drawn = [
             np.column_stack(
-                [rng.normal(size=len(own)) + own[:, : equations.calibrated] @ wrong, own]
+                [
+                    rng.normal(size=len(p_values)) + p_values[:, : predictive.calibrated] @ wrong,
+                    p_values,
+                ]
             )
-            for own in rows
+            for p_values in rows
         ]
-        one = replace(equations, products=np.array([own.T @ own for own in drawn]))
-        together = one.predicted()
-        for name, own in tails.items():
-            square, directions = explained_squares(together, one.columns(name))
-            own.append(float(chi2.sf(square, directions)))
-        answers.append(significance(one, theory, 1.0))
-    for name, own in tails.items():
-        assert kstest(own, "uniform").pvalue > 1e-3, (
+        item = replace(predictive, products=np.array([p_values.T @ p_values for p_values in drawn]))
+        together = item.normalised_products()
+        for name, p_values in tails.items():
+            square, directions = explained_squares(together, item.columns(name))
+            p_values.append(float(chi2.sf(square, directions)))
+        answers.append(significance(item, theory, 1.0))
+    for name, p_values in tails.items():
+        assert kstest(p_values, "uniform").pvalue > 1e-3, (
             name
         )  # one of some 14 is below 1e-3 in one of 70 runs; the draws are always the same
     assert (
@@ -178,14 +188,15 @@ def test_a_change_is_measured_with_its_sign(cameras: Made) -> None:
     made, checker = cameras["cone"]
     later = Later.drawn(made, Focal(), 7, 4)
     truth = float(later.direction["focal.change"]) / Focal().effect_parameters[0].param.scale
-    seen = Observations.of(later.views(1, noise=0.0), made.board).add_times(None, HEIGHT)
+    observations = Observations.of(later.views(1, noise=0.0), made.board).add_times(None, HEIGHT)
     poses = later.made.poses
-    equations = ReducedEquations.of(checker.prior, (Focal(),), seen, poses)
-    before = ReducedEquations.of(
+    predictive = PosteriorPredictive.of(checker.prior, (Focal(),), observations, poses)
+    initial = PosteriorPredictive.of(
         checker.prior,
         (Focal(),),
         Observations.of(later.views(0, noise=0.0), made.board).add_times(None, HEIGHT),
         poses,
     )
-    found, still = (one.predicted() for one in (equations, before))
-    assert -(found[1, 0] - still[1, 0]) / found[1, 1] == pytest.approx(truth, rel=0.1)
+    result = predictive.normalised_products()
+    without_shift = initial.normalised_products()
+    assert -(result[1, 0] - without_shift[1, 0]) / result[1, 1] == pytest.approx(truth, rel=0.1)

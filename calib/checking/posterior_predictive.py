@@ -1,8 +1,13 @@
-"""Linearised equations of views with each view's own parameters eliminated, as inner products.
+"""The residuals of views that a calibration predicts, with its own uncertainty integrated out, as
+inner products.
 
-Let z be the residual of a view, B its Jacobian by the calibrated parameters times the root of their
-covariance, and N its Jacobian by the parameters of a change. Under a valid calibration z is normal
-with covariance V = 1 + B B^T; the columns N are compared with it in the metric V^-1.
+Let z be the residual of a view after the elimination of the view's own parameters, B its Jacobian
+by the calibrated parameters times the root of their covariance, and N its Jacobian by the
+parameters of a change. Under a valid calibration z is normal with covariance V = 1 + B B^T; the
+columns N are compared with it in the metric V^-1.
+
+The calibrated parameters are not eliminated, as a fit eliminates the views' own ones: they keep
+their prior, and the views do not change them.
 """
 
 from __future__ import annotations
@@ -16,9 +21,9 @@ from torch import Tensor
 
 from calib.checking.prior import CalibrationPrior
 from calib.effects.effect import Effect
-from calib.estimation.elimination import orthonormal_basis, view_equations
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
+from calib.estimation.view_equations import view_equations
 from calib.optics.params import Values
 
 Array = NDArray[np.float64]
@@ -30,8 +35,8 @@ view alone determines the direction, and the other views do not predict it.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReducedEquations:
-    """The reduced equations of V views."""
+class PosteriorPredictive:
+    """The distribution of the residuals of V views under a calibration."""
 
     products: Array
     """(V, n, n) inner products of a view's columns: the residual, the S calibrated parameters, then
@@ -43,8 +48,6 @@ class ReducedEquations:
     """S, the number of calibrated parameters."""
     places: dict[str, slice]
     """The columns of each change, by its name."""
-    spreads: dict[str, Array]
-    """(k,) prior standard deviation of the parameters of each change, over their scales."""
     sigma: float
     """The noise of a corner, px per axis."""
 
@@ -55,7 +58,7 @@ class ReducedEquations:
         observations: Observations,
         poses: Tensor,
         at: Values | None = None,
-    ) -> ReducedEquations:
+    ) -> PosteriorPredictive:
         """Linearise at (V, B) view parameters and the calibration's values, replaced by those of
         `at`.
 
@@ -71,17 +74,16 @@ class ReducedEquations:
         columns = np.concatenate([np.zeros(0, np.int64), *entries.values()])
         products, freedom = [], []
         for view in view_equations(path, parameters, observations, poses, prior.sigma):
+            reduced = view.reduce()
             rows = np.column_stack(
                 [
-                    view.residual,
-                    view.jacobian_shared[:, : len(prior.root)] @ prior.root,
-                    view.jacobian_shared[:, columns],
+                    reduced.residual,
+                    reduced.jacobian[:, : len(prior.root)] @ prior.root,
+                    reduced.jacobian[:, columns],
                 ]
             )
-            basis = orthonormal_basis(view.jacobian_block)
-            projected = basis.T @ rows
-            products.append(rows.T @ rows - projected.T @ projected)
-            freedom.append(int(np.count_nonzero(view.jacobian_block.any(1))) - basis.shape[1])
+            products.append(rows.T @ rows)
+            freedom.append(reduced.freedom)
         ends = (
             1
             + len(prior.root)
@@ -92,16 +94,15 @@ class ReducedEquations:
             for name, first, last in zip(entries, ends, ends[1:], strict=False)
         }
         size = 1 + len(prior.root) + len(columns)
-        return ReducedEquations(
+        return PosteriorPredictive(
             products=np.array(products).reshape(-1, size, size),
             freedom=np.array(freedom, dtype=np.float64),
             calibrated=len(prior.root),
             places=places,
-            spreads={change.name: prior_spread(change) for change in changes},
             sigma=prior.sigma,
         )
 
-    def predicted(self, views: slice | NDArray[np.int64] = slice(None)) -> Array:
+    def normalised_products(self, views: slice | NDArray[np.int64] = slice(None)) -> Array:
         """Return the (n, n) inner products of these views in the metric V^-1: the residual first,
         then the changes.
         """
@@ -122,7 +123,7 @@ class ReducedEquations:
             ]
         )
 
-    def left_out(self, view: int) -> tuple[Array, float]:
+    def leave_one_out(self, view: int) -> tuple[Array, float]:
         """Return the inner products of a fitted view against the prediction of the other views, and
         its degrees of freedom.
 
@@ -144,7 +145,7 @@ class ReducedEquations:
         return np.array([0, *range(1 + self.calibrated, len(products))])
 
     def columns(self, name: str) -> slice:
-        """Return the columns of a change in `predicted` and `left_out`."""
+        """Return the columns of a change in `normalised_products` and `leave_one_out`."""
         place = self.places[name]
         return slice(place.start - self.calibrated, place.stop - self.calibrated)
 

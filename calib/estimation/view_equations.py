@@ -1,9 +1,7 @@
-"""The information of views about the shared parameters, after the elimination of each view's
-parameters: the least-squares fit of these is projected out of the view's rows (variable projection;
-for linear rows, the theorem of Frisch, Waugh and Lovell).
+"""The linearised residuals of each view, and their information about the shared parameters, after
+the elimination of the view's own parameters.
 
-The solver eliminates the same parameters from its normal equations by the Schur complement; this
-module projects the rows themselves.
+These are eliminated by an orthogonal projection of the view's rows, as if they had no prior.
 """
 
 from __future__ import annotations
@@ -18,16 +16,31 @@ from torch import Tensor
 
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
+from calib.estimation.orthogonal_projection import orthonormal_basis, subtract_projection
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.optics.path import Path
 
 Array = NDArray[np.float64]
 
-MIN_LENGTH = 1e-9
-"""A column shorter than this fraction of the longest one moves no corner."""
-MIN_SINGULAR_VALUE = 1e-7
-"""A direction of normalised columns with a smaller singular value consists of rounding errors."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReducedView:
+    """The linearised residuals of one view's m corners, px over sigma, with the fit of the view's
+    own parameters subtracted.
+    """
+
+    residual: Array
+    """(2m,)"""
+    jacobian: Array
+    """(2m, S) by the shared parameters."""
+    freedom: int
+    """The degrees of freedom: the visible rows minus the directions of the view's parameters."""
+
+    @property
+    def information(self) -> Array:
+        """The (S, S) information about the shared parameters."""
+        return np.asarray(self.jacobian.T @ self.jacobian)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,11 +56,15 @@ class ViewEquations:
     jacobian_shared: Array
     """(2m, S) Jacobian by the shared parameters."""
 
-    @property
-    def information(self) -> Array:
-        """The (S, S) information about the shared parameters, the view's parameters eliminated."""
-        rows = project_out(self.jacobian_block, self.jacobian_shared)
-        return np.asarray(rows.T @ rows)
+    def reduce(self, columns: NDArray[np.int64] | slice = slice(None)) -> ReducedView:
+        """Eliminate the view's own parameters, or those of some columns of `jacobian_block`."""
+        block = self.jacobian_block[:, columns]
+        basis = orthonormal_basis(block)
+        return ReducedView(
+            subtract_projection(basis, self.residual),
+            subtract_projection(basis, self.jacobian_shared),
+            int(np.count_nonzero(block.any(1))) - basis.shape[1],
+        )
 
 
 def view_equations(
@@ -81,22 +98,6 @@ def landing_problem(
     )
 
 
-def project_out(columns: Array, rows: Array) -> Array:
-    """Return the (2m, ...) rows minus their least-squares fit by the (2m, B) columns."""
-    q = orthonormal_basis(columns)
-    return np.asarray(rows - q @ (q.T @ rows))
-
-
 def information(views: Iterable[ViewEquations], count: int) -> Array:
     """Return each view's (V, S, S) information about the S shared parameters."""
-    return np.array([view.information for view in views]).reshape(-1, count, count)
-
-
-def orthonormal_basis(columns: Array) -> Array:
-    """Return an orthonormal basis of the span of the columns, without directions that are zero up
-    to rounding.
-    """
-    length = np.linalg.norm(columns, axis=0)
-    columns = columns[:, length > MIN_LENGTH * max(length.max(initial=0.0), 1e-300)]
-    u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
-    return np.asarray(u[:, s > MIN_SINGULAR_VALUE])
+    return np.array([view.reduce().information for view in views]).reshape(-1, count, count)

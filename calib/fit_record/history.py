@@ -1,0 +1,103 @@
+"""The history of a calibration since its fit: another medium, updates by checks, and diagnoses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class MediumChange:
+    """The replacement of the medium outside of the cover."""
+
+    from_index: float
+    to_index: float
+    sigma: float
+    """The standard deviation of `to_index`."""
+    calibration: str
+    """The digest of the calibration in the original medium."""
+
+
+@dataclass(frozen=True, slots=True)
+class UpdateRecord:
+    """An update of the calibration by the views of a check."""
+
+    calibration_sha256: str
+    """The digest of the calibration before the update."""
+    finished: str
+    """The time in UTC, as ISO 8601."""
+    answer: str
+    """The answer of the check, a `CheckStatus`."""
+    views: tuple[str, ...]
+    change: str
+    """The name of the change that was fitted; empty if nothing has changed."""
+    moved_sigmas: Mapping[str, float]
+    """The shift of each number, in standard deviations before the update."""
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisRun:
+    """A diagnosis that led to the calibration."""
+
+    calibration: str
+    """The folder of the diagnosed calibration."""
+    holdout: str
+    """The session of the held-out views; empty if the folds were held out."""
+
+
+@dataclass(frozen=True, slots=True)
+class EffectEstimate:
+    """The estimate of a parameter of an effect."""
+
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class AcceptedEffect:
+    """An effect that a diagnosis accepted."""
+
+    name: str
+    held_out_px_before: float
+    """The held-out error without the effect."""
+    held_out_px_after: float
+    parameters: Mapping[str, EffectEstimate]
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisRecord:
+    """The last diagnosis."""
+
+    document: Mapping[str, Any] = field(default_factory=dict)
+    """The JSON object that `calib diagnose` printed; it is kept as evidence."""
+
+    @property
+    def accepted(self) -> tuple[AcceptedEffect, ...]:
+        """The accepted effects."""
+        return tuple(
+            AcceptedEffect(
+                name=candidate["effect"],
+                held_out_px_before=candidate["held_out_px_before"],
+                held_out_px_after=candidate["held_out_px_after"],
+                parameters={
+                    name: EffectEstimate(**estimate)
+                    for name, estimate in candidate["parameters"].items()
+                },
+            )
+            for candidate in self.document.get("candidates", ())
+            if candidate["accepted"]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """The changes of a calibration since its fit."""
+
+    medium_change: MediumChange | None = None
+    updates: tuple[UpdateRecord, ...] = ()
+    """The earliest first."""
+    diagnosis: DiagnosisRecord | None = None
+    diagnosis_runs: tuple[DiagnosisRun, ...] = ()
+    """The earliest first; empty for a diagnosis that `calib fit` or a program started."""

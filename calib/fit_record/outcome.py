@@ -1,0 +1,112 @@
+"""The outcome of a fit: its choices, its remarks on the views, its noise and its evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from calib.estimation.joint_fit import JointFit
+from calib.estimation.surface_prior import Smoothness
+from calib.fit_record.request import IntrinsicsSource
+
+OVERFIT_RATIO = 1.25
+"""Ratio of held-out to fitted error above which a fit overfits. The fitted poses explain a smaller
+ratio.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class CrossValidation:
+    """The errors when each view is held out once and only its pose is refitted."""
+
+    folds: int
+    held_out_px: float
+    """Root mean square two-dimensional reprojection error."""
+    fitted_px: float
+    """The same error of the fitted views, over all folds."""
+    held_out_sigma_px: float = 0.0
+    """Standard deviation of `held_out_px`, from the spread over poses; 0 if unknown."""
+
+    @property
+    def overfits(self) -> bool:
+        return self.held_out_px > OVERFIT_RATIO * self.fitted_px
+
+
+@dataclass(frozen=True, slots=True)
+class Redetection:
+    """The result of the second look for corners in one picture."""
+
+    file: str
+    new_corners: int
+    """Corners that the first detection lacked."""
+    refused: int
+    """Corners that the model predicts inside the picture but that do not look like corners there,
+    or that have no neighbour which does.
+    """
+    dropped: int
+    """Corners of the first detection that do not look like corners once their edges are curved as
+    the model predicts.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class FleetPriorTest:
+    """The prior of a fleet that a session names, and its test by the views."""
+
+    file: str
+    sha256: str
+    cameras: int
+    """Number of cameras that made the prior."""
+    used: bool
+    """False if the views contradict the prior, so that the fit left it out."""
+    p_value: float
+    farthest: str
+    """The number that the views pull farthest; empty if there is none."""
+    farthest_sigmas: float
+
+
+@dataclass(frozen=True, slots=True)
+class JointOutcome:
+    """The outcome of the joint fit, or of an update by a check."""
+
+    outcome: str
+    """A sentence of `calib.estimation.levenberg_marquardt.Outcome`."""
+    iterations: int
+    sigma_px: float
+    """The standard deviation of a corner in x and in y."""
+    log_evidence: float | None = None
+    """The logarithm of the evidence (`JointFit.log_evidence`); None after an update of a
+    calibration that has none.
+    """
+    relief_prior: Smoothness | None = None
+    """The prior of the relief's texture, by the evidence; None without a relief."""
+
+    @staticmethod
+    def of(joint: JointFit) -> JointOutcome:
+        return JointOutcome(
+            outcome=joint.outcome.value,
+            iterations=joint.iterations,
+            sigma_px=joint.sigma,
+            log_evidence=joint.log_evidence,
+            relief_prior=joint.smoothness,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FitOutcome:
+    """The outcome that a calibration records. None stands for what is not recorded."""
+
+    grid_held_out_px: Mapping[str, float] | None = None
+    """The held-out error of each tried grid; empty if the request names the grid."""
+    intrinsics_from: IntrinsicsSource | None = None
+    lens_held_out_px: Mapping[str, float] | None = None
+    """The held-out error of each tried lens model; empty if there was no choice."""
+    redetections: tuple[Redetection, ...] | None = None
+    view_noise: Mapping[str, float] | None = None
+    """By file, the noise of each noisy view over that of the median view."""
+    cross_validation: CrossValidation | None = None
+    """None if the request has no folds."""
+    fleet_prior: FleetPriorTest | None = None
+    """None if the session names no prior."""
+    joint: JointOutcome | None = None
+    """None if no joint fit was made: a camera without a cover, or the paper's method."""

@@ -1,0 +1,79 @@
+"""A model at the optimum of its fit, and the linear equations of its views there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.effects.effect import Effect
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.joint_fit import Estimate, JointFit
+from calib.estimation.observations import Observations
+from calib.estimation.parameters import Parameters
+from calib.estimation.view_equations import ViewEquations, information, view_equations
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelFit:
+    """A model and its fit to all views."""
+
+    model: CameraModel
+    joint: JointFit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedModel:
+    """A model at the optimum of its fit, with the observations."""
+
+    model: CameraModel
+    observations: Observations
+    joint: Estimate
+
+    @property
+    def deviation(self) -> Array:
+        """(S,) the vector of the fitted parameters minus their prior mean."""
+        return np.asarray(self.model.parameters.vector(self.joint.values).numpy())
+
+    def parameters(self, effects: Sequence[Effect] = ()) -> Parameters:
+        """Return the fitted parameters at the optimum, followed by those of further effects at
+        their neutral values.
+        """
+        model = self.model.with_effects(effects)
+        neutral = {
+            name: value
+            for effect in effects
+            for name, value in self.model.neutral_values(effect).items()
+        }
+        values = {**self.joint.values, **neutral}
+        return Parameters.of(model.path, values, model.priors, last=neutral)
+
+    def equations(self, effects: Sequence[Effect] = ()) -> Iterator[ViewEquations]:
+        """Yield the linearised equations of each view in `parameters(effects)`."""
+        model = self.model.with_effects(effects)
+        return view_equations(
+            model.path,
+            self.parameters(effects),
+            self.observations,
+            model.pad_poses(self.joint.poses),
+            self.joint.sigma,
+        )
+
+    def information(self, effects: Sequence[Effect] = ()) -> Array:
+        """Return (V, S, S), the information of each view on `parameters(effects)`, with the view's
+        own parameters eliminated.
+        """
+        return information(self.equations(effects), self.parameters(effects).count)
+
+    def prior_precision(self, effects: Sequence[Effect] = ()) -> Array:
+        """Return the (S, S) prior precision of `parameters(effects)`."""
+        return self.parameters(effects).prior_precision(self.joint.smoothness)
+
+    @property
+    def freedom(self) -> int:
+        """The number of residuals minus that of the views' own parameters."""
+        return 2 * len(self.observations.pixels) - self.joint.poses.numel()
