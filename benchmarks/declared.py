@@ -55,16 +55,16 @@ Described = dict[str, Any]
 
 
 def _cover(key: str, factor: float) -> Callable[[Described], None]:
-    return lambda said: said["cover"].update({key: factor * said["cover"][key]})
+    return lambda document: document["cover"].update({key: factor * document["cover"][key]})
 
 
 def _intrinsics(**numbers: float) -> Callable[[Described], None]:
-    return lambda said: said["camera"]["intrinsics"].update(numbers)
+    return lambda document: document["camera"]["intrinsics"].update(numbers)
 
 
-def _longer(said: Described) -> None:
-    known = said["camera"]["intrinsics"]
-    known.update(fx=1.03 * known["fx"], fy=1.03 * known["fy"])
+def _longer(document: Described) -> None:
+    intrinsics = document["camera"]["intrinsics"]
+    intrinsics.update(fx=1.03 * intrinsics["fx"], fy=1.03 * intrinsics["fy"])
 
 
 WRONG: dict[str, Callable[[Described], None]] = {
@@ -84,8 +84,8 @@ TURNED = {"pictures turned by 180 degrees": (-1.0, -1.0), "pictures mirrored": (
 """The sign of x and y in what the driver gives."""
 
 
-def fitted(said: Described, folder: Path, free: str = AUTO) -> Calibration:
-    (folder / "session.yaml").write_text(yaml.safe_dump(said))
+def fitted(document: Described, folder: Path, free: str = AUTO) -> Calibration:
+    (folder / "session.yaml").write_text(yaml.safe_dump(document))
     return fit(read_session(folder), Settings(free=(free,)), Silent())
 
 
@@ -98,21 +98,21 @@ def turn(folder: Path, sign: tuple[float, float]) -> None:
         SOURCE / "frames", folder / "frames", ignore=shutil.ignore_patterns("*.npz", "*.vnl")
     )
     for picture in sorted(path for path in (folder / "frames").iterdir() if path.suffix in IMAGES):
-        seen = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
-        assert seen is not None
+        visible = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
+        assert visible is not None
         picture.unlink()
-        cv2.imwrite(str(picture.with_suffix(".png")), seen[:: int(sign[1]), :: int(sign[0])])
+        cv2.imwrite(str(picture.with_suffix(".png")), visible[:: int(sign[1]), :: int(sign[0])])
     with np.load(SOURCE / "truth.npz") as file:
         truth = dict(file)
-    along = np.array([*sign, 1.0])
+    direction = np.array([*sign, 1.0])
     camera = read_session(folder).camera
     size = np.array([camera.width, camera.height]) - 1.0
     pixels = np.where(np.array(sign) < 0, size - truth["pixels"], truth["pixels"])
     np.savez(
         folder / "truth.npz",
         pixels=pixels,
-        origins=along * truth["origins"],
-        directions=along * truth["directions"],
+        origins=direction * truth["origins"],
+        directions=direction * truth["directions"],
     )
 
 
@@ -123,7 +123,9 @@ def _row(calibration: Calibration, truth: Path) -> tuple[str, str]:
 
 def said_of(calibration: Calibration) -> str:
     """Return the corrected numbers, and the suspects of the verdict."""
-    corrected = [f"{one.name} {one.estimated}" for one in comparisons(calibration) if one.corrected]
+    corrected = [
+        f"{item.name} {item.estimated}" for item in comparisons(calibration) if item.corrected
+    ]
     verdict = judge(calibration)
     suspects = f": {', '.join(verdict.suspects)}" if verdict.suspects else ""
     return f"{verdict.word.value}{suspects}; corrected: {', '.join(corrected) or 'nothing'}"
@@ -138,18 +140,19 @@ def rows() -> Iterator[tuple[str, ...]]:
         folder = Path(place) / "clean"
         shutil.copytree(SOURCE, folder, ignore=shutil.ignore_patterns("holdout"))
         for name in track((*WRONG, *TURNED), "Sessions"):
-            said = copy.deepcopy(described)
+            document = copy.deepcopy(described)
             if name in TURNED:
                 turn(folder, TURNED[name])
             else:
-                WRONG[name](said)
+                WRONG[name](document)
             truth = folder / "truth.npz"
-            free = fitted(said, folder)
+            free = fitted(document, folder)
             errors = f"{free.stages[1].rms_px:.3f}", f"{free.stages[2].rms_px:.3f}"
-            held = fitted(said, folder, NONE)
+            held = fitted(document, folder, NONE)
             gained = _log_evidence(free) - _log_evidence(held)
             uneven = " -> ".join(
-                f"{1e6 * height_spread(*one.model(), one.observations):.1f}" for one in (held, free)
+                f"{1e6 * height_spread(*item.model(), item.observations):.1f}"
+                for item in (held, free)
             )
             yield (
                 name,
@@ -171,47 +174,48 @@ def _log_evidence(calibration: Calibration) -> float:
 
 def cost(seed: int, views: int) -> Iterator[list[str]]:
     """Two rows: held, and free."""
-    made, other, near = (
-        scene(seed, count, (4, 4), 1e-5, NOISE, cover=GLASS, depths=depths)
-        for count, depths in ((views, (0.6, 1.2)), (20, (0.3, 1.2)), (20, (0.17, 0.3)))
-    )
+    made = scene(seed, views, (4, 4), 1e-05, NOISE, cover=GLASS, depths=(0.6, 1.2))
+    test_scene = scene(seed, 20, (4, 4), 1e-05, NOISE, cover=GLASS, depths=(0.3, 1.2))
+    near = scene(seed, 20, (4, 4), 1e-05, NOISE, cover=GLASS, depths=(0.17, 0.3))
     floors = (
         f"{refit_poses(held.path, held.values, held.observations, held.poses)[1].rms_px:.3f}"
-        for held in (other, near)
+        for held in (test_scene, near)
     )
     yield [f"{views} views, seed {seed}", "true glass", *floors, ""]
     for name, free in (("held", NONE), ("estimated", ALL)):
         settings = Settings(free=(free,))
-        found = fit_stages(
+        result = fit_stages(
             Setup(made.board, CAMERA, INTRINSICS, GLASS).with_tolerances(settings),
             made.observations,
             settings,
             Silent(),
         )
-        assert found.joint
+        assert result.joint
         errors = (
-            refit_poses(found.path, found.values, held.observations, held.poses)[1].rms_px
-            for held in (other, near)
+            refit_poses(result.path, result.values, held.observations, held.poses)[1].rms_px
+            for held in (test_scene, near)
         )
-        yield ["", name, *(f"{error:.3f}" for error in errors), str(found.joint.iterations)]
+        yield ["", name, *(f"{error:.3f}" for error in errors), str(result.joint.iterations)]
 
 
 def said_to_be_wrong(session: Path) -> tuple[str, ...]:
     """A row of what would be believed."""
-    held, free, default = (
-        fit(read_session(session), Settings(free=(free,)), Silent()) for free in (NONE, ALL, AUTO)
-    )
+    held = fit(read_session(session), Settings(free=(NONE,)), Silent())
+    free = fit(read_session(session), Settings(free=(ALL,)), Silent())
+    default = fit(read_session(session), Settings(free=(AUTO,)), Silent())
     gained = _log_evidence(free) - _log_evidence(held)
-    spreads = (f"{1e6 * height_spread(*one.model(), one.observations):.1f}" for one in (held, free))
+    spreads = (
+        f"{1e6 * height_spread(*item.model(), item.observations):.1f}" for item in (held, free)
+    )
     wrong = ", ".join(
-        f"{one.name} {one.estimated}" for one in comparisons(free) if one.contradicted
+        f"{item.name} {item.estimated}" for item in comparisons(free) if item.contradicted
     )
     return (
         session.name,
         f"{gained:+.0f}",
         *spreads,
         wrong,
-        "estimated" if any(not one.held for one in comparisons(default)) else "held",
+        "estimated" if any(not item.held for item in comparisons(default)) else "held",
     )
 
 

@@ -67,10 +67,12 @@ def map_error(made: Scene, calibration: Calibration) -> float:
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     ours, true = calibration.rays(pixels), rays_of(made.path, made.values, pixels)
     at = [np.full(len(pixels), depth) for depth in DEPTHS]
-    off = np.concatenate([(seen_at(*true, depth) - seen_at(*ours, depth)).ravel() for depth in at])
+    error = np.concatenate(
+        [(seen_at(*true, depth) - seen_at(*ours, depth)).ravel() for depth in at]
+    )
     moved = np.concatenate([motions(*ours, depth) for depth in at])
-    left = off - moved @ np.linalg.lstsq(moved, off, rcond=None)[0]
-    return float(np.sqrt((left**2).mean() * 2))
+    remainder = error - moved @ np.linalg.lstsq(moved, error, rcond=None)[0]
+    return float(np.sqrt((remainder**2).mean() * 2))
 
 
 def tried(folder: Path, made: Scene, prior: Path, count: int) -> tuple[Tried, Tried]:
@@ -78,17 +80,17 @@ def tried(folder: Path, made: Scene, prior: Path, count: int) -> tuple[Tried, Tr
     session = read_session(folder)
     assert session.corners
     views = read_corners(session.corners, session.board)[:count]
-    said = yaml.safe_load((folder / "session.yaml").read_text())
-    few = folder / str(count)
-    few.mkdir(exist_ok=True)
-    write_corners(few / "corners.vnl", views)
-    (few / "session.yaml").write_text(yaml.safe_dump(said))
-    alone = fit(read_session(few), SETTINGS)
-    (few / "session.yaml").write_text(yaml.safe_dump(said | {"prior": str(prior)}))
-    found = fit(read_session(few), SETTINGS)
-    assert found.outcome.fleet_prior
-    used = found.outcome.fleet_prior.used
-    return Tried(map_error(made, alone)), Tried(map_error(made, found), used)
+    document = yaml.safe_load((folder / "session.yaml").read_text())
+    short_session = folder / str(count)
+    short_session.mkdir(exist_ok=True)
+    write_corners(short_session / "corners.vnl", views)
+    (short_session / "session.yaml").write_text(yaml.safe_dump(document))
+    alone = fit(read_session(short_session), SETTINGS)
+    (short_session / "session.yaml").write_text(yaml.safe_dump(document | {"prior": str(prior)}))
+    calibration = fit(read_session(short_session), SETTINGS)
+    assert calibration.outcome.fleet_prior
+    used = calibration.outcome.fleet_prior.used
+    return Tried(map_error(made, alone)), Tried(map_error(made, calibration), used)
 
 
 def made_prior(folder: Path, line: Line) -> Path:
@@ -108,8 +110,8 @@ def made_prior(folder: Path, line: Line) -> Path:
 
 def views_needed(errors: Sequence[float], limit: float) -> float:
     """From where on the error stays within a limit."""
-    beyond = [count for count, error in zip(COUNTS, errors, strict=True) if error > limit]
-    later = [count for count in COUNTS if count > max(beyond, default=0)]
+    sufficient = [count for count, error in zip(COUNTS, errors, strict=True) if error > limit]
+    later = [count for count in COUNTS if count > max(sufficient, default=0)]
     return float(later[0]) if later else np.inf
 
 
@@ -121,38 +123,40 @@ def main() -> None:
     parser.add_argument("--cameras", type=int, default=8, help="new ones")
     parser.add_argument("--seed", type=int, default=1, help="of the fleet")
     parser.add_argument("--first", type=int, default=100, help="seed of the new cameras")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     with TemporaryDirectory() as temporary, single_thread():
         folder = Path(temporary)
-        prior = made_prior(folder, Line(asked.fleet, broken=(), seed=asked.seed))
-        whole = Line(asked.cameras, max(COUNTS), broken=(), seed=asked.first)
-        found: list[list[tuple[Tried, Tried]]] = []
-        for number in track(range(asked.cameras), "new cameras"):
-            place = folder / "new" / whole.name(number)
-            write_session(place, whole, number)
-            found.append(
-                [tried(place, true_scene(whole, number), prior, count) for count in COUNTS]
+        prior = made_prior(folder, Line(options.fleet, broken=(), seed=options.seed))
+        full = Line(options.cameras, max(COUNTS), broken=(), seed=options.first)
+        results: list[list[tuple[Tried, Tried]]] = []
+        for number in track(range(options.cameras), "new cameras"):
+            place = folder / "new" / full.name(number)
+            write_session(place, full, number)
+            results.append(
+                [tried(place, true_scene(full, number), prior, count) for count in COUNTS]
             )
         strangers: dict[str, list[list[tuple[Tried, Tried]]]] = {}
         for fault in track(STRANGERS, "strangers"):
-            line = replace(whole, broken=(fault,) * (2 * whole.cameras), views=max(STRANGE_COUNTS))
-            for number in range(min(4, asked.cameras)):
+            line = replace(full, broken=(fault,) * (2 * full.cameras), views=max(STRANGE_COUNTS))
+            for number in range(min(4, options.cameras)):
                 place = folder / fault / line.name(number)
                 write_session(place, line, number)
                 ended = [
                     tried(place, true_scene(line, number), prior, count) for count in STRANGE_COUNTS
                 ]
                 strangers.setdefault(fault, []).append(ended)
-    report(found, strangers)
-    print(f"fleet of seed {asked.seed}, {asked.fleet} cameras; new ones of seed {asked.first}")
+    report(results, strangers)
+    print(
+        f"fleet of seed {options.seed}, {options.fleet} cameras; new ones of seed {options.first}"
+    )
 
 
 def report(
-    found: list[list[tuple[Tried, Tried]]], strangers: dict[str, list[list[tuple[Tried, Tried]]]]
+    results: list[list[tuple[Tried, Tried]]], strangers: dict[str, list[list[tuple[Tried, Tried]]]]
 ) -> None:
     console = Console(width=130)
     errors = np.array(
-        [[[one.error for one in pair] for pair in camera] for camera in found]
+        [[[item.error for item in pair] for pair in camera] for camera in results]
     )  # (camera, count, 2)
     table = Table(
         "views",
@@ -163,13 +167,13 @@ def report(
         "prior refused",
     )
     for at, count in enumerate(COUNTS):
-        refused = sum(not camera[at][1].used for camera in found)
+        refused = sum(not camera[at][1].used for camera in results)
         cells = (
             f"{value:.3f}"
-            for way in (0, 1)
-            for value in (np.median(errors[:, at, way]), errors[:, at, way].max())
+            for column in (0, 1)
+            for value in (np.median(errors[:, at, column]), errors[:, at, column].max())
         )
-        table.add_row(str(count), *cells, f"{refused} of {len(found)}")
+        table.add_row(str(count), *cells, f"{refused} of {len(results)}")
     console.print(table)
     needed = Table(
         "map error within",
@@ -178,20 +182,22 @@ def report(
         "cameras that get there",
     )
     for limit in LIMITS:
-        ways = [
-            np.array([views_needed(camera[:, way], limit) for camera in errors]) for way in (0, 1)
+        counts = [
+            np.array([views_needed(camera[:, column], limit) for camera in errors])
+            for column in (0, 1)
         ]
         words = [
-            f"{m:g}" if np.isfinite(m := float(np.median(way))) else f"more than {COUNTS[-1]}"
-            for way in ways
+            f"{m:g}" if np.isfinite(m := float(np.median(column))) else f"more than {COUNTS[-1]}"
+            for column in counts
         ]
         needed.add_row(
             f"{limit:g} px",
             *words,
-            " and ".join(f"{np.isfinite(way).sum()}" for way in ways) + f" of {len(found)}",
+            " and ".join(f"{np.isfinite(column).sum()}" for column in counts)
+            + f" of {len(results)}",
         )
     console.print(needed)
-    others = Table(
+    other_table = Table(
         "camera that is another",
         "views",
         "prior refused",
@@ -201,14 +207,16 @@ def report(
     for fault, cameras in strangers.items():
         for at, count in enumerate(STRANGE_COUNTS):
             pairs = [camera[at] for camera in cameras]
-            medians = (f"{np.median([pair[way].error for pair in pairs]):.3f}" for way in (0, 1))
-            others.add_row(
+            medians = (
+                f"{np.median([pair[column].error for pair in pairs]):.3f}" for column in (0, 1)
+            )
+            other_table.add_row(
                 fault,
                 str(count),
                 f"{sum(not pair[1].used for pair in pairs)} of {len(pairs)}",
                 *medians,
             )
-    console.print(others)
+    console.print(other_table)
 
 
 if __name__ == "__main__":

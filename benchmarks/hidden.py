@@ -71,7 +71,8 @@ class Hidden:
         outer = made.path.cover[-1] if made.path.cover else None
         place = None
         if outer and outer.relief:
-            low, high = (np.array(end) for end in (outer.relief.low, outer.relief.high))
+            low = np.array(outer.relief.low)
+            high = np.array(outer.relief.high)
             place = torch.from_numpy(
                 rng.uniform(low + 0.35 * (high - low), high - 0.35 * (high - low))
             )
@@ -81,18 +82,20 @@ class Hidden:
         if not forms:
             return None
         spread = DRAWN.get(forms[0].per_view, ())
-        own = torch.from_numpy(rng.normal(0, spread, (views, len(spread))))
-        return cls(made, forms[0], direction(forms[0], rng), own, seed).scaled()
+        blocks = torch.from_numpy(rng.normal(0, spread, (views, len(spread))))
+        return cls(made, forms[0], direction(forms[0], rng), blocks, seed).scaled()
 
     @classmethod
     def under_water(cls, seed: int, views: int) -> Self:
         """A port in water, which has no size: it is there or not."""
         port = FlatPort("water")
-        there = {
+        hidden_values = {
             u.param.name: torch.tensor(u.initial - u.neutral, dtype=torch.float64)
             for u in port.effect_parameters
         }
-        return cls(bare(seed, views), port, there, torch.zeros(views, 0, dtype=torch.float64), seed)
+        return cls(
+            bare(seed, views), port, hidden_values, torch.zeros(views, 0, dtype=torch.float64), seed
+        )
 
     def possible(self, size: float) -> bool:
         """Whether there is such a thing, and every corner is still seen."""
@@ -132,11 +135,15 @@ class Hidden:
         }
         values = {**self.made.values, **moved}
         poses = torch.cat([self.made.poses, size * self.own], 1)
-        seen = self.made.observations.add_times(
+        observations = self.made.observations.add_times(
             [float(i) for i in range(len(self.made.views))], HEIGHT
         )
-        placed = path.place(seen.corners, values, poses[seen.view], seen.exposure)
-        pixels = project(path, values, placed, seen.exposure, start=seen.pixels).numpy()
+        placed = path.place(
+            observations.corners, values, poses[observations.view], observations.exposure
+        )
+        pixels = project(
+            path, values, placed, observations.exposure, start=observations.pixels
+        ).numpy()
         return with_corners(self.made, self.noisy(pixels, noise))
 
     def shift(self, size: float) -> Array:
@@ -155,10 +162,10 @@ class Hidden:
         very same noise is compared.
         """
         pixels = self.made.observations.pixels.numpy()
-        left = left_by(fit) - left_by(
+        difference = left_by(fit) - left_by(
             calibrate(with_corners(self.made, self.noisy(pixels, NOISE)), Settings())
         )
-        return 1.0 - float((left**2).sum() / (self.shift(size) ** 2).sum())
+        return 1.0 - float((difference**2).sum() / (self.shift(size) ** 2).sum())
 
 
 def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
@@ -197,13 +204,13 @@ def bare(seed: int, views: int) -> Scene:
     covered = scene(1000 + seed, views, (4, 4), 1e-5, 0.0, cover=GLASS)
     path = replace(covered.path, cover=())
     values = {name: value for name, value in covered.values.items() if name.startswith("camera.")}
-    seen = covered.observations
+    observations = covered.observations
     pixels = project(
         path,
         values,
-        path.place(seen.corners, values, covered.poses[seen.view], MIDDLE),
+        path.place(observations.corners, values, covered.poses[observations.view], MIDDLE),
         MIDDLE,
-        start=seen.pixels,
+        start=observations.pixels,
     ).numpy()
     return with_corners(replace(covered, cover=Cover("none", {}), path=path, values=values), pixels)
 
@@ -214,8 +221,8 @@ def with_corners(made: Scene, pixels: Array) -> Scene:
     return replace(
         made,
         views=tuple(
-            View(view.name, own, view.weight)
-            for view, own in zip(made.views, per_view, strict=True)
+            View(view.name, row, view.weight)
+            for view, row in zip(made.views, per_view, strict=True)
         ),
     )
 

@@ -89,15 +89,15 @@ def drawn(seed: int) -> tuple[float, float, float]:
     """
     cover = paper_cone(0.00115)
     made = scene(seed, 20, (4, 4), 3e-6, 0.1, cover=cover)
-    intrinsics, said = misdeclared(np.random.default_rng(seed), INTRINSICS, cover)
-    told = Setup(made.board, replace(CAMERA, intrinsics=intrinsics), intrinsics, said)
-    dry = calibrated(made, told, Settings())
+    intrinsics, declared_cover = misdeclared(np.random.default_rng(seed), INTRINSICS, cover)
+    nominal = Setup(made.board, replace(CAMERA, intrinsics=intrinsics), intrinsics, declared_cover)
+    dry = calibrated(made, nominal, Settings())
     dry = all_free(replace(dry, request=FitRequest(Settings())))
     carried = replace_medium(dry, Number(WATER))
     values = {**made.values, "cover.outside_index": torch.tensor(WATER, dtype=torch.float64)}
     ratios = [
-        _ratio(replace(made, values=values), one)
-        for one in (replace(carried, covariance=dry.covariance), carried)
+        _ratio(replace(made, values=values), item)
+        for item in (replace(carried, covariance=dry.covariance), carried)
     ]
     return ratios[0][0], ratios[0][1], ratios[1][1]
 
@@ -111,9 +111,10 @@ def _off(session: Session, folder: Path) -> tuple[list[float], list[float]]:
 
 def _ratio(made: Scene, wet: Calibration) -> tuple[float, float]:
     rows = [
-        (float(np.mean(off**2)), float(np.nanmean(sigma**2))) for off, sigma in errors(made, wet)
+        (float(np.mean(error**2)), float(np.nanmean(sigma**2)))
+        for error, sigma in errors(made, wet)
     ]
-    return rows[1][0] ** 0.5, float(np.mean([off / sigma for off, sigma in rows])) ** 0.5
+    return rows[1][0] ** 0.5, float(np.mean([error / sigma for error, sigma in rows])) ** 0.5
 
 
 def main() -> None:
@@ -135,15 +136,15 @@ def main() -> None:
     maps = Table(
         "glass",
         "stated",
-        *(f"off, {one}" for one in at),
-        *(f"sigma, {one}" for one in at),
+        *(f"off, {item}" for item in at),
+        *(f"sigma, {item}" for item in at),
         "ratio",
         "most is left open by",
     )
     views = Table("glass", "as it was", "immersed")
-    pool = Table("glass", *(f"off, {one}" for one in at), *(f"sigma, {one}" for one in at))
-    asked = Table(
-        "glass", "asked for", *(f"off, {one}" for one in at), *(f"sigma, {one}" for one in at)
+    pool = Table("glass", *(f"off, {item}" for item in at), *(f"sigma, {item}" for item in at))
+    requested_table = Table(
+        "glass", "asked for", *(f"off, {item}" for item in at), *(f"sigma, {item}" for item in at)
     )
     for shape in SHAPES:
         folder = FIXTURES / f"wet-{shape}"
@@ -151,17 +152,21 @@ def main() -> None:
         session = replace(
             session, frames=session.frames[:: max(1, len(session.frames) // pictures)]
         )
-        for title, one in (("as measured", session), ("by its kind", vague(session))):
-            dry = fit(one)
+        for title, item in (("as measured", session), ("by its kind", vague(session))):
+            dry = fit(item)
             put = immerse(all_free(dry), Number(WATER))
             error = map_error(put.calibration, folder / "water" / "truth.npz", NEAR)
             px, sigma = error.by_depth.values(), error.predicted.values()
-            ratio = max(off / expected for off, expected in zip(px, sigma, strict=True))
-            most = ", ".join(loose.name for loose in put.dominant[:2])
+            ratio = max(deviation / expected for deviation, expected in zip(px, sigma, strict=True))
+            dominant_names = ", ".join(loose.name for loose in put.dominant[:2])
             maps.add_row(
-                shape, title, *(f"{value:.3f}" for value in (*px, *sigma)), f"{ratio:.2f}", most
+                shape,
+                title,
+                *(f"{value:.3f}" for value in (*px, *sigma)),
+                f"{ratio:.2f}",
+                dominant_names,
             )
-            if one is session:
+            if item is session:
                 water = read_session(folder / "water")
                 views.add_row(
                     shape,
@@ -170,10 +175,10 @@ def main() -> None:
                         for which in (dry, put.calibration)
                     ),
                 )
-                after = map_error(
+                wet_error = map_error(
                     updated(put.calibration, folder / "water"), folder / "water" / "truth.npz", NEAR
                 )
-                loose = next(each for each in put.dominant if each.measured_to is not None)
+                loose = next(group for group in put.dominant if group.measured_to is not None)
                 rows = np.array(
                     [
                         list(_off(measured(session, loose, GLASS[shape], signs), folder))
@@ -181,25 +186,27 @@ def main() -> None:
                     ]
                 )  # (4, 2, D)
                 wanted = f"{loose.name} to {loose.measured_to:.2g} {loose.unit}"
-                asked.add_row(
+                requested_table.add_row(
                     shape, wanted, *(f"{value:.3f}" for value in np.sqrt((rows**2).mean(0)).ravel())
                 )
                 pool.add_row(
                     shape,
                     *(
                         f"{value:.3f}"
-                        for value in (*after.by_depth.values(), *after.predicted.values())
+                        for value in (*wet_error.by_depth.values(), *wet_error.predicted.values())
                     ),
                 )
-    every = np.array([drawn(seed) for seed in range(sessions)]).reshape(-1, 3)
+    all_rows = np.array([drawn(seed) for seed in range(sessions)]).reshape(-1, 3)
     console.print("Maps under water, px RMS", maps, "Held-out views under water", views, sep="\n")
-    console.print("Maps under water, with the number measured that is asked for", asked, sep="\n")
+    console.print(
+        "Maps under water, with the number measured that is asked for", requested_table, sep="\n"
+    )
     console.print("Maps under water, brought up to date by three views there", pool, sep="\n")
     if sessions:
-        off, fitted, carried = np.sqrt((every**2).mean(0))
+        deviation, fitted, carried = np.sqrt((all_rows**2).mean(0))
         console.print(
-            f"{sessions} synthetic sessions: off by {off:.2g} px at 0.6 m, {fitted:.2f} times what"
-            f" the fit's own covariance predicts, {carried:.2f} times what is predicted where no"
+            f"{sessions} synthetic sessions: off by {deviation:.2g} px at 0.6 m, {fitted:.2f} times"
+            f" what the fit's own covariance predicts, {carried:.2f} times what is predicted where no"
             " number of the cover is surer than declared",
             soft_wrap=True,
             highlight=False,

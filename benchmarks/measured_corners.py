@@ -165,7 +165,7 @@ def main(session: Path, effects: Sequence[str]) -> None:
     with TemporaryDirectory() as place:
         path = Path(place) / session.name
         shutil.copytree(session, path)
-        folders = [measured(part) for part in (path, path / "holdout") if part.is_dir()]
+        folders = [measured(piece) for piece in (path, path / "holdout") if piece.is_dir()]
         view_count = sum(len(folder.views) for folder in folders)
         found_counts = {
             name: sum(

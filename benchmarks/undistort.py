@@ -152,10 +152,10 @@ def saved(made: Scene) -> list[Row]:
             )
             * depth
         )
-        seen = project(*calibration.model(), torch.from_numpy(points), MIDDLE).numpy()
+        pixels = project(*calibration.model(), torch.from_numpy(points), MIDDLE).numpy()
         at = field.map_at(depth)
-        off = np.hypot(at.x[v, h] - seen[:, 0], at.y[v, h] - seen[:, 1])[at.valid[v, h]]
-        worst = max(worst, float(off.max()))
+        error = np.hypot(at.x[v, h] - pixels[:, 0], at.y[v, h] - pixels[:, 1])[at.valid[v, h]]
+        worst = max(worst, float(error.max()))
     return [
         ("a saved calibration with all depths, MB", size / 1e6, 2, "at most"),
         (

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calib.corners.lattice import Lattice, edge_normals
 from calib.session.board import Board
 from calib.session.coding import Charuco
-from capture.exposure import FULL, VIDEO_FULL, Exposure
+from capture.exposure import FULL, VIDEO_FULL, SquareLighting
 from capture.sharpness import (
     MAX_REACH,
     REACH_FRACTION,
@@ -44,7 +44,7 @@ MIN_CORNERS = 4  # corners of either kind, or edges in either direction
 class Light:
     blur: Blur | None
     """None: the board has no measurable edges."""
-    exposure: Exposure
+    exposure: SquareLighting
 
 
 def measure_light(grey: NDArray[np.uint8], corners: Floats, board: Board) -> Light:
@@ -106,7 +106,7 @@ def measure_light(grey: NDArray[np.uint8], corners: Floats, board: Board) -> Lig
     contrast = float(
         np.percentile(np.concatenate([fit.white - fit.black for fit in fits]), CONTRAST_PERCENTILE)
     )
-    return Light(_blur(grey, lattice, fits, starts_white), Exposure(clipped, contrast))
+    return Light(_blur(grey, lattice, fits, starts_white), SquareLighting(clipped, contrast))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ SQUARE_INTERIOR = np.linspace(0.3, 0.7, 5)  # fraction of a square's side, clear
 
 
 @dataclass(frozen=True, slots=True)
-class Exposure:
+class SquareLighting:
     clipped: float
     """The fraction of the white squares' area that is saturated."""
     contrast: float
@@ -23,7 +23,7 @@ class Exposure:
 
 def measure_exposure(
     grey: NDArray[np.uint8], corners: NDArray[np.float64], board: Board
-) -> Exposure:
+) -> SquareLighting:
     """Return the exposure of the squares between the (count, 2) px corners of a (H, W) picture."""
     grid = corners.reshape(board.rows, board.columns, 1, 2)
     x = np.tile(SQUARE_INTERIOR, len(SQUARE_INTERIOR))[:, None]
@@ -49,4 +49,4 @@ def measure_exposure(
     clipped = (
         float((light[white] >= min(brightest, FULL)).mean()) if brightest >= VIDEO_FULL else 0.0
     )
-    return Exposure(clipped, float(np.percentile(steps, 10)))
+    return SquareLighting(clipped, float(np.percentile(steps, 10)))

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.exposure import Exposure
+from capture.exposure import SquareLighting
 from capture.frames import Frame
 from capture.sharpness import Blur
 
@@ -37,7 +37,7 @@ class LiveDetection:
     margin: float = np.nan
     """px, the minimum distance between the outermost corner and the picture's border."""
     blur: Blur | None = None
-    exposure: Exposure | None = None
+    exposure: SquareLighting | None = None
 
 
 class LiveFinder(Protocol):

@@ -111,9 +111,9 @@ def test_a_saved_calibration_can_be_fitted_again_from_itself(
     (tmp_path / "session.yaml").write_text(yaml.safe_dump(session))
     write_corners(tmp_path / "corners.vnl", back.views)
     assert back.request.settings
-    again = fit(read_session(tmp_path), back.request.settings, Silent())
+    refitted = fit(read_session(tmp_path), back.request.settings, Silent())
     pixels = np.random.default_rng(2).uniform(0, [WIDTH, HEIGHT], (200, 2))
-    for first, second in zip(calibration.rays(pixels), again.rays(pixels), strict=True):
+    for first, second in zip(calibration.rays(pixels), refitted.rays(pixels), strict=True):
         assert np.abs(first - second).max() < 1e-9
 
 
@@ -132,7 +132,9 @@ def test_the_priors_of_a_bare_calibration_come_back(
     assert priors.sigmas["camera.fy"] == pytest.approx(29.0)
     assert priors.correlations["camera.fy", "camera.fx"] == pytest.approx(0.099)
     assert priors.correlations["camera.cx", "camera.fx"] == 0.5
-    edit_yaml(tmp_path, lambda said: said["declared"]["camera"]["intrinsics"].pop("correlations"))
+    edit_yaml(
+        tmp_path, lambda document: document["declared"]["camera"]["intrinsics"].pop("correlations")
+    )
     assert Calibration.load(tmp_path).declared.intrinsics == replace(BARE, correlations=())
 
 
@@ -279,92 +281,117 @@ def rewrite_npz(folder: Path, **changed: np.ndarray) -> None:
     with np.load(path) as file:
         arrays = dict(file) | changed
     np.savez(path, **arrays)
-    edit_yaml(folder, lambda said: said.update(arrays_sha256=sha256(path.read_bytes()).hexdigest()))
+    edit_yaml(
+        folder, lambda message: message.update(arrays_sha256=sha256(path.read_bytes()).hexdigest())
+    )
 
 
 def edit_yaml(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
     path = folder / "calibration.yaml"
-    said = yaml.safe_load(path.read_text())
-    change(said)
-    path.write_text(yaml.safe_dump(said))
+    document = yaml.safe_load(path.read_text())
+    change(document)
+    path.write_text(yaml.safe_dump(document))
 
 
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda said: said["relief"].update(grid=[5, 6]), "amplitudes are float64 of shape"),
-        (lambda said: said["relief"].update(grid=["a", 5]), "relief.grid is not two numbers"),
+        (lambda message: message["relief"].update(grid=[5, 6]), "amplitudes are float64 of shape"),
+        (lambda message: message["relief"].update(grid=["a", 5]), "relief.grid is not two numbers"),
         (
-            lambda said: said["relief"].update(grid=[1, 64]),
+            lambda message: message["relief"].update(grid=[1, 64]),
             "relief.grid is not two whole numbers of 2 or more",
         ),
-        (lambda said: said["relief"].update(grid=[5.5, 5]), "relief.grid is not two whole numbers"),
-        (lambda said: said["relief"].update(low=[1]), "relief.low is not two numbers"),
-        (lambda said: said["relief"].update(low="ab"), "relief.low is not two numbers"),
         (
-            lambda said: said["relief"].update(low=said["relief"]["high"]),
+            lambda message: message["relief"].update(grid=[5.5, 5]),
+            "relief.grid is not two whole numbers",
+        ),
+        (lambda message: message["relief"].update(low=[1]), "relief.low is not two numbers"),
+        (lambda message: message["relief"].update(low="ab"), "relief.low is not two numbers"),
+        (
+            lambda message: message["relief"].update(low=message["relief"]["high"]),
             "relief.low is not below relief.high",
         ),
-        (lambda said: said["relief"].update(beta="wide"), "relief.beta is not a number"),
-        (lambda said: said["settings"].update(made_by=[1]), "settings.made_by is not a mapping"),
+        (lambda message: message["relief"].update(beta="wide"), "relief.beta is not a number"),
         (
-            lambda said: said["settings"].update(made_by={"session": 5}),
+            lambda message: message["settings"].update(made_by=[1]),
+            "settings.made_by is not a mapping",
+        ),
+        (
+            lambda message: message["settings"].update(made_by={"session": 5}),
             "settings.made_by.session is not a text",
         ),
         (
-            lambda said: said["settings"].update(diagnosis="all"),
+            lambda message: message["settings"].update(diagnosis="all"),
             "settings.diagnosis is not a mapping",
         ),
         (
-            lambda said: said["settings"].update(diagnosis={"candidates": [{"effect": "lens"}]}),
+            lambda message: message["settings"].update(
+                diagnosis={"candidates": [{"effect": "lens"}]}
+            ),
             r"candidates\[0\]\.accepted is missing",
         ),
-        (lambda said: said["settings"].update(free="all"), "settings.free is not a list"),
-        (lambda said: said["settings"].update(grid={"a": 1}), "settings.grid is not a list"),
-        (lambda said: said["settings"].update(grid=[True, 5]), "settings.grid is not a list of 0"),
+        (lambda message: message["settings"].update(free="all"), "settings.free is not a list"),
+        (lambda message: message["settings"].update(grid={"a": 1}), "settings.grid is not a list"),
         (
-            lambda said: said["settings"].update(cross_validation={"folds": 5}),
+            lambda message: message["settings"].update(grid=[True, 5]),
+            "settings.grid is not a list of 0",
+        ),
+        (
+            lambda message: message["settings"].update(cross_validation={"folds": 5}),
             "settings.cross_validation.held_out_px is missing",
         ),
         (
-            lambda said: said["settings"].update(sigma_px=0),
+            lambda message: message["settings"].update(sigma_px=0),
             "settings.sigma_px is not a number above 0",
         ),
         (
-            lambda said: said["settings"].update(
+            lambda message: message["settings"].update(
                 relief_prior={"height_m": 1e300, "length_of_patch": 1}
             ),
             "height_m is not a number that a fit",
         ),
         (
-            lambda said: said.update(
+            lambda message: message.update(
                 effects=[{"name": "board_shape", "form": {"degree": "x"}, "parameters": {}}]
             ),
             "form.degree of board_shape",
         ),
-        (lambda said: said.update(relief=[]), "is not a whole calibration"),
-        (lambda said: said.update(relief=None), "amplitudes are float64 of shape"),
-        (lambda said: said["camera"].pop("intrinsics"), "camera.intrinsics is missing"),
-        (lambda said: said.update(cover={"shape": "none"}), "there is a relief and no cover"),
-        (lambda said: said["board"].update(columns=8), "corners are float64 of shape"),
-        (lambda said: said.update(settings=3), "is not a whole calibration"),
-        (lambda said: said.update(stages=[3]), "is not a whole calibration"),
+        (lambda message: message.update(relief=[]), "is not a whole calibration"),
+        (lambda message: message.update(relief=None), "amplitudes are float64 of shape"),
+        (lambda message: message["camera"].pop("intrinsics"), "camera.intrinsics is missing"),
+        (lambda message: message.update(cover={"shape": "none"}), "there is a relief and no cover"),
+        (lambda message: message["board"].update(columns=8), "corners are float64 of shape"),
+        (lambda message: message.update(settings=3), "is not a whole calibration"),
+        (lambda message: message.update(stages=[3]), "is not a whole calibration"),
         (
-            lambda said: said["stages"][0].update(name="x"),
+            lambda message: message["stages"][0].update(name="x"),
             r"stages\[0\].name is not one of pinhole",
         ),
-        (lambda said: said["stages"].reverse(), "stages are not some of pinhole, cover"),
-        (lambda said: said["stages"].pop(0), "stages are not some of pinhole, cover"),
-        (lambda said: said["stages"].clear(), "stages are missing"),
-        (lambda said: said.update(settings={}), "settings.sigma_px is missing"),
-        (lambda said: said["settings"].pop("relief_prior"), "settings.relief_prior is missing"),
-        (lambda said: said["settings"].update(method="x"), "settings.method is not one of joint"),
-        (lambda said: said["settings"].update(free=["x"]), r"settings.free\[0\] is not one of"),
-        (lambda said: said["settings"].update(steps=-1), "settings.steps is not a whole number of"),
-        (lambda said: said.update(noise_px="loud"), "is not a whole calibration"),
-        (lambda said: said.pop("arrays_sha256"), "arrays_sha256"),
+        (lambda message: message["stages"].reverse(), "stages are not some of pinhole, cover"),
+        (lambda message: message["stages"].pop(0), "stages are not some of pinhole, cover"),
+        (lambda message: message["stages"].clear(), "stages are missing"),
+        (lambda message: message.update(settings={}), "settings.sigma_px is missing"),
         (
-            lambda said: said.update(arrays_sha256="0" * 64),
+            lambda message: message["settings"].pop("relief_prior"),
+            "settings.relief_prior is missing",
+        ),
+        (
+            lambda message: message["settings"].update(method="x"),
+            "settings.method is not one of joint",
+        ),
+        (
+            lambda message: message["settings"].update(free=["x"]),
+            r"settings.free\[0\] is not one of",
+        ),
+        (
+            lambda message: message["settings"].update(steps=-1),
+            "settings.steps is not a whole number of",
+        ),
+        (lambda message: message.update(noise_px="loud"), "is not a whole calibration"),
+        (lambda message: message.pop("arrays_sha256"), "arrays_sha256"),
+        (
+            lambda message: message.update(arrays_sha256="0" * 64),
             "calibration.yaml and calibration.npz do not belong together: fit the session again",
         ),
     ],

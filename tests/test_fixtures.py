@@ -57,11 +57,11 @@ def with_true_glass(calibration: Calibration, session: Session, truth: Path) -> 
 def sessions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Session]:
     """Copies, in which the corners that were found once are kept for all tests."""
     folder = tmp_path_factory.mktemp("fixtures")
-    found = {name: read_session(copied(FIXTURES / name, folder / name)) for name in SESSIONS}
-    bare = found["covered-bare"].bare
+    results = {name: read_session(copied(FIXTURES / name, folder / name)) for name in SESSIONS}
+    bare = results["covered-bare"].bare
     assert bare
     return (
-        found
+        results
         | {f"{name}/holdout": read_session(folder / name / "holdout") for name in HOLDING_OUT}
         | {"covered-bare/bare": bare}
     )
@@ -208,14 +208,14 @@ def test_undistorting_a_held_out_view_straightens_its_board(
     session = sessions["bumps/holdout"]
     with np.load(FIXTURES / "bumps" / "holdout" / "truth.npz") as file:
         depths = file["translations"][:, 2]
-    bent, after = [], []
+    bent, final = [], []
     field = fitted["bumps"].ray_field()
     for view, depth in zip(detect(session.frames, session.board).views, depths, strict=True):
         straight = field.undistort_pixels(view.corners, float(depth))
         bent.append(_bend(view.corners))
-        after.append(_bend(straight))
-    print(f"bends {np.mean(bent):.4f} px, straightened {np.mean(after):.4f} px")
-    assert np.mean(after) < 0.0178
+        final.append(_bend(straight))
+    print(f"bends {np.mean(bent):.4f} px, straightened {np.mean(final):.4f} px")
+    assert np.mean(final) < 0.0178
     assert np.mean(bent) > 0.17
 
 

@@ -58,15 +58,15 @@ def broken(page: Path) -> list[str]:
     text = re.sub(
         r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
     )
-    found = []
+    links = []
     for _, link, _ in HOOKS.LINK.findall(text):
         if re.match(r"\w+:", link):
             continue
         name, _, anchor = link.partition("#")
         path = HOOKS.target_of(page, name) if name else page
         if not path.is_file() or (anchor and anchor not in anchors(path)):
-            found.append(link)
-    return found
+            links.append(link)
+    return links
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
@@ -84,11 +84,11 @@ def test_a_broken_link_is_found(tmp_path: Path) -> None:
 
 
 def test_the_reference_has_every_name_of_the_library() -> None:
-    named = re.findall(
+    names = re.findall(
         r"^::: ([\w.]+)$", (DOCS / "reference.md").read_text(encoding="utf-8"), re.MULTILINE
     )
     homes = calib._MODULES  # type: ignore[attr-defined]  # hidden from type checkers
-    assert sorted(named) == sorted(f"{home}.{name}" for name, home in homes.items())
+    assert sorted(names) == sorted(f"{home}.{name}" for name, home in homes.items())
 
 
 def test_the_covers_of_the_measuring_page_are_read() -> None:
@@ -208,12 +208,12 @@ def test_a_broken_link_and_a_forgotten_page_break_the_build(
 
 def test_every_page_is_in_the_navigation() -> None:
     """Effects and decisions are reached from their README."""
-    named = re.findall(
+    names = re.findall(
         r"(?:- |: )([\w/.-]+\.md)$",
         (ROOT / ".ci" / "mkdocs.yml").read_text(encoding="utf-8"),
         re.MULTILINE,
     )
     written = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
-    assert sorted(named) == sorted(
+    assert sorted(names) == sorted(
         page for page in written if not re.match(r"(effects|decisions)/(?!README)", page)
     )

@@ -42,28 +42,28 @@ def run(progress: Progress) -> Result:
         made = scene(
             SEEDS[s], views=10, grid=(10, 10), amplitude=AMPLITUDE, cover=paper_cone(THICKNESS)
         )
-        seen = _seen(made, WIDTHS[w])
-        cone[w, s] = residuals(smooth, values, seen, made.poses).rmse_cm
-        for (i, along), (j, around) in product(enumerate(COUNTS), repeat=2):
+        observations = _seen(made, WIDTHS[w])
+        cone[w, s] = residuals(smooth, values, observations, made.poses).rmse_cm
+        for (i, axial), (j, around) in product(enumerate(COUNTS), repeat=2):
             uneven, fitted = relief_fit(
-                smooth, values, Relief(*PATCH, (along, around)), seen, made.poses, steps=500
+                smooth, values, Relief(*PATCH, (axial, around)), observations, made.poses, steps=500
             )
-            rmse[w, s, i, j] = residuals(uneven, fitted, seen, made.poses).rmse_cm
+            rmse[w, s, i, j] = residuals(uneven, fitted, observations, made.poses).rmse_cm
             done += 1
-            advance(done, f"{around} around x {along} along")
+            advance(done, f"{around} around x {axial} along")
     return Result(_text(cone, rmse), _figure(cone, rmse))
 
 
 def _seen(made: Scene, width: int) -> Observations:
     """The scene's corners through its bumps, made `width` spacings wide."""
     path = with_relief(made.path, Relief(*PATCH, (10, 10), beta=float(width**2)))
-    seen = made.observations
+    observations = made.observations
     return replace(
-        seen,
+        observations,
         pixels=project(
             path,
             made.values,
-            path.place(seen.corners, made.values, made.poses[seen.view], MIDDLE),
+            path.place(observations.corners, made.values, made.poses[observations.view], MIDDLE),
             MIDDLE,
         ),
     )
@@ -86,7 +86,9 @@ def _text(cone: np.ndarray, rmse: np.ndarray) -> str:
                 for n, row in zip(COUNTS, errors, strict=True)
             ),
         ]
-    five, seven, ten = (COUNTS.index(n) for n in (5, 7, 10))
+    five = COUNTS.index(5)
+    seven = COUNTS.index(7)
+    ten = COUNTS.index(10)
     lines.append(
         "The paper: 7x5 centres approximate the 10x10 surface well; more are needed around the cone"
         " than along it."

@@ -83,27 +83,27 @@ def left(path: Path, values: Values, shots: Shots) -> float:
     """px RMS through a refractive model with each view's pose refitted; NaN if it does not see a
     corner that was seen.
     """
-    missed = refit_poses(path, values, observed(shots), torch.from_numpy(shots.poses))[1]
-    return float((missed.image**2).sum(-1).mean().sqrt())
+    residual = refit_poses(path, values, observed(shots), torch.from_numpy(shots.poses))[1]
+    return float((residual.image**2).sum(-1).mean().sqrt())
 
 
 def _near(path: Path, values: Values, rng: np.random.Generator) -> Shots:
-    kept: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
-    while len(kept) < TESTED:
+    chosen: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+    while len(chosen) < TESTED:
         depth = rng.uniform(*NEAR)
-        across = rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
+        sideways = rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
         pose = np.concatenate(
-            [rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.3, 0.3, 1), across, [depth]]
+            [rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.3, 0.3, 1), sideways, [depth]]
         )
         points = path.place(
             torch.from_numpy(CORNERS[:, :2]), values, torch.from_numpy(pose), MIDDLE
         )
         pixels = project(path, values, points, MIDDLE).numpy()
-        inside = np.all(
+        in_picture = np.all(
             (pixels >= MARGIN) & (pixels <= [WIDTH - MARGIN, HEIGHT - MARGIN]), -1
         )  # false for NaN
-        if inside.sum() < FEWEST:
+        if in_picture.sum() < FEWEST:
             continue
         noisy = pixels + rng.normal(0, NOISE, pixels.shape)
-        kept.append((np.where(inside[:, None], noisy, np.nan), pose))
-    return Shots(np.stack([pixels for pixels, _ in kept]), np.stack([pose for _, pose in kept]))
+        chosen.append((np.where(in_picture[:, None], noisy, np.nan), pose))
+    return Shots(np.stack([pixels for pixels, _ in chosen]), np.stack([pose for _, pose in chosen]))

@@ -45,7 +45,7 @@ class ReducedEquations:
     """
 
     hessian: Tensor
-    """(S, S), the Schur complement of the blocks."""
+    """(S, S), the Schur complement of the blocks, symmetric up to rounding."""
     gradient: Tensor
     """(S,)"""
     response: Tensor
@@ -96,9 +96,10 @@ class NormalEquations:
         response = solve(damped(self.hessian_block, damping), columns)
         cross = self.hessian_cross.flatten(0, 1)
         explained = cross.mT @ response.flatten(0, 1)
-        hessian = self.hessian_shared - explained[:, :-1]
         return ReducedEquations(
-            (hessian + hessian.mT) / 2, self.gradient_shared - explained[:, -1], response
+            self.hessian_shared - explained[:, :-1],
+            self.gradient_shared - explained[:, -1],
+            response,
         )
 
 
@@ -135,7 +136,7 @@ class ReducedProducts:
     response: Tensor
     """(V, B, n - B), the response of the block's parameters to the other columns."""
     log_determinant: Tensor
-    """(), of the eliminated Hessians of all blocks together."""
+    """() the log determinant of the eliminated Hessians of all blocks together."""
 
     @staticmethod
     def of(products: Tensor, block_precision: Tensor) -> "ReducedProducts":

@@ -105,7 +105,7 @@ class FitOutcome:
     """The views whose corners were renumbered, because the board is turned there."""
     redetections: tuple[Redetection, ...] | None = None
     view_noise: Mapping[str, float] | None = None
-    """By file, the noise of each noisy view over that of the median view."""
+    """The noise of each noisy view over that of the median view, by file."""
     cross_validation: CrossValidation | None = None
     """None if the request has no folds."""
     fleet_prior: FleetPriorTest | None = None

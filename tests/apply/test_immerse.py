@@ -77,20 +77,22 @@ def test_rays_are_those_of_light_that_mitsuba_traced(shape: str, folder: str) ->
     """Under water, from the numbers in air; and in air again, from the calibration for water."""
     dry = true_calibration(shape)
     wet = replace_medium(dry, WATER)
-    asked = wet if folder else replace_medium(wet, Number(1.0))
+    calibration_tried = wet if folder else replace_medium(wet, Number(1.0))
     with np.load(FIXTURES / f"wet-{shape}" / folder / "truth.npz") as truth:
-        pixels, origins, directions = (truth[name] for name in ("pixels", "origins", "directions"))
-    ours, towards = asked.rays(pixels)
-    seen = np.isfinite(origins).all(-1) & np.isfinite(ours).all(-1)
-    assert seen.mean() > 0.99
+        pixels = truth["pixels"]
+        origins = truth["origins"]
+        directions = truth["directions"]
+    ours, towards = calibration_tried.rays(pixels)
+    visible = np.isfinite(origins).all(-1) & np.isfinite(ours).all(-1)
+    assert visible.mean() > 0.99
     for depth in DEPTHS:
         at = [
             o[:, :2] + d[:, :2] * ((depth - o[:, 2]) / d[:, 2])[:, None]
             for o, d in ((origins, directions), (ours, towards))
         ]
-        off = np.linalg.norm(at[0] - at[1], axis=-1)[seen] * 640 / depth
-        assert np.sqrt((off**2).mean()) < 0.002
-        assert off.max() < 0.02  # float32 and facets
+        error = np.linalg.norm(at[0] - at[1], axis=-1)[visible] * 640 / depth
+        assert np.sqrt((error**2).mean()) < 0.002
+        assert error.max() < 0.02  # float32 and facets
 
 
 @pytest.fixture(scope="module")
@@ -104,12 +106,12 @@ def test_everything_but_the_medium_outside_is_kept(dry: Calibration) -> None:
     wet = replace_medium(dry, Number(1.34, 0.001))
     assert wet.camera == dry.camera
     assert wet.cover.parameters["outside_index"] == Number(1.34, 0.001)
-    others = {
+    alternatives = {
         name: number.value
         for name, number in wet.cover.parameters.items()
         if name != "outside_index"
     }
-    assert others == {
+    assert alternatives == {
         name: number.value
         for name, number in dry.cover.parameters.items()
         if name != "outside_index"
@@ -128,20 +130,25 @@ def test_the_covariance_is_carried_there_and_back(dry: Calibration) -> None:
     parameters = wet.camera_model().parameters
     assert len(wet.covariance) == parameters.count == len(dry.covariance) + 1
     (at,) = parameters.entries(["cover.outside_index"])
-    others = np.arange(parameters.count) != at
+    alternatives = np.arange(parameters.count) != at
     assert (
-        np.linalg.eigvalsh(wet.covariance[np.ix_(others, others)] - dry.covariance).min()
+        np.linalg.eigvalsh(
+            wet.covariance[np.ix_(alternatives, alternatives)] - dry.covariance
+        ).min()
         > -1e-9 * np.abs(wet.covariance).max()
     )
     assert np.isclose(wet.covariance[at, at], (0.002 / 0.01) ** 2)
-    assert not wet.covariance[at, others].any()
-    again = replace_medium(wet, Number(1.0))
-    assert np.allclose(again.covariance, wet.covariance[np.ix_(others, others)], rtol=1e-9)
+    assert not wet.covariance[at, alternatives].any()
+    back_in_air = replace_medium(wet, Number(1.0))
+    assert np.allclose(
+        back_in_air.covariance, wet.covariance[np.ix_(alternatives, alternatives)], rtol=1e-9
+    )
     pixels = np.random.default_rng(1).uniform(100, 2300, (50, 2))
     assert all(
-        np.array_equal(a, b) for a, b in zip(again.rays(pixels), dry.rays(pixels), strict=True)
+        np.array_equal(a, b)
+        for a, b in zip(back_in_air.rays(pixels), dry.rays(pixels), strict=True)
     )
-    assert np.array_equal(again.corners_at, wet.corners_at)
+    assert np.array_equal(back_in_air.corners_at, wet.corners_at)
 
 
 def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Calibration) -> None:
@@ -152,8 +159,8 @@ def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Cali
     model, field = wet.camera_model(), predicted_sigma(wet)
     assert field
     rng, corners = np.random.default_rng(2), wet.corners_at
-    some = corners[rng.permutation(len(corners))[:150]]
-    pixels, depth = some[:, :2], some[:, 2]
+    subset = corners[rng.permutation(len(corners))[:150]]
+    pixels, depth = subset[:, :2], subset[:, 2]
     small = 0.05  # of a sigma: so far it is linear
     roots = np.linalg.cholesky(wet.covariance + 1e-18 * np.eye(len(wet.covariance)))
     focal = float(model.means["camera.fx"])
@@ -173,30 +180,30 @@ def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Cali
         )
 
     zero = np.zeros(len(roots))
-    origin, direction, still = seen(zero, depth)
-    one = np.full(len(pixels), 0.5)
-    there = seen(zero, one)[2]
-    step, trained, asked = 1e-6, [], []
+    origin, direction, at_rest = seen(zero, depth)
+    item = np.full(len(pixels), 0.5)
+    far_pixels = seen(zero, item)[2]
+    step, trained, requested_sigmas = 1e-6, [], []
     for axis in np.eye(3) * step:
         for o, d in (
             (origin + np.cross(axis, origin), direction + np.cross(axis, direction)),
             (origin + axis, direction),
         ):
-            trained.append((at(o, d, depth) - still).ravel() / step)
-            asked.append((at(o, d, one) - there).ravel() / step)
-    solve, move = np.linalg.pinv(np.stack(trained, -1)), np.stack(asked, -1)
+            trained.append((at(o, d, depth) - at_rest).ravel() / step)
+            requested_sigmas.append((at(o, d, item) - far_pixels).ravel() / step)
+    solve, move = np.linalg.pinv(np.stack(trained, -1)), np.stack(requested_sigmas, -1)
     squares = np.zeros(len(pixels))
     draws = 200
     for _ in range(draws):
         vector = small * roots @ rng.normal(size=len(roots))
-        off = (seen(vector, one)[2] - there).ravel() - move @ (
-            solve @ (seen(vector, depth)[2] - still).ravel()
+        error = (seen(vector, item)[2] - far_pixels).ravel() - move @ (
+            solve @ (seen(vector, depth)[2] - at_rest).ravel()
         )
-        squares += (off.reshape(-1, 2) ** 2).sum(-1) / small**2
-    found = float(np.sqrt(squares.mean() / draws))
+        squares += (error.reshape(-1, 2) ** 2).sum(-1) / small**2
+    result = float(np.sqrt(squares.mean() / draws))
     predicted = float(np.sqrt((field.at(pixels[:, :1], pixels[:, 1:], 0.5) ** 2).mean()))
     assert (
-        abs(found / predicted - 1) < 0.2
+        abs(result / predicted - 1) < 0.2
     )  # 200 draws of few numbers, and the motion of 150 of the corners
 
 
@@ -250,13 +257,13 @@ def test_a_held_number_gets_the_tolerance_of_its_kind() -> None:
         for name, number in paper_cone().parameters.items()
     }
     made = scene(5, views=12, noise=0.1)
-    told = Setup(made.board, CAMERA, INTRINSICS, Cover("cone", numbers))
-    held = calibrated(made, told, Settings(grid=(4, 4), free=(NONE,)))
+    nominal = Setup(made.board, CAMERA, INTRINSICS, Cover("cone", numbers))
+    held = calibrated(made, nominal, Settings(grid=(4, 4), free=(NONE,)))
     assert not any(number.sigma for number in held.cover.parameters.values())
     assert all_free(held) is held
     freed = all_free(replace(held, request=FitRequest(Settings(free=(AUTO,)))))
-    still = {name for name, number in freed.cover.parameters.items() if not number.sigma}
-    assert still == {"thickness", "outside_index"}
+    held_names = {name for name, number in freed.cover.parameters.items() if not number.sigma}
+    assert held_names == {"thickness", "outside_index"}
     assert max(immerse(freed, WATER).after_px) > 3 * max(immerse(held, WATER).after_px)
     assert all_free(freed) is freed
 
@@ -273,9 +280,10 @@ def test_errors_under_water_agree_with_their_predicted_sigma(shape: str) -> None
         print(f"{shape}: {px:.3f} px at {depth:g} m, {error.predicted[depth]:.3f} expected")
         assert px < 1.25 * error.predicted[depth]
     water = read_session(folder / "water")
-    before, after = (evaluate(one, water).rms_px for one in (dry, put.calibration))
-    assert after < 0.1
-    assert after < before / 5
+    initial = evaluate(dry, water).rms_px
+    final = evaluate(put.calibration, water).rms_px
+    assert final < 0.1
+    assert final < initial / 5
 
 
 def test_accepted_effects_are_carried_over() -> None:
@@ -284,26 +292,25 @@ def test_accepted_effects_are_carried_over() -> None:
         ("cover_offset.distance", CoverOffset(("cover.distance",)), 0.002),
         ("refractive_index.refractive_index", None, 0.01),
     )
-    (name, offset, by), (other, _, more) = numbers
+    (name, offset, by), (second_name, _, second_offset) = numbers
     assert offset
     effects = (
         AddedEffect(offset, {name: (np.array(by), np.array(0.0))}),
         AddedEffect(
-            RefractiveIndex(("cover.refractive_index",)), {other: (np.array(more), np.array(0.0))}
+            RefractiveIndex(("cover.refractive_index",)),
+            {second_name: (np.array(second_offset), np.array(0.0))},
         ),
     )
     moved = {
         **GLASS["flat"],
         "distance": WINDOW.place + by,
-        "refractive_index": INDEX + more,
+        "refractive_index": INDEX + second_offset,
         "outside_index": 1.34,
     }
     plain = replace(base, cover=Cover("flat", {key: Number(value) for key, value in moved.items()}))
     pixels = np.random.default_rng(1).uniform(0, 600, (50, 2))
-    found = replace_medium(replace(base, effects=effects), WATER).rays(pixels)
-    assert all(
-        np.allclose(a, b, atol=1e-14) for a, b in zip(found, plain.rays(pixels), strict=True)
-    )
+    wet = replace_medium(replace(base, effects=effects), WATER).rays(pixels)
+    assert all(np.allclose(a, b, atol=1e-14) for a, b in zip(wet, plain.rays(pixels), strict=True))
 
 
 def test_a_window_found_by_the_diagnosis_must_be_declared_first() -> None:
@@ -385,17 +392,17 @@ def saved(dry: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The new calibration has sigma and maps like any other, and refuses uses that need views."""
     assert main(["immerse", str(saved), "--salinity", "35", "--depth", "0.5", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert set(said) == {"outside_index", "maps", "known", "loose", "remarks", "written"}
-    assert said["outside_index"] == {
+    answer = json.loads(capsys.readouterr().out)
+    assert set(answer) == {"outside_index", "maps", "known", "loose", "remarks", "written"}
+    assert answer["outside_index"] == {
         "value": pytest.approx(index_of_water(35, 15, 550)),
         "sigma": 0.001,
     }
-    (row,) = said["maps"]
+    (row,) = answer["maps"]
     assert row["depth_m"] == 0.5
     assert row["sigma_px"] > row["sigma_before_px"] > 0
-    assert said["known"] is (row["sigma_px"] <= MAX_SIGMA_PX)
-    assert [Path(path).name for path in said["written"]] == [
+    assert answer["known"] is (row["sigma_px"] <= MAX_SIGMA_PX)
+    assert [Path(path).name for path in answer["written"]] == [
         "calibration.yaml",
         "rays.npz",
         "map_0.5m.npz",
@@ -410,9 +417,9 @@ def test_the_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
         == 0
     )
     assert main(["report", "--no-open", str(folder)]) == 3
-    said = capsys.readouterr().err
-    assert "the calibration has no views to report on" in said
-    assert "calib check --update" in said
+    answer = capsys.readouterr().err
+    assert "the calibration has no views to report on" in answer
+    assert "calib check --update" in answer
 
 
 def test_the_command_prints_sentences_for_people(
@@ -447,8 +454,11 @@ def test_the_command_prints_sentences_for_people(
         == 0
     )
     pixels = np.random.default_rng(1).uniform(100, 2300, (50, 2))
-    back, first = (Calibration.load(folder).rays(pixels) for folder in (tmp_path / "dry", saved))
-    assert all(np.array_equal(one, other) for one, other in zip(back, first, strict=True))
+    back = Calibration.load(tmp_path / "dry").rays(pixels)
+    first = Calibration.load(saved).rays(pixels)
+    assert all(
+        np.array_equal(one_side, second) for one_side, second in zip(back, first, strict=True)
+    )
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calib.io.images import read_grey
 from calib.session.board import Board
-from capture.exposure import Exposure
+from capture.exposure import SquareLighting
 from capture.finder import Finder
 from capture.frames import Frame
 from capture.gate import (
@@ -263,7 +263,7 @@ def seen(
         square=1280 * 0.02 / distance,
         margin=10,
         blur=Blur(0.7, 0.5),
-        exposure=Exposure(0.0, 150.0),
+        exposure=SquareLighting(0.0, 150.0),
     )
 
 
@@ -276,15 +276,15 @@ SPOILED: tuple[tuple[str, LiveDetection, str], ...] = (
         WRONG_BOARD,
     ),
     ("part", replace(BEFORE, corners=None, partial_corners=np.full((50, 2), 600.0)), HIDDEN_BOARD),
-    ("clipped", replace(seen(), exposure=Exposure(0.06, 150.0)), GLARE),
-    ("dark", replace(seen(), exposure=Exposure(0.0, 39.0)), DARK),
+    ("clipped", replace(seen(), exposure=SquareLighting(0.06, 150.0)), GLARE),
+    ("dark", replace(seen(), exposure=SquareLighting(0.0, 39.0)), DARK),
     ("no edges", replace(seen(), blur=None), OUT_OF_FOCUS),
     ("soft", replace(seen(), blur=Blur(2.1, 0.5)), OUT_OF_FOCUS),
     ("streaked", replace(seen(), blur=Blur(0.7, 2.1)), MOTION_BLUR),
     ("moving", seen(x=822.5), MOVING),
     (
         "two things: light comes before motion",
-        replace(seen(x=830.0), exposure=Exposure(0.0, 39.0)),
+        replace(seen(x=830.0), exposure=SquareLighting(0.0, 39.0)),
         DARK,
     ),
     ("two things: motion comes before blur", replace(seen(x=830.0), blur=Blur(0.7, 9.0)), MOVING),

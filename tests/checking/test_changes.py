@@ -19,15 +19,20 @@ PIXELS = torch.tensor([[400.0, 300.0], [1700.0, 1200.0], [3000.0, 2300.0]], dtyp
 def test_neutral_changes_nothing(cameras: Made) -> None:
     for _, checker in cameras.values():
         path, values = checker.calibration.model()
-        before = path.trace(PIXELS, values, MIDDLE)
+        initial = path.trace(PIXELS, values, MIDDLE)
         for change in checker.changes:
             neutral = {
                 u.param.name: torch.full(u.param.shape, u.neutral, dtype=torch.float64)
                 for u in change.effect_parameters
             }
-            after = change.apply(path).trace(PIXELS, {**values, **neutral}, MIDDLE)
-            for one, other in ((before.origin, after.origin), (before.direction, after.direction)):
-                assert (one.stacked() - other.stacked()).abs().max() < 1e-12, change.name
+            final = change.apply(path).trace(PIXELS, {**values, **neutral}, MIDDLE)
+            for expected_part, changed_part in (
+                (initial.origin, final.origin),
+                (initial.direction, final.direction),
+            ):
+                assert (expected_part.stacked() - changed_part.stacked()).abs().max() < 1e-12, (
+                    change.name
+                )
 
 
 def test_every_kind_of_change_is_possible_for_some_camera(cameras: Made) -> None:
@@ -63,9 +68,9 @@ def test_a_spun_cone_carries_its_bumps_along() -> None:
         for a in "fc"
     )
     pixel = f * start[:, :2] / start[:, 2:] + c
-    still = made.path.trace(pixel, values, MIDDLE)
-    assert (spun.direction.stacked() - still.direction.stacked() @ turn.T).abs().max() < 1e-12
-    assert (spun.origin.stacked() - still.origin.stacked() @ turn.T).abs().max() < 1e-12
+    unspun = made.path.trace(pixel, values, MIDDLE)
+    assert (spun.direction.stacked() - unspun.direction.stacked() @ turn.T).abs().max() < 1e-12
+    assert (spun.origin.stacked() - unspun.origin.stacked() @ turn.T).abs().max() < 1e-12
 
 
 def test_a_zoomed_pixel_is_the_one_of_the_middle() -> None:

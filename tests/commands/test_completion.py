@@ -98,7 +98,7 @@ def test_every_command_is_offered(
         (("export", "session", "--format", "calib"), {"calibmar"}),
         (("import", "mrc"), {"mrcal", "mrcal-corners"}),
     ],
-    ids=lambda given: " ".join(given) if isinstance(given, tuple) else "",
+    ids=lambda arguments: " ".join(arguments) if isinstance(arguments, tuple) else "",
 )
 def test_matching_words_are_offered(
     offered: Callable[..., set[str]], words: tuple[str, ...], expected: set[str]

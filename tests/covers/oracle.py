@@ -49,16 +49,16 @@ def trace(surfaces: Sequence[tuple[Height, float, float]], pixels: Array) -> tup
         high = np.full(len(pixels), 0.5)
         for _ in range(55):
             middle = (low + high) / 2
-            inside = height(origins + middle[:, None] * directions) < 0
-            low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+            interior = height(origins + middle[:, None] * directions) < 0
+            low, high = np.where(interior, middle, low), np.where(interior, high, middle)
         origins = origins + low[:, None] * directions
         steps = np.eye(3) * 1e-6
         slopes = [height(origins + step) - height(origins - step) for step in steps]
         normals = np.stack(slopes, -1)
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         cosines = (directions * normals).sum(-1, keepdims=True)
-        across = n_from / n_to * (directions - cosines * normals)
-        directions = across + normals * np.sqrt(1 - (across**2).sum(-1, keepdims=True))
+        sideways = n_from / n_to * (directions - cosines * normals)
+        directions = sideways + normals * np.sqrt(1 - (sideways**2).sum(-1, keepdims=True))
     return origins, directions
 
 

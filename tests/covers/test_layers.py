@@ -58,20 +58,20 @@ def radius(sine: Array, depth: Array) -> Array:
         return np.asarray(sine / np.sqrt(index**2 - sine**2))
 
     glass = sum(thickness * tangent(index) for thickness, index in LAYERS)
-    beyond = depth - DISTANCE - sum(thickness for thickness, _ in LAYERS)
-    return np.asarray(DISTANCE * tangent(1.0) + glass + beyond * tangent(WATER))
+    excess = depth - DISTANCE - sum(thickness for thickness, _ in LAYERS)
+    return np.asarray(DISTANCE * tangent(1.0) + glass + excess * tangent(WATER))
 
 
 def see_points(points: Array) -> Array:
     """Pixels by bisection over the sine."""
-    across = np.linalg.norm(points[:, :2], axis=-1)
+    sideways = np.linalg.norm(points[:, :2], axis=-1)
     low, high = np.zeros(len(points)), np.full(len(points), 0.99)
     for _ in range(60):
         middle = (low + high) / 2
-        inside = radius(middle, points[:, 2]) < across
-        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+        interior = radius(middle, points[:, 2]) < sideways
+        low, high = np.where(interior, middle, low), np.where(interior, high, middle)
     tangent = low / np.sqrt(1 - low**2)
-    direction = points[:, :2] / across[:, None]
+    direction = points[:, :2] / sideways[:, None]
     return np.asarray(FOCAL * tangent[:, None] * direction + CENTRE)
 
 
@@ -103,8 +103,8 @@ def test_every_layer_has_its_numbers(session: Path) -> None:
 
 
 def test_one_layer_is_written_as_before() -> None:
-    one = {"shape": "flat", "distance_mm": 20.0, "layers": COVER["layers"][:1]}  # type: ignore[index]
-    cover = read_cover(section(one))
+    item = {"shape": "flat", "distance_mm": 20.0, "layers": COVER["layers"][:1]}  # type: ignore[index]
+    cover = read_cover(section(item))
     assert cover == read_cover(
         section(
             {"shape": "flat", "distance_mm": 20.0, "thickness_mm": 3.0, "refractive_index": 1.52}
@@ -159,11 +159,11 @@ def test_and_that_of_a_tracer_by_bisection(session: Path) -> None:
     stack = Cover("flat", _tilted(session, tilt))
     normal = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
     surfaces = []
-    depth, before = 0.0, 1.0
+    depth, initial = 0.0, 1.0
     for thickness, index in (*LAYERS, (0.0, WATER)):
         at = depth
-        surfaces.append((lambda p, at=at: (p - [0, 0, DISTANCE]) @ normal - at, before, index))
-        depth, before = depth + thickness, index
+        surfaces.append((lambda p, at=at: (p - [0, 0, DISTANCE]) @ normal - at, initial, index))
+        depth, initial = depth + thickness, index
     pixels = np.random.default_rng(1).uniform([0, 0], [1640, 1232], (50, 2))
     origins, directions = trace(surfaces, pixels)
     ours = _calibration_of(session, stack).rays(pixels)
@@ -218,8 +218,8 @@ def test_every_layer_is_freed_with_its_tolerance(session: Path) -> None:
     assert sigmas["cover.thickness"] == sigmas["cover.layer3.thickness"] == 5e-4
     assert sigmas["cover.layer2.refractive_index"] == 0.02
     assert sigmas["cover.layer3.refractive_index"] == 0  # exact
-    _, some = free_parameters(read.camera.intrinsics, read.cover, ("index",))
-    assert {name for name, number in some.numbers.items() if number.sigma} == {
+    _, subset = free_parameters(read.camera.intrinsics, read.cover, ("index",))
+    assert {name for name, number in subset.numbers.items() if number.sigma} == {
         *("cover.refractive_index", "cover.layer2.refractive_index"),
         *("cover.layer3.refractive_index", "cover.distance", "cover.layer2.thickness"),
     }
@@ -229,11 +229,11 @@ def test_every_layer_is_freed_with_its_tolerance(session: Path) -> None:
 
 def test_it_is_saved_and_loaded(calibration: Calibration, tmp_path: Path) -> None:
     calibration.save(tmp_path)
-    again = Calibration.load(tmp_path)
-    assert [*again.cover.numbers] == [*calibration.cover.numbers]
-    assert again.declared.cover == calibration.declared.cover
+    repeat = Calibration.load(tmp_path)
+    assert [*repeat.cover.numbers] == [*calibration.cover.numbers]
+    assert repeat.declared.cover == calibration.declared.cover
     pixels = np.array([[100.0, 200.0], [900.0, 600.0]])
-    assert np.abs(again.rays(pixels)[0] - calibration.rays(pixels)[0]).max() < 1e-15
+    assert np.abs(repeat.rays(pixels)[0] - calibration.rays(pixels)[0]).max() < 1e-15
 
 
 def test_the_report_and_the_verdict_know_its_layers(
@@ -290,12 +290,12 @@ def test_the_form_has_a_number_for_each_layer(session: Path) -> None:
     )
     assert "write 3.5, with a point" in str(find_problem("thickness_mm", "3,5", "flat"))
     assert 'is the text "3 mm"' in str(find_problem("thickness_mm", "3 mm", "flat"))
-    fewer = {**typed.cover, "refractive_index": "1.5"}
+    smaller = {**typed.cover, "refractive_index": "1.5"}
     with pytest.raises(
         InputError,
         match=r"cover.refractive_index is 1.5 where cover.thickness_mm has 3 layers of glass",
     ):
-        read_form(type(typed)(typed.board, "flat", fewer))
+        read_form(type(typed)(typed.board, "flat", smaller))
 
 
 def test_the_set_up_takes_it_over_from_another_session(session: Path, tmp_path: Path) -> None:

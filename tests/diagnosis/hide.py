@@ -35,7 +35,7 @@ def hidden(
         **{name: torch.tensor(value, dtype=torch.float64) for name, value in parameters.items()},
     }
     rng = np.random.default_rng(seed)
-    seen = []
+    visible = []
     for index, (view, pose) in enumerate(zip(made.views, made.poses, strict=True)):
         pixels = project(
             path,
@@ -44,8 +44,8 @@ def hidden(
             MIDDLE,
         ).numpy()
         sigma = 0.4 if index < spoiled else 0.1
-        seen.append(View(view.name, pixels + rng.normal(0, sigma, pixels.shape), view.weight))
-    return replace(made, views=tuple(seen))
+        visible.append(View(view.name, pixels + rng.normal(0, sigma, pixels.shape), view.weight))
+    return replace(made, views=tuple(visible))
 
 
 def fitted(made: Scene) -> Calibration:

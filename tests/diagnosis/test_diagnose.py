@@ -49,16 +49,16 @@ def found(bowed: Calibration) -> tuple[Calibration, Diagnosis]:
 def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Diagnosis]) -> None:
     _, finding = found
     assert finding.accepted == ("board_shape",)
-    (own,) = (candidate for candidate in finding.candidates if candidate.accepted)
+    (accepted,) = (candidate for candidate in finding.candidates if candidate.accepted)
     for name, value in TRUTH.items():
-        one = own.parameters[name]
-        assert abs(one.value - value) < 3 * one.sigma
-        assert one.sigma < 3e-5
-    assert own.gain_ci95
-    assert own.gain_ci95[0] > 0
-    assert own.depth_bands_px
+        item = accepted.parameters[name]
+        assert abs(item.value - value) < 3 * item.sigma
+        assert item.sigma < 3e-5
+    assert accepted.gain_ci95
+    assert accepted.gain_ci95[0] > 0
+    assert accepted.depth_bands_px
     assert (
-        own.depth_bands_px[1] < 0.5 * own.depth_bands_px[0]
+        accepted.depth_bands_px[1] < 0.5 * accepted.depth_bands_px[0]
     )  # it helps near with what is learnt far away, and the other way round
     assert finding.final_quality.held_out_px < 0.2 < finding.base_quality.held_out_px
     assert finding.residual[0].fraction > 2 * finding.residual[0].chance
@@ -73,18 +73,18 @@ def test_the_command_s_json_carries_the_verdict(
     better, finding = found
     better = replace(better, request=FitRequest(Settings(grid=None, free=())))
     assert main(["diagnose", str(better.save(tmp_path)), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert set(said) == {*finding.as_json(), "verdict", "written"}
-    assert said["written"] == [
+    answer = json.loads(capsys.readouterr().out)
+    assert set(answer) == {*finding.as_json(), "verdict", "written"}
+    assert answer["written"] == [
         str(tmp_path / "diagnosed" / name) for name in ("calibration.yaml", "report.html")
     ]
-    assert list(said["verdict"]) == ["word", "reasons", "suspects", "next"]
+    assert list(answer["verdict"]) == ["word", "reasons", "suspects", "next"]
 
 
 def test_the_contract_s_json_has_its_keys(found: tuple[Calibration, Diagnosis]) -> None:
-    said = found[1].as_json()
-    assert {"residual", "candidates", "accepted", "before", "after", "unexplained"} <= set(said)
-    assert set(said["before"]) == {"rms_px", "rmse_cm", "held_out_px"}
+    report = found[1].as_json()
+    assert {"residual", "candidates", "accepted", "before", "after", "unexplained"} <= set(report)
+    assert set(report["before"]) == {"rms_px", "rmse_cm", "held_out_px"}
     keys = {
         "effect",
         "chi2",
@@ -96,8 +96,8 @@ def test_the_contract_s_json_has_its_keys(found: tuple[Calibration, Diagnosis]) 
         "parameters",
         "confounded_with",
     }
-    assert all(keys <= set(candidate) for candidate in said["candidates"])
-    assert set(said["unexplained"]) == {"fraction", "organised_by"}
+    assert all(keys <= set(candidate) for candidate in report["candidates"])
+    assert set(report["unexplained"]) == {"fraction", "organised_by"}
 
 
 def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(
@@ -105,10 +105,10 @@ def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(
 ) -> None:
     better, finding = found
     better.save(tmp_path)
-    again = Calibration.load(tmp_path)
+    read_back = Calibration.load(tmp_path)
     pixels = np.array([[1600.0, 1200.0], [400.0, 300.0]])
-    assert np.array_equal(again.rays(pixels)[1], better.rays(pixels)[1])
-    _, second = diagnose(again, Silent())
+    assert np.array_equal(read_back.rays(pixels)[1], better.rays(pixels)[1])
+    _, second = diagnose(read_back, Silent())
     assert second.accepted == ("board_shape",)  # it is in the model already, and nothing is added
     assert second.final_quality.rms_px == pytest.approx(finding.final_quality.rms_px, rel=0.01)
 
@@ -135,8 +135,8 @@ def test_an_effect_can_be_requested_by_name(bowed: Calibration) -> None:
 @pytest.mark.slow
 def test_an_added_effect_that_is_not_needed_is_dropped(bowed: Calibration) -> None:
     """A pull of the detector that nobody sees, and the bow that everybody does."""
-    said = with_requested(bowed, ("detector_bias", "board_shape"), Silent())
-    better, finding = diagnose(said, Silent())
+    requested = with_requested(bowed, ("detector_bias", "board_shape"), Silent())
+    better, finding = diagnose(requested, Silent())
     assert finding.accepted == ("board_shape",)
     assert [type(bend) for bend in better.model()[0].target.bends] == [BoardShape]
     assert not better.model()[0].adjustments
@@ -148,11 +148,11 @@ def test_too_few_views_are_refused_in_a_sentence() -> None:
 
 
 @pytest.mark.parametrize(
-    ("effect", "parameters", "said"),
+    ("effect", "parameters", "remark"),
     [(BOW, TRUTH, "board_shape (error down by up to "), (None, {}, "No effect's")],
 )
 def test_few_views_give_scores_and_no_accepted_effect(
-    effect: BoardShape | None, parameters: dict[str, float], said: str
+    effect: BoardShape | None, parameters: dict[str, float], remark: str
 ) -> None:
     calibration = fitted(hidden(effect, parameters, views=7))
     better, finding = diagnose(calibration, Silent())
@@ -161,28 +161,30 @@ def test_few_views_give_scores_and_no_accepted_effect(
     assert finding.remarks[0].startswith(
         "With 7 views nothing can be confirmed on held-out views: take 10 or more. "
     )
-    assert said in finding.remarks[0]
+    assert remark in finding.remarks[0]
 
 
-def held(missed: np.ndarray, *, half: bool = False) -> HeldOutErrors:
+def held(residual: np.ndarray, *, half: bool = False) -> HeldOutErrors:
     """(V, M, 2) px that are left of held-out views."""
-    view = np.repeat(np.arange(len(missed)), missed.shape[1])
-    return HeldOutErrors(missed.reshape(-1, 2), view, np.ones(len(view)), half)
+    view = np.repeat(np.arange(len(residual)), residual.shape[1])
+    return HeldOutErrors(residual.reshape(-1, 2), view, np.ones(len(view)), half)
 
 
 def test_a_gain_is_tested_over_views() -> None:
     rng = np.random.default_rng(0)
     noise = rng.normal(size=(20, 80, 2))
-    before = held(noise)
-    same = held_out_gain(before, held(rng.normal(size=(20, 80, 2))))
+    errors_before = held(noise)
+    same = held_out_gain(errors_before, held(rng.normal(size=(20, 80, 2))))
     assert same.p_value > 0.05
     assert same.ci95[0] < 0 < same.ci95[1]
-    better = held_out_gain(before, held(0.8**0.5 * noise))
+    better = held_out_gain(errors_before, held(0.8**0.5 * noise))
     assert better.p_value < 1e-3
     assert better.relative == pytest.approx(1 - 0.8**0.5, abs=0.01)
     one_view = noise.copy()
     one_view[3] *= 0.1**0.5
-    assert held_out_gain(before, held(one_view)).p_value > 0.05  # a single view proves nothing
+    assert (
+        held_out_gain(errors_before, held(one_view)).p_value > 0.05
+    )  # a single view proves nothing
 
 
 def test_the_presence_of_an_effect_is_detected_before_its_gain() -> None:
@@ -191,12 +193,12 @@ def test_the_presence_of_an_effect_is_detected_before_its_gain() -> None:
     """
     rng = np.random.default_rng(2)
     true = rng.normal(0, 0.3, (80, 2))
-    said = true + rng.normal(0, 0.3, (12, 80, 2))
+    predicted = true + rng.normal(0, 0.3, (12, 80, 2))
     views = true + rng.normal(0, 1, (12, 80, 2))
-    found = held_out_gain(held(views), held(views - said))
+    found = held_out_gain(held(views), held(views - predicted))
     assert found.p_value > 0.05
     assert found.presence_p_value < 1e-3
-    assert held_out_gain(held(views), held(views - said, half=True)).presence_p_value == 1
+    assert held_out_gain(held(views), held(views - predicted, half=True)).presence_p_value == 1
 
 
 def test_an_absent_effect_is_detected_at_the_rate_of_chance() -> None:
@@ -206,11 +208,11 @@ def test_an_absent_effect_is_detected_at_the_rate_of_chance() -> None:
     rng = np.random.default_rng(4)
     by_chance = 0
     for _ in range(300):
-        said = np.repeat(
+        predicted = np.repeat(
             rng.normal(0, 0.3, (4, 80, 2)), 3, axis=0
         )  # of the views of a fold, the same
         views = rng.normal(0, 1, (12, 80, 2))
-        by_chance += held_out_gain(held(views), held(views - said)).presence_p_value < 0.05
+        by_chance += held_out_gain(held(views), held(views - predicted)).presence_p_value < 0.05
     assert by_chance <= 27
 
 
@@ -231,25 +233,27 @@ def test_an_effect_that_helps_only_at_fitted_depths_is_not_accepted() -> None:
 def test_strong_evidence_lowers_the_required_gain() -> None:
     """exp(6) is about 20 candidates over 0.05."""
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
-    few = HeldOutGain(0.2, 0.18, (-0.01, 0.04), 0.3, 0.02)
-    assert not Trial(test, among=20, gain=few).passes
-    assert not Trial(test, among=20, log_odds=5.9, gain=few).passes
-    assert Trial(test, among=20, log_odds=6.1, gain=few).passes
-    assert not Trial(test, among=20, log_odds=6.1, gain=replace(few, presence_p_value=0.06)).passes
+    uncertain_gain = HeldOutGain(0.2, 0.18, (-0.01, 0.04), 0.3, 0.02)
+    assert not Trial(test, among=20, gain=uncertain_gain).passes
+    assert not Trial(test, among=20, log_odds=5.9, gain=uncertain_gain).passes
+    assert Trial(test, among=20, log_odds=6.1, gain=uncertain_gain).passes
+    assert not Trial(
+        test, among=20, log_odds=6.1, gain=replace(uncertain_gain, presence_p_value=0.06)
+    ).passes
     by_halves = HeldOutGain(0.2, 0.18, (0.001, 0.04), 0.02, 1.0)
     assert Trial(test, among=20, log_odds=6.1, gain=by_halves).passes, (
         "where halves of views are scored, its gain alone is asked for"
     )
     assert not Trial(test, among=20, log_odds=5.9, gain=by_halves).passes
-    assert not Trial(test, among=20, log_odds=6.1, gain=replace(few, extended_px=0.1999)).passes, (
-        "it is there, and takes nothing"
-    )
+    assert not Trial(
+        test, among=20, log_odds=6.1, gain=replace(uncertain_gain, extended_px=0.1999)
+    ).passes, "it is there, and takes nothing"
     by_chance, harm = (
         HeldOutGain(0.2, 0.21, (-0.03, 0.01), 0.6, 0.6),
         HeldOutGain(0.2, 0.21, (-0.03, -0.01), 1.0, 1.0),
     )
-    assert Trial(test, among=20, log_odds=6.1, gain=few, depth_gain=by_chance).passes
-    assert not Trial(test, among=20, log_odds=6.1, gain=few, depth_gain=harm).passes
+    assert Trial(test, among=20, log_odds=6.1, gain=uncertain_gain, depth_gain=by_chance).passes
+    assert not Trial(test, among=20, log_odds=6.1, gain=uncertain_gain, depth_gain=harm).passes
 
 
 def test_an_error_within_the_corners_accuracy_is_no_effect() -> None:

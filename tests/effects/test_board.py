@@ -31,13 +31,13 @@ def land(effect: Effect, pixels: Array, parameters: dict[str, float | Array]) ->
     """(N, 2) m where pixels land on the board at POSE."""
     path, values = pinhole_path(INTRINSICS)
     model = CameraModel(path, values, NONE).with_effect(effect)
-    given = {
+    arguments = {
         name: torch.as_tensor(value, dtype=torch.float64) for name, value in parameters.items()
     }
-    assert given.keys() <= model.means.keys()
+    assert arguments.keys() <= model.means.keys()
     landed, failure = model.path.land(
         torch.from_numpy(pixels),
-        {**model.means, **given},
+        {**model.means, **arguments},
         torch.from_numpy(POSE).expand(len(pixels), 6),
         MIDDLE,
     )
@@ -73,9 +73,9 @@ def test_board_shape_is_where_rays_meet_the_surface() -> None:
     for direction in pinhole(pixels) @ turn:
         distance = oracle.bisect(lambda t, d=direction: above(start + t * d), 0.0, 1.0)  # type: ignore[misc]
         expected.append((start + distance * direction)[:2])
-    found = land(effect, pixels, {f"board_shape.{term}": size for term, size in sizes.items()})
-    assert np.abs(found - expected).max() < 1e-13
-    assert np.abs(found - BOARD.points()).max() > 1e-4
+    result = land(effect, pixels, {f"board_shape.{term}": size for term, size in sizes.items()})
+    assert np.abs(result - expected).max() < 1e-13
+    assert np.abs(result - BOARD.points()).max() > 1e-4
 
 
 def test_board_shape_takes_the_degree_that_made_the_residual() -> None:
@@ -115,8 +115,8 @@ def test_board_flex_is_a_shape_that_one_view_has_for_itself() -> None:
     path, values = pinhole_path(INTRINSICS)
     flexed = CameraModel(path, values, NONE).with_effect(proposed(BoardFlex)).path
     for shape in shapes:
-        own = torch.cat([torch.from_numpy(POSE), shape]).expand(len(pixels), 9)
-        landed, failure = flexed.land(torch.from_numpy(pixels), values, own, MIDDLE)
+        pose_and_shape = torch.cat([torch.from_numpy(POSE), shape]).expand(len(pixels), 9)
+        landed, failure = flexed.land(torch.from_numpy(pixels), values, pose_and_shape, MIDDLE)
         assert not failure.any()
         shared = dict(
             zip(("board_shape.xx", "board_shape.xy", "board_shape.yy"), shape.tolist(), strict=True)
@@ -128,8 +128,8 @@ def test_board_scale_is_opencv_s_view_of_stretched_points() -> None:
     stretch = 4e-3
     points = BOARD.points() * [1 + stretch / 2, 1 - stretch / 2]
     pixels = projected(np.column_stack([points, np.zeros(BOARD.count)]), POSE)
-    found = land(proposed(BoardScale), pixels, {"board_scale.x_over_y": stretch})
-    assert np.abs(found - BOARD.points()).max() < 1e-13
+    result = land(proposed(BoardScale), pixels, {"board_scale.x_over_y": stretch})
+    assert np.abs(result - BOARD.points()).max() < 1e-13
     assert np.abs(land(proposed(BoardScale), pixels, {}) - BOARD.points()).max() > 1e-4
 
 
@@ -141,8 +141,8 @@ def test_a_sheared_print_is_opencv_s_view_of_sheared_points() -> None:
         "board_scale.x_over_y": stretch,
         "board_scale.shear": shear,
     }
-    found = land(BoardScale(sheared=True), pixels, numbers)
-    assert np.abs(found - BOARD.points()).max() < 1e-13
+    result = land(BoardScale(sheared=True), pixels, numbers)
+    assert np.abs(result - BOARD.points()).max() < 1e-13
     assert (
         np.abs(land(BoardScale(), pixels, {"board_scale.x_over_y": stretch}) - BOARD.points()).max()
         > 1e-4
@@ -167,7 +167,9 @@ def test_an_uneven_print_is_opencv_s_view_of_points_moved_by_legendre_series() -
     u, v = (points / BOARD.half).T
     stretch, shear = sizes["board_scale.x_over_y"] / 2, sizes["board_scale.shear"] / 2
     moved = points @ [[1 + stretch, shear], [shear, 1 - stretch]]
-    moved = moved + np.column_stack([np.polynomial.legendre.legval2d(u, v, one) for one in series])
+    moved = moved + np.column_stack(
+        [np.polynomial.legendre.legval2d(u, v, item) for item in series]
+    )
     pixels = projected(np.column_stack([moved, np.zeros(BOARD.count)]), POSE)
     assert (
         np.abs(land(effect, pixels, dict(sizes)) - points).max() < 1e-12
@@ -198,13 +200,11 @@ def test_free_field_over_the_board_is_a_cosine_transform_of_shifts() -> None:
     parameters: dict[str, float | Array] = {
         f"free_field.board.{axis}": rng.normal(0, 1e-5, 81) for axis in "xy"
     }
-    x, y = (
-        (np.arange(9) + 0.5) / 9 * count * BOARD.square - count / 2 * BOARD.square
-        for count in (BOARD.columns, BOARD.rows)
-    )
+    x = (np.arange(9) + 0.5) / 9 * BOARD.columns * BOARD.square - BOARD.columns / 2 * BOARD.square
+    y = (np.arange(9) + 0.5) / 9 * BOARD.rows * BOARD.square - BOARD.rows / 2 * BOARD.square
     points = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
     shifts = np.column_stack([waves(np.asarray(n)).ravel() for n in parameters.values()])
     pixels = projected(np.column_stack([points + shifts, np.zeros(81)]), POSE)
-    found = land(effect, pixels, parameters)
+    result = land(effect, pixels, parameters)
     assert np.abs(shifts).max() > 3e-5
-    assert np.abs(found - points).max() < 1e-12  # two of Newton's steps back
+    assert np.abs(result - points).max() < 1e-12  # two of Newton's steps back

@@ -45,12 +45,12 @@ def directions(
     path, values = pinhole_path(intrinsics)
     base = CameraModel(path, values, NONE)
     model = base.with_effect(effect) if effect else base
-    given = {
+    arguments = {
         name.replace("__", "."): torch.tensor(value, dtype=torch.float64)
         for name, value in parameters.items()
     }
-    assert given.keys() <= model.means.keys()
-    rays = model.path.trace(torch.from_numpy(pixels), {**model.means, **given}, MIDDLE)
+    assert arguments.keys() <= model.means.keys()
+    rays = model.path.trace(torch.from_numpy(pixels), {**model.means, **arguments}, MIDDLE)
     assert not rays.failure.any()
     return torch.stack(
         [rays.direction.x / rays.direction.z, rays.direction.y / rays.direction.z], -1
@@ -67,18 +67,18 @@ def landed(
         View(f"{view}.png", pixels, np.ones(BOARD.count)) for view, pixels in enumerate(corners)
     ]
     observations = Observations.of(views, BOARD).add_times(times, HEIGHT)
-    given = {
+    arguments = {
         name.replace("__", "."): torch.tensor(value, dtype=torch.float64)
         for name, value in parameters.items()
     }
-    found, failure = model.path.land(
+    result, failure = model.path.land(
         observations.pixels,
-        {**model.means, **given},
+        {**model.means, **arguments},
         torch.from_numpy(poses)[observations.view],
         observations.exposure,
     )
     assert not failure.any()
-    return (found - observations.corners).reshape(len(corners), BOARD.count, 2).numpy()
+    return (result - observations.corners).reshape(len(corners), BOARD.count, 2).numpy()
 
 
 def test_lens_is_opencv_s_distortion_from_the_distorted_to_the_undistorted_pixel() -> None:

@@ -81,13 +81,13 @@ def agrees(
 ) -> None:
     """The effect with its numbers gives the expected rays, and without it they are others."""
     wider = base.with_effect(effect)
-    given = {
+    values = {
         name: torch.as_tensor(value, dtype=torch.float64) for name, value in parameters.items()
     }
-    assert given.keys() <= wider.means.keys()
+    assert values.keys() <= wider.means.keys()
     pixels = torch.from_numpy(PIXELS)
-    rays, before = (
-        wider.path.trace(pixels, {**wider.means, **given}, MIDDLE),
+    rays, reference_rays = (
+        wider.path.trace(pixels, {**wider.means, **values}, MIDDLE),
         base.path.trace(pixels, base.means, MIDDLE),
     )
     assert not rays.failure.any()
@@ -96,7 +96,9 @@ def agrees(
     assert np.abs(rays.origin.stacked().numpy() - expected[0]).max() < 1e-13
     assert np.abs(rays.direction.stacked().numpy() - expected[1]).max() < 1e-9
     depth = torch.tensor(1.0, dtype=torch.float64)
-    assert (rays.at_depth(depth) - before.at_depth(depth)).norm(dim=-1).max() > moves  # m, at 1 m
+    assert (rays.at_depth(depth) - reference_rays.at_depth(depth)).norm(
+        dim=-1
+    ).max() > moves  # m, at 1 m
 
 
 @each_shape
@@ -110,9 +112,9 @@ def test_cover_offset_is_a_camera_moved_the_other_way(example: Example) -> None:
     origins, directions = Glass(example, parameters_of(example), outer=outer(example)).rays(
         PIXELS, origin=-shift
     )
-    given = {f"cover_offset.{name}": rise for name, rise in moved.items()}
-    assert given.keys() == {u.param.name for u in effect.effect_parameters}
-    agrees(effect, base, given, (origins + shift, directions), moves=1e-5)
+    moved_values = {f"cover_offset.{name}": rise for name, rise in moved.items()}
+    assert moved_values.keys() == {u.param.name for u in effect.effect_parameters}
+    agrees(effect, base, moved_values, (origins + shift, directions), moves=1e-5)
 
 
 @pytest.mark.parametrize("example", [CONE, CYLINDER, FLAT], ids=lambda example: example.cover.shape)
@@ -150,8 +152,8 @@ def test_wedge_is_two_surfaces_each_turned_by_itself(example: Example) -> None:
         outer=outer(example),
         wedge=(angles["x"], angles.get("y", 0.0), angles.get("z", 0.0)),
     )
-    given = {f"wedge.{axis}": angle for axis, angle in angles.items()}
-    agrees(proposed(Wedge, base), base, given, glass.rays(PIXELS), moves=1e-4)
+    wedge_values = {f"wedge.{axis}": angle for axis, angle in angles.items()}
+    agrees(proposed(Wedge, base), base, wedge_values, glass.rays(PIXELS), moves=1e-4)
 
 
 def test_a_wedge_in_a_window_turns_light_towards_its_thick_side() -> None:
@@ -173,11 +175,11 @@ def test_a_wedge_in_a_window_turns_light_towards_its_thick_side() -> None:
 def test_cover_radius_is_another_cover(example: Example) -> None:
     base = model(example)
     rises = {"inner_radius": 6e-4} | ({"radius_slope": 0.012} if example is CONE else {})
-    given = {f"cover_radius.{name}": rise for name, rise in rises.items()}
+    rise_values = {f"cover_radius.{name}": rise for name, rise in rises.items()}
     agrees(
         proposed(CoverRadius, base),
         base,
-        given,
+        rise_values,
         Glass(example, parameters_of(example, **rises), outer=outer(example)).rays(PIXELS),
         moves=1e-6,
     )
@@ -189,9 +191,13 @@ def test_a_cylinder_that_tapers_is_a_cone() -> None:
     parameters = {name: number.value for name, number in CYLINDER.cover.parameters.items()} | {
         "radius_slope": -0.03
     }
-    given = {"cover_radius.radius_slope": -0.03}
+    slope_values = {"cover_radius.radius_slope": -0.03}
     agrees(
-        proposed(CoverRadius, base), base, given, Glass(CONE, parameters).rays(PIXELS), moves=1e-5
+        proposed(CoverRadius, base),
+        base,
+        slope_values,
+        Glass(CONE, parameters).rays(PIXELS),
+        moves=1e-5,
     )
 
 
@@ -244,32 +250,32 @@ def test_fine_surface_adds_narrower_gaussians_outside(example: Example) -> None:
     agrees(effect, base, {"fine_surface.amplitudes": amplitudes}, glass.rays(PIXELS), moves=1e-4)
 
 
-@pytest.mark.parametrize(("behind", "outside"), [("air", 1.0), ("water", 1.333)])
-def test_flat_port_is_snell_through_parallel_plates(behind: str, outside: float) -> None:
+@pytest.mark.parametrize(("behind", "outside_index"), [("air", 1.0), ("water", 1.333)])
+def test_flat_port_is_snell_through_parallel_plates(behind: str, outside_index: float) -> None:
     """In closed form: along the normal by distance over cosine in air, then in the wall; tangential
     sines keep their product.
     """
     path, values = pinhole_path(INTRINSICS)
     base = CameraModel(path, values, NONE)
-    there = EffectContext(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values)
-    (effect,) = (e for e in FlatPort.propose(there) if e.behind == behind)
+    context = EffectContext(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values)
+    (effect,) = (e for e in FlatPort.propose(context) if e.behind == behind)
     distance, wall, tilt = 0.03 if behind == "water" else 0.0, 0.008, {"x": 0.05, "y": -0.08}
     normal = turned(**tilt)[:, 2]
     launched = pinhole(PIXELS)
-    across = launched - (launched @ normal)[:, None] * normal
-    inside, outgoing = across / WALL_INDEX, across / outside
+    sideways = launched - (launched @ normal)[:, None] * normal
+    in_wall, outgoing = sideways / WALL_INDEX, sideways / outside_index
     depth = distance * normal[2]  # the window passes the optical axis at its distance
     origins = depth * launched / (launched @ normal)[:, None] + wall * (
-        inside / np.sqrt(1 - (inside**2).sum(-1, keepdims=True)) + normal
+        in_wall / np.sqrt(1 - (in_wall**2).sum(-1, keepdims=True)) + normal
     )
     directions = outgoing + np.sqrt(1 - (outgoing**2).sum(-1, keepdims=True)) * normal
-    given = {"thickness": wall, **{f"tilt.{axis}": angle for axis, angle in tilt.items()}}
+    port_values = {"thickness": wall, **{f"tilt.{axis}": angle for axis, angle in tilt.items()}}
     if behind == "water":
-        given |= {"outside_index": outside, "distance": distance}
+        port_values |= {"outside_index": outside_index, "distance": distance}
     agrees(
         effect,
         base,
-        {f"flat_port.{name}": value for name, value in given.items()},
+        {f"flat_port.{name}": value for name, value in port_values.items()},
         (origins, directions),
         moves=1e-4,
     )

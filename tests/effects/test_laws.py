@@ -41,16 +41,21 @@ each_situation = pytest.mark.parametrize("there", SITUATIONS, ids=lambda there: 
 
 
 def land(form: Form, values: dict[str, Tensor], poses: Tensor) -> Tensor:
-    seen = form.there.observations
-    landed, failure = form.model.path.land(seen.pixels, values, poses[seen.view], seen.exposure)
+    observations = form.there.observations
+    landed, failure = form.model.path.land(
+        observations.pixels, values, poses[observations.view], observations.exposure
+    )
     assert not failure.any()
     return landed
 
 
-def land_without(there: Situation) -> Tensor:
-    seen = there.observations
-    landed, failure = there.path.land(
-        seen.pixels, there.values, there.poses[seen.view], seen.exposure
+def land_without(situation: Situation) -> Tensor:
+    observations = situation.observations
+    landed, failure = situation.path.land(
+        observations.pixels,
+        situation.values,
+        situation.poses[observations.view],
+        observations.exposure,
     )
     assert not failure.any()
     return landed
@@ -99,15 +104,15 @@ def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
     for unknown in form.effect.effect_parameters:
         if unknown.shifts:
             name = unknown.param.name
-            other = {**form.there.values, **form.model.neutral_values(form.effect)}
-            by_effect = land(form, {**other, name: values[name]}, poses)
+            other_values = {**form.there.values, **form.model.neutral_values(form.effect)}
+            by_effect = land(form, {**other_values, name: values[name]}, poses)
             change = values[name]
             moved = {
-                s: other[s] * (1 + change) if unknown.relative else other[s] + change
+                s: other_values[s] * (1 + change) if unknown.relative else other_values[s] + change
                 for s in unknown.shifts
             }
-            declared = land(form, {**other, **moved}, poses)
-            size = (by_effect - land(form, other, poses)).abs().max()
+            declared = land(form, {**other_values, **moved}, poses)
+            size = (by_effect - land(form, other_values, poses)).abs().max()
             assert size > SMALLEST
             assert (by_effect - declared).abs().max() < (
                 0.1 * size if form.effect.name == "cover_tilt" else 1e-12
@@ -156,20 +161,25 @@ def test_derivatives_agree_with_central_differences(form: Form) -> None:
     ]
     assert len(idle) <= 0.1 * len(scales), idle  # of a patch of glass, corners may miss the rim
     for column, (name, scale, entry) in [
-        one for one in enumerate(scales) if moved[one[0]] >= SMALLEST
+        item for item in enumerate(scales) if moved[item[0]] >= SMALLEST
     ][:: len(scales) // MOST + 1]:
         step = torch.zeros_like(values[name])
         step[entry] = 1e-3 * scale
-        up, down = (
-            _residual(landing, {**values, name: values[name] + sign * step}, poses)[0]
-            for sign in (1, -1)
+        forward = _residual(landing, {**values, name: values[name] + step}, poses)[0]
+        backward = _residual(landing, {**values, name: values[name] - step}, poses)[0]
+        _compare(
+            at.jacobian_shared[..., column], (forward - backward) / 2e-3, f"{name}{list(entry)}"
         )
-        _compare(at.jacobian_shared[..., column], (up - down) / 2e-3, f"{name}{list(entry)}")
     for column in range(poses.shape[1]):
         step = torch.zeros_like(poses)
         step[:, column] = 1e-5
-        up, down = (_residual(landing, values, poses + sign * step)[0] for sign in (1, -1))
-        _compare(at.jacobian_block[..., column], (up - down) / 2e-5, f"number {column} of a view")
+        forward = _residual(landing, values, poses + step)[0]
+        backward = _residual(landing, values, poses - step)[0]
+        _compare(
+            at.jacobian_block[..., column],
+            (forward - backward) / 2e-5,
+            f"number {column} of a view",
+        )
 
 
 @each_form
@@ -185,17 +195,19 @@ def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
     direction = torch.from_numpy(
         np.random.default_rng(6).normal(0, 1, values["relief.amplitudes"].shape)
     )
-    up, down = (
-        _residual(
-            landing,
-            {**values, "relief.amplitudes": values["relief.amplitudes"] + sign * 1e-8 * direction},
-            poses,
-        )[0]
-        for sign in (1, -1)
-    )
+    forward = _residual(
+        landing,
+        {**values, "relief.amplitudes": values["relief.amplitudes"] + 1e-8 * direction},
+        poses,
+    )[0]
+    backward = _residual(
+        landing,
+        {**values, "relief.amplitudes": values["relief.amplitudes"] - 1e-8 * direction},
+        poses,
+    )[0]
     _compare(
         at.jacobian_shared[..., : direction.numel()] @ direction.flatten(),
-        (up - down) / 2e-8,
+        (forward - backward) / 2e-8,
         "relief",
     )
 
@@ -205,12 +217,13 @@ def test_an_effect_is_read_as_it_was_written(form: Form) -> None:
     values, _ = form.present()
     parameters = _estimated(form, values)
     text = yaml.safe_dump(effect_to_yaml(form.effect, parameters))
-    effect, again = effect_from_yaml(yaml.safe_load(text))
+    effect, read_back = effect_from_yaml(yaml.safe_load(text))
     assert effect == form.effect
-    assert again.keys() == parameters.keys()
-    for name, parts in parameters.items():
+    assert read_back.keys() == parameters.keys()
+    for name, arrays in parameters.items():
         assert all(
-            np.array_equal(one, other) for one, other in zip(parts, again[name], strict=True)
+            np.array_equal(written_array, read_array)
+            for written_array, read_array in zip(arrays, read_back[name], strict=True)
         )
 
 
@@ -218,15 +231,20 @@ def test_an_effect_is_read_as_it_was_written(form: Form) -> None:
 def test_a_calibration_keeps_it(form: Form, tmp_path: Path) -> None:
     values, poses = form.present()
     made = form.there.calibration([AddedEffect(form.effect, _estimated(form, values))], poses)
-    again = Calibration.load(made.save(tmp_path))
-    seen = again.observations
-    for one, other in zip(
-        made.rays(seen.pixels.numpy()), again.rays(seen.pixels.numpy()), strict=True
+    read_back = Calibration.load(made.save(tmp_path))
+    observations = read_back.observations
+    for written_rays, read_rays in zip(
+        made.rays(observations.pixels.numpy()),
+        read_back.rays(observations.pixels.numpy()),
+        strict=True,
     ):
-        assert np.array_equal(one, other)
-    path, read = again.model()
+        assert np.array_equal(written_rays, read_rays)
+    path, read = read_back.model()
     landed, _ = path.land(
-        seen.pixels, read, torch.from_numpy(again.poses)[seen.view], seen.exposure
+        observations.pixels,
+        read,
+        torch.from_numpy(read_back.poses)[observations.view],
+        observations.exposure,
     )
     assert torch.equal(landed, land(form, values, poses))
     assert (landed - land_without(form.there)).abs().max() > 1e-7, "it is there"
@@ -268,21 +286,21 @@ def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
 )
 def test_a_file_without_a_known_effect_is_refused(change: dict[str, object], reason: str) -> None:
     form = next(form for form in FORMS if isinstance(form.effect, FreeField))
-    said = effect_to_yaml(form.effect, _estimated(form, form.present()[0]))
+    entry = effect_to_yaml(form.effect, _estimated(form, form.present()[0]))
     with pytest.raises((LookupError, TypeError, ValueError), match=reason):
-        effect_from_yaml(said | change)
+        effect_from_yaml(entry | change)
 
 
 def _landing(
     form: Form, values: dict[str, Tensor], poses: Tensor, *, relief_moves: bool = False
 ) -> ResidualBlock:
-    seen = form.there.observations
-    weights = torch.eye(2, dtype=torch.float64).expand(len(seen.pixels), 2, 2)
+    observations = form.there.observations
+    weights = torch.eye(2, dtype=torch.float64).expand(len(observations.pixels), 2, 2)
     relief = form.model.path.relief if relief_moves else None
     parameters = Parameters(
         values, relief, tuple(u.param for u in form.effect.effect_parameters), NONE
     )
-    (landing,) = make_residual_blocks(form.model.path, parameters, seen, weights)
+    (landing,) = make_residual_blocks(form.model.path, parameters, observations, weights)
     assert _residual(landing, values, poses)[1].all()
     return landing
 

@@ -32,18 +32,18 @@ def test_amplitudes_fall_to_almost_nothing_of_the_cone_s_error(amplitude: float)
 def test_the_loss_falls_and_more_steps_do_not_harm() -> None:
     made = scene(2, views=5)
     values = {**made.values, "relief.amplitudes": torch.zeros(4, 4, dtype=torch.float64)}
-    seen: list[float] = []
+    losses: list[float] = []
     descend(
         made.path,
         values,
         made.observations,
         made.poses,
         steps=60,
-        progress=lambda _, loss: seen.append(loss),
+        progress=lambda _, loss: losses.append(loss),
     )
-    assert len(seen) == 60
-    assert all(after <= before for before, after in pairwise(seen))
-    assert seen[-1] < 0.1 * seen[0]
+    assert len(losses) == 60
+    assert all(later <= earlier for earlier, later in pairwise(losses))
+    assert losses[-1] < 0.1 * losses[0]
 
 
 def test_poses_are_recovered_through_the_true_cover() -> None:
@@ -68,17 +68,17 @@ def test_image_and_board_residuals_agree_to_first_order() -> None:
     projections.
     """
     made = scene(5, views=3, noise=0.05)
-    both = residuals(made.path, made.values, made.observations, made.poses)
+    residual = residuals(made.path, made.values, made.observations, made.poses)
     size = 1e-4
     pixels = made.observations.pixels
-    own = made.poses[made.observations.view]
-    landed = made.path.land(pixels, made.values, own, MIDDLE)[0]
+    poses = made.poses[made.observations.view]
+    landed = made.path.land(pixels, made.values, poses, MIDDLE)[0]
     jacobian = torch.stack(
         [
-            (made.path.land(pixels + size * axis, made.values, own, MIDDLE)[0] - landed) / size
+            (made.path.land(pixels + size * axis, made.values, poses, MIDDLE)[0] - landed) / size
             for axis in torch.eye(2, dtype=torch.float64)
         ],
         -1,
     )
-    expected = -torch.linalg.solve(jacobian, both.board.unsqueeze(-1)).squeeze(-1)
-    assert (both.image - expected).abs().max() < 1e-3 * both.image.abs().max()
+    expected = -torch.linalg.solve(jacobian, residual.board.unsqueeze(-1)).squeeze(-1)
+    assert (residual.image - expected).abs().max() < 1e-3 * residual.image.abs().max()

@@ -45,7 +45,7 @@ def plain() -> Calibration:
 
 
 @pytest.mark.parametrize(
-    ("value", "sigma", "said"),
+    ("value", "sigma", "message"),
     [
         (1.00234, 0.00331, "1.0023 ± 0.0033"),
         (2.953, 0.0561, "2.953 ± 0.056"),
@@ -58,20 +58,20 @@ def plain() -> Calibration:
     ],
 )
 def test_value_and_sigma_have_the_digits_that_sigma_determines(
-    value: float, sigma: float, said: str
+    value: float, sigma: float, message: str
 ) -> None:
-    assert with_sigma(value, sigma) == said
+    assert with_sigma(value, sigma) == message
 
 
 def test_an_increment_is_shown_as_the_value_that_it_makes(plain: Calibration) -> None:
     diagnosed = with_effect(plain, Thickness(("cover.thickness",)), thickness=(-0.0015, 0.000056))
-    one = {row.name: row for row in comparisons(diagnosed)}["cover.thickness"]
-    assert (one.declared, one.estimate) == pytest.approx((3.0, 1.5))
-    assert (one.tolerance, one.sigma) == pytest.approx((0.5, 0.056))
-    assert one.normalised_deviation == pytest.approx(1.5 / math.sqrt(0.5**2 - 0.056**2))
-    assert one.summed == "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
+    item = {row.name: row for row in comparisons(diagnosed)}["cover.thickness"]
+    assert (item.declared, item.estimate) == pytest.approx((3.0, 1.5))
+    assert (item.tolerance, item.sigma) == pytest.approx((0.5, 0.056))
+    assert item.normalised_deviation == pytest.approx(1.5 / math.sqrt(0.5**2 - 0.056**2))
+    assert item.summed == "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
     assert list(effect_comparisons(diagnosed)) == []
-    assert [row for row in comparisons(diagnosed) if row.effect] == [one]
+    assert [row for row in comparisons(diagnosed) if row.effect] == [item]
 
 
 def test_a_fraction_of_a_declared_number_is_an_increment_of_each(plain: Calibration) -> None:
@@ -119,8 +119,10 @@ def test_the_slope_of_a_cylinder_is_not_a_declared_number(plain: Calibration) ->
     tube = replace(
         plain, cover=replace(plain.cover, shape="cylinder", parameters=parameters), stated=None
     )
-    both = CoverRadius(("cover.inner_radius", "cover.radius_slope"))
-    wider = with_effect(tube, both, inner_radius=(0.001, 0.0001), radius_slope=(0.02, 0.001))
+    effect_of_both = CoverRadius(("cover.inner_radius", "cover.radius_slope"))
+    wider = with_effect(
+        tube, effect_of_both, inner_radius=(0.001, 0.0001), radius_slope=(0.02, 0.001)
+    )
     assert [row.name for row in comparisons(wider) if row.effect] == ["cover.inner_radius"]
     assert [row.name for row in effect_comparisons(wider)] == ["cover_radius.radius_slope"]
 
@@ -140,13 +142,13 @@ def test_console_report_and_diagnosis_print_the_same_number(
     diagnosed = with_effect(plain, Thickness(("cover.thickness",)), thickness=(-0.0015, 0.000056))
     history = History(diagnosis=DiagnosisRecord({"candidates": [candidate]}))
     diagnosed = replace(diagnosed, history=history, stages=(Stage("pinhole", 1.0, 0.1),))
-    said = "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
+    sentence = "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
     print_fit(diagnosed, 1.0)
-    assert f"Corrected: {said}\n" in capsys.readouterr().out
+    assert f"Corrected: {sentence}\n" in capsys.readouterr().out
     assert describe_estimates(
         "thickness", diagnosed, {"thickness.thickness": ParameterEstimate(-0.0015, 0.000056, "m")}
-    ) == [said]
-    assert [row.parameters for row in effect_rows(diagnosed)] == [said]
+    ) == [sentence]
+    assert [row.parameters for row in effect_rows(diagnosed)] == [sentence]
 
 
 def test_a_field_has_its_size_in_words(plain: Calibration) -> None:

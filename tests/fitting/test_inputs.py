@@ -45,11 +45,11 @@ def spoiled(folder: Path, made: Scene, **changes: object) -> Path:
     one.
     """
     write_session(folder, made)
-    said = yaml.safe_load((folder / "session.yaml").read_text())
+    document = yaml.safe_load((folder / "session.yaml").read_text())
     for name, value in changes.items():
         top, _, key = name.partition("__")
-        said[top].pop(key, None) if value is None else said[top].update({key: value})
-    (folder / "session.yaml").write_text(yaml.safe_dump(said))
+        document[top].pop(key, None) if value is None else document[top].update({key: value})
+    (folder / "session.yaml").write_text(yaml.safe_dump(document))
     return folder
 
 
@@ -133,14 +133,16 @@ def test_folds_keep_a_burst_together(made: Scene, tmp_path: Path) -> None:
     setup = Setup(made.board, result.camera, INTRINSICS, made.cover)
     squares = []
     for pose in range(3):
-        rest, own = (
-            [view for index, view in enumerate(made.views) if (index % 3 == pose) is out]
-            for out in (False, True)
-        )
-        found = fit_stages(setup, Observations.of(rest, made.board), SHORT, Silent())
-        test = Observations.of(own, made.board)
-        poses = pinhole_poses(found.path, found.values, test)
-        squares.append(refit_poses(found.path, found.values, test, poses)[1].rms_px ** 2)
+        training_views = [
+            view for index, view in enumerate(made.views) if (index % 3 == pose) is False
+        ]
+        held_out_views = [
+            view for index, view in enumerate(made.views) if (index % 3 == pose) is True
+        ]
+        outcome = fit_stages(setup, Observations.of(training_views, made.board), SHORT, Silent())
+        test = Observations.of(held_out_views, made.board)
+        poses = pinhole_poses(outcome.path, outcome.values, test)
+        squares.append(refit_poses(outcome.path, outcome.values, test, poses)[1].rms_px ** 2)
     validation = result.outcome.cross_validation
     assert validation
     assert validation.held_out_px == pytest.approx(
@@ -167,8 +169,8 @@ def test_corners_outside_the_picture_are_refused(made: Scene, tmp_path: Path) ->
 
 def test_a_bare_camera_seen_from_one_angle_is_refused(made: Scene, tmp_path: Path) -> None:
     folder = spoiled(tmp_path, made, camera__intrinsics=None, camera__lens_coefficients=0)
-    said = yaml.safe_load((folder / "session.yaml").read_text())
-    (folder / "session.yaml").write_text(yaml.safe_dump({**said, "cover": {"shape": "none"}}))
+    document = yaml.safe_load((folder / "session.yaml").read_text())
+    (folder / "session.yaml").write_text(yaml.safe_dump({**document, "cover": {"shape": "none"}}))
     rng = np.random.default_rng(0)
     same = tuple(
         View(f"{i}.png", made.views[0].corners + rng.normal(0, 0.05, (81, 2)), made.views[0].weight)
@@ -268,12 +270,12 @@ def test_the_fits_of_a_session_are_distinguished(tmp_path: Path) -> None:
     swapped = last.corners.reshape(9, 9, 2)[[1, 0, *range(2, 9)]].reshape(
         81, 2
     )  # two rows taken for each other
-    again, held = Tasks(), replace(SHORT, free=("none",))
+    second_progress, held = Tasks(), replace(SHORT, free=("none",))
     fit(
         read_session(
             write_session(tmp_path / "view", ten, (*ten.views[:-1], replace(last, corners=swapped)))
         ),
         held,
-        again,
+        second_progress,
     )
-    assert again.titles == ["Joint fit", "Joint fit, without 1 view"]
+    assert second_progress.titles == ["Joint fit", "Joint fit, without 1 view"]

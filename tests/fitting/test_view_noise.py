@@ -100,15 +100,15 @@ def test_weighing_noisy_views_less_improves_maps(
     )
 
     def far_off(calibration: Calibration) -> tuple[float, float]:
-        off, sigma = map(np.concatenate, zip(*errors(made, calibration), strict=True))
-        return float(np.sqrt((off**2).mean())), float(np.sqrt((sigma**2).mean()))
+        error, sigma = map(np.concatenate, zip(*errors(made, calibration), strict=True))
+        return float(np.sqrt((error**2).mean())), float(np.sqrt((sigma**2).mean()))
 
-    own = calibrate(made, Settings())
-    assert set(own.outcome.view_noise or ()) == {f"{index:04}.png" for index in range(8)}
+    ours = calibrate(made, Settings())
+    assert set(ours.outcome.view_noise or ()) == {f"{index:04}.png" for index in range(8)}
     monkeypatch.setattr("fixtures.calibrated.weigh_noisy_views", lambda views, *_: (views, {}))
     alike = calibrate(made, Settings())
     assert not alike.outcome.view_noise
-    (better, sure), (poor, unsure) = far_off(own), far_off(alike)
+    (better, sure), (poor, unsure) = far_off(ours), far_off(alike)
     assert better < 0.6 * poor
     assert sure < 0.6 * unsure
     assert better < 2 * sure
@@ -120,13 +120,13 @@ def test_a_fit_reports_and_saves_the_views_with_less_weight(
     made = with_noisier_views(scene(8, 12, noise=NOISE), 4, [2, 7])
     place = write_session(tmp_path / "s", made)
     assert main(["fit", str(place), "--free", "none", "--grid", "5x4", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)["view_noise"]
-    assert said.keys() == {"0002.png", "0007.png"}
-    assert all(times == pytest.approx(4, rel=0.25) for times in said.values())
+    answer = json.loads(capsys.readouterr().out)["view_noise"]
+    assert answer.keys() == {"0002.png", "0007.png"}
+    assert all(times == pytest.approx(4, rel=0.25) for times in answer.values())
     back = Calibration.load(place / "calibration")
-    assert back.outcome.view_noise == said
+    assert back.outcome.view_noise == answer
     weights = {view.name: float(view.weight.max()) for view in back.views}
-    assert {name for name, weight in weights.items() if weight < 1} == said.keys()
+    assert {name for name, weight in weights.items() if weight < 1} == answer.keys()
     assert (
         "times as large, so it weighs less" in (place / "calibration" / "report.html").read_text()
     )

@@ -65,9 +65,9 @@ def named(folder: Path, line: Line, views: int, prior: Path | None) -> Path:
     """A session of the line's only camera, with so many views."""
     write_session(folder, line, 0)
     file = folder / "session.yaml"
-    said = yaml.safe_load(file.read_text())
+    document = yaml.safe_load(file.read_text())
     write_corners(folder / "corners.vnl", read_corners(folder / "corners.vnl", line.board)[:views])
-    file.write_text(yaml.safe_dump(said | ({"prior": str(prior)} if prior else {})))
+    file.write_text(yaml.safe_dump(document | ({"prior": str(prior)} if prior else {})))
     return folder
 
 
@@ -80,9 +80,9 @@ def map_error(line: Line, calibration: Calibration) -> float:
     pixels = np.stack([x, y], -1).reshape(-1, 2)
     ours, true = calibration.rays(pixels), rays_of(made.path, made.values, pixels)
     depth = np.full(len(pixels), 0.5)
-    off, moved = (seen_at(*true, depth) - seen_at(*ours, depth)).ravel(), motions(*ours, depth)
-    left = off - moved @ np.linalg.lstsq(moved, off, rcond=None)[0]
-    return float(np.sqrt((left**2).mean() * 2))
+    error, moved = (seen_at(*true, depth) - seen_at(*ours, depth)).ravel(), motions(*ours, depth)
+    remainder = error - moved @ np.linalg.lstsq(moved, error, rcond=None)[0]
+    return float(np.sqrt((remainder**2).mean() * 2))
 
 
 @pytest.mark.slow
@@ -96,11 +96,12 @@ def test_a_camera_of_another_line_is_left_out_by_name(prior: Path) -> None:
 
 def test_the_fleet_s_focal_length_is_more_exact_than_the_drawing(prior: Path) -> None:
     read = read_fleet_prior(prior)
-    known, declared = (
-        numbers_of(*one)["camera.fx"] for one in ((read.intrinsics, read.cover), read.declared)
-    )
-    assert known.sigma < 0.4 * declared.sigma
-    assert abs(known.value - 1.0015 * 2558.36) < 3 * known.sigma  # half of them focus 0.3 % longer
+    fleet_focal = numbers_of(*(read.intrinsics, read.cover))["camera.fx"]
+    declared = numbers_of(*read.declared)["camera.fx"]
+    assert fleet_focal.sigma < 0.4 * declared.sigma
+    assert (
+        abs(fleet_focal.value - 1.0015 * 2558.36) < 3 * fleet_focal.sigma
+    )  # half of them focus 0.3 % longer
 
 
 @pytest.mark.parametrize("views", [3, 6])
@@ -109,13 +110,13 @@ def test_the_same_views_of_a_new_camera_give_a_better_map(
 ) -> None:
     """The control fits them without the prior."""
     with single_thread():
-        alone, found = (
-            fit(read_session(named(tmp_path / str(bool(one)), NEW, views, one)), SETTINGS)
-            for one in (None, prior)
+        alone = fit(read_session(named(tmp_path / str(bool(None)), NEW, views, None)), SETTINGS)
+        with_prior = fit(
+            read_session(named(tmp_path / str(bool(prior)), NEW, views, prior)), SETTINGS
         )
-    assert found.outcome.fleet_prior
-    assert found.outcome.fleet_prior.used
-    assert map_error(NEW, found) < 0.8 * map_error(NEW, alone)
+    assert with_prior.outcome.fleet_prior
+    assert with_prior.outcome.fleet_prior.used
+    assert map_error(NEW, with_prior) < 0.8 * map_error(NEW, alone)
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +140,7 @@ def test_a_contradicted_prior_is_reported_and_not_used(
         alone = fit(read_session(named(tmp_path / "alone", ANOTHER, 6, None)), SETTINGS)
     assert (stranger.amplitudes == alone.amplitudes).all()  # as if it had not been named
     assert stranger.camera == alone.camera
-    sentences = [one for one in judge(stranger).sentences if "whose prior was left out" in one]
+    sentences = [item for item in judge(stranger).sentences if "whose prior was left out" in item]
     assert len(sentences) == 1
     assert "not as the 6 cameras of" in sentences[0]
 
@@ -149,9 +150,9 @@ def test_the_prior_of_a_fit_is_saved_with_it(prior: Path, tmp_path: Path) -> Non
     fleet's.
     """
     folder = named(tmp_path / "new", NEW, 4, prior)
-    said = yaml.safe_load((folder / "session.yaml").read_text())
-    del said["camera"]["intrinsics"]
-    (folder / "session.yaml").write_text(yaml.safe_dump(said))
+    document = yaml.safe_load((folder / "session.yaml").read_text())
+    del document["camera"]["intrinsics"]
+    (folder / "session.yaml").write_text(yaml.safe_dump(document))
     assert main(["fit", str(folder), "--grid", "6x6", "-o", str(tmp_path / "out")]) == 0
     read = Calibration.load(tmp_path / "out")
     assert read.outcome.intrinsics_from == "prior"
@@ -189,11 +190,11 @@ def test_the_json_has_the_fleet_s_numbers(
     prior: Path, fleet: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["fleet-prior", str(fleet), "-o", str(fleet / "again.yaml"), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["cameras"] == 6
-    assert said["numbers"]["cover.thickness"]["unit"] == "mm"
-    assert said["numbers"]["cover.thickness"]["declared"] == pytest.approx(3.0)
-    assert said["written"] == [str(fleet / "again.yaml")]
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["cameras"] == 6
+    assert answer["numbers"]["cover.thickness"]["unit"] == "mm"
+    assert answer["numbers"]["cover.thickness"]["declared"] == pytest.approx(3.0)
+    assert answer["written"] == [str(fleet / "again.yaml")]
     assert (fleet / "again.yaml").read_text() == prior.read_text()
 
 
@@ -210,20 +211,20 @@ def test_broken_cameras_are_left_out_and_named(fleet: Path, tmp_path: Path) -> N
     changed(
         folder, second, state=JobState.FAILED, sentence="corners.vnl ends in the middle of a line."
     )
-    said = dict(estimate_fleet_prior(folder).left_out)
-    assert said[first] == "its verdict is not to use it"
-    assert said[second] == "it has no calibration: corners.vnl ends in the middle of a line"
+    left_out = dict(estimate_fleet_prior(folder).left_out)
+    assert left_out[first] == "its verdict is not to use it"
+    assert left_out[second] == "it has no calibration: corners.vnl ends in the middle of a line"
 
 
 def test_cameras_of_two_kinds_are_kept_apart(fleet: Path, tmp_path: Path) -> None:
     folder = copied(fleet, tmp_path)
     for number in (0, 1):
-        other = folder / "cameras" / LINE.name(number) / "calibration.yaml"
-        other.write_text(other.read_text().replace("width: 3280", "width: 3282"))
-    said = dict(estimate_fleet_prior(folder).left_out)
+        source = folder / "cameras" / LINE.name(number) / "calibration.yaml"
+        source.write_text(source.read_text().replace("width: 3280", "width: 3282"))
+    left_out = dict(estimate_fleet_prior(folder).left_out)
     assert (
-        said[LINE.name(0)]
-        == said[LINE.name(1)]
+        left_out[LINE.name(0)]
+        == left_out[LINE.name(1)]
         == "it is of another kind: 3282x2464 px, opencv with 0 coefficients, behind a cone"
     )
 
@@ -231,8 +232,8 @@ def test_cameras_of_two_kinds_are_kept_apart(fleet: Path, tmp_path: Path) -> Non
 def test_kinds_without_a_majority_are_refused(fleet: Path, tmp_path: Path) -> None:
     folder = copied(fleet, tmp_path)
     for number in range(LINE.cameras):
-        other = folder / "cameras" / LINE.name(number) / "calibration.yaml"
-        other.write_text(other.read_text().replace("width: 3280", f"width: {3280 + number % 3}"))
+        source = folder / "cameras" / LINE.name(number) / "calibration.yaml"
+        source.write_text(source.read_text().replace("width: 3280", f"width: {3280 + number % 3}"))
     with pytest.raises(
         InputError,
         match=r"cameras of 3 kinds, and no kind has more than half of them .* for each kind",
@@ -259,10 +260,10 @@ def test_a_folder_that_is_no_fleet_is_refused(empty: bool, tmp_path: Path) -> No
 
 
 def test_a_camera_is_done_again_when_its_prior_has_changed(prior: Path, tmp_path: Path) -> None:
-    own = tmp_path / "prior.yaml"
-    own.write_text(prior.read_text())
-    entry = Entry("new", str(named(tmp_path / "new", NEW, 4, own)))
-    before, again = (Identity.of(entry, FleetOptions(SETTINGS)) for _ in range(2))
-    own.write_text(prior.read_text().replace("cameras: 6", "cameras: 7"))
-    assert before.same(again)
-    assert not before.same(Identity.of(entry, FleetOptions(SETTINGS)))
+    own_prior = tmp_path / "prior.yaml"
+    own_prior.write_text(prior.read_text())
+    entry = Entry("new", str(named(tmp_path / "new", NEW, 4, own_prior)))
+    first_identity, second_identity = (Identity.of(entry, FleetOptions(SETTINGS)) for _ in range(2))
+    own_prior.write_text(prior.read_text().replace("cameras: 6", "cameras: 7"))
+    assert first_identity.same(second_identity)
+    assert not first_identity.same(Identity.of(entry, FleetOptions(SETTINGS)))

@@ -118,16 +118,16 @@ def test_points_on_rays_are_projected_back(path: Path, degrees: float) -> None:
     rays = path.trace(pixels, values(), MIDDLE)
     points = (rays.origin + rays.direction * torch.tensor(0.4, dtype=torch.float64)).stacked()
     for start in (None, pixels + 3.0):
-        found = project(path, values(), points, MIDDLE, start)
-        assert (found - pixels).abs().max() < 1e-6
+        result = project(path, values(), points, MIDDLE, start)
+        assert (result - pixels).abs().max() < 1e-6
 
 
 def test_a_point_on_the_other_side_is_not_seen() -> None:
     """The line of a ray continues behind its origin, where the ray sees nothing."""
     path = Path(Fisheye(), adjustments=(Shift(),))
     pixels = Fisheye().project(around(60), values())
-    found = project(path, values(), -around(60), MIDDLE, start=pixels)
-    assert (torch.isnan(found).all(-1) | ((found - pixels).norm(dim=-1) > 100)).all()
+    result = project(path, values(), -around(60), MIDDLE, start=pixels)
+    assert (torch.isnan(result).all(-1) | ((result - pixels).norm(dim=-1) > 100)).all()
 
 
 def test_the_fisheye_fails_beyond_the_fold_and_stays_finite() -> None:

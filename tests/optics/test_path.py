@@ -140,20 +140,19 @@ def test_derivatives_agree_with_central_differences(example: Example) -> None:
         rays = path.trace(pixels, at, MIDDLE)
         return torch.cat([rays.origin.stacked(), rays.direction.stacked()], -1)
 
-    here = {param.name: values[param.name].clone().requires_grad_() for param in path.params}
+    leaf = {param.name: values[param.name].clone().requires_grad_() for param in path.params}
     rows = [
-        torch.autograd.grad(entry, [*here.values()], retain_graph=True)
-        for entry in exit_rays(here).reshape(-1)
+        torch.autograd.grad(entry, [*leaf.values()], retain_graph=True)
+        for entry in exit_rays(leaf).reshape(-1)
     ]
     for param, derivatives in zip(path.params, zip(*rows, strict=True), strict=True):
         index = (2, 3) if derivatives[0].ndim else ()
         size = 1e-3 * param.scale
         step = torch.zeros_like(values[param.name])
         step[index] = size
-        up, down = (
-            exit_rays({**values, param.name: values[param.name] + sign * step}) for sign in (1, -1)
-        )
-        numeric = (up - down) / (2 * size)
+        forward = exit_rays({**values, param.name: values[param.name] + step})
+        backward = exit_rays({**values, param.name: values[param.name] - step})
+        numeric = (forward - backward) / (2 * size)
         analytic = torch.stack([slope[index] for slope in derivatives]).reshape(numeric.shape)
         assert numeric.abs().max() > 0, f"{param.name} moves no ray"
         worst = (analytic - numeric).abs().max() / numeric.abs().max()
@@ -171,14 +170,14 @@ def test_derivatives_by_pixel_agree_with_central_differences(example: Example) -
     for axis in range(2):
         step = torch.zeros(2, dtype=torch.float64)
         step[axis] = 1e-2
-        up, down = (
-            path.trace(pixels.detach() + sign * step, values, MIDDLE).at_depth(
-                torch.tensor(0.5, dtype=torch.float64)
-            )
-            for sign in (1, -1)
+        forward = path.trace(pixels.detach() + step, values, MIDDLE).at_depth(
+            torch.tensor(0.5, dtype=torch.float64)
+        )
+        backward = path.trace(pixels.detach() - step, values, MIDDLE).at_depth(
+            torch.tensor(0.5, dtype=torch.float64)
         )
         assert (
-            derivatives[..., axis] - (up - down) / 2e-2
+            derivatives[..., axis] - (forward - backward) / 2e-2
         ).abs().max() < 1e-6 * derivatives.abs().max()
 
 
@@ -189,8 +188,8 @@ def test_failures_are_data_with_finite_gradients(example: Example) -> None:
     )  # bumps so steep that light cannot leave
     values["cover.refractive_index"].requires_grad_()
     rays = path.trace(some_pixels(2000), values, MIDDLE)
-    seen = {FAILURES[code] for code in rays.failure.tolist()}
-    assert FAILURES[REFLECTED_OUTER] in seen
+    failures = {FAILURES[code] for code in rays.failure.tolist()}
+    assert FAILURES[REFLECTED_OUTER] in failures
     total = rays.origin.stacked().sum() + rays.direction.stacked().sum()
     total.backward()  # type: ignore[no-untyped-call]
     assert torch.isfinite(total)
@@ -233,8 +232,8 @@ def test_projection_says_nan_where_no_ray_goes(example: Example) -> None:
         [[0.0, 0.0, -1.0], [0.0, 0.0, float("nan")], [0.0, 0.0, 1.0], [50.0, 0.0, 0.01]],
         dtype=torch.float64,
     )
-    seen = project(path, values, points, MIDDLE)
-    assert torch.isfinite(seen).all(-1).tolist() == [False, False, True, False]
+    pixels = project(path, values, points, MIDDLE)
+    assert torch.isfinite(pixels).all(-1).tolist() == [False, False, True, False]
 
 
 @each_shape
@@ -242,12 +241,12 @@ def test_projection_says_nan_for_a_point_inside_the_cover(example: Example) -> N
     """The line of the ray is the light's way only from where it leaves the cover on."""
     path, values = nominal(example)
     rays = path.trace(some_pixels(50), values, MIDDLE)
-    before, beyond = (
-        (rays.origin + rays.direction * torch.tensor(way, dtype=torch.float64)).stacked()
-        for way in (-1e-3, 1e-3)
-    )
-    assert torch.isnan(project(path, values, before, MIDDLE)).all()
-    assert torch.isfinite(project(path, values, beyond, MIDDLE)).all()
+    in_cover = (rays.origin + rays.direction * torch.tensor(-0.001, dtype=torch.float64)).stacked()
+    outside_cover = (
+        rays.origin + rays.direction * torch.tensor(0.001, dtype=torch.float64)
+    ).stacked()
+    assert torch.isnan(project(path, values, in_cover, MIDDLE)).all()
+    assert torch.isfinite(project(path, values, outside_cover, MIDDLE)).all()
 
 
 @each_shape
@@ -255,9 +254,9 @@ def test_exit_ray_gives_the_undistorted_pixel_affine_in_inverse_depth(example: E
     """DESIGN: p_u(Z) = A + B / Z exactly, so three depths lie on a line."""
     path, values = nominal(example)
     rays = path.trace(some_pixels(50), values, MIDDLE)
-    near, middle, far = (
-        rays.at_depth(torch.tensor(z, dtype=torch.float64)) / z for z in (0.1, 0.2, 1.0)
-    )
+    near = rays.at_depth(torch.tensor(0.1, dtype=torch.float64)) / 0.1
+    middle = rays.at_depth(torch.tensor(0.2, dtype=torch.float64)) / 0.2
+    far = rays.at_depth(torch.tensor(1.0, dtype=torch.float64)) / 1.0
     slope = (near - far) / (1 / 0.1 - 1 / 1.0)
     assert (far + slope * (1 / 0.2 - 1) - middle).abs().max() < 1e-14
 
@@ -292,8 +291,8 @@ def test_the_paper_s_patch_holds_what_its_camera_sees() -> None:
 def test_cuda_gives_the_same_rays(example: Example) -> None:
     path, values = nominal(example, changed=example.moved)
     pixels = some_pixels(500)
-    here = path.trace(pixels, values, MIDDLE).direction.stacked()
-    there = path.trace(
+    on_cpu = path.trace(pixels, values, MIDDLE).direction.stacked()
+    on_gpu = path.trace(
         pixels.cuda(), {name: value.cuda() for name, value in values.items()}, MIDDLE
     ).direction.stacked()
-    assert (here - there.cpu()).abs().max() < 1e-13
+    assert (on_cpu - on_gpu.cpu()).abs().max() < 1e-13

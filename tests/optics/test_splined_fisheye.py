@@ -54,10 +54,10 @@ def test_its_surface_is_scipy_s_bicubic_spline() -> None:
 
 
 def test_weights_sum_to_one_everywhere_and_stay_beyond_the_border() -> None:
-    beyond = torch.tensor([[-200.0, 100.0], [900.0, 700.0]], dtype=torch.float64)
+    outside_pixels = torch.tensor([[-200.0, 100.0], [900.0, 700.0]], dtype=torch.float64)
     at_border = torch.tensor([[-0.5, 100.0], [799.5, 619.5]], dtype=torch.float64)
     assert (LENS.grid.basis(inside()).sum(-1) - 1).abs().max() < 1e-12
-    assert torch.equal(LENS.grid.basis(beyond), LENS.grid.basis(at_border))
+    assert torch.equal(LENS.grid.basis(outside_pixels), LENS.grid.basis(at_border))
 
 
 def test_without_shifts_it_is_the_fisheye() -> None:
@@ -78,15 +78,15 @@ def test_there_and_back_beside_and_behind_the_pinhole() -> None:
 def test_derivatives_by_the_control_points_agree_with_central_differences() -> None:
     pixels = inside(5)
     for name in SHIFTS:
-        here = uneven()[name].requires_grad_()
-        rows = LENS(pixels, {**uneven(), name: here}).direction.stacked().reshape(-1)
+        leaf = uneven()[name].requires_grad_()
+        rows = LENS(pixels, {**uneven(), name: leaf}).direction.stacked().reshape(-1)
         analytic = torch.stack(
-            [torch.autograd.grad(row, here, retain_graph=True)[0] for row in rows]
+            [torch.autograd.grad(row, leaf, retain_graph=True)[0] for row in rows]
         )
         steps = 1e-3 * torch.eye(COUNT, dtype=torch.float64)
         ends = [
             [
-                LENS(pixels, {**uneven(), name: here.detach() + s * d})
+                LENS(pixels, {**uneven(), name: leaf.detach() + s * d})
                 .direction.stacked()
                 .reshape(-1)
                 for d in steps
@@ -99,10 +99,10 @@ def test_derivatives_by_the_control_points_agree_with_central_differences() -> N
 
 def test_each_pixel_can_have_a_surface_of_its_own() -> None:
     """The derivatives by row need this."""
-    pixels, one, two = inside(2), uneven(), uneven(1.0)
-    mixed = {name: torch.stack([one[name], two[name]]) for name in one}
+    pixels, item, two = inside(2), uneven(), uneven(1.0)
+    mixed = {name: torch.stack([item[name], two[name]]) for name in item}
     alone = torch.cat(
-        [LENS(pixels[i : i + 1], own).direction.stacked() for i, own in enumerate((one, two))]
+        [LENS(pixels[i : i + 1], row).direction.stacked() for i, row in enumerate((item, two))]
     )
     assert torch.allclose(LENS(pixels, mixed).direction.stacked(), alone, rtol=0, atol=1e-12)
 

@@ -24,24 +24,26 @@ def test_its_poses_are_in_the_picture_where_the_ray_path_has_them(focal: float) 
         INTRINSICS, fx=replace(INTRINSICS.fx, value=focal), fy=replace(INTRINSICS.fy, value=focal)
     )
     camera = replace(CAMERA, intrinsics=lens)
-    found = make_pose_bank(BOARD, camera, Reach.of(BOARD, camera))
-    assert len(found.poses) > 50
+    bank = make_pose_bank(BOARD, camera, Reach.of(BOARD, camera))
+    assert len(bank.poses) > 50
     path, values = pinhole_path(lens)
-    for pose, corners in zip(found.poses[::10], found.corners[::10], strict=True):
+    for pose, corners in zip(bank.poses[::10], bank.corners[::10], strict=True):
         placed = path.place(
             torch.from_numpy(BOARD.points()), values, torch.from_numpy(pose), MIDDLE
         )
         assert np.abs(path.lens.project(placed, values).numpy() - corners).max() < 1e-9
-    assert np.isfinite(mask_to_picture(found.corners, camera)).all()
-    around = np.ptp(found.corners.reshape(-1, 2), axis=0) / [camera.width, camera.height]
+    assert np.isfinite(mask_to_picture(bank.corners, camera)).all()
+    around = np.ptp(bank.corners.reshape(-1, 2), axis=0) / [camera.width, camera.height]
     assert (around > (0.7 if focal == 300 else 0.4)).all(), (
         "of the picture; the wider lens sees a board at its side too flat"
     )
 
 
 def test_a_pose_is_recovered_from_visible_corners() -> None:
-    found = make_pose_bank(BOARD, CAMERA_WIDE, Reach.of(BOARD, CAMERA_WIDE))
-    for pose, corners in zip(found.poses[::10], found.corners[::10], strict=True):
-        again = fit_bare_pose(Board(BOARD.columns, BOARD.rows, BOARD.square), CAMERA_WIDE, corners)
-        assert again is not None
-        assert np.abs(again - pose).max() < 1e-6
+    bank = make_pose_bank(BOARD, CAMERA_WIDE, Reach.of(BOARD, CAMERA_WIDE))
+    for pose, corners in zip(bank.poses[::10], bank.corners[::10], strict=True):
+        refitted = fit_bare_pose(
+            Board(BOARD.columns, BOARD.rows, BOARD.square), CAMERA_WIDE, corners
+        )
+        assert refitted is not None
+        assert np.abs(refitted - pose).max() < 1e-6

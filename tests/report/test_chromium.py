@@ -99,10 +99,10 @@ def look(html: str, folder: Path, *flags: str) -> dict[str, Any]:
     )  # it forbids the script that looks
     shown, console = browse(without_policy.replace("</body>", LOOK), folder, *flags)
     assert console == []
-    found = re.search(r'<pre id="seen">(.*?)</pre>', shown, re.DOTALL)
-    assert found
-    seen: dict[str, Any] = json.loads(unescape(found[1]))
-    return seen
+    match = re.search(r'<pre id="seen">(.*?)</pre>', shown, re.DOTALL)
+    assert match
+    report: dict[str, Any] = json.loads(unescape(match[1]))
+    return report
 
 
 def test_the_browser_console_stays_empty(reported: Reported, tmp_path: Path) -> None:
@@ -122,9 +122,9 @@ def test_an_error_would_appear_in_the_browser_console(
 def test_every_figure_is_drawn_and_readable(
     reported: Reported, tmp_path: Path, scheme: str
 ) -> None:
-    seen = look(reported.html, tmp_path, *(DARK if scheme == "dark" else ()))
-    assert (seen["ground"] < 0.02) == (scheme == "dark")
-    assert list(seen["figures"]) == [
+    report = look(reported.html, tmp_path, *(DARK if scheme == "dark" else ()))
+    assert (report["ground"] < 0.02) == (scheme == "dark")
+    assert list(report["figures"]) == [
         "board-errors",
         "residuals",
         "distortion",
@@ -133,7 +133,7 @@ def test_every_figure_is_drawn_and_readable(
         "sigma",
         "coverage",
     ]
-    for name, figure in seen["figures"].items():
+    for name, figure in report["figures"].items():
         assert figure["box"] > 150, name
         assert figure["shapes"] > 20, name
         assert figure["texts"] > 10, name
@@ -141,13 +141,13 @@ def test_every_figure_is_drawn_and_readable(
         assert all(size > 4 for size in figure["rasters"]), name
         assert figure["contrast"] >= READABLE, name
         assert figure["outside"] == [], name
-    assert len(seen["pictures"]) == 45
-    assert min(seen["pictures"]) > 100
-    assert seen["loaded"] == [300] * 45
-    assert [pair[1:] for pair in seen["pair"]] == [[640, 3]] * 2
-    assert min(pair[0] for pair in seen["pair"]) > 300
-    assert seen["words"] >= READABLE
-    assert seen["wide"] <= 0
+    assert len(report["pictures"]) == 45
+    assert min(report["pictures"]) > 100
+    assert report["loaded"] == [300] * 45
+    assert [pair[1:] for pair in report["pair"]] == [[640, 3]] * 2
+    assert min(pair[0] for pair in report["pair"]) > 300
+    assert report["words"] >= READABLE
+    assert report["wide"] <= 0
 
 
 PHONE = 390
@@ -176,15 +176,16 @@ frame.srcdoc = html;
 
 def on_a_phone(html: str, folder: Path) -> dict[str, Any]:
     without_policy = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", html)
-    said = json.dumps(without_policy).replace("</", "<\\/")
+    html_text = json.dumps(without_policy).replace("</", "<\\/")
     shown, _ = browse(
-        f'<!doctype html><script id="html" type="application/json">{said}</script>{MEASURE}', folder
+        f'<!doctype html><script id="html" type="application/json">{html_text}</script>{MEASURE}',
+        folder,
     )
-    found = re.search(r'<pre id="seen">(.+?)</pre>', shown, re.DOTALL)
-    assert found, "the frame was not measured"
-    seen: dict[str, Any] = json.loads(unescape(found[1]))
-    assert seen["width"] == PHONE
-    return seen
+    match = re.search(r'<pre id="seen">(.+?)</pre>', shown, re.DOTALL)
+    assert match, "the frame was not measured"
+    report: dict[str, Any] = json.loads(unescape(match[1]))
+    assert report["width"] == PHONE
+    return report
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +196,7 @@ def pages(
     without a cover.
     """
     folder = tmp_path_factory.mktemp("pages")
-    found: list[dict[str, object]] = [
+    tables: list[dict[str, object]] = [
         {
             "effect": name,
             "accepted": True,
@@ -209,13 +210,13 @@ def pages(
     run = DiagnosisRun("/" + 30 * "far", "/held out")
     diagnosed = replace(
         fitted,
-        history=History(diagnosis=DiagnosisRecord({"candidates": found}), diagnosis_runs=(run,)),
+        history=History(diagnosis=DiagnosisRecord({"candidates": tables}), diagnosis_runs=(run,)),
         rejected=(RejectedPicture(30 * "name" + ".png", "its board is not whole"),),
     )
     lens = scene(7, views=8, noise=0.05)
     session = write_session(folder / "session", lens)
-    said = yaml.safe_load((session / "session.yaml").read_text())
-    (session / "session.yaml").write_text(yaml.safe_dump(said | {"cover": {"shape": "none"}}))
+    document = yaml.safe_load((session / "session.yaml").read_text())
+    (session / "session.yaml").write_text(yaml.safe_dump(document | {"cover": {"shape": "none"}}))
     bare = fit(read_session(session), Settings(), Silent())
     (folder / "bare").mkdir()
     return {
@@ -230,13 +231,13 @@ def test_nothing_is_cut_on_a_phone(pages: dict[str, str], tmp_path: Path, kind: 
     """Tables stand below each other and commands wrap; figures alone scroll, each in its own
     box.
     """
-    seen = on_a_phone(pages[kind], tmp_path)
-    assert seen["page"] <= PHONE
-    assert seen["out"] == []
-    assert seen["tables"] >= 3
-    assert seen["cut"] == 0
-    assert seen["commands"] == 0
-    assert seen["narrow"] > 100, "room for a number with its unit"
+    report = on_a_phone(pages[kind], tmp_path)
+    assert report["page"] <= PHONE
+    assert report["out"] == []
+    assert report["tables"] >= 3
+    assert report["cut"] == 0
+    assert report["commands"] == 0
+    assert report["narrow"] > 100, "room for a number with its unit"
 
 
 def test_a_table_that_does_not_fit_would_have_been_noticed(

@@ -188,11 +188,11 @@ def test_the_printed_commands_make_the_calibration_again(
         main(["diagnose", "my fit/calibration.yaml", "--holdout", "held out", "-o", "better one"])
         == 0
     )
-    before = [Calibration.load(folder) for folder in ("my fit", "better one")]
+    earlier = [Calibration.load(folder) for folder in ("my fit", "better one")]
     html = (tmp_path / "better one" / "report.html").read_text()
-    found = re.search(r'<section id="again">.*?<pre>(.*?)</pre>', html, re.DOTALL)
-    assert found
-    lines = unescape(found[1])
+    match = re.search(r'<section id="again">.*?<pre>(.*?)</pre>', html, re.DOTALL)
+    assert match
+    lines = unescape(match[1])
     assert [line.split()[1] for line in lines.splitlines()] == ["fit", "diagnose"]
     for folder in ("my fit", "better one"):
         shutil.rmtree(folder)
@@ -209,16 +209,20 @@ def test_the_printed_commands_make_the_calibration_again(
     assert {"map_0.5m.npz", "map_0.8m.npz"} <= {
         made.name for made in (tmp_path / "my fit").iterdir()
     }
-    for folder, one in zip(("my fit", "better one"), before, strict=True):
-        other = Calibration.load(folder)
+    for folder, item in zip(("my fit", "better one"), earlier, strict=True):
+        calibration = Calibration.load(folder)
         for name in ("amplitudes", "poses", "covariance"):
-            assert np.array_equal(getattr(one, name), getattr(other, name)), (
+            assert np.array_equal(getattr(item, name), getattr(calibration, name)), (
                 "on one machine, a fit repeats to the last bit"
             )
-        records = one.record(), other.record()
+        records = item.record(), calibration.record()
         unlike = {key for key, value in records[0].items() if value != records[1][key]}
         assert unlike <= {"made_by", "diagnosis"}, "made_by says when"
-        assert (other.camera, other.cover, other.stages) == (one.camera, one.cover, one.stages)
+        assert (calibration.camera, calibration.cover, calibration.stages) == (
+            item.camera,
+            item.cover,
+            item.stages,
+        )
 
 
 def test_the_session_hash_is_what_sha256sum_gives(tmp_path: Path) -> None:
@@ -237,25 +241,25 @@ def test_the_session_hash_is_what_sha256sum_gives(tmp_path: Path) -> None:
     for name in ("frames/b.png", "frames/a.png", "bare/1.png"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         cv2.imwrite(str(tmp_path / name), np.full((48, 64), len(name), np.uint8))
-    given = session_hash(read_session(tmp_path))
+    hash_value = session_hash(read_session(tmp_path))
     shell = "sha256sum bare/1.png frames/a.png frames/b.png session.yaml | sha256sum"
     assert (
-        given
+        hash_value
         == subprocess.run(
             shell, shell=True, cwd=tmp_path, capture_output=True, text=True, check=True
         ).stdout.split()[0]
     )
     cv2.imwrite(str(tmp_path / "frames" / "a.png"), np.zeros((48, 64), np.uint8))
-    assert session_hash(read_session(tmp_path)) != given
+    assert session_hash(read_session(tmp_path)) != hash_value
 
 
 def test_a_plain_camera_calibration_has_a_report(tmp_path: Path) -> None:
     """Without a cover there is no glass, and no depth to depend on."""
     made = scene(7, views=8, noise=0.05)
     folder = write_session(tmp_path / "session", made)
-    said = yaml.safe_load((folder / "session.yaml").read_text())
-    said["cover"] = {"shape": "none"}
-    (folder / "session.yaml").write_text(yaml.safe_dump(said))
+    document = yaml.safe_load((folder / "session.yaml").read_text())
+    document["cover"] = {"shape": "none"}
+    (folder / "session.yaml").write_text(yaml.safe_dump(document))
     assert main(["fit", str(folder), "-o", str(tmp_path)]) == 0
     html = (tmp_path / "report.html").read_text()
     assert 'id="glass"' not in html

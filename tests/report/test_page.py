@@ -59,19 +59,19 @@ def test_sections(reported: Reported) -> None:
 
 
 def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> None:
-    said = text(reported.html)
+    words = text(reported.html)
     for stage in reported.calibration.stages:
-        assert f"{stage.rms_px:.3f} px" in said
-        assert f"{stage.rmse_cm:.4f} cm" in said
-    assert "2558.36" in said
+        assert f"{stage.rms_px:.3f} px" in words
+        assert f"{stage.rmse_cm:.4f} cm" in words
+    assert "2558.36" in words
     origin = reported.calibration.request.provenance
     assert origin
     assert origin.session_sha256
-    assert origin.session_sha256 in said
-    assert origin.packages["torch"] in said
+    assert origin.session_sha256 in words
+    assert origin.packages["torch"] in words
     assert (
         f"calib fit {reported.session} --grid 6x6 --free none --folds 3 -o"
-        f" {reported.session / 'calibration'}" in said
+        f" {reported.session / 'calibration'}" in words
     )
 
 
@@ -86,8 +86,8 @@ def test_the_title_names_the_camera_or_none(few: Calibration, tmp_path: Path) ->
         ("Pi <2>", "Calibration of Pi &lt;2&gt;"),
         ("", "Calibration of a camera"),
     ):
-        named = replace(few, camera=replace(few.camera, model=model))
-        assert f"<title>{title}</title>" in report_in(tmp_path, named).read_text()
+        with_model = replace(few, camera=replace(few.camera, model=model))
+        assert f"<title>{title}</title>" in report_in(tmp_path, with_model).read_text()
 
 
 def test_the_worst_view_comes_first(reported: Reported) -> None:
@@ -130,9 +130,11 @@ def test_a_session_that_moved_with_its_calibration_is_found(
     """Pictures that can not be read any more, or are another camera's, are left out."""
     (tmp_path / "frames").mkdir()
     (tmp_path / "calibration").mkdir()
-    whole = (reported.session / "frames" / reported.calibration.views[0].name).read_bytes()
-    other = cv2.imencode(".jpg", np.zeros((480, 640), np.uint8))[1].tobytes()
-    for view, data in zip(few.views, (whole, b"", b"no picture", other, whole), strict=False):
+    picture = (reported.session / "frames" / reported.calibration.views[0].name).read_bytes()
+    other_picture = cv2.imencode(".jpg", np.zeros((480, 640), np.uint8))[1].tobytes()
+    for view, data in zip(
+        few.views, (picture, b"", b"no picture", other_picture, picture), strict=False
+    ):
         (tmp_path / "frames" / view.name).write_bytes(data)
     moved = made_of(few, "/nowhere/session")
     assert (
@@ -150,8 +152,8 @@ def test_effects_have_a_row_each(reported: Reported, few: Calibration, tmp_path:
         EffectRow("focal", 0.17, 0.16, ""),
     ]
     html = report_in(tmp_path, few, effects=rows).read_text()
-    said = text(html[html.index('<section id="effects"') :])
-    assert "board_shape 0.590 px 0.170 px-71 %x -1.04 ± 0.02 mm" in said
+    words = text(html[html.index('<section id="effects"') :])
+    assert "board_shape 0.590 px 0.170 px-71 %x -1.04 ± 0.02 mm" in words
     assert 'id="effects"' not in reported.html
 
 
@@ -186,12 +188,12 @@ def test_a_file_name_that_is_no_utf_8_and_one_that_a_terminal_would_obey(
     odd.save(tmp_path)
     back = Calibration.load(tmp_path)
     assert tuple(view.name for view in back.views[: len(names)]) == names
-    assert tuple(one.name for one in back.rejected) == names
+    assert tuple(item.name for item in back.rejected) == names
     assert back.outcome.redetections == looks
     print_fit(back, 1.0)
     assert main(["report", "--no-open", str(tmp_path)]) == 0
-    said = "".join(capfd.readouterr())
-    assert r"Not used: caf\xe9.png: no board." in said
-    assert r"Not used: a\x1b[2Jb\ncalib: all is well.png: no board." in said
-    assert "Not used: [/b][link=x]y.png: no board." in said
-    assert "\x1b[2J" not in said
+    printed = "".join(capfd.readouterr())
+    assert r"Not used: caf\xe9.png: no board." in printed
+    assert r"Not used: a\x1b[2Jb\ncalib: all is well.png: no board." in printed
+    assert "Not used: [/b][link=x]y.png: no board." in printed
+    assert "\x1b[2J" not in printed

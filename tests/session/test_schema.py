@@ -125,12 +125,12 @@ GOOD = [
 
 def places(mapping: Mapping[str, object], path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
     """Every key of a mapping and of those in it."""
-    found = []
+    results = []
     for key, value in mapping.items():
-        found.append((*path, key))
+        results.append((*path, key))
         if isinstance(value, Mapping):
-            found += places(value, (*path, key))
-    return found
+            results += places(value, (*path, key))
+    return results
 
 
 def changed(

@@ -51,19 +51,19 @@ def test_map_agrees_with_tracing(made: Scene, field: RayField, depth: float) -> 
     tangents = (pixels - [v["cx"], v["cy"]]) / [v["fx"], v["fy"]]
     points = np.column_stack([tangents * depth, np.full(len(pixels), depth)])
     traced = project(made.path, made.values, torch.from_numpy(points), MIDDLE).numpy()
-    inside = (np.abs(traced - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) <= [WIDTH / 2, HEIGHT / 2]).all(
-        -1
-    )
+    in_picture = (
+        np.abs(traced - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) <= [WIDTH / 2, HEIGHT / 2]
+    ).all(-1)
     column, row = pixels.T
     mapped = np.column_stack([made_map.x[row, column], made_map.y[row, column]])
     clear = (
         np.abs(np.abs(traced - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) - [WIDTH / 2, HEIGHT / 2])
         > 0.01
     ).all(-1)
-    assert (made_map.valid[row, column] == inside)[clear].all()
-    assert inside.mean() > 0.9
-    assert np.abs(mapped - traced)[inside & clear].max() < 0.01
-    assert (mapped[~inside & clear] == -1).all()
+    assert (made_map.valid[row, column] == in_picture)[clear].all()
+    assert in_picture.mean() > 0.9
+    assert np.abs(mapped - traced)[in_picture & clear].max() < 0.01
+    assert (mapped[~in_picture & clear] == -1).all()
 
 
 def test_field_is_enough_for_any_depth(made: Scene, field: RayField) -> None:
@@ -99,9 +99,9 @@ def test_the_map_is_invalid_where_no_ray_leaves_the_cover(made: Scene) -> None:
     assert 0.5 < field.valid.mean() < 1
     assert np.isfinite(field.at_infinity).all()
     assert 0.05 < made_map.valid.mean() < 1
-    off, inside, valid = off_projection(made.path, values, made_map, 2)
-    assert (inside & valid).sum() > 500
-    assert off[inside & valid].max() < 0.01
+    error, in_picture, valid = off_projection(made.path, values, made_map, 2)
+    assert (in_picture & valid).sum() > 500
+    assert error[in_picture & valid].max() < 0.01
 
 
 @pytest.mark.parametrize("depth", [0.0, -1.0, float("nan")])
@@ -117,28 +117,35 @@ def test_a_depth_inside_the_lens_is_refused(field: RayField, depth: float) -> No
 
 
 def off_projection(
-    path: Path, values: Values, made: DepthMap, every: int
+    path: Path, values: Values, made: DepthMap, step: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return for every so many pixels the distance (px) between map and projection, whether the
     projection lies in the picture, and whether the map is valid.
     """
     height, width = made.valid.shape
-    rows, columns = (grid.ravel() for grid in np.mgrid[0:height:every, 0:width:every])
-    fx, fy, cx, cy = (float(values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy"))
+    rows, columns = (grid.ravel() for grid in np.mgrid[0:height:step, 0:width:step])
+    fx = float(values[f"camera.{'fx'}"])
+    fy = float(values[f"camera.{'fy'}"])
+    cx = float(values[f"camera.{'cx'}"])
+    cy = float(values[f"camera.{'cy'}"])
     points = (
         np.column_stack([(columns - cx) / fx, (rows - cy) / fy, np.ones(len(rows))]) * made.depth
     )
-    seen = project(path, values, torch.from_numpy(points), MIDDLE).numpy()
-    inside = (np.abs(seen - [(width - 1) / 2, (height - 1) / 2]) < [width / 2, height / 2]).all(-1)
-    off = np.hypot(made.x[rows, columns] - seen[:, 0], made.y[rows, columns] - seen[:, 1])
-    return off, inside, made.valid[rows, columns]
+    projected = project(path, values, torch.from_numpy(points), MIDDLE).numpy()
+    in_picture = (
+        np.abs(projected - [(width - 1) / 2, (height - 1) / 2]) < [width / 2, height / 2]
+    ).all(-1)
+    error = np.hypot(
+        made.x[rows, columns] - projected[:, 0], made.y[rows, columns] - projected[:, 1]
+    )
+    return error, in_picture, made.valid[rows, columns]
 
 
 @pytest.mark.parametrize("depth", [0.002, 0.005, 0.01, 0.03])
 def test_nearby_a_map_is_right_or_not_valid(made: Scene, field: RayField, depth: float) -> None:
-    off, inside, valid = off_projection(made.path, made.values, field.map_at(depth), 24)
-    assert off[inside & valid].max(initial=0) < 0.01
-    assert not valid[np.isnan(off)].any(), "no ray reaches that point"
+    error, in_picture, valid = off_projection(made.path, made.values, field.map_at(depth), 24)
+    assert error[in_picture & valid].max(initial=0) < 0.01
+    assert not valid[np.isnan(error)].any(), "no ray reaches that point"
     assert (depth > 0.012) == bool(valid.any())
 
 
@@ -156,12 +163,12 @@ def lens_path(*coefficients: float) -> tuple[Path, Values]:
 
 def test_a_wide_rational_lens_is_held_to_a_hundredth_of_a_pixel() -> None:
     path, values = lens_path(0.9, 0.1, 3e-4, 7e-4, 0.002, 1.2, 0.3, 0.015)
-    off, inside, valid = off_projection(
+    error, in_picture, valid = off_projection(
         path, values, ray_field(path, values, 640, 480).map_at(1.0), 3
     )
-    assert inside.all()
+    assert in_picture.all()
     assert valid.all()
-    assert off.max() < 0.01
+    assert error.max() < 0.01
 
 
 def test_around_a_pole_of_the_lens_the_map_is_right_or_not_valid() -> None:
@@ -170,7 +177,7 @@ def test_around_a_pole_of_the_lens_the_map_is_right_or_not_valid() -> None:
     """
     path, values = lens_path(-0.074, -0.30661, 3e-4, 7e-4, -0.01694, 0.28435, -0.42004, -0.08308)
     field = ray_field(path, values, 640, 480)
-    off, inside, valid = off_projection(path, values, field.map_at(1.0), 2)
+    error, in_picture, valid = off_projection(path, values, field.map_at(1.0), 2)
     assert not field.valid.all()
-    assert off[inside & valid].max() < 0.01
+    assert error[in_picture & valid].max() < 0.01
     assert valid.mean() > 0.99

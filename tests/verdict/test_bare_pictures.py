@@ -51,9 +51,9 @@ def with_bare(
         (folder / "bare", Cover("none", {}), bare),
     ):
         place.mkdir()
-        said = session_to_yaml(made.board, Camera(WIDTH, HEIGHT), described)
+        document = session_to_yaml(made.board, Camera(WIDTH, HEIGHT), described)
         (place / "session.yaml").write_text(
-            yaml.safe_dump({"format": 1, **said, "corners": "corners.vnl"})
+            yaml.safe_dump({"format": 1, **document, "corners": "corners.vnl"})
         )
         write_corners(place / "corners.vnl", views)
     return fit(read_session(folder), settings)

@@ -77,19 +77,20 @@ def test_a_row_that_no_view_shows_is_asked_for(
 ) -> None:
     board = replace(good.board, columns=8, rows=8, coding=coding)
 
-    def shown(view: View, *, whole: bool) -> View:
+    def shown(view: View, *, complete: bool) -> View:
         weights = np.ones((board.rows, board.columns))
-        if not whole:
+        if not complete:
             weights[hidden] = 0
         corners = np.where(weights.reshape(-1, 1) > 0, 100.0, np.nan) * np.ones(2)
         return replace(view, corners=corners, weight=weights.ravel())
 
-    cut = tuple(shown(view, whole=False) for view in good.views)
+    cut = tuple(shown(view, complete=False) for view in good.views)
     (reason,) = asked(unseen_row, replace(good, board=board, views=cut))
     assert (reason.word, reason.suspects) == (Trust.CARE, ("board.rows",))
     assert f"{len(cut)} show the one beside it" in reason.sentence
     assert not asked(
-        unseen_row, replace(good, board=board, views=(*cut[1:], shown(good.views[0], whole=True)))
+        unseen_row,
+        replace(good, board=board, views=(*cut[1:], shown(good.views[0], complete=True))),
     )
     assert not asked(unseen_row, replace(good, board=board, views=cut[:4])), "too few to tell"
 
@@ -128,10 +129,10 @@ def test_a_fit_that_ended_early_is_judged_by_its_distance_from_the_optimum(
     good: Calibration, outcome: Outcome
 ) -> None:
     assert not asked(not_converged, ended_with(good, outcome)), "it is at its optimum all the same"
-    away = replace(good, amplitudes=good.amplitudes + 1e-6 * np.eye(5))
-    (reason,) = asked(not_converged, ended_with(away, outcome))
+    displaced = replace(good, amplitudes=good.amplitudes + 1e-6 * np.eye(5))
+    (reason,) = asked(not_converged, ended_with(displaced, outcome))
     assert reason.word is Trust.DO_NOT_USE
-    assert not asked(not_converged, away), "it says that it has converged"
+    assert not asked(not_converged, displaced), "it says that it has converged"
 
 
 def with_stages(calibration: Calibration, pinhole: float, cover: float, last: float) -> Calibration:
@@ -158,40 +159,43 @@ def test_an_unevenness_that_explains_too_much_with_every_number_held(
     )
     tried = replace(much, request=FitRequest(Settings(free=(AUTO,))))
     assert not asked(cover_stage, tried), "and there, before they were held"
-    every = {name: replace(number, exact=True) for name, number in good.cover.parameters.items()}
-    known = good.declared.intrinsics
-    fx, fy, cx, cy = (
-        replace(number, exact=True) for number in (known.fx, known.fy, known.cx, known.cy)
-    )
-    told = Declared(Intrinsics(fx, fy, cx, cy), replace(good.cover, parameters=every))
+    exact_numbers = {
+        name: replace(number, exact=True) for name, number in good.cover.parameters.items()
+    }
+    declared = good.declared.intrinsics
+    fx = replace(declared.fx, exact=True)
+    fy = replace(declared.fy, exact=True)
+    cx = replace(declared.cx, exact=True)
+    cy = replace(declared.cy, exact=True)
+    told = Declared(Intrinsics(fx, fy, cx, cy), replace(good.cover, parameters=exact_numbers))
     assert asked(cover_stage, replace(tried, stated=told)), "exact ones had none"
 
 
-@pytest.mark.parametrize(("off", "doubted"), [(2.9, False), (3.1, True), (12.0, True)])
+@pytest.mark.parametrize(("error", "doubted"), [(2.9, False), (3.1, True), (12.0, True)])
 def test_a_number_that_is_far_from_what_is_declared(
-    freed: Calibration, off: float, doubted: bool
+    freed: Calibration, error: float, doubted: bool
 ) -> None:
     """The estimate ten times surer than what is declared, and so many of the latter's standard
     deviations away.
     """
-    declared, estimate = Number(0.003, 1e-4), Number(0.003 + off * 1e-4 * 0.99**0.5, 1e-5)
+    declared, estimate = Number(0.003, 1e-4), Number(0.003 + error * 1e-4 * 0.99**0.5, 1e-5)
     told = replace(
         freed.cover, parameters={**freed.declared.cover.parameters, "thickness": declared}
     )
-    found = replace(freed.cover, parameters={**freed.cover.parameters, "thickness": estimate})
+    cover = replace(freed.cover, parameters={**freed.cover.parameters, "thickness": estimate})
     reasons = asked(
         declared_numbers,
-        replace(freed, cover=found, stated=Declared(freed.declared.intrinsics, told)),
+        replace(freed, cover=cover, stated=Declared(freed.declared.intrinsics, told)),
     )
     assert [reason.suspects for reason in reasons] == [("cover.thickness",)] * doubted
     assert all(
-        "declared as 3 ± 0.1 mm" in reason.sentence and f"{off:.1f} standard" in reason.sentence
+        "declared as 3 ± 0.1 mm" in reason.sentence and f"{error:.1f} standard" in reason.sentence
         for reason in reasons
     )
 
 
 @pytest.mark.parametrize(
-    ("where", "said"),
+    ("where", "message"),
     [
         ("session.yaml", ["declared as 2500 ± 2", "correct session.yaml"]),
         ("bare", ["found in bare/ as 2500 ± 2", "pictures in bare/ again"]),
@@ -199,21 +203,21 @@ def test_a_number_that_is_far_from_what_is_declared(
     ],
 )
 def test_a_focal_length_is_compared_with_its_source(
-    freed: Calibration, where: str, said: list[str]
+    freed: Calibration, where: str, message: list[str]
 ) -> None:
     """Off by 30 standard deviations: whoever declared nothing has no session.yaml to correct, and
     views do not contradict themselves.
     """
     k = freed.declared.intrinsics
     told = Declared(replace(k, fx=Number(2500.0, 2.0)), freed.declared.cover)
-    found = replace(freed.camera, intrinsics=replace(k, fx=Number(2560.0, 0.1)))
+    camera = replace(freed.camera, intrinsics=replace(k, fx=Number(2560.0, 0.1)))
     reasons = asked(
         declared_numbers,
-        with_outcome(replace(freed, camera=found, stated=told), intrinsics_from=where),
+        with_outcome(replace(freed, camera=camera, stated=told), intrinsics_from=where),
     )
     sentences = [reason.sentence for reason in reasons if reason.suspects == ("camera.fx",)]
-    assert len(sentences) == bool(said)
-    assert all(words in sentence for sentence in sentences for words in said)
+    assert len(sentences) == bool(message)
+    assert all(words in sentence for sentence in sentences for words in message)
 
 
 @pytest.mark.parametrize(("uneven", "doubted"), [(29e-6, False), (31e-6, True)])
@@ -222,10 +226,10 @@ def test_implausibly_uneven_glass_is_reported(
 ) -> None:
     def bent(calibration: Calibration) -> Calibration:
         slope = 1e-5 * np.linspace(-1, 1, 5)[:, None] * np.ones(5)
-        found = height_spread(
+        height = height_spread(
             *replace(calibration, amplitudes=slope).model(), calibration.observations
         )
-        return replace(calibration, amplitudes=slope * uneven / found)
+        return replace(calibration, amplitudes=slope * uneven / height)
 
     held, free = asked(unevenness, bent(good)), asked(unevenness, bent(freed))
     assert len(held) == len(free) == doubted
@@ -254,8 +258,10 @@ def test_any_error_beyond_noise_is_reported(good: Calibration) -> None:
     assert not asked(residual, replace(good, noise_px=1.01 * last / BEYOND_NOISE))
     (reason,) = asked(residual, replace(good, noise_px=0.99 * last / BEYOND_NOISE))
     assert "are left where the corners' noise" in reason.sentence
-    again = replace(good, noise_px=0.01, history=History(diagnosis=DiagnosisRecord()))
-    assert asked(residual, again)[0].next.startswith("calib report"), "it was diagnosed already"
+    second_evaluation = replace(good, noise_px=0.01, history=History(diagnosis=DiagnosisRecord()))
+    assert asked(residual, second_evaluation)[0].next.startswith("calib report"), (
+        "it was diagnosed already"
+    )
 
 
 @pytest.mark.parametrize(("held", "doubted"), [(0.124, False), (0.126, True)])
@@ -281,11 +287,11 @@ def test_an_evaluation_is_judged_too(good: Calibration) -> None:
 
 
 def test_empty_regions_of_the_picture_are_named(good: Calibration) -> None:
-    left = tuple(
+    partial_views = tuple(
         replace(view, weight=np.where(view.corners[:, 0] < 1400, 1.0, 0.0)) for view in good.views
     )
-    enough = np.array([np.count_nonzero(view.weight) > 8 for view in left])
-    half = replace(good, views=tuple(np.array(left)[enough]), poses=good.poses[enough])
+    enough = np.array([np.count_nonzero(view.weight) > 8 for view in partial_views])
+    half = replace(good, views=tuple(np.array(partial_views)[enough]), poses=good.poses[enough])
     (reason,) = asked(coverage, half)
     assert "% of the image has corners" in reason.sentence
     assert reason.next == f"capture '{SESSION}'"
@@ -295,12 +301,17 @@ def test_one_distance(good: Calibration) -> None:
     """Views whose corners lie at nearly one distance, and with one that is farther."""
     far = np.linalg.norm(good.poses[:, 3:], axis=1)
     order = np.argsort(far)
-    few = order[10:13]
-    alike = replace(good, views=tuple(good.views[i] for i in few), poses=good.poses[few])
+    middle_views = order[10:13]
+    alike = replace(
+        good, views=tuple(good.views[i] for i in middle_views), poses=good.poses[middle_views]
+    )
     assert asked(one_depth, alike)
-    more = np.append(few, order[[0, -1]])
+    spread_views = np.append(middle_views, order[[0, -1]])
     assert not asked(
-        one_depth, replace(good, views=tuple(good.views[i] for i in more), poses=good.poses[more])
+        one_depth,
+        replace(
+            good, views=tuple(good.views[i] for i in spread_views), poses=good.poses[spread_views]
+        ),
     )
 
 
@@ -393,12 +404,12 @@ def test_intrinsics_of_another_mode_are_named(good: Calibration) -> None:
 @pytest.mark.parametrize("size", SENSOR_MODES, ids=str)
 def test_no_mode_is_taken_for_another(size: tuple[int, int]) -> None:
     """Lenses mounted up to 40 px off the middle of 1640, two standard deviations."""
-    for off in (-0.024, 0.024):
+    for error in (-0.024, 0.024):
         k = Intrinsics(
             Number(size[0]),
             Number(size[0]),
-            Number(size[0] * (0.5 + off)),
-            Number(size[1] / 2 + size[0] * off),
+            Number(size[0] * (0.5 + error)),
+            Number(size[1] / 2 + size[0] * error),
         )
         assert other_mode(Camera(*size), k) is None
 
