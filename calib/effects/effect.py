@@ -183,7 +183,7 @@ def log_bayes_factor(
     return float(scaled @ np.linalg.solve(posterior, scaled) - np.linalg.slogdet(posterior)[1]) / 2
 
 
-def prior_spread(effect: Effect) -> NDArray[np.float64]:
+def scaled_prior_sigmas(effect: Effect) -> NDArray[np.float64]:
     """Return (k,) the prior's standard deviation of each scalar parameter, over its scale."""
     return np.array([u.sigma / u.param.scale for u in effect.effect_parameters])
 
@@ -200,7 +200,7 @@ def select_form(
     """
 
     def evidence(form: E) -> float:
-        spread = prior_spread(form)
+        spread = scaled_prior_sigmas(form)
         count = len(spread)
         return log_bayes_factor(information[:count, :count], score[:count], spread)
 

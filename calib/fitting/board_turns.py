@@ -18,7 +18,7 @@ from torch import Tensor
 
 from calib.corners.view import View
 from calib.effects.board_shape import DEGREES, BoardShape
-from calib.effects.effect import prior_spread
+from calib.effects.effect import scaled_prior_sigmas
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
@@ -74,7 +74,7 @@ def find_turned(
         return still
     bend = BoardShape(*board.half, DEGREES[0])
     views = _view_bends(model, observations, joint, bend)
-    prior = np.asarray(np.diag(prior_spread(bend) ** -2.0), np.float64)
+    prior = np.asarray(np.diag(scaled_prior_sigmas(bend) ** -2.0), np.float64)
     turn = _quarter_turn(bend)
     unturned = _cost(views, still, _best_bend(views, still, turn, prior), turn, prior)
     best = still

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.effects.board_shape import DEGREES, BoardShape
-from calib.effects.effect import log_bayes_factor, prior_spread
+from calib.effects.effect import log_bayes_factor, scaled_prior_sigmas
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.levenberg_marquardt import Outcome
@@ -64,7 +64,7 @@ def estimate_bend(
     fitted = FittedModel(model, observations, joint)
     (test,) = tuned_score_tests(fitted, [BoardShape(*board.half, DEGREES[-1])])
     bend = test.effect
-    log_odds = log_bayes_factor(test.information, test.score, prior_spread(bend))
+    log_odds = log_bayes_factor(test.information, test.score, scaled_prior_sigmas(bend))
     if log_odds < MIN_LOG_ODDS:
         return model, joint
     bent = model.with_effect(bend)
