@@ -206,8 +206,8 @@ def main() -> None:
         deviation, fitted, carried = np.sqrt((all_rows**2).mean(0))
         console.print(
             f"{sessions} synthetic sessions: off by {deviation:.2g} px at 0.6 m, {fitted:.2f} times"
-            f" what the fit's own covariance predicts, {carried:.2f} times what is predicted where no"
-            " number of the cover is surer than declared",
+            f" what the fit's own covariance predicts, {carried:.2f} times what is predicted where"
+            " no number of the cover is surer than declared",
             soft_wrap=True,
             highlight=False,
         )
