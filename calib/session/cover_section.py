@@ -170,13 +170,11 @@ def _refuse_camera_outside(
     section: Section, shape: Shape, parameters: Mapping[str, Number]
 ) -> None:
     """Raise InputError if the camera lies outside the cover's inner surface."""
-    if not shape.camera_place:
+    if not shape.check_camera:
         return
-    place = shape.camera_place({name: number.value for name, number in parameters.items()})
-    if place.distance >= place.radius:
+    outside = shape.check_camera({name: number.value for name, number in parameters.items()})
+    if outside:
         raise InputError(
-            f"{section.file}: {section.key_path(place.key)} puts the camera outside the"
-            f" {shape.name}, {place.distance * 1000:g} mm from its {place.centre} where the inner"
-            f" radius is {place.radius * 1000:g} mm: write a smaller {place.key} or a larger"
-            " inner_radius_mm."
+            f"{section.file}: {section.key_path(outside.key)} puts the camera outside the"
+            f" {shape.name}{outside.detail}"
         )

@@ -5,7 +5,7 @@ owner knows.
 import json
 from collections.abc import Mapping
 
-from calib.session.shapes.registry import SHAPES
+from calib.session.shapes.registry import find_shape, shape_names
 from calib.sheet.sheet import Sheet
 from calib.sheet.target import Pattern
 
@@ -16,7 +16,7 @@ def starting_session(pattern: Pattern, sheet: Sheet, size: tuple[int, int]) -> s
     board = _entries(pattern.to_yaml(sheet.side, sheet.side))
     covers = "\n".join(
         f"# cover: {{shape: {shape.name}, {_entries(shape.example)}}}"
-        for shape in SHAPES
+        for shape in map(find_shape, shape_names())
         if shape.has_glass
     )
     return f"""\

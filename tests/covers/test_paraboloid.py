@@ -5,6 +5,7 @@ form and the exports, nothing else has to know it.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import ClassVar
 
 import numpy as np
@@ -14,6 +15,8 @@ import yaml
 from textual.widgets import Input, Select
 from torch import Tensor
 
+import calib
+import capture
 from calib.calibration import Calibration
 from calib.checking.cover_spin import CoverSpin
 from calib.cli import main
@@ -36,7 +39,7 @@ from calib.session.session import read_session
 from calib.session.shapes import registry
 from calib.session.shapes.dimension import Dimension
 from calib.session.shapes.flat import FLAT
-from calib.session.shapes.shape import CameraPlace, ChartAxis, Numbers, Shape
+from calib.session.shapes.shape import CameraOutside, ChartAxis, Numbers, Shape
 from calib.session.tolerances import DISTANCE, Tolerance
 from capture.tui.form import FormTexts, explain_field, find_problem, read_form, write_form
 from tests.capture.tui.driving import drive, running, see
@@ -84,9 +87,10 @@ class Paraboloid:
         return Vector(second, first, torch.zeros_like(points.z))
 
 
-def _place(numbers: Numbers) -> CameraPlace:
-    """The pinhole's height below the apex, which must be in front of it."""
-    return CameraPlace(-numbers["apex"], 0.0, "apex_mm", "apex")
+def _check_camera(numbers: Numbers) -> CameraOutside | None:
+    if numbers["apex"] > 0:
+        return None
+    return CameraOutside("apex_mm", ", behind its apex: write a distance above 0.")
 
 
 PARABOLOID = Shape(
@@ -114,7 +118,7 @@ PARABOLOID = Shape(
     surface=f"{__name__}:Paraboloid",
     origin=(None, None, "apex"),
     chart=(ChartAxis("down the bulge (mm)", 1e3), ChartAxis("across the bulge (mm)", 1e3)),
-    camera_place=_place,
+    check_camera=_check_camera,
     example={"bulge_mm": 60.0, "apex_mm": 40.0, "thickness_mm": 4.0, "refractive_index": 1.49},
 )
 
@@ -158,6 +162,12 @@ def calibration(session: Path) -> Calibration:
     return fit(read_session(session), Settings(grid=(4, 4)), Silent())
 
 
+@pytest.mark.parametrize("package", [calib, capture])
+def test_no_module_keeps_the_registry_of_before(package: ModuleType) -> None:
+    folder = Path(str(package.__file__)).parent
+    assert not [path for path in folder.rglob("*.py") if "import SHAPES" in path.read_text()]
+
+
 def test_its_session_is_read_and_written_back(session: Path, calibration: Calibration) -> None:
     read = read_session(session)
     assert read.cover.parameters["apex"].sigma == pytest.approx(1.5e-3)
@@ -175,7 +185,7 @@ def test_the_camera_must_be_inside(session: Path, tmp_path: Path) -> None:
     written["cover"]["apex_mm"] = -1.0
     written["corners"] = str(session / "corners.vnl")
     (tmp_path / "session.yaml").write_text(yaml.safe_dump(written))
-    with pytest.raises(InputError, match="apex_mm puts the camera outside the paraboloid"):
+    with pytest.raises(InputError, match="puts the camera outside the paraboloid, behind its"):
         read_session(tmp_path)
 
 

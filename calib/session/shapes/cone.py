@@ -4,7 +4,7 @@ import math
 
 from calib.session.schema import Quantity
 from calib.session.shapes.dimension import Dimension
-from calib.session.shapes.shape import CameraPlace, ChartAxis, Numbers, Shape
+from calib.session.shapes.shape import CameraOutside, ChartAxis, Numbers, Shape, check_round
 from calib.session.tolerances import COVER_TILT, OFFSET, RADIUS, RADIUS_SLOPE
 
 INNER_RADIUS = Dimension(
@@ -52,20 +52,17 @@ CHART = (
 )
 
 
-def place_in_cone(numbers: Numbers) -> CameraPlace:
-    """Return the place of the pinhole in a cone or, without a slope, in a cylinder."""
+def check_camera(numbers: Numbers) -> CameraOutside | None:
+    """Check that the pinhole is inside a cone or, without a slope, a cylinder."""
     x, z = numbers["axis_offset.x"], numbers["axis_offset.z"]
     angle = math.hypot(numbers["tilt.x"], numbers["tilt.z"])
     scale = math.sin(angle) / angle if angle else 1.0
     # The axis is y, turned by the rotation vector (tilt.x, 0, tilt.z). `axial` is the pinhole's
     # coordinate along it, m, from the axis's point at y = 0.
     axial = -scale * (numbers["tilt.x"] * z - numbers["tilt.z"] * x)
-    return CameraPlace(
-        distance=math.sqrt(max(x**2 + z**2 - axial**2, 0.0)),
-        radius=numbers["inner_radius"] + numbers.get("radius_slope", 0.0) * axial,
-        key="axis_offset_mm",
-        centre="axis",
-    )
+    distance = math.sqrt(max(x**2 + z**2 - axial**2, 0.0))
+    radius = numbers["inner_radius"] + numbers.get("radius_slope", 0.0) * axial
+    return check_round(distance, radius, key="axis_offset_mm", centre="axis")
 
 
 CONE = Shape(
@@ -75,7 +72,7 @@ CONE = Shape(
     surface="calib.optics.cone:Cone",
     origin=("axis_offset.x", None, "axis_offset.z"),
     chart=CHART,
-    camera_place=place_in_cone,
+    check_camera=check_camera,
     example={
         "inner_radius_mm": 42.0,
         "radius_slope": -0.1,

@@ -11,7 +11,7 @@ CYLINDER = Shape(
     origin=CONE.origin,
     constants={"radius_slope": 0.0},
     chart=CONE.chart,
-    camera_place=CONE.camera_place,
+    check_camera=CONE.check_camera,
     example={
         "inner_radius_mm": 42.0,
         "axis_offset_mm": [0.0, -30.0],

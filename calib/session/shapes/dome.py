@@ -6,14 +6,14 @@ from dataclasses import replace
 from calib.session.schema import Quantity
 from calib.session.shapes.cone import INNER_RADIUS
 from calib.session.shapes.dimension import Dimension
-from calib.session.shapes.shape import CameraPlace, ChartAxis, Numbers, Shape
+from calib.session.shapes.shape import CameraOutside, ChartAxis, Numbers, Shape, check_round
 from calib.session.tolerances import OFFSET
 
 
-def place_in_dome(numbers: Numbers) -> CameraPlace:
-    """Return the place of the pinhole in a dome."""
+def check_camera(numbers: Numbers) -> CameraOutside | None:
+    """Check that the pinhole is inside a dome."""
     distance = math.hypot(numbers["centre.x"], numbers["centre.y"], numbers["centre.z"])
-    return CameraPlace(distance, numbers["inner_radius"], key="centre_mm", centre="centre")
+    return check_round(distance, numbers["inner_radius"], key="centre_mm", centre="centre")
 
 
 DOME = Shape(
@@ -39,7 +39,7 @@ DOME = Shape(
         ChartAxis("elevation (°)", math.degrees(1)),
         ChartAxis("azimuth (°)", math.degrees(1)),
     ),
-    camera_place=place_in_dome,
+    check_camera=check_camera,
     example={
         "inner_radius_mm": 50.0,
         "centre_mm": [0.0, 0.0, 0.0],

@@ -26,17 +26,26 @@ class ChartAxis:
 
 
 @dataclass(frozen=True, slots=True)
-class CameraPlace:
-    """The place of the pinhole in a round cover."""
+class CameraOutside:
+    """The error that the pinhole lies outside of a cover's inner surface."""
 
-    distance: float
-    """m, from the cover's centre or axis."""
-    radius: float
-    """m, of the cover's inner surface there."""
     key: str
     """The key that places the cover."""
-    centre: str
-    """The word for that from which the distance is measured."""
+    detail: str
+    """The end of "KEY puts the camera outside the SHAPE": by how much, and what to write."""
+
+
+def check_round(distance: float, radius: float, key: str, centre: str) -> CameraOutside | None:
+    """Return the error if the pinhole's distance from a round cover's `centre`, m, is not smaller
+    than the inner radius there, m; else None. `key` places that centre.
+    """
+    if distance < radius:
+        return None
+    return CameraOutside(
+        key,
+        f", {distance * 1000:g} mm from its {centre} where the inner radius is {radius * 1000:g}"
+        f" mm: write a smaller {key} or a larger inner_radius_mm.",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +69,9 @@ class Shape:
     """Numbers of its surface that no session states."""
     chart: tuple[ChartAxis, ChartAxis] | None = None
     """The first coordinate, which figures draw downwards, and the second one."""
-    camera_place: Callable[[Numbers], CameraPlace] | None = None
-    """The place of the pinhole in a cover with these numbers. None: the numbers themselves keep
-    the camera inside.
+    check_camera: Callable[[Numbers], CameraOutside | None] | None = None
+    """The check that the pinhole is inside a cover with these numbers. None: the limits of the
+    numbers keep it there.
     """
     example: Mapping[str, object] = field(default_factory=dict)
     """An example of its keys in session.yaml, without the shape's name."""
