@@ -60,10 +60,9 @@ class Tried:
 
 def map_error(made: Scene, calibration: Calibration) -> float:
     """px"""
-    x, y = (
-        (np.arange(n) + 0.5) / n * length - 0.5
-        for n, length in zip(CELLS, (WIDTH, HEIGHT), strict=True)
-    )
+    columns, rows = CELLS
+    x = (np.arange(columns) + 0.5) / columns * WIDTH - 0.5
+    y = (np.arange(rows) + 0.5) / rows * HEIGHT - 0.5
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     ours, true = calibration.rays(pixels), rays_of(made.path, made.values, pixels)
     at = [np.full(len(pixels), depth) for depth in DEPTHS]

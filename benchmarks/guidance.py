@@ -146,10 +146,9 @@ def judged(person: Person) -> tuple[float, float]:
     """The error of the map that these views give, and what the guide predicts for it, px."""
     planning_fit = estimate(SETUP, person.views, RELIEF_GRID)
     design = design_of(planning_fit)
-    x, y = (
-        (np.arange(n) + 0.5) / n * length - 0.5
-        for n, length in zip(COVERAGE_CELLS[::-1], (WIDTH, HEIGHT), strict=True)
-    )
+    rows, columns = COVERAGE_CELLS
+    x = (np.arange(columns) + 0.5) / columns * WIDTH - 0.5
+    y = (np.arange(rows) + 0.5) / rows * HEIGHT - 0.5
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     ours = rays_of(planning_fit.model.path, dict(planning_fit.model.means), pixels)
     true = rays_of(person.truth.path, dict(person.truth.values), pixels)

@@ -157,9 +157,8 @@ def by_depth(placed: list[Placed], truth: TagTruth, title: str) -> Table:
     table = Table(*titles, title=f"{title}: error of a tag's place, mm RMS; 12 tags a row")
     for side, depth in np.unique(at, axis=0).tolist():
         selected = (at == (side, depth)).all(-1)
-        ours, opencv, own_error, exported = (
-            1e3 * float(np.sqrt((item[selected] ** 2).mean())) for item in errors
-        )
+        millimetres = [1e3 * float(np.sqrt((error[selected] ** 2).mean())) for error in errors]
+        ours, opencv, own_error, exported = millimetres
         sigma = 1e3 * float(np.sqrt((spread[selected] ** 2).mean()))
         cells = (
             f"{1e3 * side:.0f} mm",
@@ -311,9 +310,9 @@ def main() -> None:
     )
     console.print(f"Distances between tags of a picture, error over sigma: {expected}.")
     if sessions:
-        errors, ratios = (
-            np.array(piece) for piece in zip(*map(synthetic, range(sessions)), strict=True)
-        )
+        results = [synthetic(number) for number in range(sessions)]
+        errors = np.array([error for error, _ in results])
+        ratios = np.array([ratio for _, ratio in results])
         title = (
             f"{sessions} synthetic sessions, {TAGS} tags of {1e3 * SIDE:.0f} mm to a depth in each"
         )

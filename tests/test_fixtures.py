@@ -86,7 +86,8 @@ def test_every_view_is_used_and_the_cover_explains_most_of_the_error(
     """
     result = fitted[name]
     assert result.rejected == ()
-    pinhole, cover, relief = (stage.rms_px for stage in result.stages)
+    errors_px = [stage.rms_px for stage in result.stages]
+    pinhole, cover, relief = errors_px
     by_cover, by_relief = {
         "clean": (0.045, 0.78),
         "bumps": (0.235, 0.16),

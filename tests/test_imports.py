@@ -178,7 +178,8 @@ def graph() -> Graph:
 def place(module: str) -> tuple[str, int, str]:
     """Package, layer and room."""
     package, room = module.split(".")[:2]
-    (layer,) = (level for level, rooms in enumerate(LAYERS[package]) if room in rooms)
+    layers = [level for level, rooms in enumerate(LAYERS[package]) if room in rooms]
+    (layer,) = layers
     return package, layer, room
 
 

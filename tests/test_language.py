@@ -1,6 +1,5 @@
-"""The rules for the language of the code, on every file of calib and capture: names are nouns,
-docstrings are sentences, and a statement does one thing. The docstrings of tests, benchmarks and
-fixtures are sentences as well.
+"""The rules for the language of the code: names are nouns, docstrings are sentences, and a
+statement does one thing. They hold in tests, benchmarks and fixtures as well.
 """
 
 import ast
@@ -45,6 +44,7 @@ REFUSED_NAMES = frozenset(NAME_WORDS.split())
 REFUSED_OPENINGS = frozenset(OPENING_WORDS.split())
 
 each_package = pytest.mark.parametrize("package", PACKAGES)
+each_folder = pytest.mark.parametrize("folder", FOLDERS)
 
 
 Check = Callable[[ast.AST], list[tuple[int, str]]]
@@ -174,24 +174,28 @@ def places(package: str, check: Check) -> list[str]:
     ]
 
 
-@each_package
-def test_names_are_nouns(package: str) -> None:
-    count = sum(len(list(name_bindings(tree))) for tree in parsed_files(package).values())
-    refused = places(package, refused_names)
+@each_folder
+def test_names_are_nouns(folder: str) -> None:
+    count = sum(len(list(name_bindings(tree))) for tree in parsed_files(folder).values())
+    refused = places(folder, refused_names)
     assert len(refused) <= MAX_NAMES * count, "\n".join(refused)
 
 
-@pytest.mark.parametrize("folder", FOLDERS)
+@each_folder
 def test_docstrings_are_sentences(folder: str) -> None:
     count = sum(len(list(docstrings(tree))) for tree in parsed_files(folder).values())
     refused = places(folder, refused_openings)
     assert len(refused) <= MAX_OPENINGS * count, "\n".join(refused)
 
 
+@each_folder
+def test_a_statement_does_one_thing(folder: str) -> None:
+    assert places(folder, unpacked_comprehensions) == []
+
+
 @each_package
-@pytest.mark.parametrize("check", [unpacked_comprehensions, nan_calls])
-def test_a_statement_does_one_thing(package: str, check: Check) -> None:
-    assert places(package, check) == []
+def test_no_result_is_made_of_nan(package: str) -> None:
+    assert places(package, nan_calls) == []
 
 
 @each_package

@@ -63,10 +63,8 @@ def test_a_spun_cone_carries_its_bumps_along() -> None:
         [[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]], dtype=torch.float64
     )  # T_camera_cover
     start = made.path.lens(PIXELS[1:2], values).direction.stacked() @ turn  # seen from the cover
-    f, c = (
-        torch.tensor([float(values[f"camera.{a}{b}"]) for b in "xy"], dtype=torch.float64)
-        for a in "fc"
-    )
+    f = torch.stack([values["camera.fx"], values["camera.fy"]])
+    c = torch.stack([values["camera.cx"], values["camera.cy"]])
     pixel = f * start[:, :2] / start[:, 2:] + c
     unspun = made.path.trace(pixel, values, MIDDLE)
     assert (spun.direction.stacked() - unspun.direction.stacked() @ turn.T).abs().max() < 1e-12

@@ -49,7 +49,8 @@ def found(bowed: Calibration) -> tuple[Calibration, Diagnosis]:
 def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Diagnosis]) -> None:
     _, finding = found
     assert finding.accepted == ("board_shape",)
-    (accepted,) = (candidate for candidate in finding.candidates if candidate.accepted)
+    candidates = [candidate for candidate in finding.candidates if candidate.accepted]
+    (accepted,) = candidates
     for name, value in TRUTH.items():
         item = accepted.parameters[name]
         assert abs(item.value - value) < 3 * item.sigma

@@ -258,7 +258,8 @@ def test_flat_port_is_snell_through_parallel_plates(behind: str, outside_index: 
     path, values = pinhole_path(INTRINSICS)
     base = CameraModel(path, values, NONE)
     context = EffectContext(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values)
-    (effect,) = (e for e in FlatPort.propose(context) if e.behind == behind)
+    effects = [effect for effect in FlatPort.propose(context) if effect.behind == behind]
+    (effect,) = effects
     distance, wall, tilt = 0.03 if behind == "water" else 0.0, 0.008, {"x": 0.05, "y": -0.08}
     normal = turned(**tilt)[:, 2]
     launched = pinhole(PIXELS)

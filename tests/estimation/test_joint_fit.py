@@ -356,10 +356,9 @@ def test_evidence_is_the_marginal_likelihood() -> None:
 def test_the_prior_s_heights_have_the_stated_spread() -> None:
     relief = Relief(*PATCH, (6, 5))
     smoothness = Smoothness(2e-5, 0.5)
-    rows, columns = (
-        torch.linspace(low, high, n, dtype=torch.float64)
-        for low, high, n in zip(*PATCH, (6, 5), strict=True)
-    )
+    low, high = PATCH
+    rows = torch.linspace(low[0], high[0], 6, dtype=torch.float64)
+    columns = torch.linspace(low[1], high[1], 5, dtype=torch.float64)
     at = torch.cartesian_prod(rows, columns)
     level = torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64).expand(30, 1, 3)
     heights = torch.empty(30, 1, 30, dtype=torch.float64)

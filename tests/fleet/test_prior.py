@@ -206,7 +206,8 @@ def changed(folder: Path, camera: str, **to: object) -> None:
 
 def test_broken_cameras_are_left_out_and_named(fleet: Path, tmp_path: Path) -> None:
     folder = copied(fleet, tmp_path)
-    first, second, *_ = [LINE.name(number) for number in range(LINE.cameras) if number != BROKEN]
+    sound = [LINE.name(number) for number in range(LINE.cameras) if number != BROKEN]
+    first, second, *_ = sound
     changed(folder, first, verdict={"word": "do_not_use"})
     changed(
         folder, second, state=JobState.FAILED, sentence="corners.vnl ends in the middle of a line."
@@ -263,7 +264,8 @@ def test_a_camera_is_done_again_when_its_prior_has_changed(prior: Path, tmp_path
     own_prior = tmp_path / "prior.yaml"
     own_prior.write_text(prior.read_text())
     entry = Entry("new", str(named(tmp_path / "new", NEW, 4, own_prior)))
-    first_identity, second_identity = (Identity.of(entry, FleetOptions(SETTINGS)) for _ in range(2))
+    first_identity = Identity.of(entry, FleetOptions(SETTINGS))
+    second_identity = Identity.of(entry, FleetOptions(SETTINGS))
     own_prior.write_text(prior.read_text().replace("cameras: 6", "cameras: 7"))
     assert first_identity.same(second_identity)
     assert not first_identity.same(Identity.of(entry, FleetOptions(SETTINGS)))

@@ -102,11 +102,10 @@ def test_a_covered_fit_gains_from_the_correlations() -> None:
             assert k
             deviations[full].append((k.fx.value - k.fy.value) ** 2)
             maps[full].append(float(np.mean(list(errors(made, result))[-1][0] ** 2)))
-    ours, theirs, our_maps, their_maps = (
-        float(np.sqrt(np.mean(squares[full])))
-        for squares in (deviations, maps)
-        for full in (True, False)
-    )
+    ours = float(np.sqrt(np.mean(deviations[True])))
+    theirs = float(np.sqrt(np.mean(deviations[False])))
+    our_maps = float(np.sqrt(np.mean(maps[True])))
+    their_maps = float(np.sqrt(np.mean(maps[False])))
     print(
         f"fx - fy {ours:.2f}, by sigmas alone {theirs:.2f} px; maps {our_maps:.3f},"
         f" {their_maps:.3f} px"

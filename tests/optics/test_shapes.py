@@ -27,7 +27,8 @@ def test_a_session_is_fitted_through_every_stage(
     calibration = fit(
         read_session(write_session(tmp_path, made)), Settings(grid=(5, 4), steps=60), Silent()
     )
-    pinhole, smooth, uneven = (stage.rms_px for stage in calibration.stages)
+    errors_px = [stage.rms_px for stage in calibration.stages]
+    pinhole, smooth, uneven = errors_px
     assert smooth < (0.2 if moved else 1.0) * pinhole, (
         "in air some covers are almost invisible; water bends much"
     )

@@ -142,10 +142,9 @@ def test_the_predicted_sigma_is_the_calibrations_own(made: Scene) -> None:
     design = estimate(setup, made.views, GRID).design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
     field = predicted_sigma(calibrate(made, Settings(grid=GRID)))
     assert field
-    x, y = (
-        (np.arange(n) + 0.5) / n * length - 0.5
-        for n, length in zip(COVERAGE_CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True)
-    )
+    cell_rows, cell_columns = COVERAGE_CELLS
+    x = (np.arange(cell_columns) + 0.5) / cell_columns * CAMERA.width - 0.5
+    y = (np.arange(cell_rows) + 0.5) / cell_rows * CAMERA.height - 0.5
     theirs = np.stack([field.at(*np.meshgrid(x, y), depth) for depth in DEPTHS], -1)
     ours = np.sqrt(design.variance(design.precision()))
     assert 0.7 < np.median(ours / theirs) < 1
@@ -166,10 +165,9 @@ def test_neglected_modes_change_nothing(few: PlanningFit, setup: Setup) -> None:
     precision[:amplitudes, :amplitudes] = few.smoothness.precision(model.path.relief)
     precision[amplitudes:, amplitudes:] = np.diag(fixed)
     covariance = np.linalg.inv(information + precision)
-    x, y = (
-        (np.arange(n) + 0.5) / n * length - 0.5
-        for n, length in zip(COVERAGE_CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True)
-    )
+    cell_rows, cell_columns = COVERAGE_CELLS
+    x = (np.arange(cell_columns) + 0.5) / cell_columns * CAMERA.width - 0.5
+    y = (np.arange(cell_rows) + 0.5) / cell_rows * CAMERA.height - 0.5
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     jacobian, motions, _ = undistorted_jacobian(model.path, model.parameters, pixels)
     at = np.stack([np.ones_like(DEPTHS), 1 / DEPTHS])

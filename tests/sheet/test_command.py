@@ -76,11 +76,9 @@ def test_three_files_of_one_board(
 @pytest.mark.parametrize("shape", [shape.name for shape in SHAPES if shape.has_glass])
 def test_every_cover_that_it_offers_can_be_used(shape: str, printed: Path) -> None:
     file = printed / "session.yaml"
-    (line,) = [
-        line
-        for line in file.read_text().splitlines()
-        if line.startswith(f"# cover: {{shape: {shape},")
-    ]
+    beginning = f"# cover: {{shape: {shape},"
+    lines = [line for line in file.read_text().splitlines() if line.startswith(beginning)]
+    (line,) = lines
     mapping = {
         key: value for key, value in read_yaml(file).items() if key != "format"
     } | yaml.safe_load(line.removeprefix("# "))

@@ -123,7 +123,7 @@ def off_projection(
     projection lies in the picture, and whether the map is valid.
     """
     height, width = made.valid.shape
-    rows, columns = (grid.ravel() for grid in np.mgrid[0:height:step, 0:width:step])
+    rows, columns = np.mgrid[0:height:step, 0:width:step].reshape(2, -1)
     fx = float(values[f"camera.{'fx'}"])
     fy = float(values[f"camera.{'fy'}"])
     cx = float(values[f"camera.{'cx'}"])

@@ -70,7 +70,8 @@ def test_turned_and_mirrored_pictures_are_named(made: Scene, quarters: int, mirr
             FAST,
         )
     )
-    (reason,) = [reason for reason in verdict.reasons if "frames" in reason.suspects]
+    reasons = [reason for reason in verdict.reasons if "frames" in reason.suspects]
+    (reason,) = reasons
     assert str(Orientation(quarters, mirrored)) in reason.sentence
 
 
