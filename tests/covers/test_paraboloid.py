@@ -144,8 +144,8 @@ def registered() -> Iterator[None]:
 
 
 def _inner(points: Array) -> Array:
-    own = rotate(-TILT, points - [0.0, 0.0, TRUTH["apex"]])
-    return np.asarray(own[:, 2] + (own[:, 0] ** 2 + own[:, 1] ** 2) / (2 * TRUTH["bulge"]))
+    local = rotate(-TILT, points - [0.0, 0.0, TRUTH["apex"]])
+    return np.asarray(local[:, 2] + (local[:, 0] ** 2 + local[:, 1] ** 2) / (2 * TRUTH["bulge"]))
 
 
 @pytest.fixture(scope="module")
@@ -173,11 +173,11 @@ def test_its_session_is_read_and_written_back(session: Path, calibration: Calibr
     assert read.cover.parameters["apex"].sigma == pytest.approx(1.5e-3)
     folder = session / "out"
     calibration.save(folder)
-    again = Calibration.load(folder)
-    assert again.cover.shape == "paraboloid"
-    assert again.declared.cover == calibration.declared.cover
+    loaded = Calibration.load(folder)
+    assert loaded.cover.shape == "paraboloid"
+    assert loaded.declared.cover == calibration.declared.cover
     pixels = np.array([[100.0, 200.0], [900.0, 600.0]])
-    assert np.abs(again.rays(pixels)[0] - calibration.rays(pixels)[0]).max() < 1e-15
+    assert np.abs(loaded.rays(pixels)[0] - calibration.rays(pixels)[0]).max() < 1e-15
 
 
 def test_the_camera_must_be_inside(session: Path, tmp_path: Path) -> None:

@@ -173,10 +173,10 @@ def test_effects_are_of_the_outermost_cover(calibration: Calibration) -> None:
 
 def test_it_is_saved_and_loaded(calibration: Calibration, tmp_path: Path) -> None:
     calibration.save(tmp_path)
-    again = Calibration.load(tmp_path)
-    for name, number in again.cover.numbers.items():  # millimetres in the file cost the last bit
+    loaded = Calibration.load(tmp_path)
+    for name, number in loaded.cover.numbers.items():  # millimetres in the file cost the last bit
         assert number.value == pytest.approx(calibration.cover.numbers[name].value, rel=1e-15)
-    assert again.declared.cover == calibration.declared.cover
+    assert loaded.declared.cover == calibration.declared.cover
 
 
 def test_report_verdict_check_and_medium_take_it(
