@@ -1,0 +1,123 @@
+"""Debian's mrcal on a session of corners: print its errors on kept-back views as JSON, px.
+
+Run by /usr/bin/python3, where Debian puts mrcal: KEPT HELD_OUT, two session folders.
+"""
+
+import json
+import math
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import mrcal  # type: ignore[import-not-found]
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+Floats = NDArray[np.float64]
+
+OPENCV8 = "LENSMODEL_OPENCV8"
+SPLINED = "LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=10_Ny=8_fov_x_deg={}"
+MARGIN = 1.15
+"""The spline's field over that of the picture's width."""
+MAX_FIELD = 170
+"""Degrees of a spline's field."""
+
+
+def main() -> None:
+    kept, held_out = map(Path, sys.argv[1:])
+    errors = {}
+    focal = 0.0
+    document = yaml.safe_load((kept / "session.yaml").read_text())
+    width = document["camera"]["width"]
+    for name in ("mrcal OPENCV8", "mrcal splined"):
+        if name == "mrcal OPENCV8":
+            model = OPENCV8
+        else:
+            field = MARGIN * 2 * math.degrees(math.atan(width / 2 / (focal or width)))
+            model = SPLINED.format(min(MAX_FIELD, int(field)))
+        with tempfile.TemporaryDirectory() as folder:
+            camera = calibrate(kept, document, model, focal or width, Path(folder))
+        if camera is None:
+            continue
+        focal = focal or float(camera.intrinsics()[1][0])
+        errors[name] = error(camera, document["board"], held_out)
+    print(json.dumps(errors))
+
+
+def calibrate(
+    session: Path, document: dict[str, dict[str, float]], model: str, focal: float, folder: Path
+) -> mrcal.cameramodel | None:
+    """Return what mrcal's own command fits, None if it ends without a model."""
+    board, camera = document["board"], document["camera"]
+    lines = ["# filename x y level\n"]
+    for index, corners in enumerate(views(session / "corners.vnl")):
+        for x, y in corners:
+            place = f"{x:.17g} {y:.17g} 0" if math.isfinite(x) else "- - -"
+            lines.append(f"view{index:04d}.png {place}\n")
+    (folder / "corners.vnl").write_text("".join(lines))
+    options = {
+        "--corners-cache": [str(folder / "corners.vnl")],
+        "--lensmodel": [model],
+        "--focal": [str(focal)],
+        "--imagersize": [str(camera["width"]), str(camera["height"])],
+        "--object-spacing": [str(side(board))],
+        "--object-width-n": [str(board["columns"])],
+        "--object-height-n": [str(board["rows"])],
+        "--outdir": [str(folder)],
+    }
+    words = [word for name, values in options.items() for word in (name, *values)]
+    subprocess.run(
+        ["mrcal-calibrate-cameras", *words, "view*.png"], capture_output=True, check=False
+    )
+    file = folder / "camera-0.cameramodel"
+    return mrcal.cameramodel(str(file)) if file.exists() else None
+
+
+def error(camera: mrcal.cameramodel, board: dict[str, float], session: Path) -> float:
+    """Return the root mean square error on the session's views, px."""
+    warp = camera.optimization_inputs()["calobject_warp"]
+    points = mrcal.ref_calibration_object(
+        board["columns"], board["rows"], side(board), calobject_warp=warp
+    ).reshape(-1, 3)
+    intrinsics = camera.intrinsics()
+    squares: list[Floats] = []
+    for corners in views(session / "corners.vnl"):
+        seen = np.isfinite(corners[:, 0])
+        ours, pixels = points[seen], corners[seen]
+        rays = mrcal.unproject(pixels, *intrinsics)
+        _, turn, place = cv2.solvePnP(
+            ours * [1, 1, 0], (rays / rays[:, 2:])[:, :2].copy(), np.eye(3), None
+        )
+
+        def residual(pose: Floats, ours: Floats = ours, pixels: Floats = pixels) -> Floats:
+            moved = mrcal.transform_point_Rt(mrcal.Rt_from_rt(pose), ours)
+            return np.ravel(mrcal.project(moved, *intrinsics) - pixels)
+
+        squares.append(least_squares(residual, np.append(turn, place)).fun ** 2)
+    return float(np.sqrt(2 * np.concatenate(squares).mean()))
+
+
+def views(file: Path) -> Iterator[Floats]:
+    """Yield the (count, 2) px of each view; NaN for a corner that was not seen."""
+    by_name: dict[str, list[list[float]]] = {}
+    for line in file.read_text().splitlines():
+        if line and not line.startswith("#"):
+            name, x, y, *_ = line.split()
+            corner = [math.nan, math.nan] if x == "-" else [float(x), float(y)]
+            by_name.setdefault(name, []).append(corner)
+    yield from map(np.array, by_name.values())
+
+
+def side(board: dict[str, float]) -> float:
+    """Return the side of a square, m."""
+    stated = board["square_mm"]
+    return (stated["value"] if isinstance(stated, dict) else stated) / 1000
+
+
+if __name__ == "__main__":
+    main()
