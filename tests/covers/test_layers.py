@@ -200,9 +200,9 @@ def _calibration_of(session: Path, cover: Cover) -> Calibration:
 
 
 def test_a_fit_finds_where_it_stands(calibration: Calibration) -> None:
-    pinhole, smooth, uneven = (stage.rms_px for stage in calibration.stages)
-    assert smooth < 0.1 * pinhole
-    assert uneven < 0.02
+    rms_px = {stage.name: stage.rms_px for stage in calibration.stages}
+    assert rms_px["cover"] < 0.1 * rms_px["pinhole"]
+    assert rms_px["cover+rbf"] < 0.02
     distance = calibration.cover.parameters["distance"]
     assert abs(distance.value - DISTANCE) < 4 * distance.sigma
     assert distance.sigma < 1e-3
