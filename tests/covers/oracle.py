@@ -30,18 +30,20 @@ SETTLED = 1e-9
 
 
 def project(points: Array) -> Array:
-    """The pinhole's pixels."""
+    """Return the (N, 2) px of a pinhole."""
     return np.asarray(FOCAL * points[:, :2] / points[:, 2:] + CENTRE)
 
 
 def launch(pixels: Array) -> Array:
-    """The unit rays of a pinhole."""
+    """Return the (N, 3) unit rays of a pinhole."""
     rays = np.column_stack([(pixels - CENTRE) / FOCAL, np.ones(len(pixels))])
     return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 
 def trace(surfaces: Sequence[tuple[Height, float, float]], pixels: Array) -> tuple[Array, Array]:
-    """Origins and directions behind surfaces, each with the indices before and behind it."""
+    """Return the (N, 3) origins and directions behind surfaces. Each surface has the indices of
+    what is before and behind it.
+    """
     directions = launch(pixels)
     origins = np.zeros_like(directions)
     for height, n_from, n_to in surfaces:
@@ -49,21 +51,21 @@ def trace(surfaces: Sequence[tuple[Height, float, float]], pixels: Array) -> tup
         high = np.full(len(pixels), 0.5)
         for _ in range(55):
             middle = (low + high) / 2
-            interior = height(origins + middle[:, None] * directions) < 0
-            low, high = np.where(interior, middle, low), np.where(interior, high, middle)
+            is_inside = height(origins + middle[:, None] * directions) < 0
+            low, high = np.where(is_inside, middle, low), np.where(is_inside, high, middle)
         origins = origins + low[:, None] * directions
         steps = np.eye(3) * 1e-6
         slopes = [height(origins + step) - height(origins - step) for step in steps]
         normals = np.stack(slopes, -1)
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         cosines = (directions * normals).sum(-1, keepdims=True)
-        sideways = n_from / n_to * (directions - cosines * normals)
-        directions = sideways + normals * np.sqrt(1 - (sideways**2).sum(-1, keepdims=True))
+        lateral = n_from / n_to * (directions - cosines * normals)
+        directions = lateral + normals * np.sqrt(1 - (lateral**2).sum(-1, keepdims=True))
     return origins, directions
 
 
 def seen_through(surfaces: Sequence[tuple[Height, float, float]]) -> See:
-    """The projection through these surfaces: a pixel moves until its ray meets the point."""
+    """Return the projection through these surfaces: a pixel moves until its ray meets the point."""
 
     def see(points: Array) -> Array:
         pixels = project(points)
@@ -80,7 +82,7 @@ def seen_through(surfaces: Sequence[tuple[Height, float, float]]) -> See:
 
 
 def rotate(vector: Array, points: Array) -> Array:
-    """Rodrigues' formula."""
+    """Turn (N, 3) points by a rotation vector, by Rodrigues' formula."""
     angle = np.linalg.norm(vector)
     if not angle:
         return points
@@ -93,7 +95,7 @@ def rotate(vector: Array, points: Array) -> Array:
 
 
 def views(see: See, count: int, seed: int) -> tuple[View, ...]:
-    """Views of boards at 0.25 to 0.6 m, every corner in the picture, with noise."""
+    """Return views of boards at 0.25 to 0.6 m, with every corner in the picture, and with noise."""
     rng = np.random.default_rng(seed)
     flat = np.column_stack([BOARD.points(), np.zeros(BOARD.count)])
     taken: list[View] = []
@@ -113,7 +115,7 @@ def views(see: See, count: int, seed: int) -> tuple[View, ...]:
 
 
 def write_session(folder: Path, cover: object, taken: tuple[View, ...]) -> Path:
-    """A session with this section `cover`, its camera and its lens as they are."""
+    """Write a session with this section `cover`. Its camera and its lens are as they are."""
     folder.mkdir(parents=True, exist_ok=True)
     intrinsics = {"fx": FOCAL, "fy": FOCAL, "cx": float(CENTRE[0]), "cy": float(CENTRE[1])}
     camera = {"width": SIZE[0], "height": SIZE[1], "intrinsics": intrinsics}

@@ -50,28 +50,30 @@ NAMES = (
 
 
 def radius(sine: Array, depth: Array) -> Array:
-    """Snell's law in closed form: how far from the axis a ray of this sine at the pinhole is. Its
-    direction in water depends on water alone, and each layer adds a shift.
+    """Return the distance from the axis of a ray that has this sine at the pinhole.
+
+    Snell's law has a closed form: the direction in water depends on water alone, and each layer
+    adds a shift.
     """
 
     def tangent(index: float) -> Array:
         return np.asarray(sine / np.sqrt(index**2 - sine**2))
 
     glass = sum(thickness * tangent(index) for thickness, index in LAYERS)
-    excess = depth - DISTANCE - sum(thickness for thickness, _ in LAYERS)
-    return np.asarray(DISTANCE * tangent(1.0) + glass + excess * tangent(WATER))
+    in_water = depth - DISTANCE - sum(thickness for thickness, _ in LAYERS)
+    return np.asarray(DISTANCE * tangent(1.0) + glass + in_water * tangent(WATER))
 
 
 def see_points(points: Array) -> Array:
-    """Pixels by bisection over the sine."""
-    sideways = np.linalg.norm(points[:, :2], axis=-1)
+    """Return the pixels of points, by bisection over the sine."""
+    lateral = np.linalg.norm(points[:, :2], axis=-1)
     low, high = np.zeros(len(points)), np.full(len(points), 0.99)
     for _ in range(60):
         middle = (low + high) / 2
-        interior = radius(middle, points[:, 2]) < sideways
-        low, high = np.where(interior, middle, low), np.where(interior, high, middle)
+        is_inside = radius(middle, points[:, 2]) < lateral
+        low, high = np.where(is_inside, middle, low), np.where(is_inside, high, middle)
     tangent = low / np.sqrt(1 - low**2)
-    direction = points[:, :2] / sideways[:, None]
+    direction = points[:, :2] / lateral[:, None]
     return np.asarray(FOCAL * tangent[:, None] * direction + CENTRE)
 
 
@@ -103,8 +105,8 @@ def test_every_layer_has_its_numbers(session: Path) -> None:
 
 
 def test_one_layer_is_written_as_before() -> None:
-    item = {"shape": "flat", "distance_mm": 20.0, "layers": COVER["layers"][:1]}  # type: ignore[index]
-    cover = read_cover(section(item))
+    single = {"shape": "flat", "distance_mm": 20.0, "layers": COVER["layers"][:1]}  # type: ignore[index]
+    cover = read_cover(section(single))
     assert cover == read_cover(
         section(
             {"shape": "flat", "distance_mm": 20.0, "thickness_mm": 3.0, "refractive_index": 1.52}
@@ -153,17 +155,18 @@ def test_the_ray_path_is_snells_closed_form(session: Path) -> None:
     assert np.abs(see_points(points) - pixels).max() < 1e-8
 
 
-def test_and_that_of_a_tracer_by_bisection(session: Path) -> None:
-    """With the window tilted, where there is no closed form about the axis."""
+def test_the_ray_path_is_that_of_a_tracer_by_bisection(session: Path) -> None:
+    """A tilted window has no closed form about the axis."""
     tilt = np.radians(12.0)
     stack = Cover("flat", _tilted(session, tilt))
     normal = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
     surfaces = []
-    depth, initial = 0.0, 1.0
+    depth, index_before = 0.0, 1.0
     for thickness, index in (*LAYERS, (0.0, WATER)):
-        at = depth
-        surfaces.append((lambda p, at=at: (p - [0, 0, DISTANCE]) @ normal - at, initial, index))
-        depth, initial = depth + thickness, index
+        surfaces.append(
+            (lambda p, at=depth: (p - [0, 0, DISTANCE]) @ normal - at, index_before, index)
+        )
+        depth, index_before = depth + thickness, index
     pixels = np.random.default_rng(1).uniform([0, 0], [1640, 1232], (50, 2))
     origins, directions = trace(surfaces, pixels)
     ours = _calibration_of(session, stack).rays(pixels)
@@ -197,8 +200,7 @@ def _calibration_of(session: Path, cover: Cover) -> Calibration:
 
 
 def test_a_fit_finds_where_it_stands(calibration: Calibration) -> None:
-    errors_px = [stage.rms_px for stage in calibration.stages]
-    pinhole, smooth, uneven = errors_px
+    pinhole, smooth, uneven = (stage.rms_px for stage in calibration.stages)
     assert smooth < 0.1 * pinhole
     assert uneven < 0.02
     distance = calibration.cover.parameters["distance"]
@@ -219,8 +221,8 @@ def test_every_layer_is_freed_with_its_tolerance(session: Path) -> None:
     assert sigmas["cover.thickness"] == sigmas["cover.layer3.thickness"] == 5e-4
     assert sigmas["cover.layer2.refractive_index"] == 0.02
     assert sigmas["cover.layer3.refractive_index"] == 0  # exact
-    _, subset = free_parameters(read.camera.intrinsics, read.cover, ("index",))
-    assert {name for name, number in subset.numbers.items() if number.sigma} == {
+    _, partly = free_parameters(read.camera.intrinsics, read.cover, ("index",))
+    assert {name for name, number in partly.numbers.items() if number.sigma} == {
         *("cover.refractive_index", "cover.layer2.refractive_index"),
         *("cover.layer3.refractive_index", "cover.distance", "cover.layer2.thickness"),
     }
@@ -230,11 +232,11 @@ def test_every_layer_is_freed_with_its_tolerance(session: Path) -> None:
 
 def test_it_is_saved_and_loaded(calibration: Calibration, tmp_path: Path) -> None:
     calibration.save(tmp_path)
-    repeat = Calibration.load(tmp_path)
-    assert [*repeat.cover.numbers] == [*calibration.cover.numbers]
-    assert repeat.declared.cover == calibration.declared.cover
+    loaded = Calibration.load(tmp_path)
+    assert [*loaded.cover.numbers] == [*calibration.cover.numbers]
+    assert loaded.declared.cover == calibration.declared.cover
     pixels = np.array([[100.0, 200.0], [900.0, 600.0]])
-    assert np.abs(repeat.rays(pixels)[0] - calibration.rays(pixels)[0]).max() < 1e-15
+    assert np.abs(loaded.rays(pixels)[0] - calibration.rays(pixels)[0]).max() < 1e-15
 
 
 def test_the_report_and_the_verdict_know_its_layers(
@@ -291,12 +293,12 @@ def test_the_form_has_a_number_for_each_layer(session: Path) -> None:
     )
     assert "write 3.5, with a point" in str(find_problem("thickness_mm", "3,5", "flat"))
     assert 'is the text "3 mm"' in str(find_problem("thickness_mm", "3 mm", "flat"))
-    smaller = {**typed.cover, "refractive_index": "1.5"}
+    unequal = {**typed.cover, "refractive_index": "1.5"}
     with pytest.raises(
         InputError,
         match=r"cover.refractive_index is 1.5 where cover.thickness_mm has 3 layers of glass",
     ):
-        read_form(type(typed)(typed.board, "flat", smaller))
+        read_form(type(typed)(typed.board, "flat", unequal))
 
 
 def test_the_set_up_takes_it_over_from_another_session(session: Path, tmp_path: Path) -> None:

@@ -144,8 +144,8 @@ def registered() -> Iterator[None]:
 
 
 def _inner(points: Array) -> Array:
-    ours = rotate(-TILT, points - [0.0, 0.0, TRUTH["apex"]])
-    return np.asarray(ours[:, 2] + (ours[:, 0] ** 2 + ours[:, 1] ** 2) / (2 * TRUTH["bulge"]))
+    local = rotate(-TILT, points - [0.0, 0.0, TRUTH["apex"]])
+    return np.asarray(local[:, 2] + (local[:, 0] ** 2 + local[:, 1] ** 2) / (2 * TRUTH["bulge"]))
 
 
 @pytest.fixture(scope="module")
@@ -173,11 +173,11 @@ def test_its_session_is_read_and_written_back(session: Path, calibration: Calibr
     assert read.cover.parameters["apex"].sigma == pytest.approx(1.5e-3)
     folder = session / "out"
     calibration.save(folder)
-    repeat = Calibration.load(folder)
-    assert repeat.cover.shape == "paraboloid"
-    assert repeat.declared.cover == calibration.declared.cover
+    loaded = Calibration.load(folder)
+    assert loaded.cover.shape == "paraboloid"
+    assert loaded.declared.cover == calibration.declared.cover
     pixels = np.array([[100.0, 200.0], [900.0, 600.0]])
-    assert np.abs(repeat.rays(pixels)[0] - calibration.rays(pixels)[0]).max() < 1e-15
+    assert np.abs(loaded.rays(pixels)[0] - calibration.rays(pixels)[0]).max() < 1e-15
 
 
 def test_the_camera_must_be_inside(session: Path, tmp_path: Path) -> None:
@@ -191,8 +191,7 @@ def test_the_camera_must_be_inside(session: Path, tmp_path: Path) -> None:
 
 def test_a_fit_finds_its_numbers(calibration: Calibration) -> None:
     """The oracle's views have noise alone, so the numbers come back within their sigma."""
-    errors_px = [stage.rms_px for stage in calibration.stages]
-    pinhole, smooth, uneven = errors_px
+    pinhole, smooth, uneven = (stage.rms_px for stage in calibration.stages)
     assert smooth < 0.2 * pinhole
     assert uneven < 0.02
     for name in ("bulge", "apex", "thickness"):

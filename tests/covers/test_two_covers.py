@@ -134,8 +134,7 @@ def test_its_rays_are_those_of_a_tracer_by_bisection(calibration: Calibration) -
 
 
 def test_a_fit_finds_where_they_stand(calibration: Calibration) -> None:
-    errors_px = [stage.rms_px for stage in calibration.stages]
-    pinhole, smooth, uneven = errors_px
+    pinhole, smooth, uneven = (stage.rms_px for stage in calibration.stages)
     assert smooth < 0.2 * pinhole
     assert uneven < 0.02
     for name, truth in (("cover2.distance", DISTANCE), ("cover.centre.z", CENTRE[2])):
@@ -174,10 +173,10 @@ def test_effects_are_of_the_outermost_cover(calibration: Calibration) -> None:
 
 def test_it_is_saved_and_loaded(calibration: Calibration, tmp_path: Path) -> None:
     calibration.save(tmp_path)
-    repeat = Calibration.load(tmp_path)
-    for name, number in repeat.cover.numbers.items():  # millimetres in the file cost the last bit
+    loaded = Calibration.load(tmp_path)
+    for name, number in loaded.cover.numbers.items():  # millimetres in the file cost the last bit
         assert number.value == pytest.approx(calibration.cover.numbers[name].value, rel=1e-15)
-    assert repeat.declared.cover == calibration.declared.cover
+    assert loaded.declared.cover == calibration.declared.cover
 
 
 def test_report_verdict_check_and_medium_take_it(

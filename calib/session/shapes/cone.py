@@ -52,7 +52,7 @@ CHART = (
 )
 
 
-def _check_camera(numbers: Numbers) -> CameraOutside | None:
+def check_in_cone(numbers: Numbers) -> CameraOutside | None:
     """Check that the pinhole is inside a cone or, without a slope, a cylinder."""
     x, z = numbers["axis_offset.x"], numbers["axis_offset.z"]
     angle = math.hypot(numbers["tilt.x"], numbers["tilt.z"])
@@ -72,7 +72,7 @@ CONE = Shape(
     surface="calib.optics.cone:Cone",
     origin=("axis_offset.x", None, "axis_offset.z"),
     chart=CHART,
-    check_camera=_check_camera,
+    check_camera=check_in_cone,
     example={
         "inner_radius_mm": 42.0,
         "radius_slope": -0.1,

@@ -10,7 +10,7 @@ from calib.session.shapes.shape import CameraOutside, ChartAxis, Numbers, Shape,
 from calib.session.tolerances import OFFSET
 
 
-def _check_camera(numbers: Numbers) -> CameraOutside | None:
+def check_in_dome(numbers: Numbers) -> CameraOutside | None:
     """Check that the pinhole is inside a dome."""
     distance = math.hypot(numbers["centre.x"], numbers["centre.y"], numbers["centre.z"])
     return check_round(distance, numbers["inner_radius"], key="centre_mm", centre="centre")
@@ -39,7 +39,7 @@ DOME = Shape(
         ChartAxis("elevation (°)", math.degrees(1)),
         ChartAxis("azimuth (°)", math.degrees(1)),
     ),
-    check_camera=_check_camera,
+    check_camera=check_in_dome,
     example={
         "inner_radius_mm": 50.0,
         "centre_mm": [0.0, 0.0, 0.0],
