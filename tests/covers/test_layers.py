@@ -200,7 +200,8 @@ def _calibration_of(session: Path, cover: Cover) -> Calibration:
 
 
 def test_a_fit_finds_where_it_stands(calibration: Calibration) -> None:
-    pinhole, smooth, uneven = (stage.rms_px for stage in calibration.stages)
+    errors_px = [stage.rms_px for stage in calibration.stages]
+    pinhole, smooth, uneven = errors_px
     assert smooth < 0.1 * pinhole
     assert uneven < 0.02
     distance = calibration.cover.parameters["distance"]

@@ -191,7 +191,8 @@ def test_the_camera_must_be_inside(session: Path, tmp_path: Path) -> None:
 
 def test_a_fit_finds_its_numbers(calibration: Calibration) -> None:
     """The oracle's views have noise alone, so the numbers come back within their sigma."""
-    pinhole, smooth, uneven = (stage.rms_px for stage in calibration.stages)
+    errors_px = [stage.rms_px for stage in calibration.stages]
+    pinhole, smooth, uneven = errors_px
     assert smooth < 0.2 * pinhole
     assert uneven < 0.02
     for name in ("bulge", "apex", "thickness"):

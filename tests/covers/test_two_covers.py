@@ -134,7 +134,8 @@ def test_its_rays_are_those_of_a_tracer_by_bisection(calibration: Calibration) -
 
 
 def test_a_fit_finds_where_they_stand(calibration: Calibration) -> None:
-    pinhole, smooth, uneven = (stage.rms_px for stage in calibration.stages)
+    errors_px = [stage.rms_px for stage in calibration.stages]
+    pinhole, smooth, uneven = errors_px
     assert smooth < 0.2 * pinhole
     assert uneven < 0.02
     for name, truth in (("cover2.distance", DISTANCE), ("cover.centre.z", CENTRE[2])):
