@@ -110,5 +110,9 @@ class FitOutcome:
     """None if the request has no folds."""
     fleet_prior: FleetPriorTest | None = None
     """None if the session names no prior."""
+    view_scatter: float | None = None
+    """The scatter of the views about the fit, over that of independent corners; the covariance is
+    of views that scatter so. None if the covariance counts corners.
+    """
     joint: JointOutcome | None = None
     """None if no joint fit was made: a camera without a cover, or the paper's method."""

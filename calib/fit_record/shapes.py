@@ -38,6 +38,7 @@ RECORD: Mapping[str, Shape] = {
     "flat_board": flag,
     "intrinsics_from": choice("session.yaml", "bare", "prior", "views"),
     "lens_held_out_px": table(number),
+    "view_scatter": positive,
     "turned_boards": many(text),
     "second_look": many(record({"file": text, "found": count, "refused": count, "dropped": count})),
     "view_noise": table(positive),

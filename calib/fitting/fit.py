@@ -18,7 +18,7 @@ from calib.fit_record.outcome import FitOutcome, FleetPriorTest, JointOutcome, R
 from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.board_turns import turn_back
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
-from calib.fitting.fit_result import added_effects
+from calib.fitting.fit_result import added_effects, counting_views
 from calib.fitting.fleet_expectation import Expectation
 from calib.fitting.guided_redetection import redetect_corners
 from calib.fitting.inputs import FitInputs, gather_inputs, recalibrate_bare
@@ -142,12 +142,17 @@ def fit(
         else:
             resolved = resolve_prior_conflict(fitted, setup, nominal, views, settings, progress)
     fitted, setup = resolved.fitted, resolved.setup
-    intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, fitted.joint)
+    joint = fitted.joint
+    scatter: float | None = None
+    if joint and fitted.model:
+        with single_thread():
+            observations = Observations.of(views, session.board)
+            joint, scatter = counting_views(fitted.model, observations, joint, pose_labels(views))
+    intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, joint)
     validation = None
     if settings.folds:
         _check_enough(views, rejected, for_folds=settings.folds)
         validation = cross_validate(setup, views, settings, settings.folds, progress)
-    joint = fitted.joint
     return Calibration(
         board=session.board,
         camera=replace(session.camera, intrinsics=intrinsics),
@@ -174,6 +179,7 @@ def fit(
             view_noise=noise_ratios,
             cross_validation=validation,
             fleet_prior=prior,
+            view_scatter=scatter,
             joint=JointOutcome.of(joint) if joint else None,
         ),
         effects=added_effects(fitted.effects, joint) if joint else (),

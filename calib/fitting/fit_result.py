@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from calib.calibration import AddedEffect, Calibration, Stage
+from calib.corners.view import pose_labels
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import Estimate, JointFit
@@ -13,6 +17,8 @@ from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.estimation.stated_priors import with_estimates
 from calib.fit_record.outcome import JointOutcome
+from calib.inference.fitted_model import FittedModel
+from calib.inference.view_scatter import count_views, view_scatter
 
 EFFECTS_STAGE = "cover+rbf+effects"
 
@@ -23,9 +29,19 @@ def with_fit(
     """Return the calibration with the parameters and effects of another joint fit, and the
     record of that fit.
     """
-    estimated = with_estimate(calibration, model, joint, observations)
-    outcome = replace(calibration.outcome, joint=JointOutcome.of(joint))
+    reported, scatter = counting_views(model, observations, joint, pose_labels(calibration.views))
+    estimated = with_estimate(calibration, model, reported, observations)
+    outcome = replace(calibration.outcome, joint=JointOutcome.of(joint), view_scatter=scatter)
     return replace(estimated, outcome=outcome)
+
+
+def counting_views(
+    model: CameraModel, observations: Observations, joint: JointFit, labels: NDArray[np.int64]
+) -> tuple[JointFit, float]:
+    """Return the fit with a covariance that counts views, and the scatter of the views."""
+    fitted = FittedModel(model, observations, joint)
+    scatter = view_scatter(fitted, labels)
+    return (count_views(joint, fitted, scatter) if scatter > 1 else joint), scatter
 
 
 def with_estimate(

@@ -89,10 +89,15 @@ class Fitted:
     residuals: Residuals
     relief: Relief | None = None
     joint: JointFit | None = None
-    effects: tuple[Effect, ...] = ()
-    """The effects of the path: the board's bend, or none."""
+    model: CameraModel | None = None
+    """The model of the joint fit; None without one."""
     turned: tuple[str, ...] = ()
     """The views that show the board turned by a quarter turn. This fit has them as they are."""
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects of the path: the board's bend, or none."""
+        return self.model.effects if self.model else ()
 
 
 def fit_stages(
@@ -211,15 +216,15 @@ def _with_bend(
     if model.effects:
         stages = (*stages, Stage(EFFECTS_STAGE, residual.rms_px, residual.rmse_cm))
     return Fitted(
-        model.path,
-        joint.values,
-        joint.poses,
-        stages,
-        residual,
-        relief,
-        joint,
-        model.effects,
-        turned,
+        path=model.path,
+        values=joint.values,
+        poses=joint.poses,
+        stages=stages,
+        residuals=residual,
+        relief=relief,
+        joint=joint,
+        model=model,
+        turned=turned,
     )
 
 

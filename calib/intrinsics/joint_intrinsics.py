@@ -15,6 +15,8 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
 from calib.inference.board_bend import estimate_bend
+from calib.inference.fitted_model import FittedModel
+from calib.inference.view_scatter import count_views, view_scatter
 from calib.optics.build import pinhole_path
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
@@ -43,7 +45,10 @@ def fit_with_bend(
     observations = Observations.of(views, board)
     with single_thread():
         joint = model.fit(observations, torch.from_numpy(poses))
-        _, joint = estimate_bend(model, observations, joint, board, pose_labels(views))
+        labels = pose_labels(views)
+        model, joint = estimate_bend(model, observations, joint, board, labels)
+        fitted = FittedModel(model, observations, joint)
+        joint = count_views(joint, fitted, view_scatter(fitted, labels))
     return estimated_intrinsics(joint, intrinsics) if joint.finite else intrinsics
 
 
