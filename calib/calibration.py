@@ -354,6 +354,11 @@ class Calibration:
             ),
             "weights": np.array([view.weight for view in self.views]).reshape(-1, self.board.count),
         }
+        if any(view.blur is not None for view in self.views):
+            unknown = np.full((self.board.count, 2), math.nan)
+            arrays["blurs"] = np.array(
+                [unknown if view.blur is None else view.blur for view in self.views]
+            )
         if self.corners_at.size:
             arrays["corners_at"] = self.corners_at
         return npz(arrays, compressed=False)  # not compressed: the same bytes on every machine
@@ -487,6 +492,7 @@ def _from_mapping(
             if block
         ),
     )
+    blurs = arrays.get("blurs", np.full((*arrays["weights"].shape, 2), math.nan))
     calibration = Calibration(
         board=board,
         camera=camera,
@@ -501,9 +507,11 @@ def _from_mapping(
                 weight,
                 None if math.isnan(time_s) else float(time_s),
                 str(pose_id) or None,
+                blur=blur if np.isfinite(blur).any() else None,
             )
-            for name, corners, weight, time_s, pose_id in zip(
+            for name, corners, weight, time_s, pose_id, blur in zip(
                 *(arrays[key] for key in ("names", "corners", "weights", "times_s", "pose_ids")),
+                blurs,
                 strict=True,
             )
         ),

@@ -147,6 +147,8 @@ def check_arrays(
     }
     if (corners_at := arrays.get("corners_at")) is not None:
         shapes["corners_at"] = (len(corners_at), 3)
+    if (blurs := arrays.get("blurs")) is not None:
+        shapes["blurs"] = (views, board.count, 2)
     for name, shape in shapes.items():
         array = arrays[name]
         if array.shape != shape or array.dtype != np.float64:
@@ -155,7 +157,7 @@ def check_arrays(
                 " expected"
             )
         limit = MAX_NUMBER**2 if name == "covariance" else MAX_NUMBER
-        if name not in ("corners", "times_s") and not (np.abs(array) < limit).all():
+        if name not in ("corners", "times_s", "blurs") and not (np.abs(array) < limit).all():
             raise ValueError(f"{name} are not all numbers that a fit would leave")
     if not (np.abs(arrays["amplitudes"]) < MAX_AMPLITUDE).all():
         raise ValueError("amplitudes are not those of a glass")
@@ -169,6 +171,8 @@ def check_arrays(
         or not (np.abs(arrays["corners"][visible]) < MAX_NUMBER).all()
     ):
         raise ValueError("corners that were seen are not all somewhere, or a view has none")
+    if blurs is not None and ((blurs <= 0) | (blurs >= MAX_NUMBER)).any():
+        raise ValueError("blurs are not all widths in px")
     if (np.abs(arrays["times_s"]) >= LATEST_S).any():
         raise ValueError("times_s are not all times in s")
     covariance = arrays["covariance"]

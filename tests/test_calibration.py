@@ -96,6 +96,23 @@ def test_a_saved_calibration_is_read_as_it_was(calibration: Calibration, tmp_pat
     )
 
 
+def test_the_blur_of_corners_is_saved_where_it_is_known(
+    calibration: Calibration, tmp_path: Path
+) -> None:
+    """Corners from a file have none, as in calibrations of earlier versions."""
+    assert all(view.blur is None for view in calibration.views)
+    calibration.save(tmp_path / "unknown")
+    with np.load(tmp_path / "unknown" / "calibration.npz") as file:
+        assert "blurs" not in file
+    blur = np.random.default_rng(4).uniform(0.4, 2, (81, 2))
+    blur[7] = np.nan
+    views = (replace(calibration.views[0], blur=blur), *calibration.views[1:])
+    replace(calibration, views=views).save(tmp_path / "known")
+    back = Calibration.load(tmp_path / "known")
+    np.testing.assert_array_equal(np.asarray(back.views[0].blur), blur)
+    assert all(view.blur is None for view in back.views[1:])
+
+
 def test_a_saved_calibration_can_be_fitted_again_from_itself(
     calibration: Calibration, tmp_path: Path
 ) -> None:
@@ -425,6 +442,9 @@ def test_an_edited_calibration_gets_its_sentence(
         ({"corners": np.zeros((8, 81, 2))}, "corners lie on one line or point of the picture"),
         ({"weights": np.eye(8, 81)}, "only 1 corners are seen"),
         ({"poses": np.zeros((8, 6))}, "do not lie on a board at its pose"),
+        ({"blurs": np.ones((8, 81))}, "blurs are float64 of shape"),
+        ({"blurs": np.full((8, 81, 2), np.inf)}, "blurs are not all widths in px"),
+        ({"blurs": np.zeros((8, 81, 2))}, "blurs are not all widths in px"),
         ({"times_s": np.full(8, 1e12)}, "times_s are not all times in s"),
         ({"covariance": np.eye(3)}, "covariance is of 3 parameters"),
         ({"covariance": -np.eye(3)}, "covariance is not symmetric"),

@@ -83,7 +83,7 @@ def find_coded_board(
         return NotFound(problem)
     if np.isfinite(measured.corners[:, 0]).sum() < MIN_COUNT:
         return NotFound(f"hardly any corner of the {board} board can be measured: {MARKER_ADVICE}")
-    return Detection(measured.corners, measured.covariances, "coded")
+    return Detection(measured.corners, measured.covariances, measured.blurs, "coded")
 
 
 def locate_corners(
@@ -186,7 +186,9 @@ def _measure_consistent_corners(grey: NDArray, located: Floats, board: Board) ->
         located = np.where(removed[:, None], np.nan, located)
         if not removed.any() or np.isfinite(located[:, 0]).sum() < MIN_COUNT:
             return MeasuredCorners(
-                corners, np.where(np.isnan(corners[:, :1, None]), np.nan, measured.covariances)
+                corners,
+                np.where(np.isnan(corners[:, :1, None]), np.nan, measured.covariances),
+                np.where(np.isnan(corners), np.nan, measured.blurs),
             )
 
 

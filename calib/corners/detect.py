@@ -84,7 +84,11 @@ def find_corners(grey: NDArray, board: Board) -> Detection | None:
             if is_regular(corners, board, grey.shape):
                 measured = measure_corners(every_bit, canonical_order(grey, corners, board), board)
                 return Detection(
-                    measured.corners, measured.covariances, detector, located.ambiguous
+                    measured.corners,
+                    measured.covariances,
+                    measured.blurs,
+                    detector,
+                    located.ambiguous,
                 )
     return None
 

@@ -155,6 +155,7 @@ def _view(name: str, detection: Detection) -> View:
         detection.corners,
         np.isfinite(detection.corners[:, 0]).astype(np.float64),
         covariance=detection.covariances,
+        blur=detection.blurs,
     )
 
 
@@ -283,8 +284,8 @@ class _Store:
 
 
 def _to_entry(result: Detection | NotFound) -> dict[str, Any]:
-    """Return the result as JSON: x and y of every corner, and the variance of x, the covariance,
-    and the variance of y; null where a corner is not measured.
+    """Return the result as JSON: x and y of every corner; the variance of x, the covariance, and
+    the variance of y; the blurs across both edges. Null where a corner is not measured.
     """
     if isinstance(result, NotFound):
         return {"corners": None, "covariances": None, "detector": None, "reason": result.reason}
@@ -292,6 +293,7 @@ def _to_entry(result: Detection | NotFound) -> dict[str, Any]:
     return {
         "corners": _to_rows(result.corners, visible),
         "covariances": _to_rows(result.covariances.reshape(-1, 4)[:, [0, 1, 3]], visible),
+        "blurs": _to_rows(result.blurs, visible),
         "detector": result.detector,
     }
 
@@ -307,7 +309,8 @@ def _from_entry(
     """Return an entry's result and the picture's width and height.
 
     Raises:
-        ValueError, KeyError, TypeError, OverflowError: it is another picture's entry, or damaged.
+        ValueError, KeyError, TypeError, OverflowError: it is another picture's entry, damaged, or
+            of an earlier version that kept no blurs.
     """
     if entry["sha256"] != digest:
         raise ValueError("another picture")
@@ -319,6 +322,9 @@ def _from_entry(
     visible = np.array([row is not None for row in entry["corners"]])
     corners = _from_rows(entry["corners"], visible, 2)
     variances = _from_rows(entry["covariances"], visible, 3)
+    blurs = _from_rows(entry["blurs"], visible, 2)
+    if (blurs <= 0).any():
+        raise ValueError("not a width")
     if len(visible) != board.count or entry["detector"] not in (
         "saddles",
         "sb",
@@ -327,10 +333,8 @@ def _from_entry(
         "coded",
     ):
         raise ValueError("not a detection")
-    return Detection(corners, variances[:, [0, 1, 1, 2]].reshape(-1, 2, 2), entry["detector"]), (
-        width,
-        height,
-    )
+    covariances = variances[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    return Detection(corners, covariances, blurs, entry["detector"]), (width, height)
 
 
 def _from_rows(

@@ -17,6 +17,8 @@ class Detection:
     """
     covariances: NDArray[np.float64]
     """(count, 2, 2) px^2; NaN where `corners` is NaN."""
+    blurs: NDArray[np.float64]
+    """(count, 2) px, as in `View.blur`; NaN where `corners` is NaN."""
     detector: Literal["saddles", "sb", "classic", "part", "coded"]
     ambiguous: bool = False
     """True if the picture shows a second whole board of this kind: nothing tells which of the two

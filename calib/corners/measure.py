@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calib.corners.lattice import Lattice
 from calib.corners.patch_fit import PatchFit, fit_patches
-from calib.corners.patch_model import CONTRAST
+from calib.corners.patch_model import BLURS, CONTRAST
 from calib.session.board import Board
 
 # of the square's height, and at least a pixel: how far a corner may lie from its located place
@@ -32,6 +32,8 @@ class MeasuredCorners:
     """
     covariances: Floats
     """(count, 2, 2) px^2; NaN where `corners` is NaN."""
+    blurs: Floats
+    """(count, 2) px, as in `View.blur`; NaN where `corners` is NaN."""
 
 
 def measure_corners(
@@ -49,12 +51,14 @@ def measure_corners(
     accepted = _looks_like_corners(fit, corners, board)
     index = np.flatnonzero(np.isfinite(corners[:, 0]))[accepted]
     places, covariances = np.full((board.count, 2), np.nan), np.full((board.count, 2, 2), np.nan)
+    blurs = np.full((board.count, 2), np.nan)
     places[index] = corners[index] + fit.parameters[accepted, :2]
     unit = fit.unit_covariances[accepted]
     covariances[index] = (
         fit.noise_inflation * (unit + unit.swapaxes(1, 2)) / 2
     )  # symmetric to the last digit
-    return MeasuredCorners(places, covariances)
+    blurs[index] = np.exp(fit.parameters[accepted, BLURS])
+    return MeasuredCorners(places, covariances, blurs)
 
 
 def _looks_like_corners(fit: PatchFit, corners: Floats, board: Board) -> NDArray[np.bool_]:

@@ -83,7 +83,7 @@ def find_partial_board(grey: NDArray, board: Board) -> Detection | NotFound | No
     )
     if np.isfinite(measured.corners[:, 0]).sum() < MIN_CORNERS:
         return None
-    return Detection(measured.corners, measured.covariances, "part")
+    return Detection(measured.corners, measured.covariances, measured.blurs, "part")
 
 
 def _refine_single_squares(grey: NDArray[np.uint8], grid: CornerGrid) -> Floats | None:

@@ -34,6 +34,13 @@ class View:
     """(corners of the board, 2, 2) px^2 from the picture's own noise; NaN where not visible. None:
     not known.
     """
+    blur: NDArray[np.float64] | None = None
+    """(corners of the board, 2) px, the blur across the edge that runs along the corner's row, and
+    across the one along its column; NaN where not visible. None: not known.
+
+    An edge is fitted as a sharp step under a Gaussian, whose standard deviation this is. Lens,
+    motion and the pixel's own square (12^-1/2 px) contribute to it; sharpening makes it smaller.
+    """
 
     @property
     def seen(self) -> NDArray[np.bool_]:

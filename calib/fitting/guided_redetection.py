@@ -149,15 +149,13 @@ def _redetect_view(
         return view, unchanged
     final = _measure(grey, corners, expected, board)
     visible = np.isfinite(final.corners[:, 0])
-    unpredicted = (view.seen & ~predicted)[:, None]  # the direction of their edges is unknown
-    covariances = (
-        view.covariance if view.covariance is not None else np.full_like(final.covariances, np.nan)
-    )
+    unpredicted = view.seen & ~predicted  # the direction of their edges is unknown
     updated = replace(
         view,
-        corners=np.where(unpredicted, view.corners, final.corners),
-        weight=(visible | unpredicted[:, 0]).astype(np.float64),
-        covariance=np.where(unpredicted[..., None], covariances, final.covariances),
+        corners=_restore(final.corners, view.corners, unpredicted),
+        weight=(visible | unpredicted).astype(np.float64),
+        covariance=_restore(final.covariances, view.covariance, unpredicted),
+        blur=_restore(final.blurs, view.blur, unpredicted),
     )
     return updated, Redetection(
         file=view.name,
@@ -165,6 +163,13 @@ def _redetect_view(
         refused=int((wanted & ~visible).sum()),
         dropped=int((detected & ~visible).sum()),
     )
+
+
+def _restore(measured: Floats, earlier: Floats | None, rows: NDArray[np.bool_]) -> Floats:
+    """Return the measured values with the earlier ones in these rows, NaN if there are none."""
+    restored = measured.copy()
+    restored[rows] = np.nan if earlier is None else earlier[rows]
+    return restored
 
 
 def _measure(grey: NDArray, start: Floats, expected: Floats, board: Board) -> MeasuredCorners:

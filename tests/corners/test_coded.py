@@ -85,6 +85,8 @@ def test_corners_are_measured_at_their_true_places(kind: Kind, pose: NDArray) ->
     assert np.linalg.norm(error, axis=-1).max() < 0.1
     assert np.abs(error.mean(0)).max() < 0.005, "no bias"
     assert np.isfinite(detection.covariances[visible]).all()
+    assert np.array_equal(np.isfinite(detection.blurs).all(1), visible)
+    assert np.median(detection.blurs[visible]) == pytest.approx(np.hypot(0.7, 12**-0.5), rel=0.05)
     scaled = (
         np.einsum("ni,nij,nj->n", error, np.linalg.inv(detection.covariances[visible]), error) / 2
     )

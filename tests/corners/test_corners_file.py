@@ -30,8 +30,9 @@ def random_view(name: str, seed: int) -> View:
 
 def test_written_views_read_as_the_same_numbers(tmp_path: Path) -> None:
     written = [random_view("b.png", 1), random_view("frames/a.png", 2)]
-    write_corners(tmp_path / "c.vnl", written)
+    write_corners(tmp_path / "c.vnl", [replace(view, blur=view.corners**2) for view in written])
     read = read_corners(tmp_path / "c.vnl", BOARD)
+    assert [view.blur for view in read] == [None, None], "the file has no column for it"
     assert [view.name for view in read] == ["b.png", "frames/a.png"]
     for got, expected in zip(read, written, strict=True):
         np.testing.assert_array_equal(got.corners, expected.corners)

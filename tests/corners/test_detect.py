@@ -80,6 +80,11 @@ class Scene:
         return np.clip(np.rint(light), 0, 255).astype(np.uint8), points[:, :2] / points[:, 2:]
 
 
+def moved_along_x(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the picture of a board that moves by five pixels along x in the exposure."""
+    return np.asarray(cv2.blur(picture, (5, 1)), np.uint8)
+
+
 def rms(corners: NDArray, truth: NDArray) -> float:
     """px, of the distances."""
     return float(np.sqrt(((corners - truth) ** 2).sum(1).mean()))
@@ -113,6 +118,15 @@ def test_corners_are_where_they_were_drawn(scene: Scene) -> None:
     assert detection.corners.shape == (54, 2)
     assert detection.corners.dtype == np.float64
     assert rms(detection.corners, truth) < 0.08
+
+
+@pytest.mark.parametrize("quarters", range(4))
+def test_blurs_belong_to_the_edges_of_the_board(quarters: int) -> None:
+    """Motion along the rows crosses the edges along the columns, however the picture is turned."""
+    picture, _ = Scene(tilt=(0.2, 0.1), roll=0.0).draw()
+    detection = find_corners(np.rot90(moved_along_x(picture), quarters), BOARD)
+    assert detection is not None
+    assert (detection.blurs[:, 1] > 1.4 * detection.blurs[:, 0]).all()
 
 
 def test_sixteen_bits_give_the_same_corners() -> None:

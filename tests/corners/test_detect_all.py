@@ -57,6 +57,9 @@ def same(item: Detections, second: Detections) -> bool:
         and np.array_equal(a.corners, b.corners, equal_nan=True)
         and np.array_equal(a.weight, b.weight)
         and np.array_equal(np.asarray(a.covariance), np.asarray(b.covariance), equal_nan=True)
+        and a.blur is not None
+        and b.blur is not None
+        and np.array_equal(a.blur, b.blur, equal_nan=True)
         for a, b in zip(item.views, second.views, strict=True)
     )
 
@@ -113,6 +116,7 @@ def test_a_corner_that_cannot_be_measured_is_kept_as_such(tmp_path: Path, looks:
     assert first.views[1].seen.sum() == BOARD.count - 1
     assert not first.views[1].seen[30]
     assert np.isnan(first.views[1].corners[30]).all()
+    assert np.array_equal(np.isnan(np.asarray(first.views[1].blur)).all(1), ~first.views[1].seen)
     assert same(detect(paths, BOARD), first)
     assert len(looks) == 3
 
@@ -173,6 +177,8 @@ CORRUPTIONS: dict[str, Callable[[bytes], bytes]] = {
     "undefined covariances": lambda data: data.replace(
         b'"covariances": [[', b'"covariances": [[NaN, '
     ),
+    "no blurs, as in earlier versions": lambda data: data.replace(b'"blurs"', b'"before"'),
+    "a negative blur": lambda data: data.replace(b'"blurs": [[', b'"blurs": [[-'),
     "no detector": lambda data: data.replace(b'"saddles"', b'"guess"'),
 }
 

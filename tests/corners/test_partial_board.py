@@ -2,6 +2,8 @@
 not at all.
 """
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from calib.corners.partial_board import find_partial_board
 from calib.session.board import Board
 from calib.session.session import read_session
 from fixtures.rays import FIXTURES
-from tests.corners.test_detect import BOARD, Scene
+from tests.corners.test_detect import BOARD, Scene, moved_along_x
 
 SQUARE = Board(9, 9, 0.02)
 SCENE = Scene(size=(960, 720), focal=750.0)
@@ -84,6 +86,23 @@ def test_a_board_with_one_end_cut_off_is_located() -> None:
     assert isinstance(detection, Detection)
     assert 30 <= len(off(detection, truth)) < 54
     assert off(detection, truth).max() < 0.2
+
+
+@pytest.mark.parametrize("quarters", range(4))
+def test_blurs_of_a_part_belong_to_the_edges_of_the_board(quarters: int) -> None:
+    """Motion along the rows crosses the edges along the columns, however the picture is turned. A
+    part that is turned by a quarter is found with its rows for columns.
+    """
+    picture, truth = replace(SCENE, roll=0.1).draw()
+    edge = int(truth[:, 0].min() * 0.25 + truth[:, 0].max() * 0.75)
+    shown = moved_along_x(picture)[:, :edge]
+    detection = find_board(np.ascontiguousarray(np.rot90(shown, quarters)), BOARD)
+    assert isinstance(detection, Detection)
+    assert detection.detector == "part"
+    visible = np.isfinite(detection.corners[:, 0])
+    assert np.array_equal(np.isfinite(detection.blurs).all(1), visible)
+    blurs = detection.blurs[visible]
+    assert (blurs[:, 1] > 1.4 * blurs[:, 0]).all()
 
 
 def test_two_sides_locate_a_part_of_a_square_board_only() -> None:

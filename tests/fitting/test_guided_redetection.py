@@ -94,6 +94,9 @@ def test_partly_hidden_boards_are_used_with_all_visible_corners(
         assert np.sqrt((error**2).sum(1).mean()) < 0.03, (
             view.name
         )  # 0.017 and less were measured, 0.0276 with a corner that is touched
+        blur = np.asarray(view.blur)
+        assert np.array_equal(np.isfinite(blur).all(1), view.seen)
+        assert np.isnan(blur[~view.seen]).all()
         if view.name not in HIDDEN:
             assert view.count == 81
             continue
