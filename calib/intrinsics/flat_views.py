@@ -29,6 +29,10 @@ MAX_START_COEFFICIENTS = 5
 """Lens coefficients with which the starts are compared, at most."""
 MAX_REFITS = 5
 """Times that the fit moves to a better minimum which the profile finds."""
+MUCH_WIDENING = 2.0
+"""The same ratio from which the focal length is hardly determined, and a joint fit, which takes the
+error for a parabola, must not estimate it again.
+"""
 MIN_WIDENING = 1.1
 """Ratio of the profile's standard deviation to the linearised one from which the profile is used:
 below it, the error is a parabola.
@@ -65,7 +69,7 @@ def refine_with_profile(
     views: Sequence[View], board: Board, size: tuple[int, int], solved: OpenCVFit
 ) -> tuple[OpenCVFit, NDArray[np.float64], bool]:
     """Return the fit, moved to a better minimum if its profile over the focal length finds one; its
-    covariance, widened to the profile's interval; and True if it was widened.
+    covariance, widened to the profile's interval; and True if it was widened much.
 
     Raises:
         NotEnoughDataError: focal lengths that are far apart explain the views about as well.
@@ -100,8 +104,7 @@ def refine_with_profile(
             f"The views without the cover are as well explained by a focal length of {focal} px as"
             f" by one of {solved.focal:.0f} px: {TILT}."
         )
-    widened = interval.sigma > MIN_WIDENING * sigma
-    if widened:
+    if interval.sigma > MIN_WIDENING * sigma:
         low = refit(interval.low).parameters
         high = refit(interval.high).parameters
         direction = (
@@ -110,4 +113,4 @@ def refine_with_profile(
             else covariance[0] / covariance[0, 0]
         )
         covariance = widen_along(direction, interval.sigma * solved.focal, covariance)
-    return solved, covariance, widened
+    return solved, covariance, interval.sigma > MUCH_WIDENING * sigma
