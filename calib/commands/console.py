@@ -59,6 +59,10 @@ class Bars:
         return lambda done, words: self._progress.update(bar, completed=done, words=brief(words))
 
 
+MIN_SCATTER = 1.5
+"""The scatter of the views from which a fit says so; noise alone gives up to 1.2."""
+
+
 def print_fit(calibration: Calibration, seconds: float) -> None:
     """Print the table of stages, the numbers of views and corners, and the rejected pictures."""
     console = Console()
@@ -92,6 +96,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         *_prior(calibration),
         *_turned_boards(calibration),
         *_bend(calibration),
+        *_scatter(calibration),
         *_estimates(calibration),
         *reach,
     ):
@@ -140,6 +145,16 @@ def _bend(calibration: Calibration) -> Iterator[str]:
         f" {millimetres['board_shape.yy']:.2f} mm along y: {stages[-2].rms_px:.3f} px with a flat"
         f" board, {stages[-1].rms_px:.3f} px with this one."
     )
+
+
+def _scatter(calibration: Calibration) -> Iterator[str]:
+    """Yield a line on the scatter of the views, if it is more than noise."""
+    scatter = calibration.outcome.view_scatter
+    if scatter and scatter > MIN_SCATTER:
+        yield (
+            f"The views scatter {scatter:.1f} times as much about the fit as independent corners"
+            " would: the standard deviations allow for it."
+        )
 
 
 def _prior(calibration: Calibration) -> Iterator[str]:

@@ -77,6 +77,8 @@ class Comparison:
         return not self.held and abs(self.estimate - self.declared) > MIN_CORRECTION * self.sigma
 
     def __str__(self) -> str:
+        if self.source == VIEWS:
+            return f"{self.name} {self.estimated}"
         return f"{self.name} {self.estimated}, {self.source} as {self.stated}"
 
     @property

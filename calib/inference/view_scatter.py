@@ -6,9 +6,9 @@ small: on twelve measured sets, fits of two halves of the views differ by three 
 standard deviations. The scores of whole views tell by how much they scatter.
 
 Sources: H. White, Maximum likelihood estimation of misspecified models (1982), for the covariance
-    under a model that is not exact; J. G. MacKinnon, H. White, Some heteroskedasticity-consistent
-    covariance matrix estimators with improved finite sample properties (1985), for HC3, which takes
-    each score as a fit without that view would leave it.
+    under a model that is not exact; R. M. Bell, D. F. McCaffrey, Bias reduction in standard errors
+    for linear regression with multi-stage samples (2002), for a view's leverage (HC2): under an
+    exact model the expected scatter is 1, however many parameters a view determines.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from calib.estimation.joint_fit import Estimate
 from calib.inference.fitted_model import FittedModel
 
-MAX_LEVERAGE = 0.75
+MAX_LEVERAGE = 0.9
 """The largest leverage of a view along a direction that is corrected in full: a view that holds
 nearly all that is known there has no residual there.
 """
@@ -54,7 +54,7 @@ def view_scatter(fitted: FittedModel, labels: NDArray[np.int64]) -> float:
     squares = 0.0
     for view_information, score in zip(information, scores, strict=True):
         leverage, directions = np.linalg.eigh(root.T @ view_information @ root)
-        weight = (1 - leverage.clip(0, MAX_LEVERAGE)) ** 2  # as a fit without this view has it
+        weight = 1 - leverage.clip(0, MAX_LEVERAGE)
         squares += float(((directions.T @ (root.T @ score)) ** 2 / weight).sum())
     freedom = float(np.einsum("vij,ji->", information, root @ root.T))
     return float(max(1.0, (squares / max(freedom, 1e-300)) ** 0.5))
