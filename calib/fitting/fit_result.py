@@ -18,7 +18,7 @@ from calib.estimation.residuals import residuals
 from calib.estimation.stated_priors import with_estimates
 from calib.fit_record.outcome import JointOutcome
 from calib.inference.fitted_model import FittedModel
-from calib.inference.view_scatter import count_views, view_scatter
+from calib.inference.view_scatter import ViewScatter
 
 EFFECTS_STAGE = "cover+rbf+effects"
 
@@ -39,9 +39,8 @@ def counting_views(
     model: CameraModel, observations: Observations, joint: JointFit, labels: NDArray[np.int64]
 ) -> tuple[JointFit, float]:
     """Return the fit with a covariance that counts views, and the scatter of the views."""
-    fitted = FittedModel(model, observations, joint)
-    scatter = view_scatter(fitted, labels)
-    return (count_views(joint, fitted, scatter) if scatter > 1 else joint), scatter
+    scatter = ViewScatter.of(FittedModel(model, observations, joint), labels)
+    return scatter.widen(joint), scatter.ratio
 
 
 def with_estimate(

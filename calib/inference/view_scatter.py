@@ -8,12 +8,14 @@ standard deviations. The scores of whole views tell by how much they scatter.
 Sources: H. White, Maximum likelihood estimation of misspecified models (1982), for the covariance
     under a model that is not exact; R. M. Bell, D. F. McCaffrey, Bias reduction in standard errors
     for linear regression with multi-stage samples (2002), for a view's leverage (HC2): under an
-    exact model the expected scatter is 1, however many parameters a view determines.
+    exact model the expected scatter is 1, however many parameters a view determines. J. G.
+    MacKinnon, H. White, Some heteroskedasticity-consistent covariance matrix estimators with
+    improved finite sample properties (1985), for HC3.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -30,46 +32,74 @@ nearly all that is known there has no residual there.
 MIN_VIEWS = 4
 """The fewest poses of the board from which the scatter is estimated."""
 
+Array = NDArray[np.float64]
 E = TypeVar("E", bound=Estimate)
 
 
-def view_scatter(fitted: FittedModel, labels: NDArray[np.int64]) -> float:
-    """Return the root mean square of the views' scores over that of independent corners with the
-    fit's noise, at least 1. Noise alone gives about 1.
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewScatter:
+    """The scatter of the views about a fit.
+
+    It differs between directions: a focal length that moves from view to view scatters in its own.
+    Few views show this for few parameters only. With as many parameters as views, as behind uneven
+    glass, one ratio stands for all directions.
+    """
+
+    ratio: float
+    """The root mean square of the views' scores over that of independent corners with the fit's
+    noise. Noise alone gives about 1.
+    """
+    excess: Array
+    """(S, S) covariance of the parameters' vector beyond that of independent corners; it is
+    positive semidefinite.
+    """
+
+    @staticmethod
+    def of(fitted: FittedModel, labels: NDArray[np.int64]) -> ViewScatter:
+        """Estimate the scatter at the optimum of a fit.
+
+        Args:
+            fitted: a model at its optimum.
+            labels: (V,) labels of the board's poses: pictures of one pose count as one view.
+        """
+        count = fitted.parameters().count
+        if not count or len(np.unique(labels)) < MIN_VIEWS or not fitted.joint.finite:
+            return ViewScatter(1.0, np.zeros((count, count)))
+        information = np.zeros((labels.max() + 1, count, count))
+        scores = np.zeros((labels.max() + 1, count))
+        for label, equations in zip(labels.tolist(), fitted.equations(), strict=True):
+            view = equations.reduce()
+            information[label] += view.information
+            scores[label] += view.jacobian.T @ view.residual
+        root = np.linalg.cholesky(fitted.joint.covariance.numpy())
+        leverages = root.T @ information @ root
+        whitened = scores @ root
+        expected = leverages.sum(0)
+        determined = np.trace(expected)  # the number of directions that the corners determine
+        unbiased = _correct(leverages, whitened, -0.5)
+        ratio = float(np.sqrt(np.square(unbiased).sum() / max(determined, 1e-300)))
+        without = _correct(leverages, whitened, -1.0)
+        weight = min(1.0, determined / len(np.unique(labels)))
+        scatter = weight * ratio**2 * expected + (1 - weight) * without.T @ without
+        sizes, directions = np.linalg.eigh(scatter - expected)
+        spread = root @ (directions * np.sqrt(sizes.clip(0)))
+        return ViewScatter(ratio, np.asarray(spread @ spread.T))
+
+    def widen(self, estimate: E) -> E:
+        """Return the estimate with the covariance of views that scatter like this."""
+        return replace(estimate, covariance=estimate.covariance + torch.from_numpy(self.excess))
+
+
+def _correct(leverages: Array, scores: Array, power: float) -> Array:
+    """Return the (V, S) scores of views times a power of what each view did not take of the fit.
 
     Args:
-        fitted: a model at its optimum.
-        labels: (V,) labels of the board's poses: pictures of one pose count as one view.
+        leverages: (V, S, S) each view's share of what is known.
+        scores: (V, S) with the expected square leverage - leverage^2 under an exact model.
+        power: -1/2 makes the expected square the leverage (HC2), -1 makes the score that of a fit
+            without the view (HC3).
     """
-    count = fitted.parameters().count
-    if not count or len(np.unique(labels)) < MIN_VIEWS or not fitted.joint.finite:
-        return 1.0
-    information = np.zeros((labels.max() + 1, count, count))
-    scores = np.zeros((labels.max() + 1, count))
-    for label, equations in zip(labels.tolist(), fitted.equations(), strict=True):
-        view = equations.reduce()
-        information[label] += view.information
-        scores[label] += view.jacobian.T @ view.residual
-    root = np.linalg.cholesky(fitted.joint.covariance.numpy())
-    squares = 0.0
-    for view_information, score in zip(information, scores, strict=True):
-        leverage, directions = np.linalg.eigh(root.T @ view_information @ root)
-        weight = 1 - leverage.clip(0, MAX_LEVERAGE)
-        squares += float(((directions.T @ (root.T @ score)) ** 2 / weight).sum())
-    freedom = float(np.einsum("vij,ji->", information, root @ root.T))
-    return float(max(1.0, (squares / max(freedom, 1e-300)) ** 0.5))
-
-
-def count_views(estimate: E, fitted: FittedModel, scatter: float) -> E:
-    """Return the estimate with the covariance of views that scatter: the information of the corners
-    is worth less by the square of the scatter, that of the prior is not.
-
-    Args:
-        estimate: the estimate of the fitted model.
-        fitted: the model at its optimum.
-        scatter: `view_scatter` of the fit.
-    """
-    prior = torch.from_numpy(fitted.prior_precision())
-    covariance = estimate.covariance
-    wider = scatter**2 * covariance + (1 - scatter**2) * covariance @ prior @ covariance
-    return replace(estimate, covariance=(wider + wider.mT) / 2)
+    shares, directions = np.linalg.eigh(leverages)
+    weight = (1 - shares.clip(0, MAX_LEVERAGE)) ** power
+    corrected = np.einsum("vij,vj,vkj,vk->vi", directions, weight, directions, scores)
+    return np.asarray(corrected, np.float64)

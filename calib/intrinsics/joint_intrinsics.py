@@ -16,7 +16,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
 from calib.inference.board_bend import estimate_bend
 from calib.inference.fitted_model import FittedModel
-from calib.inference.view_scatter import count_views, view_scatter
+from calib.inference.view_scatter import ViewScatter
 from calib.optics.build import pinhole_path
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
@@ -47,8 +47,7 @@ def fit_with_bend(
         joint = model.fit(observations, torch.from_numpy(poses))
         labels = pose_labels(views)
         model, joint = estimate_bend(model, observations, joint, board, labels)
-        fitted = FittedModel(model, observations, joint)
-        joint = count_views(joint, fitted, view_scatter(fitted, labels))
+        joint = ViewScatter.of(FittedModel(model, observations, joint), labels).widen(joint)
     return estimated_intrinsics(joint, intrinsics) if joint.finite else intrinsics
 
 
