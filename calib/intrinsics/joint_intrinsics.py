@@ -15,8 +15,6 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
 from calib.inference.board_bend import estimate_bend
-from calib.inference.fitted_model import FittedModel
-from calib.inference.view_scatter import ViewScatter
 from calib.optics.build import pinhole_path
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
@@ -33,6 +31,9 @@ def fit_with_bend(
     """Return the intrinsics that fit the views together with the board's bend. They stay as they
     are if the fit does not converge.
 
+    Their standard deviations are those of independent corners: a fit behind a cover weighs them
+    against the corners of its own views, which count as independent there as well.
+
     Args:
         intrinsics: those that fit the views best with a flat board.
         views: the views.
@@ -45,9 +46,7 @@ def fit_with_bend(
     observations = Observations.of(views, board)
     with single_thread():
         joint = model.fit(observations, torch.from_numpy(poses))
-        labels = pose_labels(views)
-        model, joint = estimate_bend(model, observations, joint, board, labels)
-        joint = ViewScatter.of(FittedModel(model, observations, joint), labels).widen(joint)
+        _, joint = estimate_bend(model, observations, joint, board, pose_labels(views))
     return estimated_intrinsics(joint, intrinsics) if joint.finite else intrinsics
 
 
