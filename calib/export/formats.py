@@ -48,7 +48,7 @@ class Format:
     lenses: tuple[ExportLens, ...] = ()
     """The lenses of a central camera, the simplest first.
 
-    Empty: the format holds maps, which are exact at their depth.
+    Empty: the format holds maps, which are exact at their depth, or rays.
     """
     needs_depth: bool = True
     """True if each of its files holds for one depth."""

@@ -102,7 +102,9 @@ class FitOutcome:
     lens_held_out_px: Mapping[str, float] | None = None
     """The held-out error of each tried lens model; empty if there was no choice."""
     turned_boards: tuple[str, ...] | None = None
-    """The views whose corners were renumbered, because the board is turned there."""
+    """The views whose corners were renumbered, because the board is turned there; None if there are
+    none.
+    """
     redetections: tuple[Redetection, ...] | None = None
     view_noise: Mapping[str, float] | None = None
     """The noise of each noisy view over that of the median view, by file."""

@@ -45,7 +45,7 @@ def record_to_yaml(request: FitRequest, outcome: FitOutcome, history: History) -
         "intrinsics_from": outcome.intrinsics_from,
         "lens_held_out_px": outcome.lens_held_out_px,
         "view_scatter": outcome.view_scatter,
-        "turned_boards": list(outcome.turned_boards) if outcome.turned_boards else None,
+        "turned_boards": outcome.turned_boards and list(outcome.turned_boards),
         "second_look": None if looks is None else [_redetection_to_yaml(look) for look in looks],
         "view_noise": outcome.view_noise,
         "made_by": request.provenance and provenance_to_yaml(request.provenance),

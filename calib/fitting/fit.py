@@ -174,7 +174,7 @@ def fit(
             grid_held_out_px=grids,
             intrinsics_from=start.intrinsics_from,
             lens_held_out_px=start.lens_held_out_px,
-            turned_boards=turned,
+            turned_boards=turned or None,
             redetections=redetections,
             view_noise=noise_ratios,
             cross_validation=validation,

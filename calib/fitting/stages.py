@@ -141,6 +141,8 @@ def fit_stages(
         start = earlier.joint.start if earlier and earlier.joint else None
         model = CameraModel(path, values, priors)
         joint = model.fit(observations, earlier.poses if earlier else poses, start)
+        residual = residuals(path, joint.values, observations, joint.poses)
+        stages = [Stage("pinhole", residual.rms_px, residual.rmse_cm)]
         return _with_bend(model, joint, setup, observations, settings, labels, bend, tuple(stages))
     path, values = covered_path(setup.intrinsics, setup.cover)
     poses = refine_poses(path, values, observations, poses).blocks

@@ -285,7 +285,8 @@ def test_only_its_person_runs_code_in_the_jobs_of_a_queue(tmp_path: Path) -> Non
     """
     place = Place(jobqueue="slurm", workers=1)
     with client_of(place, tmp_path) as client:
-        assert client.submit(os.getpid).result(timeout=120) != os.getpid()
+        process = client.submit(os.getpid)  # a worker that holds a result is not sent home
+        assert process.result(timeout=120) != os.getpid()
         assert list(remarks_on(place, client)) == []
         (keys,) = tmp_path.glob(".keys-*")
         assert keys.stat().st_mode & 0o077 == 0

@@ -90,7 +90,8 @@ def test_the_focal_length_holds_where_views_differ(tmp_path: Path) -> None:
         error = float(optimum.joint.values["camera.fx"]) - CAMERA[0, 0]
         by_corners.append(error / float(optimum.joint.sigma_of("camera.fx")))
         by_views.append(error / float(wider.sigma_of("camera.fx")))
-    corners, views = (np.sqrt(np.mean(np.square(each))) for each in (by_corners, by_views))
+    corners = np.sqrt(np.mean(np.square(by_corners)))
+    views = np.sqrt(np.mean(np.square(by_views)))
     print(f"rms z of fx: {corners:.2f} by corners, {views:.2f} by views")
     assert corners > 2.5
     assert 0.5 < views < 1.6  # a chi of 12

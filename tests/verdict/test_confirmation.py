@@ -79,11 +79,19 @@ def test_tilted_boards_confirm_the_right_focal_length(tmp_path: Path) -> None:
 @pytest.mark.parametrize("times", [1.02, 1.1])
 def test_tilted_boards_contradict_a_wrong_focal_length(tmp_path: Path, times: float) -> None:
     """The reason names the value that the views ask for, to a tenth of the error, and the change of
-    lengths.
+    lengths. A number with a standard deviation is estimated, and the declared one contradicted.
     """
     views = bare_views(1, 16, 0.1)
     for index, focal in enumerate(declared(times)):
         estimate = bare(tmp_path / str(index), views, focal)
+        if focal.sigma:
+            intrinsics = estimate.camera.intrinsics
+            assert intrinsics
+            assert abs(intrinsics.fx.value - FOCAL) < 3 * intrinsics.fx.sigma
+            assert judge(estimate).word is Trust.CARE
+            assert set(judge(estimate).suspects) == set(NAMES)
+            assert len(judge(estimate).reasons) == 2, "the residual is noise"
+            continue
         (reason,) = asked(contradicted_numbers, estimate)
         assert (reason.word, reason.suspects) == (Trust.CARE, NAMES)
         assert f"declared as {times * FOCAL:.6g}" in reason.sentence
