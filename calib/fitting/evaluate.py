@@ -1,6 +1,6 @@
 """Evaluate a calibration on held-out views: only the pose of each view is refitted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import torch
@@ -9,6 +9,7 @@ from torch import Tensor
 from calib.calibration import Calibration
 from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture
+from calib.effects.board_shape import BoardShape
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
@@ -67,6 +68,9 @@ def evaluate(
     """Refit the poses of a session's views with the camera and cover of a calibration, and measure
     the residual.
 
+    A session with another board is measured without what the calibration knows of its own board's
+    shape and print.
+
     Args:
         halves: measure each half of a view's corners with the pose that the other half gives. This
             is always done if boards move during the readout.
@@ -85,6 +89,8 @@ def evaluate(
         )
     views, rejected = read_views(session, progress)
     views, unusable = split_usable_views(views, session.board)
+    if session.board != calibration.board:
+        calibration = without_board_effects(calibration)
     path, values = calibration.model()
     views, poses, poseless = with_initial_pose(path, values, views, session.board)
     if not views:
@@ -113,6 +119,12 @@ def evaluate(
         far_m=float(distance.max()),
         rejected=(*rejected, *unusable, *poseless),
     )
+
+
+def without_board_effects(calibration: Calibration) -> Calibration:
+    """Return the calibration without the effects of its board, as for views of another board."""
+    effects = tuple(e for e in calibration.effects if e.effect.about != BoardShape.about)
+    return replace(calibration, effects=effects)
 
 
 def _cross_halves(

@@ -201,3 +201,11 @@ def test_a_wide_lens_is_fitted_as_a_fisheye_without_being_asked(tmp_path: Path) 
     assert intrinsics
     assert intrinsics.model == "fisheye"
     assert intrinsics.fx.value == pytest.approx(INTRINSICS.fx.value, abs=4 * intrinsics.fx.sigma)
+
+
+def test_views_of_another_board_are_measured_without_this_one_s_bend(tmp_path: Path) -> None:
+    other = Board(7, 5, 0.03)
+    calibration = fit(session(tmp_path / "fit", BOARD, pictures(BOARD, BEND)))
+    flat = session(tmp_path / "flat", other, pictures(other, (0, 0, 0), 6, seed=2))
+    assert calibration.effects
+    assert evaluate(calibration, flat).rms_px < 1.15 * NOISE * 2**0.5
