@@ -31,6 +31,7 @@ from calib.verdict.orientation import orientation
 from calib.verdict.other_medium import other_medium
 from calib.verdict.principal_point import principal_point
 from calib.verdict.residual import residual
+from calib.verdict.square_pixels import square_pixels
 from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, uncertain_maps
 from calib.verdict.unevenness import unevenness
 from calib.verdict.unseen_row import extra_rows, unseen_row
@@ -53,6 +54,7 @@ CHECKS: tuple[Check, ...] = (
     fleet_prior,
     declared_numbers,
     unconfirmed_numbers,
+    square_pixels,
     unevenness,
     overfits,
     held_out,
