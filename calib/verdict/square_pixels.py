@@ -19,7 +19,8 @@ def square_pixels(case: Case) -> Iterator[Reason]:
     parameters = model.parameters
     entries = parameters.entries(CAMERA.focal)
     scales = [param.scale for param in parameters.free if param.name in CAMERA.focal]
-    fx, fy = (float(model.means[name]) for name in CAMERA.focal)
+    fx = float(model.means[CAMERA.fx])
+    fy = float(model.means[CAMERA.fy])
     ratio = fx / fy - 1
     slope = [scales[0] / fy, -fx * scales[1] / fy**2]
     block = calibration.covariance[entries][:, entries]
