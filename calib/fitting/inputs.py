@@ -38,8 +38,8 @@ class FitInputs:
     """
 
     intrinsics_are_final: bool = False
-    """True if the intrinsics come from the views of the fit and a joint fit must not estimate them
-    again (`BareFit.final`).
+    """True if a joint fit must not estimate the intrinsics again: they come from the views of the
+    fit (`BareFit.final`), or from bare/ of a session without a cover.
     """
 
     @property
@@ -114,6 +114,7 @@ def gather_inputs(session: Session, progress: Progress) -> FitInputs:
         intrinsics = fitted.intrinsics
         lens_errors = fitted.held_out_px
         source = "bare"
+        final = session.cover.shape == "none"  # nothing stands before the lens, so they hold here
     elif session.prior:
         intrinsics = nominal_intrinsics(session.prior)
         source = "prior"

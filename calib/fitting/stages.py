@@ -60,8 +60,7 @@ class Setup:
     intrinsics: Intrinsics
     cover: Cover
     intrinsics_are_final: bool = False
-    """True if these intrinsics come from the same views and no joint fit must estimate them again.
-    """
+    """True if no joint fit must estimate these intrinsics again (`FitInputs`)."""
 
     def with_tolerances(self, settings: Settings) -> Setup:
         """Return the setup with a tolerance for each declared number that the settings estimate.

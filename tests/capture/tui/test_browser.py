@@ -19,7 +19,7 @@ from tests.capture.tui.driving import CONE
 from tests.capture.tui.test_serve import Served
 from tests.capture.tui.test_session import FIXTURE
 
-BOW = FIXTURE.parent / "bow"
+STRETCH = FIXTURE.parent / "stretch"
 PAGES = ((790, 500), (1170, 740))
 """The window sizes in px: for 80 x 24 cells and a few more rows, and for 120 x 40."""
 
@@ -87,35 +87,35 @@ async def _from_nothing(address: str, session: Path, size: tuple[int, int], fold
         assert maps["map_x"].shape == (616, 820)
 
 
-def test_a_hidden_bow_is_found_in_a_browser(tmp_path: Path) -> None:
+def test_a_stretched_print_is_found_in_a_browser(tmp_path: Path) -> None:
     session = tmp_path / "session"
     session.mkdir()
-    shutil.copytree(BOW / "frames", session / "frames")
-    shutil.copy(BOW / "session.yaml", session)
-    served = Served(session, "--source", f"folder:{BOW}")
+    shutil.copytree(STRETCH / "frames", session / "frames")
+    shutil.copy(STRETCH / "session.yaml", session)
+    served = Served(session, "--source", f"folder:{STRETCH}")
     try:
-        asyncio.run(_bow(served.address, PAGES[0], tmp_path))
+        asyncio.run(_stretch(served.address, PAGES[0], tmp_path))
     finally:
         served.end()
     assert (session / "export" / "map_1m.npz").exists()
 
 
-async def _bow(address: str, size: tuple[int, int], folder: Path) -> None:
+async def _stretch(address: str, size: tuple[int, int], folder: Path) -> None:
     async with browsing(address, folder / "profile", size) as browser:
         await browser.see("continued")
         await browser.press("Enter")
         await browser.see("Press f to fit")
         await browser.press("f")
         await browser.see("Press e to look for what the model lacks")
-        await _keep(browser, size, "bow-1-results")
+        await _keep(browser, size, "stretch-1-results")
         await browser.press("e")
         await browser.see("Diagnosis")
-        await _keep(browser, size, "bow-2-looking")
-        await browser.see("Found: board_shape.")
-        await _keep(browser, size, "bow-3-found")
+        await _keep(browser, size, "stretch-2-looking")
+        await browser.see("Found: board_scale.")
+        await _keep(browser, size, "stretch-3-found")
         await browser.press("Enter")
         await browser.see("effects found")
-        await _keep(browser, size, "bow-4-after")
+        await _keep(browser, size, "stretch-4-after")
         await browser.press("x")
         await browser.see("Maps that undistort pictures")
         await browser.write("1")
