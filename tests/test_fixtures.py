@@ -269,7 +269,7 @@ def test_alpha7_asks_for_eight_coefficients(tmp_path: Path) -> None:
     assert result.camera.intrinsics
     assert len(result.camera.intrinsics.distortion) == 8
     flat, bent = result.stages
-    # Measured by others: 5 coefficients leave 26.8 px and 8 leave 1.37; bad corners weigh less here.
+    # Measured by others: 5 coefficients leave 26.8 px, 8 leave 1.37. Bad corners weigh less here.
     assert flat.rms_px == pytest.approx(1.37, rel=0.06)
     assert bent.rms_px < 1.1
     (board,) = result.effects
