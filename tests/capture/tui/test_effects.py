@@ -47,7 +47,7 @@ WORDS = {
     "board_shape": "The board is not flat.",
     "focal": "The focal length is not as stated, which is said here in many more words.",
 }
-SESSION = Path(__file__).parents[3] / "fixtures" / "bow"
+SESSION = Path(__file__).parents[3] / "fixtures" / "stretch"
 
 
 def test_accepted_effects_are_shown_with_the_errors_before_and_after() -> None:
@@ -85,12 +85,12 @@ def test_a_diagnosis_without_effects_is_reported_as_a_result() -> None:
 
 
 @pytest.mark.slow
-def test_a_hidden_bow_is_found_and_exported(tmp_path: Path) -> None:
+def test_a_stretched_print_is_found_and_exported(tmp_path: Path) -> None:
     session = tmp_path / "session"
     session.mkdir()
     shutil.copytree(SESSION / "frames", session / "frames")
     shutil.copy(SESSION / "session.yaml", session)
-    drive(_bow(session))
+    drive(_stretch(session))
     drive(_again(session))
     diagnosed = Calibration.load(session / "calibration" / "diagnosed")
     other_stage = replace(diagnosed.stages[0], rms_px=2 * diagnosed.stages[0].rms_px)
@@ -101,7 +101,7 @@ def test_a_hidden_bow_is_found_and_exported(tmp_path: Path) -> None:
     assert opened["calibration"] == str(session / "calibration" / "calibration.yaml")
 
 
-async def _bow(session: Path) -> None:
+async def _stretch(session: Path) -> None:
     async with running(session, f"folder:{SESSION}") as pilot:
         await see(pilot, "continued")
         await pilot.press("ctrl+s")
@@ -110,7 +110,7 @@ async def _bow(session: Path) -> None:
         await see(pilot, "Press e to look for what the model lacks")
         await pilot.press("e")
         await see(pilot, "Diagnosis")
-        await see(pilot, "Found: board_shape.")
+        await see(pilot, "Found: board_scale.")
         assert _numbers(pilot, "held-out views")[1] < _numbers(pilot, "held-out views")[0] / 4
         await see(pilot, "enter Use them")
         await pilot.press("enter")
