@@ -73,14 +73,20 @@ class ViewScatter:
             scores[label] += view.jacobian.T @ view.residual
         root = np.linalg.cholesky(fitted.joint.covariance.numpy())
         leverages = root.T @ information @ root
-        whitened = scores @ root
         expected = leverages.sum(0)
         determined = np.trace(expected)  # the number of directions that the corners determine
-        unbiased = _correct(leverages, whitened, -0.5)
-        ratio = float(np.sqrt(np.square(unbiased).sum() / max(determined, 1e-300)))
-        without = _correct(leverages, whitened, -1.0)
+        shares, bases = np.linalg.eigh(leverages)  # (V, S), (V, S, S)
+        remainder = 1 - shares.clip(0, MAX_LEVERAGE)
+        pulls = np.einsum("vji,vj->vi", bases, scores @ root)
+        squares = (pulls**2 / remainder).sum()  # HC2: the expected square is the leverage
+        ratio = float(np.sqrt(squares / max(determined, 1e-300)))
         weight = min(1.0, determined / len(np.unique(labels)))
-        scatter = weight * ratio**2 * expected + (1 - weight) * without.T @ without
+        scatter = weight * ratio**2 * expected
+        if weight < 1:
+            without = np.einsum(
+                "vij,vj->vi", bases, pulls / remainder
+            )  # HC3: fits without the view
+            scatter = scatter + (1 - weight) * without.T @ without
         sizes, directions = np.linalg.eigh(scatter - expected)
         spread = root @ (directions * np.sqrt(sizes.clip(0)))
         return ViewScatter(ratio, np.asarray(spread @ spread.T))
@@ -88,18 +94,3 @@ class ViewScatter:
     def widen(self, estimate: E) -> E:
         """Return the estimate with the covariance of views that scatter like this."""
         return replace(estimate, covariance=estimate.covariance + torch.from_numpy(self.excess))
-
-
-def _correct(leverages: Array, scores: Array, power: float) -> Array:
-    """Return the (V, S) scores of views times a power of what each view did not take of the fit.
-
-    Args:
-        leverages: (V, S, S) each view's share of what is known.
-        scores: (V, S) with the expected square leverage - leverage^2 under an exact model.
-        power: -1/2 makes the expected square the leverage (HC2), -1 makes the score that of a fit
-            without the view (HC3).
-    """
-    shares, directions = np.linalg.eigh(leverages)
-    weight = (1 - shares.clip(0, MAX_LEVERAGE)) ** power
-    corrected = np.einsum("vij,vj,vkj,vk->vi", directions, weight, directions, scores)
-    return np.asarray(corrected, np.float64)
