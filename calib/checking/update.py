@@ -194,7 +194,8 @@ def _apply_fit(
         log_evidence=former.log_evidence if former else None,
         relief_prior=former.relief_prior if former else None,
     )
-    return replace(updated, outcome=replace(calibration.outcome, joint=joint))
+    # The covariance is that of the prior and the later corners; `overdispersion` has their scatter.
+    return replace(updated, outcome=replace(calibration.outcome, joint=joint, view_scatter=None))
 
 
 def _free_name(name: str, taken: set[str]) -> str:

@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.estimation.observations import Observations
@@ -35,6 +37,13 @@ class Residuals:
     def rmse_cm(self) -> float:
         """The root mean square distance on the board, in centimetres as in the paper's Table 1."""
         return 100 * _rms(self.board)
+
+    def view_errors(self, observations: Observations) -> NDArray[np.float64]:
+        """Return (V,) px, the root mean square error of each view over the corners that the model
+        sees; NaN for a view without such a corner.
+        """
+        squares = observations.per_view((self.image**2).sum(-1))
+        return np.array([float(view_squares.nanmean().sqrt()) for view_squares in squares])
 
 
 def residuals(path: Path, values: Values, observations: Observations, poses: Tensor) -> Residuals:

@@ -99,13 +99,16 @@ def find_turned(
 
 
 def turn_back(view: View, board: Board) -> View:
-    """Return the view with its corners in the order of the board that is not turned."""
+    """Return the view with its corners in the order of the board that is not turned. Its rows
+    become columns, and the blurs across the edges along both change places.
+    """
     order = np.rot90(np.arange(board.count).reshape(board.rows, board.columns)).ravel()
     return replace(
         view,
         corners=view.corners[order],
         weight=view.weight[order],
         covariance=None if view.covariance is None else view.covariance[order],
+        blur=None if view.blur is None else view.blur[order][:, ::-1],
     )
 
 

@@ -90,7 +90,7 @@ def evaluate(
     views, rejected = read_views(session, progress)
     views, unusable = split_usable_views(views, session.board)
     if session.board != calibration.board:
-        calibration = without_board_effects(calibration)
+        calibration = _without_board_effects(calibration)
     path, values = calibration.model()
     views, poses, poseless = with_initial_pose(path, values, views, session.board)
     if not views:
@@ -121,7 +121,7 @@ def evaluate(
     )
 
 
-def without_board_effects(calibration: Calibration) -> Calibration:
+def _without_board_effects(calibration: Calibration) -> Calibration:
     """Return the calibration without the effects of its board, as for views of another board."""
     effects = tuple(e for e in calibration.effects if e.effect.about != BoardShape.about)
     return replace(calibration, effects=effects)

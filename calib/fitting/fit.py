@@ -18,7 +18,7 @@ from calib.fit_record.outcome import FitOutcome, FleetPriorTest, JointOutcome, R
 from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.board_turns import turn_back
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
-from calib.fitting.fit_result import added_effects, counting_views
+from calib.fitting.fit_result import added_effects, count_views
 from calib.fitting.fleet_expectation import Expectation
 from calib.fitting.guided_redetection import redetect_corners
 from calib.fitting.inputs import FitInputs, gather_inputs, recalibrate_bare
@@ -113,7 +113,7 @@ def fit(
             views = bare.views
             rejected = (*rejected, *bare.rejected)
             start = replace(start, intrinsics=bare.intrinsics, intrinsics_are_final=bare.final)
-            nominal = replace(nominal, intrinsics=start.prior_intrinsics)
+            nominal = _nominal_setup(session, start)
             setup = nominal.with_tolerances(settings)
         else:
             earlier = fitted
@@ -147,7 +147,7 @@ def fit(
     if joint and fitted.model:
         with single_thread():
             observations = Observations.of(views, session.board)
-            joint, scatter = counting_views(fitted.model, observations, joint, pose_labels(views))
+            joint, scatter = count_views(fitted.model, observations, joint, pose_labels(views))
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, joint)
     validation = None
     if settings.folds:
@@ -204,10 +204,7 @@ def _nominal_setup(session: Session, inputs: FitInputs) -> Setup:
 def _without_outliers(
     views: Sequence[View], observations: Observations, residual: Residuals
 ) -> tuple[tuple[View, ...], tuple[RejectedPicture, ...]]:
-    squared = (residual.image**2).sum(-1)
-    errors = np.array(
-        [float(view_squares.nanmean().sqrt()) for view_squares in observations.per_view(squared)]
-    )
+    errors = residual.view_errors(observations)
     outlying = outlier_mask(errors)
     reasons = (
         (

@@ -29,13 +29,13 @@ def with_fit(
     """Return the calibration with the parameters and effects of another joint fit, and the
     record of that fit.
     """
-    reported, scatter = counting_views(model, observations, joint, pose_labels(calibration.views))
+    reported, scatter = count_views(model, observations, joint, pose_labels(calibration.views))
     estimated = with_estimate(calibration, model, reported, observations)
     outcome = replace(calibration.outcome, joint=JointOutcome.of(joint), view_scatter=scatter)
     return replace(estimated, outcome=outcome)
 
 
-def counting_views(
+def count_views(
     model: CameraModel, observations: Observations, joint: JointFit, labels: NDArray[np.int64]
 ) -> tuple[JointFit, float]:
     """Return the fit with a covariance that counts views, and the scatter of the views."""

@@ -68,11 +68,11 @@ class Setup:
         Raises:
             InputError: the cover has no number of such a name.
         """
+        if settings.method == "paper":
+            return self
         names = settings.free
         if self.cover.shape == "none":  # stated intrinsics are held unless they have a tolerance
             names = tuple(name for name in names if name != AUTO)
-        if settings.method == "paper":
-            return self
         intrinsics, cover = free_parameters(self.intrinsics, self.cover, names)
         return replace(self, intrinsics=intrinsics, cover=cover)
 

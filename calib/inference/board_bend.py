@@ -1,8 +1,8 @@
 """The bend of the board, estimated beside all other parameters wherever the views show it.
 
 A bent board that is taken as flat makes the lens and the cover wrong: on measured sets, sheets on a
-stiff back are bent by 0.3 to 2.5 mm. The bend is the board's shape of degree 2, three numbers with
-the prior `calib.session.tolerances.BOARD_SHAPE`.
+stiff back are bent by 0.3 to 2.5 mm. The bend is the board's shape of degree 2, 3 or 4 by evidence,
+with the prior `calib.session.tolerances.BOARD_SHAPE`.
 """
 
 from __future__ import annotations

@@ -83,9 +83,8 @@ class ViewScatter:
         weight = min(1.0, determined / len(np.unique(labels)))
         scatter = weight * ratio**2 * expected
         if weight < 1:
-            without = np.einsum(
-                "vij,vj->vi", bases, pulls / remainder
-            )  # HC3: fits without the view
+            # HC3: each score as a fit without that view would leave it
+            without = np.einsum("vij,vj->vi", bases, pulls / remainder)
             scatter = scatter + (1 - weight) * without.T @ without
         sizes, directions = np.linalg.eigh(scatter - expected)
         spread = root @ (directions * np.sqrt(sizes.clip(0)))

@@ -14,6 +14,9 @@ FOLDS = 4
 MAX_MEDIANS = 4.0
 """Limit of a view's error, in medians: otherwise a few bad views would dominate the mean."""
 
+MIN_LENS_IMPROVEMENT = 0.02
+"""Fraction by which a lens with more freedom must lower the held-out error."""
+
 Array = NDArray[np.float64]
 
 

@@ -13,7 +13,7 @@ from calib.errors import NotEnoughDataError
 from calib.estimation.model_choice import simplest_model
 from calib.intrinsics.advice import NO_FIT
 from calib.intrinsics.flat_views import best_of_starts
-from calib.intrinsics.held_out_views import clipped_mean, held_out_errors
+from calib.intrinsics.held_out_views import MIN_LENS_IMPROVEMENT, clipped_mean, held_out_errors
 from calib.intrinsics.opencv_fit import OpenCVFit
 from calib.intrinsics.opencv_lens import fit_opencv
 from calib.intrinsics.ray_lens import PLAIN, SPLINES, RayLens
@@ -24,9 +24,6 @@ from calib.session.lens import FISHEYE, OPENCV, SPLINED
 
 if TYPE_CHECKING:
     from calib.intrinsics.ray_lens_fit import LensFit
-
-MIN_LENS_IMPROVEMENT = 0.02
-"""Fraction by which more coefficients must lower the held-out error."""
 
 
 @dataclass(frozen=True, slots=True)

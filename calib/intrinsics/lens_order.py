@@ -27,6 +27,7 @@ from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
 from calib.inference.cross_validation import Split, fold_split, hold_out
 from calib.intrinsics.flat_views import FLAT_DEG, spread_deg
+from calib.intrinsics.held_out_views import MIN_LENS_IMPROVEMENT
 from calib.intrinsics.opencv_fit import OpenCVFit
 from calib.intrinsics.opencv_lens import PRISM_COUNT, refine_opencv
 from calib.intrinsics.ray_lens import PLAIN
@@ -36,6 +37,7 @@ from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.lens import COEFFICIENTS, FISHEYE, NAMES, OPENCV
+from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number
 from calib.session.tolerances import OWN_COEFFICIENT, SENSOR_TILT, TANGENTIAL, THIN_PRISM
 from calib.threads import single_thread
@@ -43,11 +45,9 @@ from calib.threads import single_thread
 RATIONAL_COUNT = 8
 """The most coefficients with which OpenCV's own fit gives the start: with more, it takes minutes.
 """
-MIN_LENS_IMPROVEMENT = 0.02
-"""Fraction by which more radial coefficients, or a fisheye, must lower the held-out error."""
 MIN_PRISM_IMPROVEMENT = 0.05
-"""The same for a thin prism and a tilted sensor, which few lenses have: an uneven print gives them
-2 to 6 %.
+"""`MIN_LENS_IMPROVEMENT` for a thin prism and a tilted sensor, which few lenses have: an uneven
+print gives them 2 to 6 %.
 """
 CLEAR_RATIO = 0.7
 """If the error of all views falls below this fraction, that on held-out views falls as well: a few
@@ -101,7 +101,7 @@ class LensOrder:
         is_end = self.joint.outcome is Outcome.CONVERGED and self.sees_corners
         return is_end and all(
             abs(float(values[name] - means[name])) < MAX_SIGMAS * sigmas[name]
-            for name in (f"camera.{name}" for name in PHYSICAL)
+            for name in map(CAMERA.of, PHYSICAL)
             if name in values
         )
 
@@ -191,7 +191,7 @@ def _field_angle(order: LensOrder, size: tuple[int, int]) -> float:
     """Return the angle in rad between the corner of the picture and the axis of a pinhole with this
     focal length.
     """
-    return math.atan(math.hypot(*size) / 2 / float(order.joint.values["camera.fx"]))
+    return math.atan(math.hypot(*size) / 2 / float(order.joint.values[CAMERA.fx]))
 
 
 def _start_from(solved: OpenCVFit) -> tuple[Start, Tensor]:
@@ -219,7 +219,7 @@ def _fit(
         observations: the views.
     """
     begin, poses = start
-    model = _model(name, float(begin.values["camera.fx"]), size)
+    model = _model(name, float(begin.values[CAMERA.fx]), size)
     if board:
         model = model.with_effect(BoardShape(*board.half, DEGREES[0]))
     joint = model.fit(observations, poses, begin, ROUNDS)
@@ -242,7 +242,7 @@ def _model(name: str, focal: float, size: tuple[int, int]) -> CameraModel:
             model=lens,
         )
     )
-    sigmas = {f"camera.{name}": SPREADS[name] for name in names}
-    sigmas |= dict.fromkeys(("camera.fx", "camera.fy"), FOCAL_SPREAD * focal)
-    sigmas |= dict.fromkeys(("camera.cx", "camera.cy"), CENTRE_SPREAD * max(size))
+    sigmas = {CAMERA.of(name): SPREADS[name] for name in names}
+    sigmas |= dict.fromkeys(CAMERA.focal, FOCAL_SPREAD * focal)
+    sigmas |= dict.fromkeys(CAMERA.centre, CENTRE_SPREAD * max(size))
     return CameraModel(path, means, Priors(sigmas))

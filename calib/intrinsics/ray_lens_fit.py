@@ -157,12 +157,8 @@ def _fit(
     )
     if not joint.finite:
         raise NotEnoughDataError(NO_FIT)
-    image = residuals(path, joint.values, observations, joint.poses).image
-    squared = (image**2).sum(-1)
-    per_view = np.array(
-        [float(view_squares.nanmean().sqrt()) for view_squares in observations.per_view(squared)]
-    )
-    return LensFit(path, joint.values, joint, per_view, float(squared.nanmean().sqrt()))
+    residual = residuals(path, joint.values, observations, joint.poses)
+    return LensFit(path, joint.values, joint, residual.view_errors(observations), residual.rms_px)
 
 
 def _with_spline(

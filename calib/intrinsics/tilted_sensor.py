@@ -4,7 +4,6 @@ cv2.calibrateCamera differentiates the tilt numerically in each step, and its st
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import torch
@@ -14,6 +13,7 @@ from calib.errors import NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, Start
 from calib.estimation.observations import Observations
+from calib.estimation.poses import opencv_intrinsics
 from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
 from calib.intrinsics.advice import NO_FIT
@@ -22,6 +22,7 @@ from calib.optics.build import pinhole_path
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.lens import NAMES, OPENCV
+from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number
 from calib.threads import single_thread
 
@@ -53,10 +54,10 @@ def fit_tilted_sensor(
     coefficients[: len(start.coefficients)] = start.coefficients
     numbers = tuple(Number(float(value), LOOSE_COEFFICIENT) for value in coefficients)
     path, values = pinhole_path(Intrinsics(Number(fx), Number(fy), Number(cx), Number(cy), numbers))
-    sigmas = {f"camera.{name}": LOOSE_COEFFICIENT for name in NAMES[OPENCV]}
-    sigmas |= dict.fromkeys(("camera.cx", "camera.cy"), LOOSE_CENTRE * fx)
+    sigmas = {CAMERA.of(name): LOOSE_COEFFICIENT for name in NAMES[OPENCV]}
+    sigmas |= dict.fromkeys(CAMERA.centre, LOOSE_CENTRE * fx)
     if not focal:
-        sigmas |= dict.fromkeys(("camera.fx", "camera.fy"), LOOSE_FOCAL * fx)
+        sigmas |= dict.fromkeys(CAMERA.focal, LOOSE_FOCAL * fx)
     model = CameraModel(path, values, Priors(sigmas))
     observations = Observations.of(views, board)
     with single_thread():
@@ -68,17 +69,12 @@ def fit_tilted_sensor(
         )
         if not joint.finite:
             raise NotEnoughDataError(NO_FIT)
-        image = residuals(path, joint.values, observations, joint.poses).image
-    squared = (image**2).sum(-1)
-    per_view = [float(square.nanmean().sqrt()) for square in observations.per_view(squared)]
-    camera = np.eye(3)
-    camera[0, 0], camera[1, 1] = float(joint.values["camera.fx"]), float(joint.values["camera.fy"])
-    camera[0, 2], camera[1, 2] = float(joint.values["camera.cx"]), float(joint.values["camera.cy"])
-    return replace(
-        start,
+        residual = residuals(path, joint.values, observations, joint.poses)
+    camera, lens = opencv_intrinsics(joint.values)
+    return OpenCVFit(
         camera=camera,
-        coefficients=np.array([float(joint.values[f"camera.{n}"]) for n in NAMES[OPENCV]]),
-        per_view=np.array(per_view),
+        coefficients=lens,
+        per_view=residual.view_errors(observations),
         poses=joint.poses.numpy(),
-        rms=float(squared.nanmean().sqrt()),
+        rms=residual.rms_px,
     )

@@ -18,7 +18,7 @@ from calib.corners.corners_file import write_corners
 from calib.corners.view import View
 from calib.diagnosis.diagnose import diagnose
 from calib.fit_record.request import Settings
-from calib.fitting.board_turns import describe_turned
+from calib.fitting.board_turns import describe_turned, turn_back
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
 from calib.progress import Silent
@@ -175,6 +175,31 @@ def test_a_quarter_turn_in_every_other_view_is_found(tmp_path: Path) -> None:
     assert not straight.outcome.turned_boards
     assert "10 views" in describe_turned(names)
     assert turned.stages[-1].rms_px == pytest.approx(straight.stages[-1].rms_px, rel=0.05)
+
+
+def test_turning_back_takes_all_of_a_view_along() -> None:
+    """Corners, weights, covariances and blurs; the blur along a row becomes that along a column."""
+    rng = np.random.default_rng(3)
+    straight = View(
+        "0.png",
+        rng.uniform(0, 400, (64, 2)),
+        rng.uniform(0.1, 1, 64),
+        covariance=rng.uniform(0, 1, (64, 2, 2)),
+        blur=rng.uniform(0.5, 2, (64, 2)),
+    )
+    assert straight.covariance is not None
+    assert straight.blur is not None
+    order = np.rot90(np.arange(64).reshape(8, 8), 3).ravel()
+    turned = View(
+        "0.png",
+        straight.corners[order],
+        straight.weight[order],
+        covariance=straight.covariance[order],
+        blur=straight.blur[order][:, ::-1],
+    )
+    back = turn_back(turned, SQUARE_BOARD)
+    for name in ("corners", "weight", "covariance", "blur"):
+        assert (getattr(back, name) == getattr(straight, name)).all(), name
 
 
 def test_half_a_turn_changes_nothing(tmp_path: Path) -> None:
