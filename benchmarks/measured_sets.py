@@ -5,31 +5,42 @@ views gets the pose that suits it best; the error is the root mean square of all
 mrcal estimates the board's warp, and is left out where /usr/bin/python3 does not have it.
 
     python -m benchmarks.measured_sets SESSION...
+
+With --halves, two halves of the views are fitted instead, even against odd and first against last:
+by how many of their standard deviations do fx, fy, cx and cy differ?
+
+    python -m benchmarks.measured_sets --halves SESSION...
 """
 
 import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
+import torch
 import yaml
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from calib.calibration import Calibration
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
 from calib.fit_record.request import Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
 from calib.fitting.inputs import read_views
+from calib.inference.calibration_model import full_model
 from calib.progress import Silent
+from calib.session.parameter_names import CAMERA
 from calib.session.session import Session, read_session
 
+Floats = NDArray[np.float64]
 KEPT_BACK = 3
 """Every view of this number is kept back."""
 PYTHON = "/usr/bin/python3"
@@ -41,9 +52,13 @@ OPENCV = {
 
 
 def main() -> None:
-    folders = list(map(Path, sys.argv[1:]))
+    halves = sys.argv[1:2] == ["--halves"]
+    folders = list(map(Path, sys.argv[1 + halves :]))
     if not folders:
         raise SystemExit(__doc__)
+    if halves:
+        compare_halves(folders)
+        return
     table = Table("session", "calib fit", "flat board", "best other", "ratio", "CPU s", "others")
     ratios = []
     for folder in folders:
@@ -74,18 +89,57 @@ def main() -> None:
 
 def split(folder: Path, out: Path) -> tuple[Session, Session]:
     """Return the session without its kept-back views, and a session of these."""
-    session = read_session(folder)
-    views, _ = read_views(session, Silent())
+    views, _ = read_views(read_session(folder), Silent())
+    kept = [view for index, view in enumerate(views) if index % KEPT_BACK != KEPT_BACK - 1]
+    held_out = views[KEPT_BACK - 1 :: KEPT_BACK]
+    return part_of(folder, kept, out / "kept"), part_of(folder, held_out, out / "held_out")
+
+
+def part_of(folder: Path, views: Sequence[View], out: Path) -> Session:
+    """Return a session of some of a session's views."""
     document = yaml.safe_load((folder / "session.yaml").read_text())
     document["corners"] = "corners.vnl"
-    parts: dict[str, list[View]] = {"kept": [], "held_out": []}
-    for index, view in enumerate(views):
-        parts["held_out" if index % KEPT_BACK == KEPT_BACK - 1 else "kept"].append(view)
-    for name, part in parts.items():
-        (out / name).mkdir()
-        (out / name / "session.yaml").write_text(yaml.safe_dump(document))
-        write_corners(out / name / "corners.vnl", part)
-    return read_session(out / "kept"), read_session(out / "held_out")
+    out.mkdir()
+    (out / "session.yaml").write_text(yaml.safe_dump(document))
+    write_corners(out / "corners.vnl", views)
+    return read_session(out)
+
+
+def compare_halves(folders: Sequence[Path]) -> None:
+    """Print the differences of the halves of each session, and their root mean square."""
+    table = Table("session", "halves", "by views: fx, fy, cx, cy", "by corners")
+    console = Console(width=120)
+    squares: dict[str, list[tuple[float, float]]] = {}
+    for folder in folders:
+        views, _ = read_views(read_session(folder), Silent())
+        middle = len(views) // 2
+        for words, halves in (
+            ("even, odd", (views[::2], views[1::2])),
+            ("first, last", (views[:middle], views[middle:])),
+        ):
+            with TemporaryDirectory() as temporary:
+                first = pinhole(fit(part_of(folder, halves[0], Path(temporary, "first"))))
+                second = pinhole(fit(part_of(folder, halves[1], Path(temporary, "second"))))
+            difference = first[0] - second[0]
+            by_views, by_corners = difference / np.hypot(first[1:], second[1:])
+            squares.setdefault(words, []).extend(zip(by_views**2, by_corners**2, strict=True))
+            table.add_row(str(folder), words, str(by_views.round(1)), str(by_corners.round(1)))
+    console.print(table)
+    for words, pairs in squares.items():
+        by_views, by_corners = np.sqrt(np.mean(pairs, 0))
+        console.print(f"{words}: rms {by_views:.2f} by views, {by_corners:.2f} by corners")
+
+
+def pinhole(calibration: Calibration) -> Floats:
+    """Return (3, 4): fx, fy, cx and cy, their standard deviations by views, and by corners."""
+    intrinsics = calibration.camera.intrinsics
+    assert intrinsics
+    numbers = [getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy")]
+    joint = full_model(calibration).fit(
+        calibration.observations, torch.from_numpy(calibration.poses)
+    )
+    by_corners = [float(joint.sigma_of(name)) for name in CAMERA.pinhole]
+    return np.array([[n.value for n in numbers], [n.sigma for n in numbers], by_corners])
 
 
 def peers(kept: Session, held_out: Session) -> Iterator[tuple[str, float]]:
