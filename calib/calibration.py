@@ -374,6 +374,8 @@ class Calibration:
             "grid": list(self.relief.grid),
             "beta": self.relief.beta,
             "exact_hit": self.exact_hit,
+            "inset": self.relief.inset,
+            **({"anchor": list(self.relief.anchor)} if self.relief.anchor else {}),
         }
         return {
             "format": FORMAT,

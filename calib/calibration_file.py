@@ -62,7 +62,8 @@ CALIBRATION = record(
                     "grid": anything,
                     "beta": positive,
                     "exact_hit": flag,
-                }
+                },
+                {"inset": number, "anchor": anything},
             )
         ),
         "effects": many(
@@ -92,7 +93,16 @@ def relief_from_yaml(mapping: Mapping[str, Any]) -> Relief:
     low = _pair(mapping["low"], "low")
     high = _pair(mapping["high"], "high")
     grid = _pair(mapping["grid"], "grid")
-    relief = Relief(low, high, (int(grid[0]), int(grid[1])), float(mapping["beta"]))
+    relief = Relief(
+        low,
+        high,
+        (int(grid[0]), int(grid[1])),
+        float(mapping["beta"]),
+        inset=float(mapping.get("inset", 0.0)),
+        anchor=_pair(mapping["anchor"], "anchor") if "anchor" in mapping else None,
+    )
+    if not 0 <= relief.inset < 1:
+        raise ValueError("relief.inset is not from 0 to below 1")
     if relief.grid != grid or min(relief.grid) < 2:
         raise ValueError("relief.grid is not two whole numbers of 2 or more")
     if not (low[0] < high[0] and low[1] < high[1] and 0 < relief.beta < math.inf):

@@ -139,14 +139,18 @@ def calibration_files(calibration: Path) -> tuple[Path, Path]:
 
 
 def grid(text: str) -> tuple[int, int] | None:
-    """Return the numbers of the relief's centres, such as 12x12; None for `auto`."""
+    """Return the numbers of the relief's centres, such as 12x12; None for `auto`; (1, 1) for even
+    glass.
+    """
     if text == "auto":
         return None
     centres = two_numbers(text)
+    if centres == (1, 1):
+        return centres
     if centres is None or min(centres) < 2 or max(centres) > 64:
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a grid: write two whole numbers from 2 to 64, such as 8x8, or"
-            " auto"
+            " auto, or 1x1 for even glass"
         )
     return centres
 

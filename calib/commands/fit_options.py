@@ -23,7 +23,7 @@ def add_fit_options(parser: argparse.ArgumentParser, *, default_folds: int = 0) 
         metavar="AxB",
         help=(
             "numbers of the relief's centres around and along the cover (default: 12x12); auto"
-            " chooses them by the held-out error"
+            " chooses them by the held-out error; 1x1 takes the glass as even"
         ),
     )
     parser.add_argument(

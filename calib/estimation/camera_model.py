@@ -4,7 +4,7 @@ effects.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -82,12 +82,14 @@ class CameraModel:
         poses: Tensor,
         start: Start | None = None,
         rounds: Sequence[float] | None = None,
+        progress: Callable[[int, float], None] | None = None,
     ) -> JointFit:
         """Fit the most probable parameters, from a start like that of `fit_joint`; parameters that
         the start lacks start at their means.
 
         Args:
             rounds: as in `fit_joint`; None means WARM_ROUNDS with a start, else ROUNDS.
+            progress: as in `fit_joint`.
         """
         if start:
             start = replace(
@@ -103,6 +105,7 @@ class CameraModel:
             priors=self.priors,
             start=start,
             rounds=rounds,
+            progress=progress,
         )
 
     def pad_poses(self, poses: Tensor) -> Tensor:

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from calib.estimation.covariance import invert_precision
 from calib.estimation.levenberg_marquardt import Outcome, Solution, minimise
+from calib.estimation.normal_equations import NormalEquations
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
@@ -170,6 +171,7 @@ def fit_joint(
     sigma = start.sigma if start else FIRST_SIGMA
     smoothness = ((start and start.smoothness) or UNEVEN_GLASS) if path.relief else None
     shared = parameters.vector(initial)
+    freedom = 2 * len(observations.pixels) - poses.numel()
     iterations = 0
     for tolerance in rounds:
         precision = torch.from_numpy(parameters.prior_precision(smoothness)).to(shared)
@@ -186,7 +188,9 @@ def fit_joint(
         if solution.outcome is Outcome.NOT_FINITE:
             break
         if tolerance != rounds[-1]:
-            evidence, apparent = _evidence(solution, observations, sigma, parameters)
+            evidence, apparent = marginal_likelihood(
+                solution.equations, shared, freedom, sigma, parameters
+            )
             sigma, smoothness = maximise_evidence(evidence, apparent, smoothness)
     hessian = solution.equations.eliminate_blocks().hessian
     covariance = invert_precision(hessian + precision) if parameters.count else hessian
@@ -194,7 +198,9 @@ def fit_joint(
     outcome = solution.outcome if finite else Outcome.NOT_FINITE
     covariance = covariance if finite else torch.full_like(covariance, torch.nan)
     log_evidence = (
-        _evidence(solution, observations, sigma, parameters)[0].log(sigma, smoothness)
+        marginal_likelihood(solution.equations, shared, freedom, sigma, parameters)[0].log(
+            sigma, smoothness
+        )
         if finite
         else -math.inf
     )
@@ -214,18 +220,24 @@ def fit_joint(
     )
 
 
-def _evidence(
-    solution: Solution, observations: Observations, sigma: float, parameters: Parameters
+def marginal_likelihood(
+    equations: NormalEquations,
+    shared: Tensor,
+    freedom: int,
+    sigma: float,
+    parameters: Parameters,
 ) -> tuple[MarginalLikelihood, float]:
-    """Return the evidence as a function of noise and smoothness, from the solution of a round with
-    the noise `sigma`; and the RMS residual of that solution, px per axis.
+    """Return the evidence as a function of noise and smoothness, and the RMS residual, px per axis.
+
+    Args:
+        equations: those at the (S,) shared parameters, with the noise `sigma`.
+        freedom: the number of residuals minus that of the view parameters.
     """
-    freedom = 2 * len(observations.pixels) - solution.blocks.numel()
-    reduced = solution.equations.eliminate_blocks()
+    reduced = equations.eliminate_blocks()
     hessian = reduced.hessian.cpu().numpy() * sigma**2
     gradient = reduced.gradient.cpu().numpy() * sigma**2
-    square = solution.equations.sum_of_squares * sigma**2
-    quadratic = Quadratic.around(hessian, gradient, square, freedom, solution.shared.cpu().numpy())
+    square = equations.sum_of_squares * sigma**2
+    quadratic = Quadratic.around(hessian, gradient, square, freedom, shared.cpu().numpy())
     glass = parameters.glass_prior
     joint_root = partial(parameters.joint_root, glass=glass) if glass else None
     return (

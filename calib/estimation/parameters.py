@@ -147,7 +147,7 @@ class Parameters:
 
     def joint_root(self, smoothness: Smoothness, glass: Glass) -> Array:
         """Return the (S, S) lower Cholesky factor of the prior covariance of the heights at the
-        centres and the free parameters, over their scales.
+        prior's points and the free parameters, over their scales.
         """
         assert self.relief
         free, slices = self.free_root(), self.slices()

@@ -12,6 +12,11 @@ from calib.session.deviation import independent_deviation, normalised_deviation
 
 CONFLICT_THRESHOLD = 3.0
 """Standard deviations: a correctly declared value deviates by more in one case of 370."""
+MIN_SPREAD = 0.75
+"""The smallest standard deviation, as a fraction of the tolerance, that the distance between
+estimate and declared value is compared with: nobody is told to measure again what is off by one
+tolerance.
+"""
 PRIOR_INFLATION = 10.0
 """The factor by which the tolerance of a distrusted value is widened: enough for a slip of the pen,
 another part, or another unit.
@@ -53,4 +58,5 @@ def largest_prior_conflict(
 def _deviation(joint: JointFit, name: str) -> float:
     distance = float(joint.values[name] - joint.parameters.origin[name])
     tolerance = float(joint.parameters.priors.sigmas[name])
-    return abs(float(normalised_deviation(distance, tolerance, float(joint.sigma_of(name)))))
+    sigma = float(joint.sigma_of(name))
+    return abs(float(normalised_deviation(distance, tolerance, sigma, min_spread=MIN_SPREAD)))

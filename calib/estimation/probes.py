@@ -91,10 +91,10 @@ class ProbedValues:
             outer = self.path.cover[-1]
             assert outer.relief
             _, adjusted = self.path.adjust_pixels(rows.pixels, rows.values, rows.exposure)
-            chart = outer.surface.chart(outer.frame.at(adjusted).enter(rows.rays.origin.detach()))
+            point = outer.frame.at(adjusted).enter(rows.rays.origin.detach())
             outer.relief.spread(
                 torch.stack([by[name] for name in PROBES], -1),
-                chart,
+                outer.relief_chart(point, adjusted),
                 columns[..., : self.parameters.amplitudes],
             )
         scales = {param.name: param.scale for param in self.parameters.free}

@@ -1,11 +1,13 @@
-"""The prior of the glass's relief: a free figure plus a texture that is a Gaussian process.
+"""The prior of the glass's relief: a figure plus a texture that is a Gaussian process.
 
 The figure, a polynomial over the patch, makes a lens of the glass (focus, astigmatism, coma and
-their higher orders). No glass has a random figure, so a prior that shrinks it spoils the maps at
-depths nearer than the trained ones; and a prior that ends at some degree lets the missing degrees
-pass for a lens and makes the sigmas too small. So the figure is free up to the fourth degree and
-its standard deviation falls off from there. The texture is everything finer. The evidence chooses
-the height and the length of its bumps: a weak prior would let them fit noise.
+their higher orders). Its standard deviations are those of moulded glass, and fall off with the
+degree. They do not end at some degree: the missing degrees would pass for a lens and make the
+sigmas too small. The texture is everything finer. The evidence chooses the height and the length of
+its bumps: a weak prior would let them fit noise.
+
+The prior describes the heights at points that form a grid over the relief's region, as many as
+there are centres. The centres reach farther: see `calib.optics.relief.INSET`.
 
 Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence; C. E. Rasmussen, C. K. I.
 Williams, Gaussian processes for machine learning (2006), sections 2.7 and 4.2.1, for free
@@ -28,16 +30,14 @@ from calib.session.glass import Glass, polynomial_degrees
 Array = NDArray[np.float64]
 
 FIGURE_DEGREE = 10
-FIGURE_FREE = 4
-"""The highest degree that is free."""
-FIGURE_FALL = 0.2
-"""The factor of the standard deviation from one degree above that to the next."""
-FIGURE_HEIGHT = 3e-4
-"""m: the standard deviation of a free Legendre polynomial's coefficient, thirty times what glass
-has (`GLASS_FIGURE`), so that it is free. With a fifteenth of it, or with a value chosen by evidence
-down to that, maps through 60 um of figure were off by 1.35 times their sigma; with a third, by
-0.99; with this value, by 0.90 (twelve sessions, every number held).
+FIGURE_LEVEL = 1e-4
+"""m: the standard deviation of the height's mean, which is thickness."""
+FIGURE_HEIGHT = 3e-5
+"""m: the standard deviation of the coefficient of a Legendre polynomial of the first or second
+degree, three times what cheap windows have over a centimetre (`GLASS_FIGURE`).
 """
+FIGURE_FALL = 0.4
+"""The factor of the standard deviation from one degree above the second to the next."""
 MIN_HEIGHT = 1e-9
 """m: the standard deviation of an independent part at each centre, so that the covariance can be
 inverted.
@@ -60,21 +60,23 @@ class Smoothness:
     height: float
     """m: the standard deviation."""
     length: float
-    """The correlation is exp(-d^2 / (2 length^2)) at a distance d, with the patch's sides as
-    one.
+    """The correlation is exp(-d^2 / (2 length^2)) at a distance d, with the sides of the relief's
+    region as one.
     """
+    figure: float = 1.0
+    """The factor of the figure's standard deviations. Even glass has neither figure nor texture."""
 
     def precision(self, relief: Relief) -> Array:
         """Return the (n, n) inverse prior covariance of the amplitudes, row by row, for which the
-        heights at the centres have this distribution.
+        heights at the prior's points have this distribution.
         """
         root = solve_triangular(self.root(relief), relief_basis(relief), lower=True)
         precision: Array = root.T @ root
         return precision
 
     def root(self, relief: Relief, glass: Glass | None = None) -> Array:
-        """Return the (n, n) m lower Cholesky factor of the covariance of the heights at the
-        centres.
+        """Return the (n, n) m lower Cholesky factor of the covariance of the heights at the prior's
+        points.
 
         Args:
             glass: the prior of the figure, if there is one.
@@ -83,13 +85,13 @@ class Smoothness:
         return root
 
     def covariance(self, relief: Relief, glass: Glass | None = None) -> Array:
-        """Return the (n, n) m^2 covariance of the heights at the centres."""
+        """Return the (n, n) m^2 covariance of the heights at the prior's points."""
         first = self._correlation(relief.grid[0])
         second = self._correlation(relief.grid[1])
         independent = MIN_HEIGHT**2 * np.eye(len(first) * len(second))
         texture = self.height**2 * np.kron(first, second) + independent
         if not glass:
-            return np.asarray(texture + figure_covariance(relief.grid))
+            return np.asarray(texture + self.figure**2 * figure_covariance(relief.grid))
         to_heights = figure_heights(relief, glass.low, glass.high, glass.degree)
         return np.asarray(
             texture
@@ -98,15 +100,15 @@ class Smoothness:
         )
 
     def _correlation(self, count: int) -> Array:
-        """Return the (count, count) correlations of a row of centres; a side is 2 long here."""
-        centres = np.linspace(-1, 1, count)
-        distance = centres[:, None] - centres
+        """Return the (count, count) correlations of a row of points; a side is 2 long here."""
+        points = np.linspace(-1, 1, count)
+        distance = points[:, None] - points
         return np.asarray(np.exp(-(distance**2) / (8 * self.length**2)))
 
 
 @lru_cache(maxsize=8)
 def figure_covariance(grid: tuple[int, int], degree: int = -1) -> Array:
-    """Return the (n, n) m^2 covariance of the figure's heights at the centres, from the polynomials
+    """Return the (n, n) m^2 covariance of the figure's heights at the prior's points, from the polynomials
     above a degree. The array is shared; do not write to it.
     """
     rows, columns = grid
@@ -127,13 +129,14 @@ def figure_heights(
     relief: Relief, low: tuple[float, float], high: tuple[float, float], degree: int
 ) -> Array:
     """Return the (n, N) matrix from the coefficients of a figure over a patch to the heights at the
-    centres.
+    prior's points.
     """
     rows, columns = relief.grid
-    first_centres = np.linspace(relief.low[0], relief.high[0], rows)
-    second_centres = np.linspace(relief.low[1], relief.high[1], columns)
-    first = legvander((2 * first_centres - low[0] - high[0]) / (high[0] - low[0]), degree)
-    second = legvander((2 * second_centres - low[1] - high[1]) / (high[1] - low[1]), degree)
+    (first_low, second_low), (first_high, second_high) = relief.region
+    first_points = np.linspace(first_low, first_high, rows)
+    second_points = np.linspace(second_low, second_high, columns)
+    first = legvander((2 * first_points - low[0] - high[0]) / (high[0] - low[0]), degree)
+    second = legvander((2 * second_points - low[1] - high[1]) / (high[1] - low[1]), degree)
     return np.stack(
         [np.kron(first[:, i], second[:, k]) for i, k in polynomial_degrees(degree)], axis=1
     )
@@ -151,16 +154,20 @@ def figure_height(degree: int) -> float:
     """Return the prior standard deviation, m, of the coefficient of a polynomial of this total
     degree.
     """
-    return FIGURE_HEIGHT * FIGURE_FALL ** max(0, degree - FIGURE_FREE)
+    return FIGURE_HEIGHT * FIGURE_FALL ** max(0, degree - 2) if degree else FIGURE_LEVEL
 
 
 def relief_basis(relief: Relief) -> Array:
-    """Return the (n, n) matrix from the amplitudes to the heights at the centres."""
-    rows = np.arange(relief.grid[0])
-    columns = np.arange(relief.grid[1])
-    first = np.exp(-((rows[:, None] - rows) ** 2) / (2 * relief.beta))
-    second = np.exp(-((columns[:, None] - columns) ** 2) / (2 * relief.beta))
+    """Return the (n, n) matrix from the amplitudes to the heights at the prior's points."""
+    first, second = (_bells(count, relief) for count in relief.grid)
     return np.asarray(np.kron(first, second), dtype=np.float64)
+
+
+def _bells(count: int, relief: Relief) -> Array:
+    """Return (points, centres), the Gaussians of one axis at the points of the prior."""
+    centres = np.arange(count) - (count - 1) / 2
+    points = (1 - relief.inset) * centres
+    return np.asarray(np.exp(-((points[:, None] - centres) ** 2) / (2 * relief.beta)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +220,7 @@ class MarginalLikelihood:
             free_root: (F, F) R with R R^T the prior covariance of the free parameters, over their
                 scales.
             joint_root: a function that returns the (S, S) root of the joint prior covariance of the
-                heights at the centres and the free parameters, if these are not independent.
+                heights at the prior's points and the free parameters, if these are not independent.
         """
         self._relief, self._freedom, self._cost = relief, quadratic.freedom, quadratic.cost
         amplitudes = len(quadratic.score) - len(free_root)
@@ -224,7 +231,7 @@ class MarginalLikelihood:
         if relief:
             to_x[:amplitudes, :amplitudes] = np.linalg.inv(
                 relief_basis(relief)
-            )  # heights at the centres
+            )  # heights at the prior's points
         self._hessian, self._score = to_x.T @ quadratic.hessian @ to_x, to_x.T @ quadratic.score
 
     def log(self, sigma: float, smoothness: Smoothness | None) -> float:
@@ -264,7 +271,7 @@ def maximise_evidence(
             (
                 start,
                 *(
-                    Smoothness(height, length)
+                    Smoothness(height, length, start.figure)
                     for height in START_HEIGHTS
                     for length in START_LENGTHS
                 ),
@@ -274,9 +281,12 @@ def maximise_evidence(
     initial = [sigma, start.height, start.length] if start else [sigma]
     bounds = [SIGMA_BOUNDS, HEIGHT_BOUNDS, LENGTH_BOUNDS][: len(initial)]
 
+    figure = start.figure if start else 1.0
+
     def badness(logs: Array) -> float:
         noise, *texture = np.exp(logs).tolist()
-        return -max(evidence.log(noise, Smoothness(*texture) if texture else None), -1e300)
+        smoothness = Smoothness(*texture, figure) if texture else None
+        return -max(evidence.log(noise, smoothness), -1e300)
 
     limits = [(float(np.log(low)), float(np.log(high))) for low, high in bounds]
     result = minimize(
@@ -287,4 +297,4 @@ def maximise_evidence(
         options={"xatol": 0.01, "fatol": 0.01},
     )
     sigma, *texture = np.exp(result.x).tolist()
-    return sigma, Smoothness(*texture) if texture else None
+    return sigma, Smoothness(*texture, figure) if texture else None

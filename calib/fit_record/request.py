@@ -14,6 +14,10 @@ without the cover, its fleet's prior, or the fitted views themselves.
 """
 
 
+EVEN_GRID = (1, 1)
+"""The grid that stands for even glass: the mean of its height is thickness."""
+
+
 @dataclass(frozen=True, slots=True)
 class Settings:
     """The options of a fit."""
@@ -35,6 +39,11 @@ class Settings:
     """Number of folds of the cross-validation; 0 for none."""
     flat_board: bool = False
     """True to take the board as flat; False to estimate its bend where the views show one."""
+
+    @property
+    def is_even(self) -> bool:
+        """True if the grid has one centre, which stands for even glass."""
+        return self.grid == EVEN_GRID
 
     @property
     def estimates_bend(self) -> bool:

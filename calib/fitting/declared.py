@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from calib.calibration import Calibration
 from calib.effects.effect import EffectParameter
-from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
+from calib.estimation.prior_conflict import CONFLICT_THRESHOLD, MIN_SPREAD
 from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
 from calib.session.deviation import independent_deviation, normalised_deviation
@@ -63,8 +63,12 @@ class Comparison:
         distance (`calib.session.deviation`). The estimate of a doubted number is independent of the
         declared value.
         """
-        deviation = independent_deviation if self.doubted else normalised_deviation
-        return abs(float(deviation(self.estimate - self.declared, self.tolerance, self.sigma)))
+        distance = self.estimate - self.declared
+        if self.doubted:
+            return abs(independent_deviation(distance, self.tolerance, self.sigma))
+        return abs(
+            float(normalised_deviation(distance, self.tolerance, self.sigma, min_spread=MIN_SPREAD))
+        )
 
     @property
     def contradicted(self) -> bool:

@@ -157,7 +157,7 @@ def fit(
         board=session.board,
         camera=replace(session.camera, intrinsics=intrinsics),
         cover=cover,
-        relief=fitted.relief,
+        relief=fitted.path.settled_relief(fitted.values),
         amplitudes=(
             fitted.values["relief.amplitudes"].numpy() if fitted.relief else np.zeros((0, 0))
         ),

@@ -56,6 +56,7 @@ def with_estimate(
         calibration,
         camera=replace(calibration.camera, intrinsics=intrinsics),
         cover=cover,
+        relief=model.path.settled_relief(estimate.values),
         amplitudes=(
             estimate.values["relief.amplitudes"].numpy()
             if calibration.relief

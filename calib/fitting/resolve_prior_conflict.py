@@ -109,22 +109,14 @@ def resolve_prior_conflict(
         bend=resolved.fitted.effects or None,
         purpose="numbers as declared",
     )
-    if credible:
-        if log_evidence(fitted) > log_evidence(exact):
-            return resolved
+    if log_evidence(exact) > log_evidence(fitted):
         return ResolvedFit(exact, nominal, nominal)
-    if _is_clearly_better(fitted, exact):
-        resolved = _widen_conflicting_priors(resolved, observations, views, settings, progress)
-        widened = resolved.fitted
-        widened_height = height_spread(widened.path, widened.values, observations)
-        exact_height = height_spread(exact.path, exact.values, observations)
-        if (
-            _is_credible(widened)
-            and _is_clearly_better(widened, exact)
-            and widened_height < MAX_HEIGHT_RATIO * exact_height
-        ):
-            return resolved
-    return ResolvedFit(exact, nominal, nominal)
+    if credible or not _is_clearly_better(fitted, exact):
+        return resolved
+    widened = _widen_conflicting_priors(resolved, observations, views, settings, progress)
+    if _is_credible(widened.fitted) and log_evidence(widened.fitted) > log_evidence(fitted):
+        return widened
+    return resolved
 
 
 def _widen_conflicting_priors(

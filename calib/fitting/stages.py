@@ -17,32 +17,26 @@ from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.gradient_fit import descend
-from calib.estimation.joint_fit import (
-    FIRST_SIGMA,
-    GOOD_GLASS,
-    ROUGH_ROUNDS,
-    ROUNDS,
-    JointFit,
-    Start,
-    fit_joint,
-)
+from calib.estimation.joint_fit import FIRST_SIGMA, GOOD_GLASS, ROUNDS, JointFit, Start
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import expected_amplitudes
+from calib.estimation.uneven_glass import uneven_log_odds
 from calib.fit_record.request import Settings
 from calib.fitting.board_turns import find_turned
 from calib.fitting.fit_result import EFFECTS_STAGE
-from calib.inference.board_bend import estimate_bend
-from calib.optics.build import covered_path, footprint, pinhole_path, with_relief
+from calib.inference.board_bend import MIN_LOG_ODDS, estimate_bend
+from calib.optics.build import covered_path, footprint, pinhole_path, relief_over, with_relief
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import AMPLITUDES, Relief
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
-from calib.session.cover import Cover
+from calib.session.cover import AUTO as AUTO_SURFACE
+from calib.session.cover import EVEN, Cover
 from calib.session.freeing import AUTO, free_parameters
 
 MAX_LOST_FRACTION = 0.2
@@ -138,8 +132,8 @@ def fit_stages(
     if is_bare:
         priors = priors_of(setup.intrinsics, setup.cover, path)
         start = earlier.joint.start if earlier and earlier.joint else None
-        model = CameraModel(path, values, priors)
-        joint = model.fit(observations, earlier.poses if earlier else poses, start)
+        model = CameraModel(path, values, priors).with_effects(bend or ())
+        joint = model.fit(observations, earlier.poses if earlier else poses, start, ROUNDS)
         residual = residuals(path, joint.values, observations, joint.poses)
         stages = [Stage("pinhole", residual.rms_px, residual.rmse_cm)]
         return _with_bend(model, joint, setup, observations, settings, labels, bend, tuple(stages))
@@ -148,49 +142,179 @@ def fit_stages(
     residual = residuals(path, values, observations, poses)
     _check_cover(residual)
     stages.append(Stage("cover", residual.rms_px, residual.rmse_cm))
-    priors = priors_of(setup.intrinsics, setup.cover, path)
-    start = earlier.joint.start if earlier and earlier.joint else None
-    if earlier and start:
-        poses = earlier.poses
-    elif priors.sigmas and settings.method == "joint" and not setup.cover.glass:
-        # A wrong number is corrected first, while there is no relief that could imitate it.
-        rough = fit_joint(path, values, observations, poses, priors=priors, rounds=ROUGH_ROUNDS)
-        start, poses = replace(rough.start, smoothness=GOOD_GLASS), rough.poses
     assert settings.grid, "the caller chooses the grid"
-    around, axial = settings.grid
-    relief = earlier.relief if earlier else None
-    if not relief:
-        low, high = patch(setup, path, start.values if start else values)
-        relief = Relief(low, high, (axial, around))
-    path = with_relief(path, relief, exact_hit=settings.exact_hit)
-    flat = {AMPLITUDES: torch.from_numpy(expected_amplitudes(relief, setup.cover.glass))}
-    values = {**values, **flat}
+    is_even = settings.is_even or setup.cover.covers[-1].surface == EVEN
     if settings.method == "paper":
+        if is_even:
+            return Fitted(path, values, poses, tuple(stages), residual)
+        low, high = footprint(path, values, setup.camera.width, setup.camera.height)
+        relief = Relief(low, high, settings.grid[::-1])
+        path = with_relief(path, relief, exact_hit=settings.exact_hit)
+        values[AMPLITUDES] = torch.zeros(relief.grid, dtype=torch.float64)
         values[AMPLITUDES] = _descend(path, values, observations, poses, settings.steps, progress)
         residual = residuals(path, values, observations, poses)
         stages.append(Stage("cover+rbf", residual.rms_px, residual.rmse_cm))
         return Fitted(path, values, poses, tuple(stages), residual, relief)
-    advance = progress.task(f"Joint fit, {purpose}" if purpose else "Joint fit", LINEARISATIONS)
-    if start:
-        start = replace(start, values={**flat, **start.values})
-    elif setup.cover.glass:
-        start = Start(values, FIRST_SIGMA, GOOD_GLASS)
-    joint = fit_joint(
+    model = CameraModel(path, values, priors_of(setup.intrinsics, setup.cover, path))
+    job = _Job(setup, observations, settings, progress, purpose, tuple(stages), labels, bend)
+    return _fit_cover(job, model.with_effects(bend or ()), poses, earlier)
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """The arguments of `fit_stages`, and the stages so far."""
+
+    setup: Setup
+    observations: Observations
+    settings: Settings
+    progress: Progress
+    purpose: str
+    stages: tuple[Stage, ...]
+    labels: NDArray[np.int64] | None
+    bend: tuple[Effect, ...] | None
+
+    @property
+    def surface(self) -> str:
+        """Whether the outer surface is even, as the session or the grid says it."""
+        return EVEN if self.settings.is_even else self.setup.cover.covers[-1].surface
+
+    def fit(self, model: CameraModel, poses: Tensor, start: Start | None) -> JointFit:
+        """Return the joint fit of a model."""
+        purpose = self.purpose
+        advance = self.progress.task(
+            f"Joint fit, {purpose}" if purpose else "Joint fit", LINEARISATIONS
+        )
+        joint = model.fit(
+            self.observations,
+            poses,
+            start,
+            ROUNDS,
+            progress=lambda count, rms: advance(min(count, LINEARISATIONS), f"{rms:.3f} px"),
+        )
+        advance(LINEARISATIONS, "")
+        return joint
+
+    def finish(self, model: CameraModel, joint: JointFit) -> Fitted:
+        """Return the fit of a flat board, or that of a bent one if the views show the bend."""
+        residual = residuals(model.path, joint.values, self.observations, joint.poses)
+        name = "cover+rbf" if model.path.relief else "cover"
+        stage = Stage(name, residual.rms_px, residual.rmse_cm)
+        stages = (*(earlier for earlier in self.stages if earlier.name != name), stage)
+        return _with_bend(
+            model,
+            joint,
+            self.setup,
+            self.observations,
+            self.settings,
+            self.labels,
+            self.bend,
+            stages,
+        )
+
+
+def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | None) -> Fitted:
+    """Return the joint fit of a covered camera, with a relief if the glass is uneven.
+
+    What the numbers explain is explained by them first: the fit of even glass is the start.
+    """
+    start = earlier.joint.start if earlier and earlier.joint else None
+    poses = earlier.poses if earlier and start else poses
+    was_uneven = earlier is not None and earlier.relief is not None
+    is_known = job.setup.cover.glass is not None
+    if was_uneven or is_known:
+        return _fit_uneven(job, even, poses, earlier, start)
+    smooth = job.fit(even, poses, start)
+    if job.surface == EVEN:
+        return job.finish(even, smooth)
+    relief = _relief(job, even.path, smooth.values)
+    log_odds, texture = uneven_log_odds(even, smooth, job.observations, relief)
+    # With every number held, nothing but the glass could make up for their errors.
+    if job.surface == AUTO_SURFACE and even.priors.sigmas and log_odds < MIN_LOG_ODDS:
+        return job.finish(even, smooth)
+    start = replace(smooth.start, smoothness=texture)
+    uneven = _fit_uneven(job, even, smooth.poses, None, start)
+    if job.surface == AUTO_SURFACE and job.bend is None and job.settings.estimates_bend:
+        bent = job.finish(even, smooth)
+        if bent.effects and bent.model and bent.joint:
+            log_odds, _ = uneven_log_odds(
+                bent.model,
+                bent.joint,
+                job.observations,
+                _relief(job, bent.path, bent.values),
+            )
+            if log_odds < MIN_LOG_ODDS:
+                return bent
+    return uneven
+
+
+def _fit_uneven(
+    job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | None, start: Start | None
+) -> Fitted:
+    """Return the fit with a relief.
+
+    Args:
+        even: the model without a relief.
+        earlier: an earlier fit with a relief, which is kept.
+        start: the start, with or without a relief; None with the prior of a known glass.
+    """
+    relief = earlier.relief if earlier else None
+    if not relief:
+        places = (even.means, start.values) if start else (even.means,)
+        relief = _relief(job, even.path, *places)
+    model = _with_relief(job, even, relief)
+    joint = job.fit(model, poses, start or Start(model.means, FIRST_SIGMA, GOOD_GLASS))
+    if not _covers(job, relief, even.path, joint.values):
+        # The numbers moved so far that the camera sees other glass than the declared ones let it.
+        relief = _relief(job, even.path, joint.values)
+        model = _with_relief(job, even, relief)
+        start = replace(joint.start, values={**joint.values, AMPLITUDES: model.means[AMPLITUDES]})
+        joint = job.fit(model, joint.poses, start)
+    return replace(job.finish(model, joint), relief=relief)
+
+
+def _with_relief(job: _Job, even: CameraModel, relief: Relief) -> CameraModel:
+    """Return the model with a relief, whose mean is that of a known glass."""
+    setup = job.setup
+    path, values = covered_path(setup.intrinsics, setup.cover)
+    path = with_relief(path, relief, exact_hit=job.settings.exact_hit)
+    flat = {AMPLITUDES: torch.from_numpy(expected_amplitudes(relief, setup.cover.glass))}
+    priors = priors_of(setup.intrinsics, setup.cover, path)
+    return CameraModel(path, {**values, **flat}, priors).with_effects(even.effects)
+
+
+def _covers(job: _Job, relief: Relief, path: Path, values: Values) -> bool:
+    """True if the prior of the relief describes all the glass that the camera sees."""
+    if not relief.anchor:
+        return True
+    camera = job.setup.camera
+    seen = relief_over(
         path,
         values,
-        observations,
-        poses,
-        priors=priors,
-        start=start,
-        progress=lambda count, rms: advance(min(count, LINEARISATIONS), f"{rms:.3f} px"),
-    )
-    advance(LINEARISATIONS, "")
-    residual = residuals(path, joint.values, observations, joint.poses)
-    stages.append(Stage("cover+rbf", residual.rms_px, residual.rmse_cm))
-    model = CameraModel(path, values, priors)
-    return _with_bend(
-        model, joint, setup, observations, settings, labels, bend, tuple(stages), relief
-    )
+        footprint(path, values, camera.width, camera.height, margin=0.0),
+        relief.grid,
+    ).moved(relief.anchor)
+    (low, high), (seen_low, seen_high) = relief.region, seen.region
+    return all(low[i] <= seen_low[i] and seen_high[i] <= high[i] for i in range(2))
+
+
+def _relief(job: _Job, path: Path, *places: Values) -> Relief:
+    """Return the relief of the glass that the camera sees at any of these values, described for the
+    first of them, or that of a known glass.
+    """
+    assert job.settings.grid, "the caller chooses the grid"
+    grid = job.settings.grid[::-1]
+    camera = job.setup.camera
+    if glass := job.setup.cover.glass:
+        return Relief.around(glass.low, glass.high, grid)
+    seen = [
+        relief_over(path, values, footprint(path, values, camera.width, camera.height), grid)
+        for values in places
+    ]
+    anchor = seen[0].anchor
+    assert anchor
+    corners = np.array([relief.moved(anchor).region for relief in seen])  # (n, 2, 2)
+    low, high = corners[:, 0].min(0).tolist(), corners[:, 1].max(0).tolist()
+    return Relief.around((low[0], low[1]), (high[0], high[1]), grid, anchor)
 
 
 def _with_bend(
@@ -202,12 +326,8 @@ def _with_bend(
     labels: NDArray[np.int64] | None,
     bend: tuple[Effect, ...] | None,
     stages: tuple[Stage, ...],
-    relief: Relief | None = None,
 ) -> Fitted:
     """Return the joint fit of a flat board, with the board's bend if the views show one."""
-    if bend:
-        model = model.with_effects(bend)
-        joint = model.fit(observations, joint.poses, joint.start, ROUNDS)
     turned: tuple[str, ...] = ()
     if bend is None and settings.estimates_bend:
         is_turned = find_turned(model, observations, joint, setup.board)
@@ -222,24 +342,9 @@ def _with_bend(
         poses=joint.poses,
         stages=stages,
         residuals=residual,
-        relief=relief,
         joint=joint,
         model=model,
         turned=turned,
-    )
-
-
-def patch(
-    setup: Setup, path: Path, values: Values
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the low and high chart coordinates of the relief: those of a known glass, else of the
-    cover's area that the camera sees, with a margin.
-    """
-    glass = setup.cover.glass
-    return (
-        (glass.low, glass.high)
-        if glass
-        else footprint(path, values, setup.camera.width, setup.camera.height)
     )
 
 

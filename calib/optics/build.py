@@ -26,9 +26,8 @@ from calib.session.shapes.registry import find_shape
 from calib.session.shapes.shape import Shape
 
 FOOTPRINT_MARGIN = 0.2
-"""The margin of the relief's patch on each side, as a fraction of the patch that the image sees.
-Without centres outside that patch a sum of Gaussians falls off towards its edge, and cannot
-represent, say, a constant thickness error (the bumps fixture then has 0.060 px, not 0.030).
+"""The margin of the relief's region on each side, as a fraction of the glass that the image sees:
+as the cover's numbers change, the image sees more of it.
 """
 
 LATTICE = 41
@@ -94,11 +93,24 @@ def with_relief(path: Path, relief: Relief, *, exact_hit: bool = True) -> Path:
     return Path(path.lens, (*smooth, uneven), path.target)
 
 
+def relief_over(
+    path: Path,
+    values: Values,
+    region: tuple[tuple[float, float], tuple[float, float]],
+    grid: tuple[int, int],
+) -> Relief:
+    """Return a relief of the outer surface for the glass between two chart coordinates, low and
+    high, as the camera sees it at these values.
+    """
+    first, second = path.cover[-1].axis_chart(values)
+    return Relief.around(*region, grid, (float(first), float(second)))
+
+
 def footprint(
-    path: Path, values: Values, width: int, height: int
+    path: Path, values: Values, width: int, height: int, margin: float = FOOTPRINT_MARGIN
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the relief's patch, as its low and its high chart coordinates: the patch of glass that
-    an image of width x height px sees, and a margin around it.
+    """Return the region of a relief, as its low and its high chart coordinates: the glass that an
+    image of width x height px sees, and a margin around it.
     """
     columns = torch.linspace(-0.5, width - 0.5, LATTICE, dtype=torch.float64)
     rows = torch.linspace(-0.5, height - 0.5, LATTICE, dtype=torch.float64)
@@ -112,16 +124,15 @@ def footprint(
             "cover: no ray of the camera leaves this cover; check its radius, offset and thickness"
             " in session.yaml."
         )
-    first_low, first_high = _with_margin(first[arrived])
-    second_low, second_high = _with_margin(second[arrived])
+    first_low, first_high = _with_margin(first[arrived], margin)
+    second_low, second_high = _with_margin(second[arrived], margin)
     return (first_low, second_low), (first_high, second_high)
 
 
-def _with_margin(coordinates: Tensor) -> tuple[float, float]:
-    """Return the range of these coordinates, widened by FOOTPRINT_MARGIN on both sides."""
+def _with_margin(coordinates: Tensor, margin: float) -> tuple[float, float]:
+    """Return the range of these coordinates, widened by this fraction of it on both sides."""
     low, high = coordinates.min(), coordinates.max()
-    margin = FOOTPRINT_MARGIN * (high - low)
-    return float(low - margin), float(high + margin)
+    return float(low - margin * (high - low)), float(high + margin * (high - low))
 
 
 def _tilt_names(names: CoverNames, shape: Shape, cover: Cover) -> Names:

@@ -6,7 +6,7 @@ the last step is differentiable, which makes the derivatives exact (implicit fun
 ray that misses or is totally reflected keeps finite values and gets a failure code.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -90,6 +90,29 @@ class Interface:
             (reflected, self.failures[1]),
         )
 
+    def axis_chart(self, values: Values) -> tuple[Tensor, Tensor]:
+        """Return the two chart coordinates at which the camera's z axis meets the smooth surface.
+        Further tilts, which turn the glass against the camera, do not count.
+        """
+        frame = replace(self.frame, extra_tilts=()).at(values)
+        zero = torch.zeros_like(values[self.index_outside])
+        origin = frame.enter(Vector(zero, zero, zero))
+        direction = frame.turn(Vector(zero, zero, zero + 1))
+        height = sum((values[name] for name in self.thicknesses), zero)
+        distance, _ = self.surface.reach(origin, direction, height, values)
+        return self.surface.chart(origin + direction * distance)
+
+    def relief_chart(self, point: Vector, values: Values) -> tuple[Tensor, Tensor]:
+        """Return the two (...) chart coordinates at which the relief has its height at points in
+        the cover's frame.
+        """
+        first, second = self.surface.chart(point)
+        if not self.relief or not self.relief.anchor:
+            return first, second
+        axis_first, axis_second = self.axis_chart(values)
+        anchor_first, anchor_second = self.relief.anchor
+        return first - (axis_first - anchor_first), second - (axis_second - anchor_second)
+
     def _outward_gradient(self, point: Vector, values: Values) -> tuple[Vector, Tensor | float]:
         """Return the gradient of the height above the surface with its relief, and the relief's
         (...) m height, at a point.
@@ -97,7 +120,7 @@ class Interface:
         gradient = self.surface.gradient(point, values)
         if not self.reliefs:
             return gradient, 0.0
-        chart = self.surface.chart(point)
+        chart = self.relief_chart(point, values)
         bump, first, second = self.reliefs[0].height(chart, values)
         for relief in self.reliefs[1:]:
             height, by_first, by_second = relief.height(chart, values)

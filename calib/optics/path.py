@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from calib.optics.board_target import FLEX, MOTION, POSE, Placement, Target
-from calib.optics.exposure import Exposure
+from calib.optics.exposure import MIDDLE, Exposure
 from calib.optics.interface import Interface
 from calib.optics.lens import Lens
 from calib.optics.linear_term import LinearTerm
@@ -112,6 +112,17 @@ class Path:
     def relief(self) -> Relief | None:
         """The relief of the outermost surface of the cover."""
         return self.cover[-1].relief if self.cover else None
+
+    def settled_relief(self, values: Values) -> Relief | None:
+        """Return the relief, described for these values: if it has an anchor, with the chart
+        coordinates that it has there.
+        """
+        if not self.relief or not self.relief.anchor:
+            return self.relief
+        middle = next(iter(values.values())).new_zeros(1, 2)
+        _, values = self.adjust_pixels(middle, values, MIDDLE)
+        first, second = self.cover[-1].axis_chart(values)
+        return self.relief.moved((float(first), float(second)))
 
     @property
     def stages(self) -> tuple[Lens | Interface, ...]:

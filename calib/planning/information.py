@@ -7,7 +7,7 @@ error; a rigid motion of all rays, the gauge, is projected out of it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -25,15 +25,15 @@ from calib.estimation.surface_prior import Smoothness
 from calib.estimation.view_equations import information, view_equations
 from calib.fit_record.request import Settings
 from calib.fitting.stages import Setup, fit_stages
-from calib.optics.build import covered_path, footprint, with_relief
+from calib.optics.build import covered_path, footprint, relief_over, with_relief
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
-from calib.optics.relief import Relief
 from calib.planning.design import Design
 from calib.planning.pose_bank import has_enough_corners, mask_to_picture
 from calib.progress import Silent
 from calib.session.board import Board
 from calib.session.camera import Camera
+from calib.session.cover import UNEVEN
 from calib.session.tolerances import GLASS_FIGURE
 
 Array = NDArray[np.float64]
@@ -57,15 +57,15 @@ def view_information(model: CameraModel, observations: Observations, poses: Tens
 
 
 def patch_coordinates(model: CameraModel, pixels: Array) -> Array:
-    """Return the (N, 2) points of the relief's patch where the rays of (N, 2) px leave the glass,
+    """Return the (N, 2) points of the relief's region where the rays of (N, 2) px leave the glass,
     down and to the right, each from 0 to 1.
     """
     outer = model.path.cover[-1]
     assert outer.relief
     rays = model.path.trace(torch.from_numpy(pixels), model.means, MIDDLE)
-    chart = outer.surface.chart(outer.frame.at(model.means).enter(rays.origin))
+    chart = outer.relief_chart(outer.frame.at(model.means).enter(rays.origin), model.means)
     points = torch.stack(chart, -1).numpy()
-    low, high = np.array(outer.relief.low), np.array(outer.relief.high)
+    low, high = map(np.array, outer.relief.region)
     return np.where((rays.failure != 0).numpy()[:, None], np.nan, (points - low) / (high - low))
 
 
@@ -87,7 +87,7 @@ class Survey:
     depths: Array
     """(D,) m"""
     glass: Array
-    """(h, w, 2) the points of the relief's patch where the rays of these pixels leave, each from 0
+    """(h, w, 2) the points of the relief's region where the rays of these pixels leave, each from 0
     to 1.
     """
 
@@ -223,6 +223,8 @@ def estimate(setup: Setup, views: Sequence[View], grid: tuple[int, int]) -> Plan
         NotEnoughDataError: the corners cannot be seen through the cover.
     """
     observations = Observations.of(views, setup.board)
+    # A few views do not tell whether the glass is even; more must be able to.
+    setup = replace(setup, cover=setup.cover.with_surface(UNEVEN))
     if len(views) >= MIN_FITTED_VIEWS:
         fitted = fit_stages(setup, observations, Settings(grid=grid), Silent())
         assert fitted.joint
@@ -234,7 +236,8 @@ def estimate(setup: Setup, views: Sequence[View], grid: tuple[int, int]) -> Plan
             model, fitted.poses, observations, fitted.joint.smoothness, fitted.joint.sigma
         )
     path, values = covered_path(setup.intrinsics, setup.cover)
-    relief = Relief(*footprint(path, values, setup.camera.width, setup.camera.height), grid)
+    region = footprint(path, values, setup.camera.width, setup.camera.height)
+    relief = relief_over(path, values, region, grid)
     poses = pinhole_poses(path, values, observations)
     if views:
         poses = refine_poses(path, values, observations, poses).blocks

@@ -15,6 +15,8 @@ from calib.session.shapes.registry import find_shape
 
 MEDIUM = OUTSIDE.quantity.stem
 """The name of the index of what is outside of a cover."""
+AUTO, EVEN, UNEVEN = SURFACES = ("auto", "even", "uneven")
+"""The outer surface: as the views have it, without a relief, or with one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +36,9 @@ class Cover:
     glass: Glass | None = None
     """The prior of the unevenness of the outermost surface; None: the prior for any glass. It is
     here, in the innermost cover.
+    """
+    surface: str = AUTO
+    """Whether its outer surface is even: one of SURFACES. Only that of the outermost cover is used.
     """
     outer: "Cover | None" = None
     """The next cover outwards; None: this one is the outermost."""
@@ -106,6 +111,12 @@ class Cover:
         """The words for this cover without the other ones."""
         words = find_shape(self.shape).words
         return f"{words} of {self.layers} layers" if self.layers > 1 else words
+
+    def with_surface(self, surface: str) -> "Cover":
+        """Return the same cover whose outermost surface is one of SURFACES."""
+        if self.outer:
+            return replace(self, outer=self.outer.with_surface(surface))
+        return replace(self, surface=surface)
 
     def replace_numbers(self, numbers: Mapping[str, Number]) -> "Cover":
         """Return the cover with those of these numbers that it has. Everything else stays."""

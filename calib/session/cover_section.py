@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from calib.errors import InputError
-from calib.session.cover import Cover
+from calib.session.cover import AUTO, SURFACES, Cover
 from calib.session.glass import glass_to_yaml, read_glass
 from calib.session.parameter_names import INDEX, THICKNESS, layer_number
 from calib.session.schema import Number, Quantity, Section
@@ -18,6 +18,7 @@ KEY = "cover"
 CORRELATIONS = "correlations"
 GLASS_KEY = "glass"
 LAYERS_KEY = "layers"
+SURFACE_KEY = "surface"
 MAX_LAYERS = 8
 """Layers of glass that a cover may have. A window has one to five."""
 MAX_COVERS = 4
@@ -93,7 +94,7 @@ def _read_single(section: Section, shapes: Sequence[str], common_keys: Sequence[
         quantities = [*(kind.quantity for kind in shape.dimensions), OUTSIDE.quantity]
     keys = [quantity.key for quantity in quantities]
     section.allow_only(
-        ("shape", *keys, *([LAYERS_KEY] if shape.has_glass else []), *common_keys),
+        ("shape", *keys, *([LAYERS_KEY, SURFACE_KEY] if shape.has_glass else []), *common_keys),
         f"key of the shape {shape.name}{' with layers' if layered else ''}",
     )
     parameters = {
@@ -101,7 +102,10 @@ def _read_single(section: Section, shapes: Sequence[str], common_keys: Sequence[
     }
     parameters |= _read_layers(section) if layered else {}
     _refuse_camera_outside(section, shape, parameters)
-    return Cover(shape.name, parameters)
+    surface = AUTO
+    if SURFACE_KEY in section.values:
+        surface = section.choice(SURFACE_KEY, SURFACES, f"one of {', '.join(SURFACES)}")
+    return Cover(shape.name, parameters, surface=surface)
 
 
 def _read_layers(section: Section) -> dict[str, Number]:
@@ -133,7 +137,8 @@ def _single_to_yaml(cover: Cover) -> dict[str, object]:
         numbers = {name: cover.parameters[layer_number(layer, name)] for name in (THICKNESS, INDEX)}
         layers.append(_entries_to_yaml(LAYER, numbers))
     document |= layers[0] if len(layers) == 1 else {LAYERS_KEY: layers}
-    return document | _entries_to_yaml((OUTSIDE,), cover.parameters)
+    document |= _entries_to_yaml((OUTSIDE,), cover.parameters)
+    return document if cover.surface == AUTO else document | {SURFACE_KEY: cover.surface}
 
 
 def _entries_to_yaml(

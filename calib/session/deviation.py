@@ -10,7 +10,11 @@ Array = NDArray[np.float64]
 
 
 def normalised_deviation(
-    distance: ArrayLike, tolerance: ArrayLike, sigma: ArrayLike, min_gain: float = 0.0
+    distance: ArrayLike,
+    tolerance: ArrayLike,
+    sigma: ArrayLike,
+    min_gain: float = 0.0,
+    min_spread: float = 0.0,
 ) -> Array:
     """Return the deviation of an estimate that used the expected value as the mean of its prior.
 
@@ -23,10 +27,14 @@ def normalised_deviation(
         sigma: (...) standard deviation of the estimate.
         min_gain: the smallest part of the prior's variance that the views must have removed. The
             deviation of a number that they do not determine is 0.
+        min_spread: the smallest standard deviation of estimate - mean, as a fraction of the
+            tolerance. Where the views tell little, it is the difference of two nearly equal
+            variances.
     """
     prior_variance = np.square(np.asarray(tolerance, np.float64))
     variance = prior_variance - np.square(sigma)
     informed = variance > min_gain * prior_variance
+    variance = np.maximum(variance, min_spread**2 * prior_variance)
     return np.asarray(
         np.where(informed, distance, 0.0) / np.sqrt(np.where(informed, variance, 1.0))
     )
