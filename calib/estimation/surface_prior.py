@@ -15,7 +15,7 @@ polynomials beside a squared exponential.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -271,7 +271,7 @@ def maximise_evidence(
             (
                 start,
                 *(
-                    Smoothness(height, length, start.figure)
+                    replace(start, height=height, length=length)
                     for height in START_HEIGHTS
                     for length in START_LENGTHS
                 ),
@@ -281,12 +281,15 @@ def maximise_evidence(
     initial = [sigma, start.height, start.length] if start else [sigma]
     bounds = [SIGMA_BOUNDS, HEIGHT_BOUNDS, LENGTH_BOUNDS][: len(initial)]
 
-    figure = start.figure if start else 1.0
+    def parts(logs: Array) -> tuple[float, Smoothness | None]:
+        noise, *texture = np.exp(logs).tolist()
+        if not start:
+            return noise, None
+        height, length = texture
+        return noise, replace(start, height=height, length=length)
 
     def badness(logs: Array) -> float:
-        noise, *texture = np.exp(logs).tolist()
-        smoothness = Smoothness(*texture, figure) if texture else None
-        return -max(evidence.log(noise, smoothness), -1e300)
+        return -max(evidence.log(*parts(logs)), -1e300)
 
     limits = [(float(np.log(low)), float(np.log(high))) for low, high in bounds]
     result = minimize(
@@ -296,5 +299,4 @@ def maximise_evidence(
         method="Nelder-Mead",
         options={"xatol": 0.01, "fatol": 0.01},
     )
-    sigma, *texture = np.exp(result.x).tolist()
-    return sigma, Smoothness(*texture, figure) if texture else None
+    return parts(result.x)

@@ -24,7 +24,6 @@ from calib.estimation.prior_conflict import (
     contradicts_prior,
     largest_prior_conflict,
 )
-from calib.estimation.relief_heights import height_spread
 from calib.estimation.stated_priors import widen_prior
 from calib.fit_record.request import Settings
 from calib.fitting.stages import Fitted, Setup, fit_stages
