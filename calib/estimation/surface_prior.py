@@ -108,8 +108,8 @@ class Smoothness:
 
 @lru_cache(maxsize=8)
 def figure_covariance(grid: tuple[int, int], degree: int = -1) -> Array:
-    """Return the (n, n) m^2 covariance of the figure's heights at the prior's points, from the polynomials
-    above a degree. The array is shared; do not write to it.
+    """Return the (n, n) m^2 covariance of the figure's heights at the prior's points, from the
+    polynomials above a degree. The array is shared; do not write to it.
     """
     rows, columns = grid
     first = legvander(np.linspace(-1, 1, rows), FIGURE_DEGREE)  # (rows, degree + 1)
