@@ -180,10 +180,8 @@ class _Job:
 
     def fit(self, model: CameraModel, poses: Tensor, start: Start | None) -> JointFit:
         """Return the joint fit of a model."""
-        purpose = self.purpose
-        advance = self.progress.task(
-            f"Joint fit, {purpose}" if purpose else "Joint fit", LINEARISATIONS
-        )
+        words = ("Joint fit", "uneven glass" if model.path.relief else "", self.purpose)
+        advance = self.progress.task(", ".join(filter(None, words)), LINEARISATIONS)
         joint = model.fit(
             self.observations,
             poses,
@@ -224,7 +222,7 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
     if was_uneven or is_known:
         return _fit_uneven(job, even, poses, earlier, start)
     smooth = job.fit(even, poses, start)
-    if job.surface == EVEN:
+    if job.surface == EVEN or not smooth.finite:
         return job.finish(even, smooth)
     relief = _relief(job, even.path, smooth.values)
     log_odds, texture = uneven_log_odds(even, smooth, job.observations, relief)

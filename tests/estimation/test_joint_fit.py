@@ -376,7 +376,7 @@ def test_the_prior_s_heights_have_the_stated_spread() -> None:
             )
 
         return sum(
-            (3e-4 * 0.2 ** max(0, i + k - 4)) ** 2 * term(i, k)
+            (3e-5 * 0.4 ** max(0, i + k - 2) if i + k else 1e-4) ** 2 * term(i, k)
             for i in range(11)
             for k in range(11 - i)
         )

@@ -229,7 +229,7 @@ def test_the_bank_predicts_the_information_of_views_in_its_poses(setup: Setup) -
     )
     taken = estimate(setup, views, GRID).design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
     assert taken.sigma(taken.precision()) == pytest.approx(foreseen, rel=0.01)
-    assert foreseen < 0.1 * design.sigma(design.precision())
+    assert foreseen < 0.2 * design.sigma(design.precision())
 
 
 def test_planned_views_beat_others(setup: Setup) -> None:
@@ -287,7 +287,7 @@ def test_the_process_starts_again_after_it_was_killed(guidance: Guidance) -> Non
     (guide,) = guidance.guides([])
     sigma = guide.progress([]).sigma_px
     assert sigma
-    assert sigma > 20
+    assert sigma > 5
     os.kill(guidance.pid, signal.SIGKILL)
     with pytest.raises(GuidanceError, match=r"has ended .* the next view starts it again"):
         list(guidance.guides([]))
