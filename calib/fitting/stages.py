@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.calibration import Stage
+from calib.effects.board_shape import DEGREES, BoardShape
 from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
@@ -22,7 +23,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.stated_priors import priors_of
-from calib.estimation.surface_prior import expected_amplitudes
+from calib.estimation.surface_prior import Smoothness, expected_amplitudes
 from calib.estimation.uneven_glass import uneven_log_odds
 from calib.fit_record.request import Settings
 from calib.fitting.board_turns import find_turned
@@ -178,6 +179,16 @@ class _Job:
         """Whether the outer surface is even, as the session or the grid says it."""
         return EVEN if self.settings.is_even else self.setup.cover.covers[-1].surface
 
+    @property
+    def decides_bend(self) -> bool:
+        """True if it is not decided whether the board is bent."""
+        return self.bend is None and self.settings.estimates_bend
+
+    def log_odds_of_texture(self, model: CameraModel, joint: JointFit) -> tuple[float, Smoothness]:
+        """Return `uneven_log_odds` of the fit of a model without a relief."""
+        relief = _relief(self, model.path, joint.values)
+        return uneven_log_odds(model, joint, self.observations, relief)
+
     def fit(self, model: CameraModel, poses: Tensor, start: Start | None) -> JointFit:
         """Return the joint fit of a model."""
         words = ("Joint fit", "uneven glass" if model.path.relief else "", self.purpose)
@@ -224,25 +235,17 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
     smooth = job.fit(even, poses, start)
     if job.surface == EVEN or not smooth.finite:
         return job.finish(even, smooth)
-    relief = _relief(job, even.path, smooth.values)
-    log_odds, texture = uneven_log_odds(even, smooth, job.observations, relief)
+    log_odds, texture = job.log_odds_of_texture(even, smooth)
     # With every number held, nothing but the glass could make up for their errors.
     if job.surface == AUTO_SURFACE and even.priors.sigmas and log_odds < MIN_LOG_ODDS:
         return job.finish(even, smooth)
+    if job.surface == AUTO_SURFACE and job.decides_bend:
+        bent = even.with_effect(BoardShape(*job.setup.board.half, DEGREES[-1]))
+        curved = bent.fit(job.observations, smooth.poses, smooth.start, ROUNDS)
+        if curved.finite and job.log_odds_of_texture(bent, curved)[0] < MIN_LOG_ODDS:
+            return job.finish(even, smooth)
     start = replace(smooth.start, smoothness=texture)
-    uneven = _fit_uneven(job, even, smooth.poses, None, start)
-    if job.surface == AUTO_SURFACE and job.bend is None and job.settings.estimates_bend:
-        bent = job.finish(even, smooth)
-        if bent.effects and bent.model and bent.joint:
-            log_odds, _ = uneven_log_odds(
-                bent.model,
-                bent.joint,
-                job.observations,
-                _relief(job, bent.path, bent.values),
-            )
-            if log_odds < MIN_LOG_ODDS:
-                return bent
-    return uneven
+    return _fit_uneven(job, even, smooth.poses, None, start)
 
 
 def _fit_uneven(
@@ -260,14 +263,18 @@ def _fit_uneven(
         places = (even.means, start.values) if start else (even.means,)
         relief = _relief(job, even.path, *places)
     model = _with_relief(job, even, relief)
-    joint = job.fit(model, poses, start or Start(model.means, FIRST_SIGMA, GOOD_GLASS))
-    if not _covers(job, relief, even.path, joint.values):
-        # The numbers moved so far that the camera sees other glass than the declared ones let it.
-        relief = _relief(job, even.path, joint.values)
-        model = _with_relief(job, even, relief)
-        start = replace(joint.start, values={**joint.values, AMPLITUDES: model.means[AMPLITUDES]})
-        joint = job.fit(model, joint.poses, start)
-    return replace(job.finish(model, joint), relief=relief)
+    start = start or Start(model.means, FIRST_SIGMA, GOOD_GLASS)
+    if not earlier:
+        rough = model.fit(job.observations, poses, start, ROUNDS[:1])
+        poses, start = rough.poses, rough.start
+        if not _covers(job, relief, even.path, rough.values):
+            # The numbers moved so far that the camera sees other glass than the declared ones let
+            # it.
+            relief = _relief(job, even.path, rough.values)
+            model = _with_relief(job, even, relief)
+            flat = {AMPLITUDES: model.means[AMPLITUDES]}
+            start = replace(start, values={**start.values, **flat})
+    return replace(job.finish(model, job.fit(model, poses, start)), relief=relief)
 
 
 def _with_relief(job: _Job, even: CameraModel, relief: Relief) -> CameraModel:
