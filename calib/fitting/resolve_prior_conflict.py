@@ -30,22 +30,10 @@ from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.progress import Progress
 from calib.session.freeing import AUTO
 
-MAX_HEIGHT_RATIO = 0.5
-"""A fit with a widened prior must leave less than this fraction of the unevenness of the fit with
-exact numbers: once a wrong number is corrected, the glass no longer has to make up for it. Four
-sessions with a wrong number kept 0.09 to 0.18 of it (benchmarks/declared). `bumps`, whose numbers
-are all true, would have had 1.4 with a radius of 89 mm for 42.
-"""
 MIN_LOG_EVIDENCE_GAIN = 10.0
 """A fit whose numbers are contradicted is used only if its log evidence exceeds that of the fit
 with exact numbers by this much. A hundred to one is 4.6, and the approximation of the evidence has
 an error of its own. Sessions with a wrong number win by hundreds (benchmarks/declared).
-"""
-STRAIN_THRESHOLD = 2.5
-"""Standard deviations between estimate and declared value from which a number is strained. This is
-short of a contradiction, but from here on the fit with tolerances is used only if exact numbers
-make the corners less probable. An offset of `bumps`, whose numbers are all true, ends on either
-side of three by a ten-thousandth of a pixel.
 """
 MAX_NOISE_RATIO = 1.3
 """A fit whose residual exceeds the corners' noise by this factor lacks something else, which may be
@@ -76,10 +64,11 @@ def resolve_prior_conflict(
 ) -> ResolvedFit:
     """Return the fit whose treatment of the declared numbers the views support.
 
-    - No number is contradicted or strained: the fit with tolerances as it is.
-    - A number is strained: the more probable of that fit and the one with `nominal`.
-    - A number is contradicted: a fit with wider priors, if that resolves all contradictions and is
-      clearly better than the fit with `nominal`; else the latter.
+    - No number is contradicted: the fit with tolerances as it is.
+    - A number is contradicted: the more probable of that fit and the one with `nominal`, from which
+      the former is started once more if the latter leaves no more than noise. A fit with tolerances
+      that is clearly more probable is tried with wider priors, which are kept if they resolve all
+      contradictions and are more probable still.
 
     If the settings do not let the fit hold numbers, only priors are widened.
 
@@ -90,13 +79,8 @@ def resolve_prior_conflict(
     """
     observations = Observations.of(views, setup.board)
     resolved = ResolvedFit(fitted, setup, setup)
-    credible = _is_credible(fitted)
     may_hold = AUTO in settings.free and setup != nominal
-    if credible and not (
-        may_hold
-        and fitted.joint
-        and largest_prior_conflict(fitted.joint, threshold=STRAIN_THRESHOLD)
-    ):
+    if _is_credible(fitted):
         return resolved
     if not may_hold:
         return _widen_conflicting_priors(resolved, observations, views, settings, progress)
@@ -108,14 +92,27 @@ def resolve_prior_conflict(
         bend=resolved.fitted.effects or None,
         purpose="numbers as declared",
     )
+    if log_evidence(exact) > log_evidence(fitted) and at_noise(
+        replace(resolved, fitted=exact), views
+    ):
+        again = fit_stages(
+            setup,
+            observations,
+            settings,
+            progress,
+            earlier=exact,
+            bend=resolved.fitted.effects or None,
+            purpose="from the numbers as declared",
+        )
+        if log_evidence(again) > log_evidence(fitted):
+            fitted, resolved = again, replace(resolved, fitted=again)
     if log_evidence(exact) > log_evidence(fitted):
         return ResolvedFit(exact, nominal, nominal)
-    if credible or not _is_clearly_better(fitted, exact):
+    if _is_credible(fitted) or not _is_clearly_better(fitted, exact):
         return resolved
     widened = _widen_conflicting_priors(resolved, observations, views, settings, progress)
-    if _is_credible(widened.fitted) and log_evidence(widened.fitted) > log_evidence(fitted):
-        return widened
-    return resolved
+    is_better = log_evidence(widened.fitted) > log_evidence(fitted)
+    return widened if is_better and _is_credible(widened.fitted) else resolved
 
 
 def _widen_conflicting_priors(

@@ -4,6 +4,7 @@ the cover's relief.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 
@@ -42,6 +43,10 @@ from calib.session.freeing import AUTO, free_parameters
 
 MAX_LOST_FRACTION = 0.2
 """If the rays of a larger fraction of corners fail, the described cover cannot be right."""
+MAX_SHIFT = 0.08
+"""The largest change of the seen glass, as a fraction of it, for which a relief is kept: its prior
+is that of the glass within the picture.
+"""
 LINEARISATIONS = 12
 """Length of the progress bar: a joint fit takes about as many."""
 
@@ -189,7 +194,13 @@ class _Job:
         relief = _relief(self, model.path, joint.values)
         return uneven_log_odds(model, joint, self.observations, relief)
 
-    def fit(self, model: CameraModel, poses: Tensor, start: Start | None) -> JointFit:
+    def fit(
+        self,
+        model: CameraModel,
+        poses: Tensor,
+        start: Start | None,
+        rounds: Sequence[float] = ROUNDS,
+    ) -> JointFit:
         """Return the joint fit of a model."""
         words = ("Joint fit", "uneven glass" if model.path.relief else "", self.purpose)
         advance = self.progress.task(", ".join(filter(None, words)), LINEARISATIONS)
@@ -197,7 +208,7 @@ class _Job:
             self.observations,
             poses,
             start,
-            ROUNDS,
+            rounds,
             progress=lambda count, rms: advance(min(count, LINEARISATIONS), f"{rms:.3f} px"),
         )
         advance(LINEARISATIONS, "")
@@ -258,23 +269,25 @@ def _fit_uneven(
         earlier: an earlier fit with a relief, which is kept.
         start: the start, with or without a relief; None with the prior of a known glass.
     """
-    relief = earlier.relief if earlier else None
-    if not relief:
-        places = (even.means, start.values) if start else (even.means,)
-        relief = _relief(job, even.path, *places)
+    start = start or Start(even.means, FIRST_SIGMA, GOOD_GLASS)
+    if earlier and earlier.relief:
+        model = _with_relief(job, even, earlier.relief)
+        return replace(job.finish(model, job.fit(model, poses, start)), relief=earlier.relief)
+    relief = _relief(job, even.path, even.means)
     model = _with_relief(job, even, relief)
-    start = start or Start(model.means, FIRST_SIGMA, GOOD_GLASS)
-    if not earlier:
-        rough = model.fit(job.observations, poses, start, ROUNDS[:1])
-        poses, start = rough.poses, rough.start
-        if not _covers(job, relief, even.path, rough.values):
-            # The numbers moved so far that the camera sees other glass than the declared ones let
-            # it.
-            relief = _relief(job, even.path, rough.values)
+    joint = job.fit(model, poses, start, ROUNDS[:1])
+    for is_last in (False, True):
+        start = joint.start
+        if not _matches(job, relief, even.path, joint.values):
+            # The numbers moved so far that the camera sees other glass than at the declared ones.
+            relief = _relief(job, even.path, joint.values)
             model = _with_relief(job, even, relief)
             flat = {AMPLITUDES: model.means[AMPLITUDES]}
             start = replace(start, values={**start.values, **flat})
-    return replace(job.finish(model, job.fit(model, poses, start)), relief=relief)
+        elif is_last:
+            break
+        joint = job.fit(model, joint.poses, start)
+    return replace(job.finish(model, joint), relief=relief)
 
 
 def _with_relief(job: _Job, even: CameraModel, relief: Relief) -> CameraModel:
@@ -287,39 +300,25 @@ def _with_relief(job: _Job, even: CameraModel, relief: Relief) -> CameraModel:
     return CameraModel(path, {**values, **flat}, priors).with_effects(even.effects)
 
 
-def _covers(job: _Job, relief: Relief, path: Path, values: Values) -> bool:
-    """True if the prior of the relief describes all the glass that the camera sees."""
+def _matches(job: _Job, relief: Relief, path: Path, values: Values) -> bool:
+    """True if the region of the relief is about the one that the camera sees at these values."""
     if not relief.anchor:
         return True
-    camera = job.setup.camera
-    seen = relief_over(
-        path,
-        values,
-        footprint(path, values, camera.width, camera.height, margin=0.0),
-        relief.grid,
-    ).moved(relief.anchor)
-    (low, high), (seen_low, seen_high) = relief.region, seen.region
-    return all(low[i] <= seen_low[i] and seen_high[i] <= high[i] for i in range(2))
+    seen = _relief(job, path, values).moved(relief.anchor)
+    (low, high), (seen_low, seen_high) = np.array(relief.region), np.array(seen.region)
+    off = np.maximum(np.abs(low - seen_low), np.abs(high - seen_high))
+    return bool((off < MAX_SHIFT * (seen_high - seen_low)).all())
 
 
-def _relief(job: _Job, path: Path, *places: Values) -> Relief:
-    """Return the relief of the glass that the camera sees at any of these values, described for the
-    first of them, or that of a known glass.
-    """
+def _relief(job: _Job, path: Path, values: Values) -> Relief:
+    """Return the relief of the glass that the camera sees at these values, or of a known glass."""
     assert job.settings.grid, "the caller chooses the grid"
     grid = job.settings.grid[::-1]
     camera = job.setup.camera
     if glass := job.setup.cover.glass:
         return Relief.around(glass.low, glass.high, grid)
-    seen = [
-        relief_over(path, values, footprint(path, values, camera.width, camera.height), grid)
-        for values in places
-    ]
-    anchor = seen[0].anchor
-    assert anchor
-    corners = np.array([relief.moved(anchor).region for relief in seen])  # (n, 2, 2)
-    low, high = corners[:, 0].min(0).tolist(), corners[:, 1].max(0).tolist()
-    return Relief.around((low[0], low[1]), (high[0], high[1]), grid, anchor)
+    region = footprint(path, values, camera.width, camera.height)
+    return relief_over(path, values, region, grid)
 
 
 def _with_bend(
