@@ -89,7 +89,7 @@ def resolve_prior_conflict(
         observations,
         settings,
         progress,
-        bend=resolved.fitted.effects or None,
+        bend=resolved.fitted.effects,
         purpose="numbers as declared",
     )
     if log_evidence(exact) > log_evidence(fitted) and at_noise(
@@ -101,7 +101,7 @@ def resolve_prior_conflict(
             settings,
             progress,
             earlier=exact,
-            bend=resolved.fitted.effects or None,
+            bend=resolved.fitted.effects,
             purpose="from the numbers as declared",
         )
         if log_evidence(again) > log_evidence(fitted):
@@ -144,7 +144,7 @@ def _widen_conflicting_priors(
             observations,
             settings,
             progress,
-            bend=resolved.fitted.effects or None,
+            bend=resolved.fitted.effects,
             purpose=f"{name.partition('.')[2]} doubted",
         )
         if not (

@@ -217,9 +217,9 @@ class _Job:
     def finish(self, model: CameraModel, joint: JointFit) -> Fitted:
         """Return the fit of a flat board, or that of a bent one if the views show the bend."""
         residual = residuals(model.path, joint.values, self.observations, joint.poses)
-        name = "cover+rbf" if model.path.relief else "cover"
-        stage = Stage(name, residual.rms_px, residual.rmse_cm)
-        stages = (*(earlier for earlier in self.stages if earlier.name != name), stage)
+        stages = self.stages
+        if stages[-1].name != "cover+rbf":
+            stages = (*stages, Stage("cover+rbf", residual.rms_px, residual.rmse_cm))
         return _with_bend(
             model,
             joint,
@@ -250,13 +250,38 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
     # With every number held, nothing but the glass could make up for their errors.
     if job.surface == AUTO_SURFACE and even.priors.sigmas and log_odds < MIN_LOG_ODDS:
         return job.finish(even, smooth)
-    if job.surface == AUTO_SURFACE and job.decides_bend:
-        bent = even.with_effect(BoardShape(*job.setup.board.half, DEGREES[-1]))
-        curved = bent.fit(job.observations, smooth.poses, smooth.start, ROUNDS)
-        if curved.finite and job.log_odds_of_texture(bent, curved)[0] < MIN_LOG_ODDS:
-            return job.finish(even, smooth)
     start = replace(smooth.start, smoothness=texture)
-    return _fit_uneven(job, even, smooth.poses, None, start)
+    bent = _fit_bent(job, even, smooth, log_odds) if job.decides_bend else None
+    if not (bent and bent.model and bent.joint):
+        return _fit_uneven(job, even, smooth.poses, None, start)
+    log_odds, texture = job.log_odds_of_texture(bent.model, bent.joint)
+    if job.surface == AUTO_SURFACE and log_odds < MIN_LOG_ODDS:
+        return bent
+    # A relief of a flat board is fitted roughly, for the error that the bend removes.
+    flat = _with_relief(job, even, _relief(job, even.path, even.means))
+    rough = job.fit(flat, smooth.poses, start, ROUNDS[:1])
+    residual = residuals(flat.path, rough.values, job.observations, rough.poses)
+    stage = Stage("cover+rbf", residual.rms_px, residual.rmse_cm)
+    job = replace(job, bend=bent.effects, stages=(*job.stages, stage))
+    start = replace(bent.joint.start, smoothness=texture)
+    fitted = _fit_uneven(job, bent.model, bent.poses, None, start)
+    return replace(fitted, turned=bent.turned)
+
+
+def _fit_bent(job: _Job, even: CameraModel, smooth: JointFit, log_odds: float) -> Fitted | None:
+    """Return the fit of a bent board behind even glass if the bend explains more than uneven glass
+    would, and None if not.
+
+    Args:
+        smooth: the fit of a flat board behind even glass.
+        log_odds: the log odds of uneven glass at that fit.
+    """
+    bent = even.with_effect(BoardShape(*job.setup.board.half, DEGREES[-1]))
+    joint = bent.fit(job.observations, smooth.poses, smooth.start, ROUNDS)
+    if not joint.log_evidence > smooth.log_evidence + log_odds + MIN_LOG_ODDS:
+        return None
+    fitted = job.finish(even, smooth)
+    return fitted if fitted.effects else None
 
 
 def _fit_uneven(

@@ -294,7 +294,7 @@ def _sum_by_view(fitted: FittedModel, losses: Tensor) -> Tensor:
 def _fit_remaining(fitted: FittedModel, cost: float, removed: Tensor) -> Estimate:
     """Fit the remaining views from the fit to all."""
     joint = fitted.joint
-    tolerance = TOLERANCE * fitted.model.parameters.count / cost
+    tolerance = TOLERANCE * max(fitted.model.parameters.count, 1) / cost
     remaining = fitted.model.fit(
         fitted.observations.without_views(removed), joint.poses[~removed], joint.start, (tolerance,)
     )
