@@ -44,7 +44,7 @@ inverted.
 """
 SIGMA_BOUNDS = (1e-4, 1e2)
 """px"""
-HEIGHT_BOUNDS = (1e-9, 3e-3)
+HEIGHT_BOUNDS = (1e-9, 6e-5)
 """m"""
 LENGTH_BOUNDS = (0.08, 3.0)
 """In units of the patch's side."""

@@ -65,10 +65,11 @@ def resolve_prior_conflict(
     """Return the fit whose treatment of the declared numbers the views support.
 
     - No number is contradicted: the fit with tolerances as it is.
-    - A number is contradicted: the more probable of that fit and the one with `nominal`, from which
-      the former is started once more if the latter leaves no more than noise. A fit with tolerances
-      that is clearly more probable is tried with wider priors, which are kept if they resolve all
-      contradictions and are more probable still.
+    - A number is contradicted and the fit leaves more than noise: the fit with `nominal`, as the
+      model lacks something, which the number may imitate.
+    - A number is contradicted and the fit leaves noise: the more probable of the two. A fit with
+      tolerances that is clearly more probable is tried with wider priors, which are kept if they
+      resolve all contradictions and are more probable still.
 
     If the settings do not let the fit hold numbers, only priors are widened.
 
@@ -92,9 +93,10 @@ def resolve_prior_conflict(
         bend=resolved.fitted.effects,
         purpose="numbers as declared",
     )
-    if log_evidence(exact) > log_evidence(fitted) and at_noise(
-        replace(resolved, fitted=exact), views
-    ):
+    held = ResolvedFit(exact, nominal, nominal)
+    if not at_noise(resolved, views):
+        return held
+    if log_evidence(exact) > log_evidence(fitted):
         again = fit_stages(
             setup,
             observations,
@@ -104,10 +106,9 @@ def resolve_prior_conflict(
             bend=resolved.fitted.effects,
             purpose="from the numbers as declared",
         )
-        if log_evidence(again) > log_evidence(fitted):
-            fitted, resolved = again, replace(resolved, fitted=again)
+        fitted, resolved = again, replace(resolved, fitted=again)
     if log_evidence(exact) > log_evidence(fitted):
-        return ResolvedFit(exact, nominal, nominal)
+        return held
     if _is_credible(fitted) or not _is_clearly_better(fitted, exact):
         return resolved
     widened = _widen_conflicting_priors(resolved, observations, views, settings, progress)
