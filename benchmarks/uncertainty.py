@@ -1,23 +1,45 @@
-"""Whether the maps are as sure as they say: `python -m benchmarks.uncertainty [--repeats 50]
-[--sessions 100] [--clean 40]`.
+"""Whether maps and numbers are as sure as they say: `python -m benchmarks.uncertainty`.
 
-Each repeat draws new glass, new board poses and new noise, calibrates, and compares the undistorted
-position of pixels near the training corners with that of the true rays, after the rigid motion of
-all rays that fits best at the training corners. A ratio of error to predicted sigma with a root
-mean square of 1 is honest; above, the prediction is too small.
+The first table repeats sessions of uneven glass that declare the truth, exactly. It compares the
+undistorted position of pixels near the training corners with that of the true rays, after the rigid
+motion of all rays that fits best at the training corners. A ratio of error to predicted sigma with
+a root mean square of 1 is honest; above, the prediction is too small.
 
-The first table's sessions declare the truth, exactly. In the second, every declared number of cover
-and intrinsics is drawn from its own
-tolerance: the ratio of each session is that of its root mean squares over the depths, and what it
-    has to say is counted. In the third,
-again the truth: what it has to say is a false alarm.
+Then comes a table for each scene, with a row for each kind of declaration and of variation. Each
+session has new poses, noise and declarations. Declarations are:
+
+    true       the truth, with the tolerance of each kind of number
+    drawn      numbers with errors drawn from these tolerances
+    calliper   numbers that state a quarter of the tolerance, with errors drawn from that
+
+Variations are:
+
+    clean      none
+    focal      a focal length for each view, by 0.1 %
+    centre     a principal point for each view, by 0.5 px
+    bend       a bend of the board for each view, by 0.1 mm
+    stretch    a print that is longer in one direction than in the other by 0.1 %
+
+The columns of a row: the ratio of map error to predicted sigma, root mean square over the depths,
+its median over sessions and its share above 2.5; the root mean square of (estimate - truth) / sigma
+of each kind of number; the share of sessions that are called trusted; the count of numbers that are
+called contradicted, though they keep to their tolerances; the share of sessions with any number
+held, which has no sigma and is in no column; and the share of those whose glass is taken as even.
+
+A run of two minutes:
+
+    python -m benchmarks.uncertainty --repeats 0 --sessions 5 --scenes dome thin-cone
+        --variations clean focal
 """
 
 import argparse
-from collections import Counter
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+from numpy.typing import ArrayLike
 from rich.console import Console
 from rich.table import Table
 
@@ -25,68 +47,155 @@ from benchmarks.workers import Workers, add_workers, workers_of
 from calib.fit_record.request import Settings
 from calib.fitting.declared import comparisons
 from calib.fitting.stages import Setup
+from calib.session.camera import Intrinsics
+from calib.session.cover import Cover
 from calib.session.freeing import ALL, AUTO, NONE
+from calib.session.numbers import numbers_of
+from calib.session.parameter_names import CAMERA as NAMES
+from calib.session.parameter_names import number_of
 from calib.threads import single_thread
 from calib.verdict.judge import judge
+from calib.verdict.verdict import Trust
 from fixtures.calibrated import CAMERA, GLASS, calibrate, calibrated
 from fixtures.map_errors import DEPTHS, errors
-from fixtures.synthetic import INTRINSICS, misdeclared, paper_cone, scene
+from fixtures.synthetic import COVERS, INTRINSICS, measured, misdeclared, scene
+from fixtures.view_variation import VARIATIONS
 
 VIEWS = 20
 NOISE = 0.1
 """px per axis"""
-FIGURE = 3e-6
-"""m: the bumps' height.
-
-They overlap to six times as much: glass that is uneven by 20 um, twice what cheap windows are.
+SCENE_DEPTHS = (0.4, 1.2)
+"""m"""
+TRUE, DRAWN, CALLIPER = DECLARATIONS = ("true", "drawn", "calliper")
+CALLIPER_FRACTION = 0.25
+FAR = 2.5
+"""Standard deviations."""
+CAMERA_KIND = "camera"
+KIND_OF = {
+    "inner_radius": "radius",
+    "radius_slope": "slope",
+    "axis_offset": "offsets",
+    "centre": "offsets",
+    "distance": "offsets",
+    "tilt": "tilts",
+    "thickness": "thickness",
+    "refractive_index": "index",
+}
+"""The kind of a cover's number, by the part of its name before the dot. Others have no tolerance.
 """
+KINDS = (CAMERA_KIND, *dict.fromkeys(KIND_OF.values()))
 
 
 @dataclass(frozen=True)
 class Outcome:
     """The outcome of one session."""
 
-    seed: int
-    off: tuple[float, ...]
-    """px RMS, by depth."""
-    predicted: tuple[float, ...]
-    contradicted: tuple[str, ...]
-    word: str
-    reasons: tuple[str, ...]
+    ratio: float
+    """The root mean square over the depths of map error over predicted sigma."""
+    deviations: tuple[tuple[str, float], ...]
+    """The kind of each estimated number, and its error in standard deviations."""
+    contradicted: int
+    """The count of declared numbers that are called contradicted."""
+    trusted: bool
+    held: bool
+    """True if a number that has a tolerance was held."""
+    even: bool
+    """True if the glass was taken as even."""
 
-    @property
-    def ratio(self) -> float:
-        return float(np.sqrt(np.mean(np.square(self.off) / np.square(self.predicted))))
 
-
-def outcome(seed: int, views: int, wrong: bool, free: str) -> Outcome:
+def outcome(
+    scene_name: str, declared: str, variation: str, seed: int, views: int, free: str
+) -> Outcome:
+    """Calibrate one session."""
+    cover, amplitude = COVERS[scene_name]
     with single_thread():
-        return _outcome(seed, views, wrong, free)
-
-
-def _outcome(seed: int, views: int, wrong: bool, free: str) -> Outcome:
-    cover = paper_cone()
-    made = scene(seed, views, (4, 4), FIGURE, NOISE, cover=cover)
-    said = (
-        misdeclared(np.random.default_rng(seed), INTRINSICS, cover)
-        if wrong
-        else (INTRINSICS, cover)
-    )
-    fitted = calibrated(made, Setup(made.board, CAMERA, *said), Settings(free=(free,)))
-    error, predicted = zip(
-        *((np.sqrt(np.mean(e**2)), np.sqrt(np.mean(s**2))) for e, s in errors(made, fitted)),
-        strict=True,
-    )
-    verdict = judge(fitted)
-    contradicted = tuple(item.name for item in comparisons(fitted) if item.contradicted)
+        made = scene(
+            seed, views, amplitude=amplitude, noise=NOISE, depths=SCENE_DEPTHS, cover=cover
+        )
+        made = VARIATIONS[variation].applied(made, np.random.default_rng([seed, 1]))
+        setup = Setup(made.board, CAMERA, *declaration(declared, cover, seed))
+        result = calibrated(made, setup, Settings(free=(free,)))
+        ratios = [np.mean(error**2) / np.mean(sigma**2) for error, sigma in errors(made, result)]
+        verdict = judge(result)
+    rows = [row for row in comparisons(result) if kind_of(row.name)]
+    true = numbers_of(INTRINSICS, cover)
     return Outcome(
-        seed,
-        error,
-        predicted,
-        contradicted,
-        verdict.word.value,
-        tuple(reason.sentence for reason in verdict.reasons),
+        ratio=float(np.sqrt(np.mean(ratios))),
+        deviations=tuple(
+            (kind_of(row.name), (row.estimate - true[row.name].value * row.per_si) / row.sigma)
+            for row in rows
+            if row.sigma
+        ),
+        contradicted=sum(row.contradicted for row in rows),
+        trusted=verdict.word is Trust.TRUSTED,
+        held=any(row.held for row in rows),
+        even=result.relief is None,
     )
+
+
+def declaration(declared: str, cover: Cover, seed: int) -> tuple[Intrinsics, Cover]:
+    """Return the numbers that a session with this seed declares."""
+    rng = np.random.default_rng([seed, 2])
+    if declared == DRAWN:
+        return misdeclared(rng, INTRINSICS, cover)
+    if declared == CALLIPER:
+        return measured(rng, INTRINSICS, cover, CALLIPER_FRACTION)
+    return INTRINSICS, cover
+
+
+def kind_of(name: str) -> str:
+    """Return the kind of a number; an empty text if it has no tolerance."""
+    if NAMES.has(name):
+        return CAMERA_KIND
+    return KIND_OF.get(number_of(name).partition(".")[0], "")
+
+
+def cells(outcomes: Sequence[Outcome]) -> list[str]:
+    """Return the cells of one row."""
+    ratios = np.array([item.ratio for item in outcomes])
+    deviations: dict[str, list[float]] = defaultdict(list)
+    for item in outcomes:
+        for kind, deviation in item.deviations:
+            deviations[kind].append(deviation)
+    squares = {kind: np.mean(np.square(values)) for kind, values in deviations.items()}
+    return [
+        f"{np.median(ratios):.2f}",
+        percent(ratios > FAR),
+        *(f"{squares[kind] ** 0.5:.2f}" if kind in squares else "" for kind in KINDS),
+        percent([item.trusted for item in outcomes]),
+        str(sum(item.contradicted for item in outcomes)),
+        percent([item.held for item in outcomes]),
+        percent([item.even for item in outcomes]),
+    ]
+
+
+def percent(flags: ArrayLike) -> str:
+    """Return the percentage of (N,) flags that are true."""
+    return f"{100 * np.mean(np.asarray(flags, np.float64)):.0f} %"
+
+
+def scene_table(scene_name: str, options: argparse.Namespace, pool: Workers) -> Table:
+    """Return the table of one scene."""
+    table = Table(
+        "declared",
+        "variation",
+        "map",
+        f"> {FAR:g}",
+        *KINDS,
+        "trusted",
+        "contradicted",
+        "held",
+        "even",
+        title=f"{scene_name}, {options.sessions} sessions a row",
+    )
+    for declared, variation in product(options.declared, options.variations):
+        rows = [
+            (scene_name, declared, variation, seed, options.views, options.free)
+            for seed in range(options.first, options.first + options.sessions)
+        ]
+        outcomes = list(pool.each(outcome, rows, f"{scene_name}, {declared}, {variation}"))
+        table.add_row(declared, variation, *cells(outcomes))
+    return table
 
 
 def exact(seed: int, bumps: int, amplitude: float) -> list[tuple[float, float, float]]:
@@ -101,6 +210,7 @@ def exact(seed: int, bumps: int, amplitude: float) -> list[tuple[float, float, f
 
 
 def exactly_declared(repeats: int, pool: Workers) -> Table:
+    """Return the table of sessions that declare the truth, exactly."""
     table = Table(
         "glass",
         *(f"{depth} m: error, predicted px; ratio" for depth in DEPTHS),
@@ -110,85 +220,37 @@ def exactly_declared(repeats: int, pool: Workers) -> Table:
     for bumps, amplitude in ((4, 1e-5), (10, 1e-5)):
         rows = [(seed, bumps, amplitude) for seed in range(100, 100 + repeats)]
         roots = np.sqrt(np.mean(list(pool.each(exact, rows, f"{bumps}x{bumps} bumps")), axis=0))
-        cells = (f"{error:.3f}, {sigma:.3f}; {ratio:.2f}" for error, sigma, ratio in roots)
+        row = (f"{error:.3f}, {sigma:.3f}; {ratio:.2f}" for error, sigma, ratio in roots)
         table.add_row(
-            f"{bumps}x{bumps}, {amplitude:g} m", *cells, f"{np.sqrt((roots[:, 2] ** 2).mean()):.2f}"
+            f"{bumps}x{bumps}, {amplitude:g} m", *row, f"{np.sqrt((roots[:, 2] ** 2).mean()):.2f}"
         )
     return table
-
-
-def spread(results: list[Outcome], title: str) -> Table:
-    table = Table(
-        "depth",
-        "map error: median, root mean square, worst",
-        "predicted: median",
-        title=f"{len(results)} sessions, {title}",
-    )
-    deviation, predicted = (
-        np.array([item.off for item in results]),
-        np.array([item.predicted for item in results]),
-    )
-    for depth, error, sigma in zip(DEPTHS, deviation.T, predicted.T, strict=True):
-        root = np.sqrt(np.mean(error**2))
-        table.add_row(
-            f"{depth} m",
-            f"{np.median(error):.3f}, {root:.3f}, {error.max():.3f} px",
-            f"{np.median(sigma):.3f} px",
-        )
-    return table
-
-
-def said(console: Console, results: list[Outcome], title: str) -> None:
-    console.print(spread(results, title))
-    ratios = np.array([item.ratio for item in results])
-    console.print(
-        f"Map error over predicted sigma: median {np.median(ratios):.2f}, root mean square"
-        f" {np.sqrt(np.mean(ratios**2)):.2f}, above 2.5 in {100 * np.mean(ratios > 2.5):.0f} %."
-    )
-    console.print(
-        "Numbers called contradicted:"
-        f" {dict(Counter(name for item in results for name in item.contradicted))}."
-    )
-    console.print(f"Verdicts: {dict(Counter(item.word for item in results))}.")
-    for sentence, count in Counter(
-        reason.split(":")[0][:90] for item in results for reason in item.reasons
-    ).most_common():
-        console.print(f"{count}: {sentence}", markup=False)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--repeats", type=int, default=50)
-    parser.add_argument("--sessions", type=int, default=100)
-    parser.add_argument("--clean", type=int, default=40)
+    parser.add_argument("--repeats", type=int, default=50, help="sessions of the first table")
+    parser.add_argument("--sessions", type=int, default=10, help="sessions of each other row")
+    parser.add_argument("--scenes", nargs="+", choices=tuple(COVERS), default=tuple(COVERS))
+    parser.add_argument("--declared", nargs="+", choices=DECLARATIONS, default=DECLARATIONS)
     parser.add_argument(
-        "--views",
-        type=int,
-        default=30,
-        help="of those sessions: so many fill the picture at random",
+        "--variations", nargs="+", choices=tuple(VARIATIONS), default=tuple(VARIATIONS)
     )
+    parser.add_argument("--views", type=int, default=24, help="views of these sessions")
     parser.add_argument("--first", type=int, default=2000, help="their first seed")
     parser.add_argument(
         "--free", choices=(AUTO, ALL, NONE), default=AUTO, help="how they are fitted"
     )
     add_workers(parser)
     options = parser.parse_args()
-    console = Console(width=140)
+    console = Console(width=150)
     with workers_of(options) as pool:
         if options.repeats:
             console.print(exactly_declared(options.repeats, pool))
-        for count, wrong, title in (
-            (options.sessions, True, "every number drawn"),
-            (options.clean, False, "every number true"),
-        ):
-            if count:
-                rows = [
-                    (seed, options.views, wrong, options.free)
-                    for seed in range(options.first, options.first + count)
-                ]
-                said(console, list(pool.each(outcome, rows, "Sessions")), title)
+        for scene_name in options.scenes if options.sessions else ():
+            console.print(scene_table(scene_name, options, pool))
         console.print(pool.scaled)
 
 

@@ -159,7 +159,8 @@ def figure_height(degree: int) -> float:
 
 def relief_basis(relief: Relief) -> Array:
     """Return the (n, n) matrix from the amplitudes to the heights at the prior's points."""
-    first, second = (_bells(count, relief) for count in relief.grid)
+    first = _bells(relief.grid[0], relief)
+    second = _bells(relief.grid[1], relief)
     return np.asarray(np.kron(first, second), dtype=np.float64)
 
 
