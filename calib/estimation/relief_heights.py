@@ -5,6 +5,12 @@ import numpy as np
 from calib.estimation.observations import Observations
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.session.tolerances import GLASS_FIGURE
+
+MAX_UNEVENNESS = 3 * GLASS_FIGURE.sigma
+"""m, root mean square: three standard deviations of cheap glass. `fixtures/bumps`, made to be bad,
+has a third of it.
+"""
 
 
 def height_spread(path: Path, values: Values, observations: Observations) -> float:

@@ -24,8 +24,9 @@ from calib.estimation.prior_conflict import (
     contradicts_prior,
     largest_prior_conflict,
 )
+from calib.estimation.relief_heights import MAX_UNEVENNESS, height_spread
 from calib.estimation.stated_priors import widen_prior
-from calib.fit_record.request import Settings
+from calib.fit_record.request import EVEN_GRID, Settings
 from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.progress import Progress
 from calib.session.freeing import AUTO
@@ -66,7 +67,8 @@ def resolve_prior_conflict(
 
     - No number is contradicted: the fit with tolerances as it is.
     - A number is contradicted and the fit leaves more than noise: the fit with `nominal`, as the
-      model lacks something, which the number may imitate.
+      model lacks something, which the number may imitate. If the glass would imitate it instead,
+      more than glass can: the fit with tolerances and even glass.
     - A number is contradicted and the fit leaves noise: the more probable of the two. A fit with
       tolerances that is clearly more probable is tried with wider priors, which are kept if they
       resolve all contradictions and are more probable still.
@@ -95,7 +97,18 @@ def resolve_prior_conflict(
     )
     held = ResolvedFit(exact, nominal, nominal)
     if not at_noise(resolved, views):
-        return held
+        height = height_spread(exact.path, exact.values, observations)
+        if height <= MAX_UNEVENNESS:
+            return held
+        even = fit_stages(
+            setup,
+            observations,
+            replace(settings, grid=EVEN_GRID),
+            progress,
+            bend=fitted.effects,
+            purpose="even glass",
+        )
+        return replace(resolved, fitted=even)
     if log_evidence(exact) > log_evidence(fitted):
         again = fit_stages(
             setup,
@@ -106,7 +119,8 @@ def resolve_prior_conflict(
             bend=resolved.fitted.effects,
             purpose="from the numbers as declared",
         )
-        fitted, resolved = again, replace(resolved, fitted=again)
+        if log_evidence(again) > log_evidence(fitted):
+            fitted, resolved = again, replace(resolved, fitted=again)
     if log_evidence(exact) > log_evidence(fitted):
         return held
     if _is_credible(fitted) or not _is_clearly_better(fitted, exact):

@@ -40,11 +40,6 @@ in the median after a diagnosis, 2.8 before.
 """
 SQUARE_SIGMAS = 4.0
 """Standard deviations by views that this difference must have."""
-GLASS_FIGURES = 3.0
-"""A multiple of `GLASS_FIGURE`, root mean square: three standard deviations of cheap glass.
-
-`fixtures/bumps`, made to be bad, has 1.1.
-"""
 
 SCORED = 1e-3
 """Chance of an effect's score, over all that are asked: one good calibration in a thousand is

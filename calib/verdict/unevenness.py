@@ -2,14 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 
-from calib.estimation.relief_heights import height_spread
+from calib.estimation.relief_heights import MAX_UNEVENNESS, height_spread
 from calib.fitting.declared import comparisons
 from calib.session.cover import MEDIUM
 from calib.session.parameter_names import number_of
 from calib.session.tolerances import GLASS_FIGURE
 from calib.verdict.case import Case
 from calib.verdict.residual import suspects_of
-from calib.verdict.thresholds import GLASS_FIGURES
 from calib.verdict.verdict import Reason
 
 LIKELIEST = 2
@@ -18,7 +17,7 @@ LIKELIEST = 2
 
 def unevenness(case: Case) -> Iterator[Reason]:
     uneven = height_spread(*case.calibration.model(), case.observations)
-    if uneven <= GLASS_FIGURES * GLASS_FIGURE.sigma:
+    if uneven <= MAX_UNEVENNESS:
         return
     held = [
         number.name
