@@ -12,8 +12,8 @@ from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.session.tolerances import GLASS_FIGURE
 
-CENTRES = (11, 11)
-FINER = 4
+CENTRES = (13, 13)
+FINER = 5
 """The density of the centres over that of the relief's centres, along each direction."""
 
 

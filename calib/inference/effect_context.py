@@ -15,7 +15,7 @@ from calib.optics.relief import AMPLITUDES, Relief
 from calib.session.board import Board
 from calib.session.camera import Camera
 
-SCAN_DENSITY = 3
+SCAN_DENSITY = 5
 """Candidate places of a finer relief for each centre of the relief, along each axis."""
 
 
@@ -27,12 +27,13 @@ def fine_relief_place(fitted: FittedModel) -> Tensor | None:
     outer = path.cover[-1] if path.cover else None
     if outer is None or outer.relief is None:
         return None
-    coarse = outer.relief
+    joint = fitted.joint
+    coarse = path.settled_relief(joint.values)
+    assert coarse
     rows = SCAN_DENSITY * (coarse.grid[0] - 1) + 1
     columns = SCAN_DENSITY * (coarse.grid[1] - 1) + 1
     fine = Relief(coarse.low, coarse.high, (rows, columns))
     fixed = Relief(coarse.low, coarse.high, coarse.grid, coarse.beta, "coarse")
-    joint = fitted.joint
     interface = replace(outer, relief=fine, extra_reliefs=(*outer.extra_reliefs, fixed))
     fine_path = replace(path, cover=(*path.cover[:-1], interface))
     zero = torch.zeros(fine.grid, dtype=torch.float64)

@@ -123,7 +123,7 @@ class Interface:
         chart = self.relief_chart(point, values)
         bump, first, second = self.reliefs[0].height(chart, values)
         for relief in self.reliefs[1:]:
-            height, by_first, by_second = relief.height(chart, values)
+            height, by_first, by_second = relief.height(self.surface.chart(point), values)
             bump, first, second = bump + height, first + by_first, second + by_second
         return gradient - self.surface.chart_gradient(point, first, second), bump
 
