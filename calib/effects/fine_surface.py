@@ -13,7 +13,7 @@ from calib.optics.relief import Relief
 from calib.session.tolerances import GLASS_FIGURE
 
 CENTRES = (13, 13)
-FINER = 5
+FINER = 7
 """The density of the centres over that of the relief's centres, along each direction."""
 
 
