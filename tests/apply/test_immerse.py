@@ -225,7 +225,7 @@ def test_numbers_that_move_no_ray_in_air_are_uncertain_under_water() -> None:
     assert wide.unknown
     loose = wide.dominant[0]
     assert loose.name == "centre"
-    assert max(loose.sigma_px) < 0.2 * min(wide.after_px)
+    assert max(loose.sigma_px) < 0.35 * min(wide.after_px)
     assert loose.measured_to is not None
     assert loose.unit == "mm"
     tight = stated(1e-3 * loose.measured_to)

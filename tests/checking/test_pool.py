@@ -32,11 +32,11 @@ def pool(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_three_pictures_under_water_determine_what_air_could_not(pool: Path) -> None:
     """Corners have 0.02 px of noise: what three views leave is of that size, where a calliper left
-    ten times as much.
+    more than three times as much.
     """
     initial = map_error(Calibration.load(pool), POOL / "truth.npz", NEAR).by_depth
     final = map_error(Calibration.load(pool / "updated"), POOL / "truth.npz", NEAR).by_depth
-    assert min(initial.values()) > 0.15
+    assert min(initial.values()) > 0.06
     assert max(final.values()) < 0.05
 
 

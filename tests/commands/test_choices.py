@@ -75,12 +75,12 @@ def test_free_all_estimates_every_number_that_is_not_exact(
 
 
 def test_a_wrong_number_is_corrected_and_contradicted(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Three millimetres of glass, declared as 1 mm give or take 0.2: the views say otherwise, and
     so does the fit.
     """
-    copy = shutil.copytree(session, tmp_path / "s")
+    copy = write_session(tmp_path / "s", scene(8, views=24, noise=0.02, depths=(0.3, 1.0)))
     described = (copy / "session.yaml").read_text()
     (copy / "session.yaml").write_text(
         re.sub(r"thickness_mm: .*", "thickness_mm: {value: 1.0, sigma: 0.2}", described)
