@@ -18,6 +18,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import Residuals, residuals
+from calib.estimation.surface_prior import relief_basis
 from calib.optics.board_target import with_blocks
 
 Array = NDArray[np.float64]
@@ -50,7 +51,13 @@ class CalibrationPrior:
             parameters, root = Parameters.none(model.means), np.zeros((0, 0))
         else:  # without a cover, the intrinsics hold the covariance
             root = parameters.free_root()
-        return CalibrationPrior(model, parameters, root, _sigma(calibration, model))
+        sigma = _sigma(calibration, model)
+        if not parameters.relief or not parameters.relief.anchor:
+            return CalibrationPrior(model, parameters, root, sigma)
+        root = _to_fixed_relief(model, parameters) @ root
+        model = _fix_relief(model)
+        parameters = replace(parameters, relief=model.path.relief)
+        return CalibrationPrior(model, parameters, root, sigma)
 
     def uncovered(self) -> CalibrationPrior:
         """Return the prior of the same camera without its cover."""
@@ -75,6 +82,51 @@ class CalibrationPrior:
         return refit_poses(
             path, values, observations, with_blocks(poses, path.view_blocks), sigma=self.sigma
         )
+
+
+def _fix_relief(model: CameraModel) -> CameraModel:
+    """Return the same model with a relief that stays on the glass as the cover moves."""
+    *inner, outer = model.path.cover
+    assert outer.relief
+    fixed = replace(outer, relief=replace(outer.relief, anchor=None))
+    return replace(model, path=replace(model.path, cover=(*inner, fixed)))
+
+
+def _to_fixed_relief(model: CameraModel, parameters: Parameters) -> Array:
+    """Return the (S, S) matrix from the parameters of a relief that stays where the camera sees it
+    to those of the same relief that stays on the glass, to first order.
+    """
+    relief, outer = parameters.relief, model.path.cover[-1]
+    assert relief
+    names = [param.name for param in parameters.free if not model.means[param.name].ndim]
+    numbers = {name: model.means[name].clone().requires_grad_() for name in names}
+    with torch.enable_grad():
+        axis = outer.axis_chart({**model.means, **numbers})
+        by_number = [
+            torch.autograd.grad(
+                coordinate,
+                list(numbers.values()),
+                retain_graph=True,
+                allow_unused=True,
+                materialize_grads=True,
+            )
+            for coordinate in axis
+        ]
+    low, high = relief.region
+    rows = torch.linspace(low[0], high[0], relief.grid[0], dtype=torch.float64)
+    columns = torch.linspace(low[1], high[1], relief.grid[1], dtype=torch.float64)
+    first, second = torch.meshgrid(rows, columns, indexing="ij")
+    _, by_first, by_second = relief.height((first.flatten(), second.flatten()), model.means)
+    slopes = torch.stack([by_first, by_second], -1).numpy()  # (n, 2)
+    to_fixed = np.eye(parameters.count)
+    scales = {param.name: param.scale for param in parameters.free}
+    for i, name in enumerate(names):
+        shift = np.array([float(grads[i]) for grads in by_number]) * scales[name]
+        entry = parameters.slices()[name].start
+        to_fixed[: parameters.amplitudes, entry] = -np.linalg.solve(
+            relief_basis(relief), slopes @ shift
+        )
+    return to_fixed
 
 
 def _sigma(calibration: Calibration, model: CameraModel) -> float:

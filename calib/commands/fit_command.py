@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> None:
     output = args.output or check_no_link(args.session / "calibration")
     effects = args.effects or ()
     # Effects that are asked for are added to a fit with the board's bend, unless they include it.
-    flat = args.effects == () or "auto" in effects or BoardShape.name in effects
+    flat = args.effects == () or BoardShape.name in effects
     settings = replace(settings_of(args), flat_board=flat)
     if effects != ("auto",):
         check_possible(session, settings, effects)

@@ -82,9 +82,9 @@ def test_errors_scatter_as_the_covariance_says() -> None:
 
 def test_a_covered_fit_gains_from_the_correlations() -> None:
     """Few covered views and a noisy bare/: the ratio of the focal lengths, which the sigmas alone
-    leave to the glass, stays as bare/ knows it, twice as near to the truth (twenty sessions: 0.66
-    px against 1.35 px, with the glass as free as it was then); and the maps are as good or better (0.54 px against 0.56 px at 1.2 m). Of
-    five sessions, chance may take a third of the one, and a tenth of the other.
+    leave to the glass, stays nearer to what bare/ knows (0.63 px against 0.87 px), and the maps are
+    as good or better. Of five sessions, chance may take a third of the one, and a tenth of the
+    other.
     """
     settings = Settings(grid=(6, 6), free=("none",))
     deviations: dict[bool, list[float]] = {True: [], False: []}
