@@ -83,8 +83,8 @@ def test_the_numbers_behind_uneven_glass_hold() -> None:
 
 
 def test_a_parabola_is_right_between_the_points_of_the_prior() -> None:
-    """The heights at the prior's points determine the amplitudes; the relief between them is that
-    of the polynomial, to a nanometre of 10 um where the picture sees it. Oracle: numpy's Legendre series.
+    """The heights at the prior's points determine the amplitudes. Where the picture sees it, the
+    relief between them is the polynomial, to a nanometre of 10 um. Oracle: numpy's Legendre series.
     """
     relief = Relief.around(LOW, HIGH, (12, 12))
     assert np.allclose(relief.region, PATCH)
