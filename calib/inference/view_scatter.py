@@ -41,8 +41,9 @@ class ViewScatter:
     """The scatter of the views about a fit.
 
     It differs between directions: a focal length that moves from view to view scatters in its own.
-    Few views show this for few parameters only. With as many parameters as views, as behind uneven
-    glass, one ratio stands for all directions.
+    One ratio stands for all directions but those in which the views scatter by more than chance
+    lets so few views scatter. With as many parameters as views, as behind uneven glass, these are
+    few.
     """
 
     ratio: float
@@ -80,16 +81,35 @@ class ViewScatter:
         pulls = np.einsum("vji,vj->vi", bases, scores @ root)
         squares = (pulls**2 / remainder).sum()  # HC2: the expected square is the leverage
         ratio = float(np.sqrt(squares / max(determined, 1e-300)))
-        weight = min(1.0, determined / len(np.unique(labels)))
-        scatter = weight * ratio**2 * expected
-        if weight < 1:
-            # HC3: each score as a fit without that view would leave it
-            without = np.einsum("vij,vj->vi", bases, pulls / remainder)
-            scatter = scatter + (1 - weight) * without.T @ without
-        sizes, directions = np.linalg.eigh(scatter - expected)
-        spread = root @ (directions * np.sqrt(sizes.clip(0)))
+        corrected = np.einsum("vij,vj->vi", bases, pulls / np.sqrt(remainder))
+        sizes, directions = np.linalg.eigh(expected)
+        half = directions * np.sqrt(sizes.clip(1e-12))  # (S, S), half half^T = expected
+        whitened = corrected @ (directions / np.sqrt(sizes.clip(1e-12)))
+        scatter, axes = np.linalg.eigh(whitened.T @ whitened)
+        count = len(np.unique(labels))
+        true = _true_scatter(scatter, determined / count, max(1.0, ratio**2))
+        spread = root @ half @ (axes * np.sqrt(true - 1.0))
         return ViewScatter(ratio, np.asarray(spread @ spread.T))
 
     def widen(self, estimate: E) -> E:
         """Return the estimate with the covariance of views that scatter like this."""
         return replace(estimate, covariance=estimate.covariance + torch.from_numpy(self.excess))
+
+
+def _true_scatter(scatter: Array, share: float, level: float) -> Array:
+    """Return the (S,) true scatter along the directions in which few views scatter by so much, all
+    over that of independent corners.
+
+    Views that scatter by `level` in all directions alike seem to scatter by up to
+    (1 + sqrt(share))^2 of it in some. A direction with more scatters more, by the size that is seen
+    as so much.
+
+    Args:
+        scatter: (S,) the eigenvalues of the scatter.
+        share: the number of directions over that of the views.
+    """
+    seen = scatter / level
+    edge = (1 + np.sqrt(share)) ** 2
+    half = (np.maximum(seen, edge) + 1 - share) / 2
+    spike = half + np.sqrt(np.maximum(half**2 - np.maximum(seen, edge), 0.0))
+    return np.asarray(level * np.where(seen > edge, spike, 1.0))
