@@ -135,14 +135,23 @@ def _bend(calibration: Calibration) -> Iterator[str]:
     stages = calibration.stages
     if without_own_bend(calibration) is calibration or stages[-1].name != EFFECTS_STAGE:
         return
-    millimetres = {
-        name: 1e3 * float(value)
+    numbers = {
+        name: float(value)
         for effect in calibration.effects
         for name, (value, _) in effect.parameters.items()
     }
+    found = []
+    if "board_shape.xx" in numbers:
+        found.append(
+            f"bent by {1e3 * numbers['board_shape.xx']:.2f} mm along x and"
+            f" {1e3 * numbers['board_shape.yy']:.2f} mm along y"
+        )
+    if "board_scale.x_over_y" in numbers:
+        found.append(
+            f"printed {100 * numbers['board_scale.x_over_y']:.2f} % longer along x than along y"
+        )
     yield (
-        f"The board is bent by {millimetres['board_shape.xx']:.2f} mm along x and"
-        f" {millimetres['board_shape.yy']:.2f} mm along y: {stages[-2].rms_px:.3f} px with a flat"
+        f"The board is {' and '.join(found)}: {stages[-2].rms_px:.3f} px with a flat"
         f" board, {stages[-1].rms_px:.3f} px with this one."
     )
 

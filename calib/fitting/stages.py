@@ -29,7 +29,7 @@ from calib.estimation.uneven_glass import uneven_log_odds
 from calib.fit_record.request import Settings
 from calib.fitting.board_turns import find_turned
 from calib.fitting.fit_result import EFFECTS_STAGE
-from calib.inference.board_bend import MIN_LOG_ODDS, estimate_bend
+from calib.inference.board_bend import MIN_LOG_ODDS, estimate_board
 from calib.optics.build import covered_path, footprint, pinhole_path, relief_over, with_relief
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -361,7 +361,7 @@ def _with_bend(
     if bend is None and settings.estimates_bend:
         is_turned = find_turned(model, observations, joint, setup.board)
         turned = tuple(compress(observations.names, is_turned))
-        model, joint = estimate_bend(model, observations, joint, setup.board, labels)
+        model, joint = estimate_board(model, observations, joint, setup.board, labels)
     residual = residuals(model.path, joint.values, observations, joint.poses)
     if model.effects:
         stages = (*stages, Stage(EFFECTS_STAGE, residual.rms_px, residual.rmse_cm))

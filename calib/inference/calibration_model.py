@@ -5,6 +5,7 @@ from dataclasses import replace
 import torch
 
 from calib.calibration import Calibration
+from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.prior_conflict import PRIOR_INFLATION
@@ -45,14 +46,19 @@ def full_model(calibration: Calibration) -> CameraModel:
 
 
 def without_own_bend(calibration: Calibration) -> Calibration:
-    """Return the calibration without the board's bend that its fit found, or the same one without
-    such a bend. A bend that the user or an earlier diagnosis added stays.
+    """Return the calibration without the board's bend and print that its fit found, or the same one
+    without such. Those that the user or an earlier diagnosis added stay.
     """
     settings, command = calibration.request.settings, calibration.request.command
     asked = command.effects if command else ()
     is_own = settings and not settings.flat_board and not calibration.history.diagnosis
-    names = [added.effect.name for added in calibration.effects]
-    if not is_own or BoardShape.name in asked or BoardShape.name not in names:
+    own = [
+        added
+        for added in calibration.effects
+        if isinstance(added.effect, BoardShape | BoardScale) and added.effect.name not in asked
+    ]
+    if not is_own or not own:
         return calibration
-    effects = tuple(e for e in calibration.effects if not isinstance(e.effect, BoardShape))
-    return replace(calibration, effects=effects)
+    return replace(
+        calibration, effects=tuple(added for added in calibration.effects if added not in own)
+    )

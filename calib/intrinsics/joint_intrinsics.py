@@ -14,7 +14,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
-from calib.inference.board_bend import estimate_bend
+from calib.inference.board_bend import estimate_board
 from calib.optics.build import pinhole_path
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
@@ -46,7 +46,7 @@ def fit_with_bend(
     observations = Observations.of(views, board)
     with single_thread():
         joint = model.fit(observations, torch.from_numpy(poses))
-        _, joint = estimate_bend(model, observations, joint, board, pose_labels(views))
+        _, joint = estimate_board(model, observations, joint, board, pose_labels(views))
     return estimated_intrinsics(joint, intrinsics) if joint.finite else intrinsics
 
 
