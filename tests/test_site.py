@@ -108,10 +108,11 @@ def test_the_covers_of_the_measuring_page_are_read() -> None:
             "a flat window",
             "a dome",
             "a flat window of 3 layers",
+            "a flat window",
             "a dome and a flat window",
         )
     ]
-    assert [cover.layers for cover in covers] == [1, 1, 1, 3, 1]
+    assert [cover.layers for cover in covers] == [1, 1, 1, 3, 1, 1]
     for dimension in dimensions():
         assert f"`{dimension.quantity.key}" in page, dimension.quantity.key
 

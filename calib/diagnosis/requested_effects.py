@@ -7,6 +7,8 @@ import torch
 
 from calib.calibration import Calibration
 from calib.diagnosis.most_probable_form import with_most_probable
+from calib.effects.board_scale import BoardScale
+from calib.effects.board_shape import BoardShape
 from calib.effects.registry import KINDS
 from calib.errors import InputError
 from calib.estimation.camera_model import CameraModel
@@ -14,7 +16,7 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.fitting.fit_result import with_fit
-from calib.inference.calibration_model import full_model
+from calib.inference.calibration_model import full_model, without_own_bend
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import tuned_score_tests
@@ -34,6 +36,8 @@ def with_requested(
         InputError: an effect is not possible with this camera and cover.
     """
     kinds = {kind.name: kind for kind in KINDS}
+    if {BoardShape.name, BoardScale.name} & {*names}:
+        calibration = without_own_bend(calibration)
     observations = calibration.observations
     advance = progress.task("Effects", len(names))
     with single_thread():

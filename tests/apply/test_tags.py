@@ -98,7 +98,7 @@ def test_turns_are_those_that_were_rendered(located: list[LocatedTags], truth: T
     depth = truth.depths[[picture for picture, _ in poses_of(located)]]
     angle = np.rad2deg([item.magnitude() for item in errors])
     assert angle[depth < 0.4].max() < 0.06
-    assert angle.max() < 0.4
+    assert angle.max() < 0.45
 
 
 def test_tags_are_placed_five_times_more_exactly_than_by_a_central_camera(

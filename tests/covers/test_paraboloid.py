@@ -29,7 +29,9 @@ from calib.fit_record.request import Settings
 from calib.fitting.declared import comparisons
 from calib.fitting.fit import fit
 from calib.fleet.limits import limit_of
+from calib.optics.build import with_relief
 from calib.optics.params import Param, Values
+from calib.optics.relief import Relief
 from calib.optics.vector import Vector
 from calib.progress import Silent
 from calib.session.freeing import free_parameters, option_names
@@ -217,6 +219,7 @@ def test_its_tolerances_are_those_of_its_file(calibration: Calibration) -> None:
 
 def test_effects_change_its_numbers(calibration: Calibration) -> None:
     path, values = calibration.model()
+    path = with_relief(path, Relief((-1.0, -1.0), (1.0, 1.0), (2, 2)))
     context = EffectContext(calibration.board, 1640, 1232, path, values)
     assert CoverRadius.propose(context)[0].parameters == ("cover.bulge",)
     assert CoverOffset.propose(context)[0].parameters == ("cover.apex",)

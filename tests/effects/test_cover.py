@@ -233,14 +233,14 @@ def test_inner_surface_is_a_sum_of_gaussians_on_the_inside(example: Example) -> 
 
 @each_shape
 def test_fine_surface_adds_narrower_gaussians_outside(example: Example) -> None:
-    """Eleven by eleven, at a quarter of the spacing, around the place that asks for them."""
+    """Thirteen by thirteen, at a seventh of the spacing, around the place that asks for them."""
     base = model(example)
     low, high = example.patch
     place = np.array([0.6 * a + 0.4 * b for a, b in zip(low, high, strict=True)])
     effect = proposed(FineSurface, base, torch.from_numpy(place))
-    steps = [(b - a) / (n - 1) / 4 for a, b, n in zip(low, high, GRID, strict=True)]
-    at = np.array([place + np.array([i, j]) * steps for i in range(-5, 6) for j in range(-5, 6)])
-    amplitudes = np.random.default_rng(9).normal(0, 5e-6, (11, 11))
+    steps = [(b - a) / (n - 1) / 7 for a, b, n in zip(low, high, GRID, strict=True)]
+    at = np.array([place + np.array([i, j]) * steps for i in range(-6, 7) for j in range(-6, 7)])
+    amplitudes = np.random.default_rng(9).normal(0, 5e-6, (13, 13))
     fine, coarse = oracle.bumps(at, amplitudes.ravel(), (steps[0], steps[1])), outer(example)
     glass = Glass(
         example,

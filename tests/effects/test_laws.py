@@ -264,7 +264,7 @@ def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
     assert len(proposed) == bool(there.relief)
     for effect in proposed:
         assert there.relief
-        assert effect.relief.spacing == pytest.approx([step / 4 for step in there.relief.spacing])
+        assert effect.relief.spacing == pytest.approx([step / 7 for step in there.relief.spacing])
 
 
 @pytest.mark.parametrize(
@@ -310,7 +310,7 @@ def _compare(analytic: Tensor, numeric: Tensor, name: str) -> None:
     assert size > SMALLEST, f"{name} moves no landing"
     worst = (analytic - numeric).abs().max() / size
     loose = name.startswith("fine_surface")
-    assert worst < (1e-5 if loose else 1e-6), f"{name}: off by {worst:.1e} of its own size"
+    assert worst < (1e-4 if loose else 1e-6), f"{name}: off by {worst:.1e} of its own size"
 
 
 def _estimated(form: Form, values: dict[str, Tensor]) -> Estimated:

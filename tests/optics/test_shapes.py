@@ -25,7 +25,7 @@ def test_a_session_is_fitted_through_every_stage(
     cover = example.changed(example.moved if moved else {})
     made = scene(11, views=8, amplitude=5e-5, noise=0.01, cover=cover, patch=example.patch)
     calibration = fit(
-        read_session(write_session(tmp_path, made)), Settings(grid=(5, 4), steps=60), Silent()
+        read_session(write_session(tmp_path, made)), Settings(grid=(7, 6), steps=60), Silent()
     )
     errors_px = [stage.rms_px for stage in calibration.stages]
     pinhole, smooth, uneven = errors_px
