@@ -100,8 +100,11 @@ def _to_fixed_relief(model: CameraModel, parameters: Parameters) -> Array:
     assert relief
     names = [param.name for param in parameters.free if not model.means[param.name].ndim]
     numbers = {name: model.means[name].clone().requires_grad_() for name in names}
+    to_fixed = np.eye(parameters.count)
     with torch.enable_grad():
         axis = outer.axis_chart({**model.means, **numbers})
+        if not all(coordinate.requires_grad for coordinate in axis):
+            return to_fixed  # every number that moves the axis is held
         by_number = [
             torch.autograd.grad(
                 coordinate,
@@ -118,7 +121,6 @@ def _to_fixed_relief(model: CameraModel, parameters: Parameters) -> Array:
     first, second = torch.meshgrid(rows, columns, indexing="ij")
     _, by_first, by_second = relief.height((first.flatten(), second.flatten()), model.means)
     slopes = torch.stack([by_first, by_second], -1).numpy()  # (n, 2)
-    to_fixed = np.eye(parameters.count)
     scales = {param.name: param.scale for param in parameters.free}
     for i, name in enumerate(names):
         shift = np.array([float(grads[i]) for grads in by_number]) * scales[name]

@@ -9,7 +9,7 @@ from calib.estimation.covariance import covariance_root
 from calib.fit_record.request import Settings
 from calib.fitting.stages import Setup
 from calib.optics.exposure import MIDDLE
-from fixtures.calibrated import CAMERA, tolerant
+from fixtures.calibrated import CAMERA, calibrate, tolerant
 from fixtures.synthetic import INTRINSICS, scene
 
 MOVED = {"cover.axis_offset.x": 2e-5, "cover.tilt.x": 2e-4, "cover.inner_radius": 2e-5}
@@ -47,3 +47,10 @@ def test_the_relief_is_fixed_to_a_cover_that_moves() -> None:
         plain = prior.model.path.trace(pixels, values, MIDDLE).direction.stacked() - start
         missed = (ours - theirs).norm() / (ours - plain).norm()
         assert missed < 0.02, name  # second order, and what the amplitudes cannot represent
+
+
+def test_nothing_changes_where_every_number_is_held() -> None:
+    made = scene(5, views=10, noise=0.02, amplitude=3e-5)
+    held = calibrate(made, Settings(grid=(6, 6)))
+    root = covariance_root(held.covariance)
+    assert np.array_equal(CalibrationPrior.of(held).root, root)
