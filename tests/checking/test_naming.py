@@ -16,8 +16,6 @@ CASES = (
     ("dome", "board_scale"),
     ("cone", "board_shape"),
     ("flat", "wedge"),
-    pytest.param("cone", "thickness", marks=pytest.mark.slow),
-    pytest.param("flat", "inner_surface", marks=pytest.mark.slow),
 )
 
 

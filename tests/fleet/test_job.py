@@ -211,7 +211,7 @@ def test_a_camera_whose_verdict_asks_for_it_is_diagnosed(tmp_path: Path) -> None
     number = next(number for number in range(line.cameras) if line.fault(number))
     write_session(tmp_path / "session", line, number)
     result = run_job(job(tmp_path / "session", tmp_path))
-    assert result.effects == ("board_scale",)
+    assert result.effects[0] == "board_scale"
     assert result.report == "cameras/a/diagnosed/report.html"
     assert (
         result.numbers["error_px"].value
