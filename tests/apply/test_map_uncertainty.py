@@ -170,21 +170,21 @@ def test_errors_of_freed_parameters_agree_with_their_sigmas() -> None:
 
 
 def test_a_freed_index_makes_maps_less_certain(made: Scene, calibration: Calibration) -> None:
+    """Both covariances are those of independent corners."""
     intrinsics, cover = free_parameters(INTRINSICS, made.cover, ("index", "intrinsics"))
-    result = fit_stages(
-        Setup(made.board, CAMERA, intrinsics, cover),
-        made.observations,
-        Settings(grid=(8, 8)),
-        Silent(),
-    )
+    setup = Setup(made.board, CAMERA, intrinsics, cover)
+    held_setup = Setup(made.board, CAMERA, INTRINSICS, made.cover)
+    result = fit_stages(setup, made.observations, Settings(grid=(8, 8)), Silent())
+    held = fit_stages(held_setup, made.observations, Settings(grid=(8, 8)), Silent())
     assert result.joint
+    assert held.joint
     free = replace(
         calibration,
         camera=replace(CAMERA, intrinsics=intrinsics),
         cover=cover,
         covariance=result.joint.covariance.numpy(),
     )
-    sure = predicted_sigma(calibration)
+    sure = predicted_sigma(replace(calibration, covariance=held.joint.covariance.numpy()))
     less = predicted_sigma(free)
     assert sure
     assert less
