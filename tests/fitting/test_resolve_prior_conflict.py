@@ -12,7 +12,7 @@ from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conf
 from calib.fitting.stages import Setup, fit_stages
 from calib.progress import Silent
 from calib.session.cover import Cover
-from calib.session.freeing import ALL, AUTO
+from calib.session.freeing import AUTO
 from calib.session.schema import Number
 from calib.threads import single_thread
 from fixtures.calibrated import CAMERA
