@@ -276,8 +276,8 @@ def test_alpha7_asks_for_eight_coefficients(tmp_path: Path) -> None:
     board = next(added for added in result.effects if added.effect.name == "board_shape")
     xx = float(board.parameters["board_shape.xx"][0])
     yy = float(board.parameters["board_shape.yy"][0])
-    assert xx == pytest.approx(-1.04e-3, abs=1e-4)  # mrcal's warp
-    assert yy == pytest.approx(0.52e-3, abs=1e-4)
+    assert xx == pytest.approx(-1.04e-3, abs=2.5e-4)  # mrcal's warp; here with the print
+    assert yy == pytest.approx(0.52e-3, abs=2.5e-4)
 
 
 def test_pi_underwater_takes_its_camera_from_air(tmp_path: Path) -> None:
