@@ -147,9 +147,8 @@ def _bend(calibration: Calibration) -> Iterator[str]:
             f" {1e3 * numbers['board_shape.yy']:.2f} mm along y"
         )
     if "board_scale.x_over_y" in numbers:
-        found.append(
-            f"printed {100 * numbers['board_scale.x_over_y']:.2f} % longer along x than along y"
-        )
+        percent = 100 * numbers["board_scale.x_over_y"]
+        found.append(f"unevenly printed ({percent:.2f} % longer along x than along y)")
     yield (
         f"The board is {' and '.join(found)}: {stages[-2].rms_px:.3f} px with a flat"
         f" board, {stages[-1].rms_px:.3f} px with this one."

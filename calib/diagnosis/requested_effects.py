@@ -1,6 +1,7 @@
 """Effects that the user requests by name: they are added without a held-out test."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.fitting.fit_result import with_fit
-from calib.inference.calibration_model import full_model, without_own_bend
+from calib.inference.calibration_model import full_model
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import tuned_score_tests
@@ -36,8 +37,7 @@ def with_requested(
         InputError: an effect is not possible with this camera and cover.
     """
     kinds = {kind.name: kind for kind in KINDS}
-    if {BoardShape.name, BoardScale.name} & {*names}:
-        calibration = without_own_bend(calibration)
+    calibration = _without_board_effects(calibration, names)
     observations = calibration.observations
     advance = progress.task("Effects", len(names))
     with single_thread():
@@ -64,6 +64,15 @@ def with_requested(
             model, joint = with_most_probable(model, extended.effects[-1], observations, fit)
             advance(done, name)
     return with_fit(calibration, model, joint, observations)
+
+
+def _without_board_effects(calibration: Calibration, names: Sequence[str]) -> Calibration:
+    """Return the calibration without those of the board's effects that a plain fit finds and that
+    these names ask for.
+    """
+    kinds = tuple(kind for kind in (BoardShape, BoardScale) if kind.name in names)
+    kept = tuple(added for added in calibration.effects if not isinstance(added.effect, kinds))
+    return replace(calibration, effects=kept)
 
 
 def _median_square(model: CameraModel, joint: JointFit, observations: Observations) -> float:

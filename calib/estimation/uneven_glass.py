@@ -36,6 +36,10 @@ def uneven_log_odds(
     path = with_relief(model.path, relief)
     flat = {AMPLITUDES: torch.zeros(relief.grid, dtype=torch.float64)}
     values = {**joint.values, **flat}
+    _, failure = path.land(
+        observations.pixels, values, joint.poses[observations.view], observations.exposure
+    )
+    observations = observations.select_rows(failure == 0)
     parameters = Parameters.of(path, {**model.means, **flat}, model.priors)
     shared = parameters.vector(values)
     weights = pixel_weights(path, values, observations, joint.poses, joint.sigma)

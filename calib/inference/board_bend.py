@@ -22,7 +22,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
-from calib.inference.cross_validation import FOLDS, fold_split, held_out_gain, hold_out
+from calib.inference.cross_validation import FOLDS, HeldOutGain, fold_split, held_out_gain, hold_out
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import tuned_score_tests
 from calib.session.board import Board
@@ -45,64 +45,16 @@ AGREEMENT_P_VALUE = 0.05
 """The largest p-value of the views' agreement on the score of such a bend."""
 MIN_PRINT_VIEWS = 12
 """The fewest poses of the board from which a print is estimated: it has up to 16 numbers."""
-MIN_PRINT_GAIN = 0.01
-"""The least relative decrease of the error on held-out views for a print."""
-MAX_PRINT_P_VALUE = 0.1
-"""The largest p-value of that gain. A print moves all corners a little, so twenty views do not make
-it surer, and it moves the camera less than a bend does.
-"""
 MIN_GAIN = 0.01
 """The least relative decrease of the error on held-out views."""
+MAX_PRINT_P_VALUE = 0.1
+"""The largest p-value of that gain for a print. It moves all corners a little, so twenty views do
+not make it surer, and it moves the camera less than a bend does.
+"""
 MAX_SIGMAS = 3.0
 """Standard deviations of the prior beyond which a number of the bend is not one of a board: it
 imitates something else.
 """
-
-
-def estimate_bend(
-    model: CameraModel,
-    observations: Observations,
-    joint: JointFit,
-    board: Board,
-    labels: NDArray[np.int64] | None = None,
-) -> tuple[CameraModel, JointFit]:
-    """Return the model and its fit with the board's bend, or unchanged if the board is flat as far
-    as the views show.
-
-    Args:
-        model: a model without a bend.
-        observations: the views of its fit.
-        joint: its fit.
-        board: the board of the views.
-        labels: (V,) labels of the board's poses, as `calib.corners.view.pose_labels` gives them;
-            None if each view has a pose of its own.
-    """
-    if labels is None:
-        labels = np.arange(len(observations.names))
-    if joint.outcome is not Outcome.CONVERGED or len(np.unique(labels)) < FOLDS:
-        return model, joint
-    fitted = FittedModel(model, observations, joint)
-    (test,) = tuned_score_tests(fitted, [BoardShape(*board.half, DEGREES[-1])])
-    bend = test.effect
-    log_odds = log_bayes_factor(test.information, test.score, scaled_prior_sigmas(bend))
-    # Behind a cover, held-out views cost as much as a fit: the views must agree on the score first.
-    if log_odds < MIN_LOG_ODDS or (model.path.relief and test.p_value > MAX_P_VALUE):
-        return model, joint
-    bent = model.with_effect(bend)
-    bent_joint = bent.fit(observations, joint.poses, joint.start, ROUNDS)
-    is_possible = _is_possible(bent_joint, bend)
-    is_more_probable = bent_joint.log_marginal > joint.log_marginal + MIN_LOG_ODDS
-    if not (bent_joint.outcome is Outcome.CONVERGED and is_possible and is_more_probable):
-        return model, joint
-    is_clear = bent_joint.sigma < CLEAR_RATIO * joint.sigma and test.p_value < AGREEMENT_P_VALUE
-    if is_clear and not model.path.relief:
-        return bent, bent_joint
-    folds = fold_split(labels)
-    gain = held_out_gain(
-        hold_out(model, observations, joint, folds), hold_out(bent, observations, bent_joint, folds)
-    )
-    is_confirmed = gain.relative > MIN_GAIN and gain.p_value < MAX_P_VALUE
-    return (bent, bent_joint) if is_confirmed else (model, joint)
 
 
 def estimate_board(
@@ -112,39 +64,107 @@ def estimate_board(
     board: Board,
     labels: NDArray[np.int64] | None = None,
 ) -> tuple[CameraModel, JointFit]:
-    """Return `estimate_bend`, and without a cover also the print, if the views show one. The
-    arguments are those of `estimate_bend`.
+    """Return the model and its fit with the board's bend and, without a cover, with its print, each
+    if the views show it.
+
+    Args:
+        model: a model of a flat and even board.
+        observations: the views of its fit.
+        joint: its fit.
+        board: the board of the views.
+        labels: (V,) labels of the board's poses, as `calib.corners.view.pose_labels` gives them;
+            None if each view has a pose of its own.
     """
-    model, joint = estimate_bend(model, observations, joint, board, labels)
     if labels is None:
         labels = np.arange(len(observations.names))
-    if (
-        model.path.cover
-        or joint.outcome is not Outcome.CONVERGED
-        or len(np.unique(labels)) < MIN_PRINT_VIEWS
-    ):
-        return model, joint
-    fitted = FittedModel(model, observations, joint)
-    (test,) = tuned_score_tests(fitted, [BoardScale(True, PRINT_DEGREES[-1], board.half)])
-    log_odds = log_bayes_factor(test.information, test.score, scaled_prior_sigmas(test.effect))
-    if log_odds < MIN_LOG_ODDS:
-        return model, joint
-    uneven = model.with_effect(test.effect)
-    uneven_joint = uneven.fit(observations, joint.poses, joint.start, ROUNDS)
-    is_more_probable = uneven_joint.log_marginal > joint.log_marginal + MIN_LOG_ODDS
-    if not (
-        uneven_joint.outcome is Outcome.CONVERGED
-        and is_more_probable
-        and _is_possible(uneven_joint, test.effect)
-    ):
-        return model, joint
-    folds = fold_split(labels)
-    gain = held_out_gain(
-        hold_out(model, observations, joint, folds),
-        hold_out(uneven, observations, uneven_joint, folds),
+    poses = len(np.unique(labels))
+    if poses >= FOLDS:
+        model, joint = _estimate_bend(model, observations, joint, board, labels)
+    if poses >= MIN_PRINT_VIEWS and not model.path.cover:
+        model, joint = _estimate_print(model, observations, joint, board, labels)
+    return model, joint
+
+
+def _estimate_bend(
+    model: CameraModel,
+    observations: Observations,
+    joint: JointFit,
+    board: Board,
+    labels: NDArray[np.int64],
+) -> tuple[CameraModel, JointFit]:
+    covered = model.path.relief is not None
+    # Behind a cover, held-out views cost as much as a fit: the views must agree on the score first.
+    max_disagreement = MAX_P_VALUE if covered else 1.0
+    trial = _trial(
+        model, observations, joint, BoardShape(*board.half, DEGREES[-1]), max_disagreement
     )
-    is_confirmed = gain.relative > MIN_PRINT_GAIN and gain.p_value < MAX_PRINT_P_VALUE
+    if not trial:
+        return model, joint
+    bent, bent_joint, p_value = trial
+    is_clear = bent_joint.sigma < CLEAR_RATIO * joint.sigma and p_value < AGREEMENT_P_VALUE
+    if is_clear and not covered:
+        return bent, bent_joint
+    gain = _gain(observations, labels, (model, joint), (bent, bent_joint))
+    is_confirmed = gain.relative > MIN_GAIN and gain.p_value < MAX_P_VALUE
+    return (bent, bent_joint) if is_confirmed else (model, joint)
+
+
+def _estimate_print(
+    model: CameraModel,
+    observations: Observations,
+    joint: JointFit,
+    board: Board,
+    labels: NDArray[np.int64],
+) -> tuple[CameraModel, JointFit]:
+    effect = BoardScale(True, PRINT_DEGREES[-1], board.half)
+    trial = _trial(model, observations, joint, effect)
+    if not trial:
+        return model, joint
+    uneven, uneven_joint, _ = trial
+    gain = _gain(observations, labels, (model, joint), (uneven, uneven_joint))
+    is_confirmed = gain.relative > MIN_GAIN and gain.p_value < MAX_PRINT_P_VALUE
     return (uneven, uneven_joint) if is_confirmed else (model, joint)
+
+
+def _trial(
+    model: CameraModel,
+    observations: Observations,
+    joint: JointFit,
+    richest: Effect,
+    max_disagreement: float = 1.0,
+) -> tuple[CameraModel, JointFit, float] | None:
+    """Return the model with the most probable form of an effect, its fit, and the p-value of the
+    views' agreement on its score; None if it is not more probable, or not possible for a board.
+
+    Args:
+        richest: the form with the most parameters.
+        max_disagreement: the largest p-value for which the effect is fitted.
+    """
+    if joint.outcome is not Outcome.CONVERGED:
+        return None
+    (test,) = tuned_score_tests(FittedModel(model, observations, joint), [richest])
+    log_odds = log_bayes_factor(test.information, test.score, scaled_prior_sigmas(test.effect))
+    if log_odds < MIN_LOG_ODDS or test.p_value > max_disagreement:
+        return None
+    extended = model.with_effect(test.effect)
+    fit = extended.fit(observations, joint.poses, joint.start, ROUNDS)
+    is_more_probable = fit.log_marginal > joint.log_marginal + MIN_LOG_ODDS
+    is_usable = fit.outcome is Outcome.CONVERGED and _is_possible(fit, test.effect)
+    return (extended, fit, test.p_value) if is_usable and is_more_probable else None
+
+
+def _gain(
+    observations: Observations,
+    labels: NDArray[np.int64],
+    simple: tuple[CameraModel, JointFit],
+    extended: tuple[CameraModel, JointFit],
+) -> HeldOutGain:
+    """Return the gain on held-out views of one model and its fit over another."""
+    folds = fold_split(labels)
+    return held_out_gain(
+        hold_out(simple[0], observations, simple[1], folds),
+        hold_out(extended[0], observations, extended[1], folds),
+    )
 
 
 def _is_possible(joint: JointFit, effect: Effect) -> bool:

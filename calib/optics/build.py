@@ -107,7 +107,7 @@ def relief_over(
 
 
 def footprint(
-    path: Path, values: Values, width: int, height: int, margin: float = FOOTPRINT_MARGIN
+    path: Path, values: Values, width: int, height: int
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the region of a relief, as its low and its high chart coordinates: the glass that an
     image of width x height px sees, and a margin around it.
@@ -124,15 +124,16 @@ def footprint(
             "cover: no ray of the camera leaves this cover; check its radius, offset and thickness"
             " in session.yaml."
         )
-    first_low, first_high = _with_margin(first[arrived], margin)
-    second_low, second_high = _with_margin(second[arrived], margin)
+    first_low, first_high = _with_margin(first[arrived])
+    second_low, second_high = _with_margin(second[arrived])
     return (first_low, second_low), (first_high, second_high)
 
 
-def _with_margin(coordinates: Tensor, margin: float) -> tuple[float, float]:
-    """Return the range of these coordinates, widened by this fraction of it on both sides."""
+def _with_margin(coordinates: Tensor) -> tuple[float, float]:
+    """Return the range of these coordinates, widened by FOOTPRINT_MARGIN on both sides."""
     low, high = coordinates.min(), coordinates.max()
-    return float(low - margin * (high - low)), float(high + margin * (high - low))
+    margin = FOOTPRINT_MARGIN * (high - low)
+    return float(low - margin), float(high + margin)
 
 
 def _tilt_names(names: CoverNames, shape: Shape, cover: Cover) -> Names:
