@@ -38,7 +38,9 @@ class Settings:
     folds: int = 0
     """Number of folds of the cross-validation; 0 for none."""
     flat_board: bool = False
-    """True to take the board as flat; False to estimate its bend where the views show one."""
+    """True to take the board as flat and evenly printed; False to estimate its bend and its print
+    where the views show them.
+    """
 
     @property
     def is_even(self) -> bool:

@@ -17,6 +17,7 @@ from calib.calibration import Calibration
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.requested_effects import with_requested
 from calib.fit_record.request import Settings
 from calib.fitting.board_turns import describe_turned, turn_back
 from calib.fitting.evaluate import evaluate
@@ -153,6 +154,13 @@ def test_a_diagnosis_questions_the_bend_anew(tmp_path: Path) -> None:
     assert finding.accepted == ("board_shape",)
     assert finding.base_quality.rms_px > 2 * finding.final_quality.rms_px
     assert bend_mm(diagnosed) == pytest.approx(bend_mm(calibration), abs=0.02)
+
+
+def test_a_requested_print_leaves_the_bend(tmp_path: Path) -> None:
+    calibration = fit(session(tmp_path / "fit", BOARD, pictures(BOARD, BEND)))
+    requested = with_requested(calibration, ("board_scale",), Silent())
+    assert [added.effect.name for added in requested.effects] == ["board_shape", "board_scale"]
+    assert bend_mm(requested)[:3] == pytest.approx([1, 0.3, -0.6], abs=0.1)
 
 
 def test_a_quarter_turn_in_every_other_view_is_found(tmp_path: Path) -> None:
