@@ -7,7 +7,6 @@ import numpy as np
 
 from calib.calibration import Calibration, Declared
 from calib.corners.view import RejectedPicture, View, pose_labels
-from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
 from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
@@ -67,7 +66,7 @@ def fit(
         settings = replace(settings, grid=grid)
     redetections: tuple[Redetection, ...] | None = () if session.corners else None
     earlier: Fitted | None = None
-    bend: tuple[Effect, ...] | None = None
+    decided: Fitted | None = None
     turned: tuple[str, ...] = ()
     purpose = ""
     while True:
@@ -81,21 +80,22 @@ def fit(
                 progress,
                 earlier=earlier,
                 labels=pose_labels(views),
-                bend=bend,
+                decided=decided,
                 purpose=purpose,
             )
         earlier = None
-        bend = fitted.effects or None  # a flat board is questioned again with more corners
+        # A flat board is questioned again with more corners.
+        decided = fitted if fitted.effects else None
         if fitted.turned and not turned:
             turned = fitted.turned
             views = tuple(turn_back(v, session.board) if v.name in turned else v for v in views)
-            bend = None
+            decided = None
             purpose = "with turned boards renumbered"
             continue
         views, outliers = _without_outliers(views, observations, fitted.residuals)
         rejected = (*rejected, *outliers)
         if outliers:
-            bend = None
+            decided = None
             purpose = f"without {len(rejected)} view{'s' * (len(rejected) > 1)}"
             continue
         if redetections is not None:
@@ -132,7 +132,7 @@ def fit(
                 settings,
                 progress,
                 earlier=fitted,
-                bend=fitted.effects,
+                decided=fitted,
                 purpose="with noisier views weighing less",
             )
         if start.is_own:

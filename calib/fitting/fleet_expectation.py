@@ -84,7 +84,7 @@ class Expectation:
                 observations,
                 settings,
                 progress,
-                bend=fitted.effects,
+                decided=fitted,
                 purpose="without the fleet's prior",
             )
             if is_outlier or log_evidence(refitted) > log_evidence(fitted):

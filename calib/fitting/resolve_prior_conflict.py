@@ -98,7 +98,7 @@ def resolve_prior_conflict(
         observations,
         settings,
         progress,
-        bend=resolved.fitted.effects,
+        decided=resolved.fitted,
         purpose="numbers as declared",
     )
     held = ResolvedFit(exact, nominal, nominal)
@@ -111,7 +111,7 @@ def resolve_prior_conflict(
             observations,
             replace(settings, grid=EVEN_GRID),
             progress,
-            bend=fitted.effects,
+            decided=fitted,
             purpose="even glass",
         )
         return replace(resolved, fitted=even)
@@ -122,7 +122,7 @@ def resolve_prior_conflict(
             settings,
             progress,
             earlier=exact,
-            bend=resolved.fitted.effects,
+            decided=resolved.fitted,
             purpose="from the numbers as declared",
         )
         if log_evidence(again) > log_evidence(fitted):
@@ -165,7 +165,7 @@ def _widen_conflicting_priors(
             observations,
             settings,
             progress,
-            bend=resolved.fitted.effects,
+            decided=resolved.fitted,
             purpose=f"{name.partition('.')[2]} doubted",
         )
         if not (

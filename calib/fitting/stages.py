@@ -47,6 +47,8 @@ MAX_SHIFT = 0.08
 """The largest change of the seen glass, as a fraction of it, for which a relief is kept: its prior
 is that of the glass within the picture.
 """
+PINHOLE_STAGE = "pinhole"
+COVER_STAGE = "cover+rbf"
 LINEARISATIONS = 12
 """Length of the progress bar: a joint fit takes about as many."""
 
@@ -107,7 +109,7 @@ def fit_stages(
     *,
     earlier: Fitted | None = None,
     labels: NDArray[np.int64] | None = None,
-    bend: tuple[Effect, ...] | None = None,
+    decided: Fitted | None = None,
     purpose: str = "",
 ) -> Fitted:
     """Fit the model to corners, stage by stage. The joint method also estimates the numbers of the
@@ -118,8 +120,8 @@ def fit_stages(
             starts.
         labels: (V,) labels of the board's poses, as `calib.corners.view.pose_labels` gives them;
             None if each view has a pose of its own.
-        bend: the effects of an earlier fit of these views, which decided on the board's bend; None
-            to decide.
+        decided: an earlier fit of these views, which decided on the board's bend; None to decide.
+            Its error with a flat board is kept.
         purpose: a few words for the progress bar that distinguish this fit from others of the
             session.
 
@@ -130,40 +132,40 @@ def fit_stages(
     path, values = pinhole_path(setup.intrinsics)
     poses = pinhole_poses(path, values, observations)
     residual = residuals(path, values, observations, poses)
-    stages = [Stage("pinhole", residual.rms_px, residual.rmse_cm)]
+    stages: tuple[Stage, ...] = (_stage(PINHOLE_STAGE, residual),)
     has_poses = bool(torch.isfinite(poses).all())  # the caller rejects views without a pose first
     is_bare = setup.cover.shape == "none"
     if not has_poses or (is_bare and (settings.method == "paper" or setup.intrinsics_are_final)):
-        return Fitted(path, values, poses, tuple(stages), residual)
+        return Fitted(path, values, poses, stages, residual)
+    job = _Job(setup, observations, settings, progress, purpose, (), labels, decided)
     if is_bare:
-        priors = priors_of(setup.intrinsics, setup.cover, path)
+        model = job.model(path, values)
         start = earlier.joint.start if earlier and earlier.joint else None
-        model = CameraModel(path, values, priors).with_effects(bend or ())
         joint = model.fit(observations, earlier.poses if earlier else poses, start, ROUNDS)
-        residual = residuals(path, joint.values, observations, joint.poses)
-        stages = [Stage("pinhole", residual.rms_px, residual.rmse_cm)]
-        return _with_bend(model, joint, setup, observations, settings, labels, bend, tuple(stages))
+        return job.finish(model, joint)
     path, values = covered_path(setup.intrinsics, setup.cover)
     poses = refine_poses(path, values, observations, poses).blocks
     residual = residuals(path, values, observations, poses)
     _check_cover(residual)
-    stages.append(Stage("cover", residual.rms_px, residual.rmse_cm))
+    stages = (*stages, _stage("cover", residual))
     assert settings.grid, "the caller chooses the grid"
-    is_even = settings.is_even or setup.cover.covers[-1].surface == EVEN
     if settings.method == "paper":
-        if is_even:
-            return Fitted(path, values, poses, tuple(stages), residual)
+        if job.surface == EVEN:
+            return Fitted(path, values, poses, stages, residual)
         low, high = footprint(path, values, setup.camera.width, setup.camera.height)
         relief = Relief(low, high, settings.grid[::-1])
         path = with_relief(path, relief, exact_hit=settings.exact_hit)
         values[AMPLITUDES] = torch.zeros(relief.grid, dtype=torch.float64)
         values[AMPLITUDES] = _descend(path, values, observations, poses, settings.steps, progress)
         residual = residuals(path, values, observations, poses)
-        stages.append(Stage("cover+rbf", residual.rms_px, residual.rmse_cm))
-        return Fitted(path, values, poses, tuple(stages), residual, relief)
-    model = CameraModel(path, values, priors_of(setup.intrinsics, setup.cover, path))
-    job = _Job(setup, observations, settings, progress, purpose, tuple(stages), labels, bend)
-    return _fit_cover(job, model.with_effects(bend or ()), poses, earlier)
+        return Fitted(
+            path, values, poses, (*stages, _stage(COVER_STAGE, residual)), residual, relief
+        )
+    return _fit_cover(replace(job, stages=stages), job.model(path, values), poses, earlier)
+
+
+def _stage(name: str, residual: Residuals) -> Stage:
+    return Stage(name, residual.rms_px, residual.rmse_cm)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +179,7 @@ class _Job:
     purpose: str
     stages: tuple[Stage, ...]
     labels: NDArray[np.int64] | None
-    bend: tuple[Effect, ...] | None
+    decided: Fitted | None
 
     @property
     def surface(self) -> str:
@@ -187,7 +189,13 @@ class _Job:
     @property
     def decides_bend(self) -> bool:
         """True if it is not decided whether the board is bent."""
-        return self.bend is None and self.settings.estimates_bend
+        return self.decided is None and self.settings.estimates_bend
+
+    def model(self, path: Path, values: Values) -> CameraModel:
+        """Return the model of a path, with the board's bend if it is decided."""
+        priors = priors_of(self.setup.intrinsics, self.setup.cover, path)
+        effects = self.decided.effects if self.decided else ()
+        return CameraModel(path, values, priors).with_effects(effects)
 
     def log_odds_of_texture(self, model: CameraModel, joint: JointFit) -> tuple[float, Smoothness]:
         """Return `uneven_log_odds` of the fit of a model without a relief."""
@@ -214,21 +222,32 @@ class _Job:
         advance(LINEARISATIONS, "")
         return joint
 
-    def finish(self, model: CameraModel, joint: JointFit) -> Fitted:
+    def finish(self, model: CameraModel, joint: JointFit, relief: Relief | None = None) -> Fitted:
         """Return the fit of a flat board, or that of a bent one if the views show the bend."""
         residual = residuals(model.path, joint.values, self.observations, joint.poses)
-        stages = self.stages
-        if stages[-1].name != "cover+rbf":
-            stages = (*stages, Stage("cover+rbf", residual.rms_px, residual.rmse_cm))
-        return _with_bend(
-            model,
-            joint,
-            self.setup,
-            self.observations,
-            self.settings,
-            self.labels,
-            self.bend,
-            stages,
+        flat = _stage(COVER_STAGE if model.path.cover else PINHOLE_STAGE, residual)
+        if self.decided and self.decided.effects:
+            flat = self.decided.stages[-2]
+        stages = (*self.stages, flat)
+        turned: tuple[str, ...] = ()
+        if self.decides_bend:
+            board = self.setup.board
+            is_turned = find_turned(model, self.observations, joint, board)
+            turned = tuple(compress(self.observations.names, is_turned))
+            model, joint = estimate_board(model, self.observations, joint, board, self.labels)
+            residual = residuals(model.path, joint.values, self.observations, joint.poses)
+        if model.effects:
+            stages = (*stages, _stage(EFFECTS_STAGE, residual))
+        return Fitted(
+            path=model.path,
+            values=joint.values,
+            poses=joint.poses,
+            stages=stages,
+            residuals=residual,
+            relief=relief,
+            joint=joint,
+            model=model,
+            turned=turned,
         )
 
 
@@ -261,8 +280,8 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
     flat = _with_relief(job, even, _relief(job, even.path, even.means))
     rough = job.fit(flat, smooth.poses, start, ROUNDS[:1])
     residual = residuals(flat.path, rough.values, job.observations, rough.poses)
-    stage = Stage("cover+rbf", residual.rms_px, residual.rmse_cm)
-    job = replace(job, bend=bent.effects, stages=(*job.stages, stage))
+    stages = (*job.stages, _stage(COVER_STAGE, residual), bent.stages[-1])
+    job = replace(job, decided=replace(bent, stages=stages))
     start = replace(bent.joint.start, smoothness=texture)
     fitted = _fit_uneven(job, bent.model, bent.poses, None, start)
     return replace(fitted, turned=bent.turned)
@@ -297,7 +316,7 @@ def _fit_uneven(
     start = start or Start(even.means, FIRST_SIGMA, GOOD_GLASS)
     if earlier and earlier.relief:
         model = _with_relief(job, even, earlier.relief)
-        return replace(job.finish(model, job.fit(model, poses, start)), relief=earlier.relief)
+        return job.finish(model, job.fit(model, poses, start), earlier.relief)
     relief = _relief(job, even.path, even.means)
     model = _with_relief(job, even, relief)
     joint = job.fit(model, poses, start, ROUNDS[:1])
@@ -312,7 +331,7 @@ def _fit_uneven(
         elif is_last:
             break
         joint = job.fit(model, joint.poses, start)
-    return replace(job.finish(model, joint), relief=relief)
+    return job.finish(model, joint, relief)
 
 
 def _with_relief(job: _Job, even: CameraModel, relief: Relief) -> CameraModel:
@@ -344,37 +363,6 @@ def _relief(job: _Job, path: Path, values: Values) -> Relief:
         return Relief.around(glass.low, glass.high, grid)
     region = footprint(path, values, camera.width, camera.height)
     return relief_over(path, values, region, grid)
-
-
-def _with_bend(
-    model: CameraModel,
-    joint: JointFit,
-    setup: Setup,
-    observations: Observations,
-    settings: Settings,
-    labels: NDArray[np.int64] | None,
-    bend: tuple[Effect, ...] | None,
-    stages: tuple[Stage, ...],
-) -> Fitted:
-    """Return the joint fit of a flat board, with the board's bend if the views show one."""
-    turned: tuple[str, ...] = ()
-    if bend is None and settings.estimates_bend:
-        is_turned = find_turned(model, observations, joint, setup.board)
-        turned = tuple(compress(observations.names, is_turned))
-        model, joint = estimate_board(model, observations, joint, setup.board, labels)
-    residual = residuals(model.path, joint.values, observations, joint.poses)
-    if model.effects:
-        stages = (*stages, Stage(EFFECTS_STAGE, residual.rms_px, residual.rmse_cm))
-    return Fitted(
-        path=model.path,
-        values=joint.values,
-        poses=joint.poses,
-        stages=stages,
-        residuals=residual,
-        joint=joint,
-        model=model,
-        turned=turned,
-    )
 
 
 def _descend(

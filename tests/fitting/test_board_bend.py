@@ -156,6 +156,22 @@ def test_a_diagnosis_questions_the_bend_anew(tmp_path: Path) -> None:
     assert bend_mm(diagnosed) == pytest.approx(bend_mm(calibration), abs=0.02)
 
 
+def test_noisy_views_leave_the_error_with_a_flat_board(tmp_path: Path) -> None:
+    """They make a further fit, which begins with the bend. Its lens with a flat board would leave
+    0.32 px, and a flat board's own lens 0.26.
+    """
+    rng = np.random.default_rng(3)
+
+    def shake(index: int, corners: Floats) -> Floats:
+        return corners + (index < 3) * rng.normal(0, 2 * NOISE, corners.shape)
+
+    made = session(tmp_path / "fit", BOARD, pictures(BOARD, BEND, 20, change=shake))
+    calibration = fit(made)
+    assert calibration.outcome.view_noise
+    flat = fit(made, Settings(flat_board=True))
+    assert calibration.stages[0].rms_px == pytest.approx(flat.stages[0].rms_px, rel=0.05)
+
+
 def test_a_requested_print_leaves_the_bend(tmp_path: Path) -> None:
     calibration = fit(session(tmp_path / "fit", BOARD, pictures(BOARD, BEND)))
     requested = with_requested(calibration, ("board_scale",), Silent())
