@@ -1,5 +1,6 @@
 """Tests of the choice between even and uneven glass, and of the relief that a fit estimates."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from calib.session.session import read_session
 from fixtures.calibrated import CAMERA, calibrated
 from fixtures.rays import FIXTURES
 from fixtures.synthetic import COVERS, INTRINSICS, PATCH, Scene, measured, scene
+from tests.test_fixtures import MEASURED, copied
 
 LOW, HIGH = PATCH
 
@@ -123,3 +125,32 @@ def drawn(made: Scene, seed: int) -> Setup:
     """Return the setup that somebody with a calliper declares."""
     stated = measured(np.random.default_rng(seed), INTRINSICS, made.cover, 0.25)
     return Setup(made.board, CAMERA, *stated)
+
+
+@pytest.mark.slow
+def test_numbers_behind_uneven_cones_keep_to_their_sigma(tmp_path: Path) -> None:
+    """Four cameras behind cones of 1.15 mm with bumps of 10 µm, rendered elsewhere."""
+    scores: list[float] = []
+    for pair in ("11", "12"):
+        folder = copied(MEASURED / "cone-pairs" / pair, tmp_path / pair)
+        for side, camera in json.loads((folder / "truth.json").read_text())["cameras"].items():
+            calibration = fit(read_session(folder / side), Settings(), Silent())
+            glass = camera["cover"]
+            thickness, index = glass["layers"][0]
+            truth = {f"camera.{name}": camera[name] for name in ("fx", "fy", "cx", "cy")} | {
+                "cover.inner_radius": glass["R"],
+                "cover.radius_slope": glass["slope"],
+                "cover.axis_offset.x": glass["origin"][0],
+                "cover.axis_offset.z": glass["origin"][2],
+                "cover.tilt.x": glass["rotvec"][0],
+                "cover.tilt.z": glass["rotvec"][2],
+                "cover.thickness": thickness,
+                "cover.refractive_index": index,
+            }
+            rows = [row for row in comparisons(calibration) if row.name in truth]
+            assert not any(row.contradicted for row in rows)
+            scores += [(row.estimate - truth[row.name] * row.per_si) / row.sigma for row in rows]
+    spread = float(np.sqrt(np.mean(np.square(scores))))
+    print(f"error over sigma of {len(scores)} numbers, root mean square: {spread:.2f}")
+    assert len(scores) == 48
+    assert spread < 1.5  # measured: 1.31; with a free figure 3.4
