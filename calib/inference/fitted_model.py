@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,17 @@ class FittedModel:
         }
         values = {**self.joint.values, **neutral}
         return Parameters.of(model.path, values, model.priors, last=neutral)
+
+    def with_neutral(self, effects: Sequence[Effect]) -> FittedModel:
+        """Return the same fit with further effects at their neutral values, whose priors count."""
+        model = self.model.with_effects(effects)
+        neutral = {
+            name: value
+            for effect in effects
+            for name, value in model.neutral_values(effect).items()
+        }
+        joint = replace(self.joint, values={**self.joint.values, **neutral})
+        return FittedModel(model, self.observations, joint)
 
     def equations(self, effects: Sequence[Effect] = ()) -> Iterator[ViewEquations]:
         """Yield the linearised equations of each view in `parameters(effects)`."""

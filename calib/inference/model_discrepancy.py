@@ -13,6 +13,7 @@ Source: C. E. Rasmussen, C. K. I. Williams, Gaussian processes for machine learn
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -41,22 +42,73 @@ JITTER = 1e-12
 """Relative to the variance of the processes: keeps the root of their covariance real."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Discrepancy:
+    """The most probable discrepancy beside a fit."""
+
+    gain: float
+    """The increase of the log evidence if it is possible, with all other parameters integrated
+    out.
+    """
+    modes: tuple[NDArray[np.float64], ...]
+    """(m, q) functions over the board, for each view's m corners."""
+    root: NDArray[np.float64]
+    """(q, q) a root of the covariance of their coefficients, over the noise of the fit."""
+
+    @staticmethod
+    def of(fitted: FittedModel, evidence: LaplaceEvidence | None = None) -> Discrepancy:
+        """Estimate the heights of the processes at the optimum of a fit.
+
+        Args:
+            evidence: that of other columns of the corners; None: that of the fit.
+        """
+        modes, covariances = board_modes(fitted.observations.corners.numpy())
+        by_view = np.split(modes, fitted.observations.starts[1:-1].numpy())
+        likelihood = DiscrepancyLikelihood(
+            evidence or LaplaceEvidence.of(fitted),
+            torch.from_numpy(covariances),
+            [torch.from_numpy(view_modes) for view_modes in by_view],
+            view_precision(fitted.model.path, fitted.joint.poses),
+        )
+        without = float(likelihood.log_evidence(torch.zeros(len(LENGTHS)), torch.ones(())))
+        heights, largest = likelihood.most_probable()
+        gain = possible_gain(largest - without)
+        return Discrepancy(gain, tuple(by_view), likelihood.root(heights).numpy())
+
+    def eliminate(
+        self, view: int, columns: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], float]:
+        """Eliminate the discrepancy from a view's residuals.
+
+        Args:
+            columns: (2m, n), x and y of one corner after the other.
+
+        Returns:
+            (n, n) the inner products of the columns that are left, and the log determinant of what
+            was eliminated.
+        """
+        functions = self.modes[view] @ self.root
+        factor = np.linalg.cholesky(np.eye(functions.shape[1]) + functions.T @ functions)
+        products = columns.T @ columns
+        for axis in (0, 1):
+            explained = np.linalg.solve(factor, functions.T @ columns[axis::2])
+            products = products - explained.T @ explained
+        return np.asarray(products), 4 * float(np.log(factor.diagonal()).sum())
+
+
+def possible_gain(increase: float) -> float:
+    """Return the increase of the log evidence by a discrepancy that is possible, from that by one
+    that is certain.
+    """
+    absent = np.log(1 - PRIOR_PROBABILITY)
+    return float(np.logaddexp(absent, np.log(PRIOR_PROBABILITY) + increase))
+
+
 def discrepancy_gain(fitted: FittedModel) -> float:
     """Return the increase of the log evidence if a discrepancy is possible, with all other
     parameters integrated out.
     """
-    modes, covariances = board_modes(fitted.observations.corners.numpy())
-    by_view = np.split(modes, fitted.observations.starts[1:-1].numpy())
-    likelihood = DiscrepancyLikelihood(
-        LaplaceEvidence.of(fitted),
-        torch.from_numpy(covariances),
-        [torch.from_numpy(view_modes) for view_modes in by_view],
-        view_precision(fitted.model.path, fitted.joint.poses),
-    )
-    without = float(likelihood.log_evidence(torch.zeros(len(LENGTHS)), torch.ones(())))
-    increase = likelihood.max_log_evidence() - without
-    absent = np.log(1 - PRIOR_PROBABILITY)
-    return float(np.logaddexp(absent, np.log(PRIOR_PROBABILITY) + increase))
+    return Discrepancy.of(fitted).gain
 
 
 def board_modes(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -121,9 +173,7 @@ class DiscrepancyLikelihood:
             noise: () relative to that of the fit.
         """
         identity = torch.eye(self.covariances.shape[-1], dtype=torch.float64)
-        covariance = (heights[:, None, None] ** 2 * self.covariances).sum(0)
-        jitter = JITTER * (1 + covariance.diagonal().mean())
-        root = torch.linalg.cholesky(covariance + jitter * identity)
+        root = self.root(heights)
         factor = torch.linalg.cholesky(identity + root.mT @ self.mode_products @ root)
         reduced = self.evidence.products
         for cross in self.cross_products:
@@ -132,8 +182,20 @@ class DiscrepancyLikelihood:
         determinant: Tensor = 2 * factor.diagonal(dim1=1, dim2=2).log().sum()
         return self.evidence.log_evidence(reduced, self.own_precision, noise) - determinant
 
-    def max_log_evidence(self) -> float:
-        """Return the largest log evidence over heights and noise."""
+    def root(self, heights: Tensor) -> Tensor:
+        """Return the (q, q) Cholesky factor of the covariance of the modes' coefficients, for (L,)
+        heights.
+        """
+        covariance = (heights[:, None, None] ** 2 * self.covariances).sum(0)
+        jitter = JITTER * (1 + covariance.diagonal().mean())
+        identity = torch.eye(len(covariance), dtype=torch.float64)
+        factor: Tensor = torch.linalg.cholesky(covariance + jitter * identity)
+        return factor
+
+    def most_probable(self) -> tuple[Tensor, float]:
+        """Return the (L,) heights with the largest log evidence, over the noise as well, and that
+        evidence.
+        """
         count = len(self.covariances)
         starts = []
         for process in range(count):
@@ -158,4 +220,4 @@ class DiscrepancyLikelihood:
             bounds=np.log([HEIGHT_RANGE] * count + [NOISE_RANGE]).tolist(),
             options={"ftol": 1e-6},
         )
-        return -float(solution.fun)
+        return torch.from_numpy(np.exp(solution.x[:-1])), -float(solution.fun)

@@ -1,0 +1,513 @@
+"""Which numbers differ from view to view, and how: random effects over the views, at the optimum of
+a fit, without a further fit.
+
+A lens that refocuses, a sensor that warms up, or a cover that slips gives every view numbers of its
+own, or two kinds of views, or a drift. For each group of numbers, the deviations are normal, with
+one spread in the group's own tolerances. The evidence is maximised over the spread and the noise,
+with the poses and the shared parameters integrated out, so groups and kinds compare directly.
+
+With A the information of all views' deviations and b their score, both after the elimination of
+everything else, and c the sum of squares without them, a spread s changes twice the log evidence by
+-log det(I + s^2 A) - f log(1 - s^2 b^T (I + s^2 A)^-1 b / c), with f degrees of freedom.
+
+Sources: N. M. Laird, J. H. Ware, Random-effects models for longitudinal data (1982); R. E. Kass,
+    A. E. Raftery, Bayes factors (1995).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from calib.effects.board_scale import SHEAR, STRETCH, BoardScale
+from calib.effects.board_shape import BoardShape
+from calib.effects.effect import Effect, EffectContext, EffectParameter
+from calib.effects.lens import LensEffect
+from calib.effects.rolling_shutter import RollingShutter
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.normal_equations import ReducedProducts
+from calib.estimation.objective import view_precision
+from calib.estimation.parameters import Parameters
+from calib.estimation.view_equations import view_equations
+from calib.inference.fitted_model import FittedModel
+from calib.inference.laplace_evidence import LaplaceEvidence, view_columns
+from calib.inference.model_discrepancy import Discrepancy, possible_gain
+from calib.optics import rotation
+from calib.optics.board_target import MOTION, block_columns
+from calib.optics.relief import AMPLITUDES
+from calib.session.parameter_names import CAMERA, number_of
+from calib.session.shapes.registry import find_dimension
+from calib.session.tolerances import (
+    BOARD_FLEX,
+    BOARD_MOVE,
+    BOARD_SPIN,
+    FOCAL,
+    PRINCIPAL_POINT,
+    RADIAL,
+)
+
+SPREADS = 10.0 ** np.arange(-3.0, 0.51, 0.125)
+"""The spreads that are tried, in tolerances: from a thousandth to three."""
+MOTIONS = ((1.0, 0.0), (1.0, 0.1), (1.0, 0.3), (1.0, 1.0), (0.3, 1.0), (0.1, 1.0), (0.0, 1.0))
+"""Ratios of the spreads of a board's turn and move, each over its tolerance."""
+WARM_UPS = (1 / 16, 1 / 8, 1 / 4)
+"""Time constants of an exponential approach, as fractions of the session."""
+MAX_PASSES = 5
+"""The largest number of passes over the views that move one view to the other kind."""
+MIN_GAIN = 7.0
+"""The smallest gain in log evidence that is reported: some sixty variations are tried."""
+MIN_BLOCK = 3
+"""The fewest views before and after a step, or of one kind."""
+
+Array = NDArray[np.float64]
+
+
+class Kind(StrEnum):
+    """How numbers differ from view to view."""
+
+    EACH = "in every view"
+    DRIFT = "with time"
+    WARM_UP = "in the first views"
+    STEP = "from one view on"
+    ALTERNATING = "alternating"
+    TWO_KINDS = "in two kinds of views"
+    NEARNESS = "with the nearness of the board"
+    TILT = "with the tilt of the board"
+
+
+TIME = (Kind.DRIFT, Kind.WARM_UP, Kind.STEP)
+TWO = (Kind.ALTERNATING, Kind.TWO_KINDS)
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Numbers that differ together."""
+
+    name: str
+    numbers: tuple[EffectParameter, ...]
+    """Each with the values that it is added to, and its tolerance; none for the board's motion."""
+    kinds: tuple[Kind, ...]
+    """The ways in which they can differ."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variation:
+    """A way in which a group of numbers may differ from view to view."""
+
+    group: Group
+    kind: Kind
+    gain: float
+    """The increase of the log evidence, less the logarithm of the number of variants tried."""
+    spread: float
+    """The standard deviation of the numbers' deviations, in tolerances."""
+    deviations: Array
+    """(V, G) the deviations of each view's numbers, in tolerances."""
+    pattern: Array
+    """(V,) what the deviations of all numbers follow; (0,) if every view has its own."""
+
+    @property
+    def name(self) -> str:
+        """The group and the kind in words."""
+        return f"{self.group.name} {self.kind}"
+
+
+def groups_of(context: EffectContext) -> tuple[Group, ...]:
+    """Return the groups of numbers that may differ from view to view in this session."""
+    focal = EffectParameter.of("focal", FOCAL, CAMERA.focal, relative=True)
+    centre = tuple(EffectParameter.of(name, PRINCIPAL_POINT, (name,)) for name in CAMERA.centre)
+    radial = EffectParameter.of("k1", RADIAL, ("lens.k1",))
+    bend = tuple(
+        EffectParameter.of(name, BOARD_FLEX, (f"board_shape.{name}",))
+        for name in ("xx", "xy", "yy")
+    )
+    rolling = not context.path.shutter and (not context.shutter or context.shutter.rolling)
+    return (
+        Group("focal", (focal,), (Kind.EACH, *TIME, *TWO, Kind.NEARNESS)),
+        Group("principal_point", centre, (Kind.EACH, *TIME, *TWO)),
+        Group("lens", (focal, *centre, radial), (Kind.STEP, *TWO)),
+        *_cover_groups(context),
+        Group("board_flex", bend, (Kind.EACH, *TIME, *TWO, Kind.TILT)),
+        Group("board_scale", (STRETCH, SHEAR), (*TIME, *TWO)),
+        *([Group("rolling_shutter", (), (Kind.EACH,))] if rolling else []),
+    )
+
+
+def _cover_groups(context: EffectContext) -> Iterator[Group]:
+    """Yield a group for each effect on the numbers of the cover."""
+    numbers: dict[str, list[EffectParameter]] = {}
+    read = (param.name for interface in context.path.cover for param in interface.params)
+    for name in dict.fromkeys(read):
+        dimension = find_dimension(number_of(name))
+        if dimension and dimension.effect and dimension.tolerance:
+            number = EffectParameter.of(name, dimension.tolerance, (name,))
+            numbers.setdefault(dimension.effect, []).append(number)
+    for effect, members in numbers.items():
+        moves = effect in ("cover_offset", "cover_tilt")
+        yield Group(effect, tuple(members), TIME if moves else (*TIME, *TWO))
+
+
+def find_variations(
+    fitted: FittedModel, context: EffectContext, shared: Sequence[Effect] = ()
+) -> list[Variation]:
+    """Return what differs from view to view, the most probable first.
+
+    Numbers that differ must explain more than such a discrepancy does, or much beside it: if a
+    model lacks something in single views, any numbers of single views imitate it. Their gains are
+    those over the model with the discrepancy.
+
+    Args:
+        fitted: a model at its optimum.
+        shared: further effects that all views share, which explain what they can.
+    """
+    alone = VariationEquations.of(fitted, context)
+    if max(variation.gain for variation in _variations(alone, fitted, context)) < MIN_GAIN:
+        return []
+    fitted = fitted.with_neutral(shared)
+    alone = VariationEquations.of(fitted, context)
+    discrepancy = Discrepancy.of(fitted, _beside_solution(fitted, alone.solution))
+    beside = VariationEquations.of(fitted, context, discrepancy)
+    gain = possible_gain(beside.log_evidence - alone.log_evidence)
+    found = [
+        max(replace(first, gain=first.gain - gain), second, key=lambda variation: variation.gain)
+        for first, second in zip(
+            _variations(alone, fitted, context), _variations(beside, fitted, context), strict=True
+        )
+    ]
+    found = [variation for variation in found if variation.gain > MIN_GAIN]
+    return sorted(found, key=lambda variation: -variation.gain)
+
+
+def _variations(
+    equations: VariationEquations, fitted: FittedModel, context: EffectContext
+) -> list[Variation]:
+    """Return the most probable variation of every kind of every group."""
+    patterns = board_patterns(fitted)
+    return [
+        variation
+        for group in groups_of(context)
+        for variation in equations.group(group).variations(patterns)
+    ]
+
+
+def _beside_solution(fitted: FittedModel, solution: Array) -> LaplaceEvidence:
+    """Return the evidence of the corners for the views' own parameters, with the shared parameters
+    held at a (S,) solution: that of all parameters takes a hundred times as long.
+    """
+    columns = []
+    for view, rows in zip(fitted.equations(), view_columns(fitted), strict=True):
+        own = view.jacobian_block.shape[1]
+        residual = rows[:, -1] + torch.from_numpy(view.jacobian_shared @ solution)
+        columns.append(torch.cat([rows[:, :own], residual[:, None]], 1))
+    return LaplaceEvidence(tuple(columns), torch.zeros(0, 0, dtype=torch.float64))
+
+
+def board_patterns(fitted: FittedModel) -> Mapping[Kind, Sequence[Array]]:
+    """Return the (V,) patterns of these views: the nearness of the boards' middles, and the tilt of
+    their normals towards the picture's y and towards its x.
+    """
+    poses = fitted.joint.poses
+    near = 1 / fitted.model.path.distance(poses[:, 3:6]).numpy()
+    normals = rotation.matrix(poses[:, :3])[:, :, 2].numpy()
+    return {
+        Kind.NEARNESS: [_centred(near)],
+        Kind.TILT: [_centred(normals[:, 1]), _centred(normals[:, 0])],
+    }
+
+
+def time_patterns(count: int) -> Mapping[Kind, Sequence[Array]]:
+    """Return the (V,) patterns that any sequence of so many views may follow."""
+    view = np.arange(count)
+    steps = range(MIN_BLOCK, count - MIN_BLOCK + 1)
+    return {
+        Kind.DRIFT: [_centred(view)],
+        Kind.WARM_UP: [_centred(np.exp(-view / (fraction * count))) for fraction in WARM_UPS],
+        Kind.STEP: [_centred(view >= first) for first in steps],
+        Kind.ALTERNATING: [_centred(view % 2)],
+    }
+
+
+def _centred(pattern: NDArray[np.float64] | NDArray[np.int64] | NDArray[np.bool_]) -> Array:
+    """Return (V,) the pattern about its mean, with standard deviation 1."""
+    deviation = pattern.astype(np.float64) - pattern.mean()
+    return np.asarray(deviation / max(float(deviation.std()), 1e-300))
+
+
+@dataclass(frozen=True, eq=False)
+class VariationEquations:
+    """The linearised residuals of all views, with their own parameters eliminated, by the shared
+    parameters and by every number that may differ.
+    """
+
+    products: Array
+    """(V, n + 1, n + 1) inner products of each view's n columns and its residual, over the noise of
+    the fit. The residual is that with all parameters at their prior means.
+    """
+    precision: Array
+    """(S, S) prior precision of the shared parameters."""
+    shared: NDArray[np.int64]
+    """(S,) their columns."""
+    motion: int
+    """The number of columns of a board's motion, the first ones: 6, or 0 if the model has it."""
+    entries: Mapping[str, tuple[int, float, float]]
+    """For each number: its column, its scale and its value."""
+    freedom: int
+    """The number of residuals minus that of the views' own parameters."""
+    log_determinant: float
+    """That of all that was eliminated."""
+
+    @staticmethod
+    def of(
+        fitted: FittedModel, context: EffectContext, discrepancy: Discrepancy | None = None
+    ) -> VariationEquations:
+        """Linearise around a fit, beside a discrepancy."""
+        base = fitted.model
+        full = base.with_effects(_probes(base, context))
+        values = {**full.means, **fitted.joint.values}
+        held = {
+            param.name: 1.0
+            for param in full.path.params
+            if param.name not in full.priors.sigmas and param.name != AMPLITUDES
+        }
+        parameters = Parameters.of(full.path, values, full.priors.with_sigmas(held))
+        estimated = Parameters.of(base.path, values, base.priors)
+        blocks = block_columns(full.path.view_blocks)
+        own = np.concatenate([np.r_[blocks[block]] for block in fitted.model.path.view_blocks])
+        moving = np.arange(0) if fitted.model.path.shutter else np.r_[blocks[MOTION]]
+        columns = parameters.entries(estimated.slices())
+        own_precision = view_precision(fitted.model.path, fitted.joint.poses)
+        views = view_equations(
+            full.path,
+            parameters,
+            fitted.observations,
+            full.pad_poses(fitted.joint.poses),
+            fitted.joint.sigma,
+        )
+        products = []
+        log_determinant = 0.0
+        for index, (view, pose) in enumerate(zip(views, fitted.joint.poses.numpy(), strict=True)):
+            block = view.jacobian_block[:, own]
+            known = block @ (pose * (own_precision.numpy() > 0))
+            known += view.jacobian_shared[:, columns] @ fitted.deviation
+            residual = view.residual - known
+            each = np.column_stack(
+                [block, view.jacobian_block[:, moving], view.jacobian_shared, residual]
+            )
+            inner, eliminated = (
+                discrepancy.eliminate(index, each) if discrepancy else (each.T @ each, 0.0)
+            )
+            reduced = ReducedProducts.of(torch.from_numpy(inner)[None], own_precision)
+            products.append(reduced.products[0].numpy())
+            log_determinant += eliminated + float(reduced.log_determinant)
+        scales = [1.0] * parameters.amplitudes + parameters.scales.tolist()
+        return VariationEquations(
+            products=np.array(products),
+            precision=estimated.prior_precision(fitted.joint.smoothness),
+            shared=len(moving) + columns,
+            motion=len(moving),
+            entries={
+                name: (len(moving) + place.start, scales[place.start], float(values[name]))
+                for name, place in parameters.slices().items()
+                if not values[name].ndim
+            },
+            freedom=2 * len(fitted.observations.pixels) - len(own) * len(products),
+            log_determinant=log_determinant,
+        )
+
+    def group(self, group: Group) -> GroupEquations:
+        """Return the equations of the deviations of one group's numbers."""
+        columns = self._columns(group)
+        moved = self.products @ columns  # (V, n + 1, G)
+        own = columns.T @ moved
+        count, size = own.shape[:2]
+        cross = moved[:, self.shared].transpose(1, 0, 2).reshape(-1, count * size)
+        response = np.linalg.solve(self._root, cross)
+        information = -response.T @ response
+        for view in range(count):
+            place = slice(view * size, (view + 1) * size)
+            information[place, place] += own[view]
+        score = moved[:, -1].ravel() - response.T @ self._whitened
+        return GroupEquations(group, information, score, self._cost, self.freedom, self.motion)
+
+    def _columns(self, group: Group) -> Array:
+        """Return (n + 1, G) the deviations of a group's numbers, over their tolerances, in terms of
+        the columns.
+        """
+        count = self.products.shape[1]
+        if not group.numbers:
+            columns = np.zeros((count, self.motion))
+            columns[: self.motion] = np.diag([BOARD_SPIN.sigma] * 3 + [BOARD_MOVE.sigma] * 3)
+            return columns
+        columns = np.zeros((count, len(group.numbers)))
+        for index, number in enumerate(group.numbers):
+            for name in number.shifts:
+                column, scale, value = self.entries[name]
+                change = value if number.relative else 1.0
+                columns[column, index] = number.sigma * change / scale
+        return columns
+
+    @cached_property
+    def _reduced(self) -> Array:
+        """(S + 1, S + 1): the inner products of the shared parameters' columns and the residual,
+        over all views, with the prior.
+        """
+        chosen = [*self.shared, -1]
+        reduced = self.products.sum(0)[np.ix_(chosen, chosen)]
+        reduced[:-1, :-1] += self.precision
+        return np.asarray(reduced)
+
+    @cached_property
+    def _root(self) -> Array:
+        """(S, S) lower Cholesky factor of the information about the shared parameters."""
+        return np.asarray(np.linalg.cholesky(self._reduced[:-1, :-1]))
+
+    @cached_property
+    def _whitened(self) -> Array:
+        """(S,) the score of the shared parameters over that factor."""
+        return np.asarray(np.linalg.solve(self._root, self._reduced[:-1, -1]))
+
+    @property
+    def solution(self) -> Array:
+        """The (S,) most probable deviations of the shared parameters from their prior means."""
+        return -np.asarray(np.linalg.solve(self._root.T, self._whitened))
+
+    @property
+    def log_evidence(self) -> float:
+        """The log evidence without any variation, up to a constant, with the noise that maximises
+        it.
+        """
+        determinant = self.log_determinant + 2 * np.log(self._root.diagonal()).sum()
+        return -float(determinant + self.freedom * np.log(self._cost)) / 2
+
+    @property
+    def _cost(self) -> float:
+        """The sum of squares that the shared parameters leave."""
+        return float(self._reduced[-1, -1] - self._whitened @ self._whitened)
+
+
+def _probes(model: CameraModel, context: EffectContext) -> list[Effect]:
+    """Return effects whose parameters may differ from view to view and that the model lacks."""
+    present = {effect.name for effect in model.effects}
+    half = context.board.half
+    probes: list[Effect] = [LensEffect(), BoardShape(*half), BoardScale(True, 1, half)]
+    if not model.path.shutter:
+        probes.append(RollingShutter())
+    return [probe for probe in probes if probe.name not in present]
+
+
+@dataclass(frozen=True, eq=False)
+class GroupEquations:
+    """The information about the deviations of one group's numbers in all views, in tolerances,
+    after the elimination of everything else.
+    """
+
+    group: Group
+    information: Array
+    """(V G, V G), view by view."""
+    score: Array
+    """(V G,)"""
+    cost: float
+    """The sum of squares without any deviation."""
+    freedom: int
+    """Its degrees of freedom."""
+    motion: int
+
+    @property
+    def size(self) -> int:
+        """The number of the group's numbers."""
+        return len(self.group.numbers) or self.motion
+
+    @property
+    def count(self) -> int:
+        """The number of views."""
+        return len(self.score) // self.size
+
+    def variations(self, patterns: Mapping[Kind, Sequence[Array]]) -> Iterator[Variation]:
+        """Yield the most probable variation of each possible kind.
+
+        Args:
+            patterns: the (V,) patterns that depend on the poses of the board.
+        """
+        each = self.in_every_view()
+        if Kind.EACH in self.group.kinds:
+            yield each
+        patterns = {**time_patterns(self.count), **patterns}
+        for kind in self.group.kinds:
+            followed = [self.following(kind, pattern) for pattern in patterns.get(kind, ())]
+            if followed:
+                best = max(followed, key=lambda variation: variation.gain)
+                yield replace(best, gain=best.gain - float(np.log(len(followed))))
+        if Kind.TWO_KINDS in self.group.kinds:
+            best = self.in_two_kinds(each.deviations)
+            yield replace(best, gain=best.gain - (self.count - 1) * float(np.log(2)))
+
+    def in_every_view(self) -> Variation:
+        """Return the variation with deviations of each view's own."""
+        ratios = MOTIONS if not self.group.numbers else ((1.0, 1.0),)
+        best: tuple[float, float, Array] | None = None
+        for ratio in ratios:
+            sides = np.repeat(ratio, [3, 3]) if len(ratios) > 1 else np.ones(self.size)
+            tolerance = np.tile(sides, self.count)
+            gain, spread, deviations = self._largest_gain(
+                tolerance[:, None] * self.information * tolerance, tolerance * self.score
+            )
+            if best is None or gain > best[0]:
+                best = gain, spread, (tolerance * deviations).reshape(self.count, -1)
+        assert best
+        return Variation(self.group, Kind.EACH, *best, np.zeros(0))
+
+    def in_two_kinds(self, deviations: Array) -> Variation:
+        """Return the variation of two kinds of views, from a start: (V, G) deviations of each
+        view's own, which differ most between the kinds.
+        """
+        divisions = (self.following(Kind.TWO_KINDS, pattern) for pattern in _divisions(deviations))
+        best = max(divisions, key=lambda variation: variation.gain)
+        for _ in range(MAX_PASSES):
+            previous = best
+            for view in range(self.count):
+                moved = best.pattern > 0
+                moved[view] = not moved[view]
+                if min(moved.sum(), (~moved).sum()) >= MIN_BLOCK:
+                    other = self.following(Kind.TWO_KINDS, _centred(moved))
+                    best = max(best, other, key=lambda variation: variation.gain)
+            if best is previous:
+                break
+        return best
+
+    def following(self, kind: Kind, pattern: Array) -> Variation:
+        """Return the variation whose deviations follow a (V,) pattern."""
+        views = np.kron(pattern[:, None], np.eye(self.size))  # (V G, G)
+        gain, spread, sizes = self._largest_gain(
+            views.T @ self.information @ views, views.T @ self.score
+        )
+        return Variation(self.group, kind, gain, spread, pattern[:, None] * sizes, pattern)
+
+    def _largest_gain(self, information: Array, score: Array) -> tuple[float, float, Array]:
+        """Return the largest gain in log evidence by (k,) deviations of one spread, that spread,
+        and the deviations.
+        """
+        sizes, axes = np.linalg.eigh(information)
+        sizes = sizes.clip(0)
+        along = axes.T @ score
+        variance = SPREADS[:, None] ** 2
+        explained = (variance * along**2 / (1 + variance * sizes)).sum(1)
+        left = np.log1p(-np.minimum(explained / self.cost, 1 - 1e-12))
+        gains = -(np.log1p(variance * sizes).sum(1) + self.freedom * left) / 2
+        best = int(gains.argmax())
+        squared = float(variance[best, 0])
+        deviations = axes @ (squared * along / (1 + squared * sizes))
+        return float(gains[best]), float(SPREADS[best]), deviations
+
+
+def _divisions(deviations: Array) -> Iterator[Array]:
+    """Yield (V,) patterns of two kinds of views, which differ most in their (V, G) deviations."""
+    centred = deviations - deviations.mean(0)
+    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    order = along.argsort(kind="stable").argsort()
+    for count in range(MIN_BLOCK, len(along) - MIN_BLOCK + 1):
+        yield _centred(order >= count)
