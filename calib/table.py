@@ -1,7 +1,7 @@
 """A table of texts in sections, which terminal, screen, notebook and report draw in their ways."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from html import escape
 
 
@@ -9,6 +9,8 @@ from html import escape
 class TableSection:
     """Rows that belong together."""
 
+    name: str
+    """A word by which programs find it, such as cover."""
     title: str
     rows: tuple[tuple[str, ...], ...]
     """The cells of each row, as many as the table has columns."""
@@ -26,17 +28,14 @@ class Table:
     def first_columns(self, count: int) -> "Table":
         """Return the table without the columns after the first `count`."""
         sections = tuple(
-            TableSection(section.title, tuple(row[:count] for row in section.rows))
+            replace(section, rows=tuple(row[:count] for row in section.rows))
             for section in self.sections
         )
         return Table(self.title, self.columns[:count], sections)
 
     def as_json(self) -> list[dict[str, object]]:
-        """Return the sections, each with its title and its rows."""
-        return [
-            {"title": section.title, "rows": [list(row) for row in section.rows]}
-            for section in self.sections
-        ]
+        """Return the sections, each with its name, its title and its rows."""
+        return [asdict(section) for section in self.sections]
 
     def __str__(self) -> str:
         return "\n".join(self.lines())

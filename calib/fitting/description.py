@@ -39,13 +39,14 @@ def describe(calibration: Calibration) -> Table:
     of_cover = [number for number in numbers if not CAMERA.has(number.name)]
     of_effects = list(effect_comparisons(calibration))
     sections = (
-        _section(_camera_title(calibration), of_camera),
-        _section(_cover_title(calibration), of_cover),
+        _section("camera", _camera_title(calibration), of_camera),
+        _section("cover", _cover_title(calibration), of_cover),
         TableSection(
+            "effects",
             _effects_title(calibration),
             tuple((number.name, number.estimated, "", "", "") for number in of_effects),
         ),
-        TableSection("Pictures", tuple(_range_rows(calibration))),
+        TableSection("pictures", "Pictures", tuple(_range_rows(calibration))),
     )
     return Table(
         "What was calibrated", COLUMNS, tuple(section for section in sections if section.rows)
@@ -126,8 +127,8 @@ def _session_key(calibration: Calibration, name: str) -> str:
     return f"{place}{quantity.key}{number.removeprefix(quantity.stem)}"
 
 
-def _section(title: str, numbers: Iterable[Comparison]) -> TableSection:
-    return TableSection(title, tuple(map(_row, numbers)))
+def _section(name: str, title: str, numbers: Iterable[Comparison]) -> TableSection:
+    return TableSection(name, title, tuple(map(_row, numbers)))
 
 
 def _row(number: Comparison) -> tuple[str, ...]:
