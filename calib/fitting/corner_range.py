@@ -46,6 +46,17 @@ def corner_points(calibration: Calibration) -> Array:
     )
 
 
+def corners_at(calibration: Calibration) -> Array:
+    """Return (N, 3): x and y in px of the training corners, and their distance in m
+    (`Path.distance`).
+    """
+    if not calibration.views:
+        return calibration.corners_at
+    path, _ = calibration.model()
+    distance = path.distance(torch.from_numpy(corner_points(calibration)))
+    return np.column_stack([calibration.observations.pixels.numpy(), distance.numpy()])
+
+
 def distance_range(distance: Array) -> tuple[float, float]:
     """Return the distances in m of the nearest and the farthest of some corners. A corner behind a
     lens that is not wide does not count, as the model does not see it, unless all are there.

@@ -6,12 +6,11 @@ Terminal, screen, report, notebook and JSON all take their rows from here.
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-import torch
 
-from calib.calibration import Calibration
+from calib.calibration import Calibration, CalibrationSource
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
-from calib.fitting.corner_range import corner_points, covered_fraction, distance_range
+from calib.fitting.corner_range import corners_at, covered_fraction, distance_range
 from calib.fitting.declared import (
     DECLARED,
     VIEWS,
@@ -29,11 +28,15 @@ PRINTED_COLUMNS = 4
 """The columns that fit into 80 characters."""
 
 
-def describe(calibration: Calibration) -> Table:
+def describe(calibration: CalibrationSource) -> Table:
     """Return the table of a calibration: each number of its camera and cover with its standard
     deviation and what was declared, then the numbers of its effects, and where its corners are.
 
+
+    Args:
+        calibration: the calibration, or the path of its file or folder.
     """
+    calibration = Calibration.of(calibration)
     numbers = list(comparisons(calibration))
     of_camera = [number for number in numbers if CAMERA.has(number.name)]
     of_cover = [number for number in numbers if not CAMERA.has(number.name)]
@@ -172,20 +175,13 @@ def _effects_title(calibration: Calibration) -> str:
 
 def _range_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
     """Yield the rows that say where the corners are."""
-    if calibration.views:
-        pixels = calibration.observations.pixels.numpy()
-        path, _ = calibration.model()
-        distance = path.distance(torch.from_numpy(corner_points(calibration))).numpy()
-        name = "distance" if path.lens.wide else "depth"
-    elif len(calibration.corners_at):
-        pixels = calibration.corners_at[:, :2]
-        distance = calibration.corners_at[:, 2]
-        name = "depth"
-    else:
+    corners = corners_at(calibration)
+    if not len(corners):
         return
-    finite = distance[np.isfinite(distance)]
-    covered = covered_fraction(calibration, pixels)
+    covered = covered_fraction(calibration, corners[:, :2])
     yield "coverage", f"{100 * covered:.0f} % of the picture", "", "", ""
-    if len(finite):
-        near, far = distance_range(finite)
+    name = "distance" if calibration.model()[0].lens.wide else "depth"
+    distance = corners[:, 2]
+    if np.isfinite(distance).any():
+        near, far = distance_range(distance[np.isfinite(distance)])
         yield name, f"{near:.3g} to {far:.3g} m", "", "", ""
