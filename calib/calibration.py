@@ -11,6 +11,7 @@ from functools import lru_cache
 from hashlib import sha256
 from os import PathLike
 from pathlib import Path as FilePath
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,6 @@ import yaml
 from numpy.typing import NDArray
 from torch import Tensor
 
-import calib  # its names are loaded when they are used: these stand above this file
 from calib.calibration_file import (
     CALIBRATION,
     check_arrays,
@@ -65,6 +65,10 @@ from calib.version import VERSION
 if TYPE_CHECKING:
     from calib.verdict.verdict import Verdict
 
+DESCRIBE = "calib.fitting.description:describe"
+JUDGE = "calib.verdict.judge:judge"
+"""Functions of rooms above this one, which are loaded when a notebook or a program asks for them.
+"""
 FORMAT = 2
 FILES = ("calibration.yaml", "calibration.npz")
 DERIVED = ("rays.npz", "map_*m.npz", "report.html")
@@ -210,7 +214,7 @@ class Calibration:
 
     def _repr_html_(self) -> str:
         """Return the table of `calib.describe`, which a notebook shows."""
-        return calib.describe(self)._repr_html_()
+        return str(resolve_name(DESCRIBE)(self)._repr_html_())
 
     @property
     def verdict(self) -> "Verdict":
@@ -482,7 +486,8 @@ CalibrationSource = Calibration | str | FilePath
 
 @lru_cache(maxsize=1)
 def _verdict_of(calibration: Calibration) -> "Verdict":
-    return calib.judge(calibration)
+    verdict: Verdict = resolve_name(JUDGE)(calibration)
+    return verdict
 
 
 def _check_readable(document: dict[str, Any], arrays: memoryview) -> None:
