@@ -32,8 +32,8 @@ def draw_section(surfaces: Sequence[NDArray[np.float64]], columns: int, rows: in
     lit = np.zeros((4 * rows, 2 * columns), dtype=np.int64)
     for surface in drawn:
         steps = np.linspace(0, 1, 8 * max(columns, rows))
-        along = np.linspace(0, 1, len(surface))
-        line = np.stack([np.interp(steps, along, surface[:, axis]) for axis in (0, 1)], -1)
+        nodes = np.linspace(0, 1, len(surface))
+        line = np.stack([np.interp(steps, nodes, surface[:, axis]) for axis in (0, 1)], -1)
         x, y = np.rint(scale * line + shift).astype(int).T
         lit[y, x] = 1
     patterns = (lit.reshape(rows, 4, columns, 2) * DOTS[:, None]).sum((1, 3))

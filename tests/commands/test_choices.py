@@ -250,3 +250,24 @@ def test_effects_by_name_are_added_and_printed(
         assert (
             abs(float(value) - 1e3 * true) < 4 * float(sigma) + 0.1
         )  # mm; a relief of 4x4 does not follow this glass
+
+
+def test_diagnose_shows_the_figure_of_evaluate_under_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The fit has the board's bend, which a diagnosis takes out before it begins, so that the error
+    without effects is another one.
+    """
+    folder = write_session(tmp_path / "s", hidden(BOW, TRUTH, views=6))
+    other = write_session(tmp_path / "other", hidden(BOW, TRUTH, views=5, seed=3))
+    out = tmp_path / "out"
+    fit(folder, out, capsys=capsys)
+    assert main(["evaluate", str(out), str(other), "--json"]) == 0
+    evaluated = json.loads(capsys.readouterr().out)
+    command = ["diagnose", str(out), "--holdout", str(other), "-o", str(tmp_path / "better")]
+    assert main([*command, "--json"]) == 0
+    diagnosed = json.loads(capsys.readouterr().out)
+    assert diagnosed["given"]["held_out_px"] == evaluated["rms_px"]
+    assert diagnosed["calibration"] == str(tmp_path / "better" / "calibration.yaml")
+    assert evaluated["calibration"] == str(out / "calibration.yaml")
+    assert set(diagnosed["camera"]) == set(evaluated["camera"])
