@@ -6,6 +6,8 @@ A name is imported when it is first used, so that reading a session does not wai
 
 from typing import TYPE_CHECKING
 
+from calib.version import VERSION as __version__
+
 __all__ = [
     "Calibration",
     "InputError",
@@ -17,9 +19,14 @@ __all__ = [
     "Silent",
     "TagLocator",
     "Undistorter",
+    "WrongTypeError",
+    "__version__",
+    "calibrate",
+    "describe",
     "diagnose",
     "evaluate",
     "fit",
+    "judge",
     "read_session",
 ]
 
@@ -29,12 +36,15 @@ if TYPE_CHECKING:
     from calib.apply.undistorter import Undistorter
     from calib.calibration import Calibration
     from calib.diagnosis.diagnose import diagnose
-    from calib.errors import InputError, NotEnoughDataError, RefracalError
+    from calib.errors import InputError, NotEnoughDataError, RefracalError, WrongTypeError
     from calib.fit_record.request import Settings
+    from calib.fitting.description import describe
     from calib.fitting.evaluate import evaluate
     from calib.fitting.fit import fit
+    from calib.fitting.from_points import calibrate
     from calib.progress import Progress, Silent
     from calib.session.session import read_session
+    from calib.verdict.judge import judge
 else:  # hidden from the type checker, so that it still refuses a misspelt name
     _MODULES = {
         "Calibration": "calib.calibration",
@@ -47,9 +57,13 @@ else:  # hidden from the type checker, so that it still refuses a misspelt name
         "Silent": "calib.progress",
         "TagLocator": "calib.apply.tags",
         "Undistorter": "calib.apply.undistorter",
+        "WrongTypeError": "calib.errors",
+        "calibrate": "calib.fitting.from_points",
+        "describe": "calib.fitting.description",
         "diagnose": "calib.diagnosis.diagnose",
         "evaluate": "calib.fitting.evaluate",
         "fit": "calib.fitting.fit",
+        "judge": "calib.verdict.judge",
         "read_session": "calib.session.session",
     }
 

@@ -9,8 +9,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from hashlib import sha256
+from os import PathLike
 from pathlib import Path as FilePath
-from typing import Any
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -30,7 +32,7 @@ from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture, View, capture_times
 from calib.effects.effect import Effect
 from calib.effects.serialise import effect_from_yaml, effect_to_yaml
-from calib.errors import InputError, NotEnoughDataError, brief
+from calib.errors import InputError, NotEnoughDataError, brief, harmless, wrong_type
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
@@ -60,6 +62,13 @@ from calib.undistortion.point_field import PointField
 from calib.undistortion.ray_field import RayField, ray_field
 from calib.version import VERSION
 
+if TYPE_CHECKING:
+    from calib.verdict.verdict import Verdict
+
+DESCRIBE = "calib.fitting.description:describe"
+JUDGE = "calib.verdict.judge:judge"
+"""Functions of rooms above this one, which are loaded when a notebook or a program asks for them.
+"""
 FORMAT = 2
 FILES = ("calibration.yaml", "calibration.npz")
 DERIVED = ("rays.npz", "map_*m.npz", "report.html")
@@ -128,7 +137,7 @@ class AddedEffect:
     """
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Calibration:
     """A camera, its cover, and the evidence for both."""
 
@@ -175,6 +184,61 @@ class Calibration:
     """(N, 3) pixel (px) and depth (m) of the training corners, for a calibration that was converted
     to another medium and has no views.
     """
+
+    @staticmethod
+    def of(source: "CalibrationSource") -> "Calibration":
+        """Return a calibration as it is, or read it from its file or its folder.
+
+        Raises:
+            WrongTypeError: the source is neither.
+        """
+        if isinstance(source, Calibration):
+            return source
+        if isinstance(source, str | PathLike):
+            return Calibration.load(source)
+        advice = "a calib.Calibration, or the path of its folder or calibration.yaml"
+        raise wrong_type("calibration", source, advice)
+
+    def __repr__(self) -> str:
+        intrinsics = self.camera.intrinsics
+        assert intrinsics
+        error = f", {self.stages[-1].rms_px:.3f} px" if self.stages else ""
+        size = f"{self.camera.width}x{self.camera.height}"
+        model = self.camera.model
+        name = model if size in model else ", ".join(filter(None, [model, f"{size} px"]))
+        cover = "no cover" if self.cover.shape == "none" else self.cover.words
+        return harmless(
+            f"<Calibration: {name}, lens {intrinsics.model}, fx {intrinsics.fx.value:.1f} px,"
+            f" {cover}, {len(self.views)} views{error}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return the table of `calib.describe`, which a notebook shows."""
+        return str(resolve_name(DESCRIBE)(self)._repr_html_())
+
+    @property
+    def verdict(self) -> "Verdict":
+        """Return whether to trust the calibration, and why not (`calib.judge`)."""
+        return _verdict_of(self)
+
+    @property
+    def K(self) -> NDArray[np.float64]:  # OpenCV's name
+        """Return the (3, 3) camera matrix in px, as cv2 takes it. It is that of the undistorted
+        pictures.
+        """
+        k = self.camera.intrinsics
+        assert k
+        return np.array(
+            [[k.fx.value, 0.0, k.cx.value], [0.0, k.fy.value, k.cy.value], [0.0, 0.0, 1.0]]
+        )
+
+    @property
+    def distortion(self) -> NDArray[np.float64]:
+        """Return the (n,) coefficients of the lens alone, without the cover, in the order of cv2
+        or, for a fisheye, of cv2.fisheye.
+        """
+        assert self.camera.intrinsics
+        return np.array([number.value for number in self.camera.intrinsics.distortion])
 
     @property
     def observations(self) -> Observations:
@@ -401,6 +465,9 @@ class Calibration:
     @staticmethod
     def load(path: str | FilePath) -> "Calibration":
         """Read a calibration.yaml, or the one in a folder, with its calibration.npz."""
+        if not isinstance(path, str | PathLike):
+            advice = "the path of a calibration's folder or calibration.yaml"
+            raise wrong_type("path", path, advice)
         path = FilePath(path)
         with reading(path):
             path = path / "calibration.yaml" if path.is_dir() else path
@@ -411,6 +478,16 @@ class Calibration:
             raise InputError(
                 f"{path} is not a whole calibration ({brief(error)}): fit the session again."
             ) from error
+
+
+CalibrationSource = Calibration | str | FilePath
+"""A calibration, or the path of its file or folder."""
+
+
+@lru_cache(maxsize=1)
+def _verdict_of(calibration: Calibration) -> "Verdict":
+    verdict: Verdict = resolve_name(JUDGE)(calibration)
+    return verdict
 
 
 def _check_readable(document: dict[str, Any], arrays: memoryview) -> None:

@@ -71,6 +71,10 @@ class InputError(RefracalError):
     """Wrong usage or wrong input: a missing file, an unknown key, a truncated image."""
 
 
+class WrongTypeError(InputError, TypeError):
+    """An argument of a call of the library is of a type that the call does not take."""
+
+
 class NotEnoughDataError(RefracalError):
     """The input is well formed, but too little of it is good enough to calibrate from."""
 
@@ -79,3 +83,8 @@ class NotEnoughDataError(RefracalError):
 
 class OtherBoardError(NotEnoughDataError):
     """The pictures show a board that differs from the declared one."""
+
+
+def wrong_type(name: str, value: object, advice: str) -> WrongTypeError:
+    """Return the error that an argument has the wrong type. `advice` says what to pass."""
+    return WrongTypeError(f"{name} is of type {type(value).__name__}: pass {advice}.")

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Protocol
 
+from calib.errors import wrong_type
+
 Advance = Callable[[int, str], None]
 """A function of the number of finished steps and a short remark."""
 
@@ -21,6 +23,12 @@ class Silent:
     def task(self, title: str, total: int) -> Advance:
         del title, total
         return _ignore
+
+
+def check_progress(progress: object) -> None:
+    """Raise WrongTypeError if this is no Progress."""
+    if not callable(getattr(progress, "task", None)):
+        raise wrong_type("progress", progress, "a calib.Progress, or calib.Silent()")
 
 
 def _ignore(done: int, words: str) -> None:

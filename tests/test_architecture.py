@@ -11,7 +11,16 @@ ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 PICTURE = (ROOT / "docs" / "architecture.svg").read_text(encoding="utf-8")
 MADE_UP = {"calib/export/plain.py", "calib/commands/NAME_command.py"}
-BESIDE = {"extras", "version", "progress", "threads", "fit_record", "calibration_file", "__main__"}
+BESIDE = {
+    "extras",
+    "version",
+    "progress",
+    "table",
+    "threads",
+    "fit_record",
+    "calibration_file",
+    "__main__",
+}
 """Rooms that the picture names beside another, or leaves out."""
 
 

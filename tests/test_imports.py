@@ -17,7 +17,7 @@ import capture
 LAYERS = {
     "calib": (
         ("errors", "extras", "version"),
-        ("progress", "threads"),
+        ("progress", "table", "threads"),
         ("io",),
         ("session",),
         ("corners",),

@@ -42,8 +42,9 @@ def test_every_name_is_there_for_type_checkers_and_at_run_time() -> None:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("calib.")
     ]
     modules = {alias.name: node.module for node in imports for alias in node.names}
+    assert modules.pop("VERSION") == "calib.version"
     assert modules == calib._MODULES  # type: ignore[attr-defined]  # hidden from type checkers
-    assert sorted(modules) == sorted(calib.__all__)
+    assert sorted([*modules, "__version__"]) == sorted(calib.__all__)
     assert set(calib.__all__) <= set(dir(calib))
     assert all(getattr(calib, name).__module__ == home for name, home in modules.items())
 

@@ -5,8 +5,8 @@ picture ends. An undistorted picture is that of a pinhole, which ends before 90 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.apply.map_uncertainty import corners_at
 from calib.calibration import Calibration
+from calib.fitting.corner_range import corners_at
 from calib.optics.rays import FLATTEST
 
 GRID = (65, 49)

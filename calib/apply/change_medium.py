@@ -22,7 +22,7 @@ from calib.apply.dominant_uncertainty import (
     find_dominant_uncertainties,
     sigmas,
 )
-from calib.apply.map_uncertainty import UndistortedChange, corners_at, frames_along
+from calib.apply.map_uncertainty import UndistortedChange, frames_along
 from calib.calibration import Calibration
 from calib.effects.flat_port import FlatPort
 from calib.errors import InputError
@@ -30,6 +30,7 @@ from calib.estimation.covariance import regression
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.fit_record.history import MediumChange
+from calib.fitting.corner_range import corners_at
 from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path

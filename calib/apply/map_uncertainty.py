@@ -25,6 +25,7 @@ from calib.estimation.covariance import covariance_root
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import BATCH_SIZE
+from calib.fitting.corner_range import corners_at
 from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
 from calib.optics.rotation import onto_z
@@ -134,19 +135,6 @@ def ray_errors(calibration: Calibration) -> RayErrors:
 def _no_errors(pixels: Array, frames: Array | None = None) -> Array:  # noqa: ARG001
     """Return the errors of a calibration without a covariance, (N, 4, 0)."""
     return np.zeros((len(pixels), 4, 0))
-
-
-def corners_at(calibration: Calibration) -> Array:
-    """Return (N, 3): x and y in px of the training corners, and their distance in m
-    (`Path.distance`).
-    """
-    if not calibration.views:
-        return calibration.corners_at
-    model, observations = calibration.camera_model(), calibration.observations
-    poses = torch.from_numpy(calibration.poses)[observations.view]
-    points = model.path.place(observations.corners, model.means, poses, observations.exposure)
-    distance = model.path.distance(points)
-    return np.column_stack([observations.pixels.numpy(), distance.numpy()])
 
 
 def frames_along(directions: Array) -> Array:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from calib.apply.map_uncertainty import frames_along, ray_errors
 from calib.apply.triangulate import central_differences, intersect, triangulate, turns
-from calib.calibration import Calibration
+from calib.calibration import Calibration, CalibrationSource
 from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
@@ -130,13 +130,14 @@ class MeasuredPoints:
 class Measurer:
     """Measures points and board poses with one calibrated camera."""
 
-    def __init__(self, calibration: Calibration, noise_px: float | None = None) -> None:
+    def __init__(self, calibration: CalibrationSource, noise_px: float | None = None) -> None:
         """
         Args:
-            calibration: the camera's calibration.
+            calibration: the camera's calibration, or the path of its file or folder.
             noise_px: standard deviation per axis of the pixels that will be measured; by default
                 that of the calibration's corners.
         """
+        calibration = Calibration.of(calibration)
         self.calibration = calibration
         corner_noise = calibration.noise_px
         if noise_px is not None:

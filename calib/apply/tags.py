@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from calib.apply.located_tags import LocatedTags, Tag, TagPose, Unplaced, UnplacedReason
 from calib.apply.map_uncertainty import frames_along, ray_errors
 from calib.apply.tag_pose import SQUARE, Lines, measure_misfit, poses
-from calib.calibration import Calibration
+from calib.calibration import Calibration, CalibrationSource
 from calib.corners.detect import eight_bits
 from calib.corners.ink_spread import NO_INK_SPREAD, InkSpread, measure_ink_spread, remove_ink_spread
 from calib.corners.markers import black_cells, read_markers, size_of_markers
@@ -70,7 +70,7 @@ class TagLocator:
 
     def __init__(
         self,
-        calibration: Calibration,
+        calibration: CalibrationSource,
         dictionary: str,
         side: float,
         side_sigma: float | None = None,
@@ -78,7 +78,7 @@ class TagLocator:
     ) -> None:
         """
         Args:
-            calibration: the camera's calibration.
+            calibration: the camera's calibration, or the path of its file or folder.
             dictionary: OpenCV's name of the dictionary, such as DICT_APRILTAG_36h11.
             side: m, the side of the black square.
             side_sigma: m, the standard deviation of the side; by default 0.2 % of it.
@@ -109,6 +109,7 @@ class TagLocator:
                 f"a standard deviation of {1000 * spread:g} mm will not do: give 0 or more, and"
                 " less than the side."
             )
+        calibration = Calibration.of(calibration)
         self.calibration = calibration
         self.dictionary = dictionary
         self.side = side

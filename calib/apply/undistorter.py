@@ -18,8 +18,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.calibration import Calibration
+from calib.calibration import Calibration, CalibrationSource
 from calib.errors import InputError, brief
+from calib.fitting.corner_range import corners_at
 from calib.io.array_arguments import (
     FARTHEST_M,
     FARTHEST_PX,
@@ -75,8 +76,8 @@ class Undistorter:
 
     def __init__(
         self,
-        calibration: Calibration,
-        depth: Depth,
+        calibration: CalibrationSource,
+        depth: Depth | None = None,
         *,
         crop: float | None = None,
         camera_matrix: Array | None = None,
@@ -86,8 +87,8 @@ class Undistorter:
     ) -> None:
         """
         Args:
-            calibration: the camera's calibration.
-            depth: m, see Depth.
+            calibration: the camera's calibration, or the path of its file or folder.
+            depth: m, see Depth; by default the median depth of the calibration's corners.
             crop: the alpha of cv2.getOptimalNewCameraMatrix: 0 shows only valid pixels, 1
                 everything that the camera sees. Without it, the picture has the camera's focal
                 length and principal point.
@@ -96,7 +97,9 @@ class Undistorter:
             near: m, the nearest distance that depth images reach.
             interpolation: the flag of cv2.remap.
         """
+        calibration = Calibration.of(calibration)
         self.calibration = calibration
+        depth = _median_depth(calibration) if depth is None else depth
         self.field: RayField = calibration.ray_field()
         self._interpolation = one_of(interpolation, INTERPOLATIONS, "interpolation")
         self.near = near = real_number(near, "near")
@@ -305,6 +308,14 @@ class Undistorter:
         near = 1 / np.where(ahead, metres, 1.0)
         near[metres > FARTHEST_M] = 0.0
         return np.column_stack([at, np.where(ahead, near, np.nan)])
+
+
+def _median_depth(calibration: Calibration) -> float:
+    """Return the median distance of the calibration's corners, m."""
+    corners = corners_at(calibration)
+    if not len(corners):
+        raise InputError("the calibration has no corners to take a depth from: give depth, in m.")
+    return float(np.median(corners[:, 2]))
 
 
 def _is_image(depth: Depth) -> bool:

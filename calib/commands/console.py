@@ -19,7 +19,7 @@ from calib.calibration import Calibration
 from calib.corners.view import RejectedPicture
 from calib.errors import brief, harmless
 from calib.fitting.board_turns import describe_turned
-from calib.fitting.declared import comparisons, effect_comparisons
+from calib.fitting.description import PRINTED_COLUMNS, describe
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.fitting.guided_redetection import describe_redetection
@@ -80,6 +80,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         change = f"{100 * (stage.rms_px / first.rms_px - 1):+.0f} %" if stage is not first else ""
         table.add_row(stage.title, f"{stage.rms_px:.3f} px", f"{stage.rmse_cm:.4f} cm", change)
     console.print(table)
+    print_description(console, calibration)
     corners = sum(view.count for view in calibration.views)
     noise = calibration.noise_px
     words = "unknown" if noise is None else f"about {noise:.3f} px"
@@ -97,7 +98,6 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         *_turned_boards(calibration),
         *_bend(calibration),
         *_scatter(calibration),
-        *_estimates(calibration),
         *reach,
     ):
         console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
@@ -178,20 +178,12 @@ def _prior(calibration: Calibration) -> Iterator[str]:
             yield f"Prior: that of {source} was left out, for the views contradict it."
 
 
-def _estimates(calibration: Calibration) -> Iterator[str]:
-    """Yield a line for each declared number that the fit estimated, and for each parameter of its
-    effects.
-    """
-    if not calibration.covariance.size:
-        return
-    for comparison in comparisons(calibration):
-        if not comparison.held:
-            yield (
-                f"{'Corrected' if comparison.corrected else 'Estimated'}:"
-                f" {comparison.summed if comparison.effect else comparison}"
-            )
-    for parameter in effect_comparisons(calibration):
-        yield f"Estimated: {parameter.name} {parameter.estimated}"
+def print_description(console: Console, calibration: Calibration) -> None:
+    """Print the table of what was calibrated."""
+    for line in describe(calibration).first_columns(PRINTED_COLUMNS).lines():
+        style = "" if line.startswith(" ") else "bold"
+        console.print(harmless(line), markup=False, highlight=False, soft_wrap=True, style=style)
+    console.print()
 
 
 def print_evaluation(evaluation: Evaluation, *, wide: bool) -> None:

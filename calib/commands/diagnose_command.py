@@ -45,6 +45,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.printing import print_json, verdict_mapping
         from calib.commands.verdict_lines import print_verdict
         from calib.diagnosis.diagnose import diagnose
+        from calib.fitting.description import calibrated_numbers
         from calib.fitting.provenance import record_diagnosis
         from calib.io.file_set import FileSet
         from calib.io.output_folder import check_no_link
@@ -69,7 +70,12 @@ def run(args: argparse.Namespace) -> None:
             files.commit(instead_of=DERIVED)
             verdict = judge(better, folder=output)
             if args.json:
-                print_json(finding.as_json() | verdict_mapping(verdict, written))
+                print_json(
+                    finding.as_json()
+                    | calibrated_numbers(better)
+                    | {"calibration": str(written[0])}
+                    | verdict_mapping(verdict, written)
+                )
             else:
                 print_diagnosis(finding, better)
                 print_verdict(verdict, written)

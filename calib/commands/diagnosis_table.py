@@ -52,7 +52,12 @@ def _errors(finding: Diagnosis) -> Table:
     )
     for column in table.columns[1:]:
         column.justify = "right"
-    for name, quality in (("before", finding.base_quality), ("after", finding.final_quality)):
+    if (given_px := finding.given_held_out_px) is not None:
+        table.add_row("as given (calib evaluate)", "", "", f"{given_px:.3f} px")
+    for name, quality in (
+        ("before, without effects", finding.base_quality),
+        ("after, with those found", finding.final_quality),
+    ):
         table.add_row(
             name,
             f"{quality.rms_px:.3f} px",

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import add_calibration, folder_of
+from calib.commands.arguments import add_calibration, calibration_files, folder_of
 from calib.commands.loading import fast_imports
 
 SUMMARY = "Measure the error of a calibration on views that were not fitted."
@@ -29,6 +29,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.console import Bars, print_evaluation
         from calib.commands.printing import print_json, verdict_mapping
         from calib.commands.verdict_lines import print_verdict
+        from calib.fitting.description import calibrated_numbers
         from calib.fitting.evaluate import evaluate
         from calib.session.session import read_session
         from calib.verdict.judge import judge
@@ -43,6 +44,8 @@ def run(args: argparse.Namespace) -> None:
     if args.json:
         print_json(
             {key: value for key, value in asdict(evaluation).items() if key != "rejected"}
+            | calibrated_numbers(calibration)
+            | {"calibration": str(calibration_files(args.calibration)[0])}
             | verdict_mapping(verdict, [])
         )
     else:

@@ -55,6 +55,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.diagnosis.requested_effects import with_requested
         from calib.effects.board_shape import BoardShape
         from calib.export.npz import npz_file_names, write_npz
+        from calib.fitting.description import calibrated_numbers
         from calib.fitting.fit import fit
         from calib.fitting.provenance import record_request
         from calib.io.file_set import FileSet
@@ -91,7 +92,12 @@ def run(args: argparse.Namespace) -> None:
             files.commit(instead_of=DERIVED)
             verdict = judge(calibration, depths=args.depth, folder=output, session=args.session)
             if args.json:
-                print_json(summary(calibration, seconds) | verdict_mapping(verdict, written))
+                print_json(
+                    summary(calibration, seconds)
+                    | calibrated_numbers(calibration)
+                    | {"calibration": str(written[0])}
+                    | verdict_mapping(verdict, written)
+                )
             else:
                 print_fit(calibration, seconds)
                 if finding:

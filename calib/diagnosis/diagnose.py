@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.calibration import Calibration
+from calib.calibration import Calibration, CalibrationSource
 from calib.corners.view import are_timed, pose_labels
 from calib.diagnosis.equivalence import find_families
 from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
@@ -36,8 +36,8 @@ from calib.inference.residual_structure import (
     significant_shares,
     variance_shares,
 )
-from calib.progress import Advance, Progress, Silent
-from calib.session.session import Session
+from calib.progress import Advance, Progress, Silent, check_progress
+from calib.session.session import Session, SessionSource
 from calib.threads import single_thread
 
 MIN_VIEWS = FOLDS
@@ -48,13 +48,16 @@ STEPS = MAX_EFFECTS + 2 * MAX_FITS
 
 
 def diagnose(
-    calibration: Calibration, progress: Progress = Silent(), holdout: Session | None = None
+    calibration: CalibrationSource,
+    progress: Progress = Silent(),
+    holdout: SessionSource | None = None,
 ) -> tuple[Calibration, Diagnosis]:
     """Diagnose a calibration.
 
     Args:
-        holdout: views that no fit has seen; without them, held-out errors are those of folds over
-            the calibration's own views.
+        calibration: the calibration, or the path of its file or folder.
+        holdout: a session, or the path of its folder, with views that no fit has seen; without
+            them, held-out errors are those of folds over the calibration's own views.
 
     Returns:
         The calibration with the accepted effects, or an equal one without any, and the diagnosis.
@@ -62,6 +65,9 @@ def diagnose(
     Raises:
         NotEnoughDataError: there are too few views to hold any out, or the fit is not finite.
     """
+    check_progress(progress)
+    calibration = Calibration.of(calibration)
+    holdout = None if holdout is None else Session.of(holdout)
     poses = pose_labels(calibration.views)
     if (count := len(set(poses.tolist()))) < MIN_VIEWS:
         raise NotEnoughDataError(
@@ -112,7 +118,9 @@ def diagnose(
             *remarks(state, families, formulas, structure, timed=timed),
         )
     extended = with_fit(calibration, state.model, state.joint, observations)
+    given_held_out: float | None = None
     if holdout:
+        given_held_out = evaluate(calibration, holdout, progress).rms_px
         refitted = with_fit(calibration, base.model, base.joint, observations)
         halves = state.model.path.has_private_blocks
         base_held_out = evaluate(refitted, holdout, progress, halves=halves).rms_px
@@ -129,6 +137,7 @@ def diagnose(
         accepted=accepted,
         families=families,
         formulas=formulas,
+        given_held_out_px=given_held_out,
         base_quality=Quality(base_residuals.rms_px, base_residuals.rmse_cm, base_held_out),
         final_quality=Quality(residuals_left.rms_px, residuals_left.rmse_cm, held_out),
         unexplained=_unexplained(residuals_left, noise, observations, state.joint),

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from html import escape
 from typing import Any
 
 from calib.diagnosis.printed_patterns import ClosedForm
 from calib.fitting.declared import PREFIXES
 from calib.fitting.rounding import with_sigma
 from calib.inference.residual_structure import VarianceShare
+from calib.table import Table, TableSection
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,13 @@ class Candidate:
         return PLAIN.get(self.verdict, self.verdict)
 
 
+def _held_out(candidate: Candidate) -> str:
+    before, after = candidate.held_out_px_before, candidate.held_out_px_after
+    if before is None or after is None:
+        return ""
+    return f"{before:.3f} px without, {after:.3f} px with it"
+
+
 @dataclass(frozen=True, slots=True)
 class Family:
     """Effects of which one is present; these views do not tell which."""
@@ -128,6 +137,39 @@ class Diagnosis:
     """The families of accepted effects that these views cannot tell from others."""
     formulas: tuple[ClosedForm, ...] = ()
     """The closed forms nearest to an accepted free field, the best first."""
+    given_held_out_px: float | None = None
+    """The error of the calibration as it was given, on views that no fit has seen, as `calib
+    evaluate` measures it. None without such views. `base_quality` is that of the same calibration
+    fitted again, without the bend of the board that its fit found.
+    """
+
+    def table(self) -> Table:
+        """Return the errors before and after, and the accepted effects, as a table."""
+        errors = tuple(
+            (name, f"{quality.rms_px:.3f} px", f"{quality.held_out_px:.3f} px", "")
+            for name, quality in (("before", self.base_quality), ("after", self.final_quality))
+        )
+        effects = tuple(
+            (
+                candidate.title,
+                "",
+                _held_out(candidate),
+                "; ".join(f"{name} {value}" for name, value in candidate.parameters.items()),
+            )
+            for candidate in self.candidates
+            if candidate.accepted
+        )
+        sections = (
+            TableSection("errors", "Error (root mean square)", errors),
+            TableSection("effects", "Found" if effects else "Nothing found", effects),
+        )
+        columns = ("", "fitted views", "held-out views", "estimate")
+        return Table("Diagnosis", columns, sections)
+
+    def _repr_html_(self) -> str:
+        """Return the table and the remarks, which a notebook shows."""
+        remarks = "".join(f"<li>{escape(remark)}</li>" for remark in self.remarks)
+        return f"{self.table()._repr_html_()}<ul>{remarks}</ul>"
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON object of the command contract."""
@@ -143,6 +185,7 @@ class Diagnosis:
             "accepted": list(self.accepted),
             "families": [asdict(family) for family in self.families],
             "formulas": [asdict(formula) for formula in self.formulas],
+            "given": {"held_out_px": self.given_held_out_px},
             "before": base_quality,
             "after": final_quality,
             "unexplained": {"fraction": self.unexplained, "organised_by": self.organised_by},

@@ -6,7 +6,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from calib.calibration import Calibration
+from calib.calibration import Calibration, CalibrationSource
 from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture
 from calib.effects.board_shape import BoardShape
@@ -19,8 +19,8 @@ from calib.fitting.with_initial_pose import with_initial_pose
 from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.progress import Progress, Silent
-from calib.session.session import Session
+from calib.progress import Progress, Silent, check_progress
+from calib.session.session import Session, SessionSource
 from calib.threads import single_thread
 
 FIRST_BAND_END = 0.125
@@ -59,8 +59,8 @@ class Evaluation:
 
 
 def evaluate(
-    calibration: Calibration,
-    session: Session,
+    calibration: CalibrationSource,
+    session: SessionSource,
     progress: Progress = Silent(),
     *,
     halves: bool = False,
@@ -72,6 +72,8 @@ def evaluate(
     shape and print.
 
     Args:
+        calibration: the calibration, or the path of its file or folder.
+        session: the session, or the path of its folder.
         halves: measure each half of a view's corners with the pose that the other half gives. This
             is always done if boards move during the readout.
 
@@ -79,6 +81,9 @@ def evaluate(
         InputError: the session is of another camera mode.
         NotEnoughDataError: no view can be used.
     """
+    check_progress(progress)
+    calibration = Calibration.of(calibration)
+    session = Session.of(session)
     camera = calibration.camera
     session_camera = session.camera
     if (camera.width, camera.height) != (session_camera.width, session_camera.height):

@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.calibration import Calibration, Declared
 from calib.corners.view import RejectedPicture, View, pose_labels
-from calib.errors import NotEnoughDataError
+from calib.errors import NotEnoughDataError, wrong_type
 from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals
@@ -25,8 +25,8 @@ from calib.fitting.provenance import provenance
 from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
 from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.fitting.view_noise import weigh_noisy_views
-from calib.progress import Progress, Silent
-from calib.session.session import MIN_FIT_VIEWS, Session
+from calib.progress import Progress, Silent, check_progress
+from calib.session.session import MIN_FIT_VIEWS, Session, SessionSource
 from calib.threads import single_thread
 
 GAUGES = {
@@ -44,15 +44,30 @@ GAUGES = {
 
 
 def fit(
-    session: Session, settings: Settings = Settings(), progress: Progress = Silent()
+    session: SessionSource,
+    settings: Settings = Settings(),
+    progress: Progress = Silent(),
+    *,
+    views: Sequence[View] | None = None,
 ) -> Calibration:
     """Calibrate a session.
 
+    Args:
+        session: the session, or the path of its folder.
+        views: the corners of the session's board, where they are found already; by default those of
+            the session's files.
+
     Raises:
+        WrongTypeError: an argument is of another type.
         InputError: a picture or corners file is damaged.
         NotEnoughDataError: too few views show the board.
     """
-    start = gather_inputs(session, progress)
+    if not isinstance(settings, Settings):
+        raise wrong_type("settings", settings, "a calib.Settings, such as Settings(folds=5)")
+    check_progress(progress)
+    session = Session.of(session)
+    source = session if views is None else None
+    start = gather_inputs(session, progress, views)
     views, rejected = start.views, start.rejected
     expectation = Expectation.of(session, start)
     nominal = expectation.nominal if expectation else _nominal_setup(session, start)
@@ -64,7 +79,8 @@ def fit(
         _check_enough(views, rejected, for_folds=GRID_FOLDS)
         grid, grids = choose_grid(setup, views, settings, progress)
         settings = replace(settings, grid=grid)
-    redetections: tuple[Redetection, ...] | None = () if session.corners else None
+    has_pictures = source and not source.corners
+    redetections: tuple[Redetection, ...] | None = None if has_pictures else ()
     earlier: Fitted | None = None
     decided: Fitted | None = None
     turned: tuple[str, ...] = ()
@@ -169,7 +185,7 @@ def fit(
         stages=fitted.stages,
         noise_px=short_scale_noise(on_board_grid(fitted.residuals.image, views), session.board),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
-        request=FitRequest(settings, provenance=provenance(session)),
+        request=FitRequest(settings, provenance=provenance(source)),
         outcome=FitOutcome(
             grid_held_out_px=grids,
             intrinsics_from=start.intrinsics_from,

@@ -90,13 +90,17 @@ def _with_record(view: View, record: FrameRecord) -> View:
     return replace(view, time_s=record.time_s, pose_id=record.pose_id)
 
 
-def gather_inputs(session: Session, progress: Progress) -> FitInputs:
-    """Read or detect the corners, and determine the intrinsics.
+def gather_inputs(
+    session: Session, progress: Progress, views: Sequence[View] | None = None
+) -> FitInputs:
+    """Read or detect the corners, unless the views are given, and determine the intrinsics.
 
     Intrinsics come from the session if it states them, else from bare/, else from a fleet's prior,
     else, without a cover, from the views themselves.
     """
-    views, rejected = read_views(session, progress)
+    rejected: tuple[RejectedPicture, ...] = ()
+    if views is None:
+        views, rejected = read_views(session, progress)
     bare_rejected: tuple[RejectedPicture, ...] = ()
     lens_errors: dict[str, float] = {}
     source: IntrinsicsSource

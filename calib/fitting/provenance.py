@@ -18,11 +18,13 @@ from calib.session.session import Session
 PACKAGES = ("numpy", "scipy", "torch", "opencv-python-headless")
 
 
-def provenance(session: Session) -> Provenance:
-    """Return the session of a fit that ends now, the time, and the versions that made it."""
+def provenance(session: Session | None) -> Provenance:
+    """Return the session of a fit that ends now, the time, and the versions that made it. A fit to
+    arrays has no session.
+    """
     return Provenance(
-        session=str(session.path.resolve()),
-        session_sha256=session_hash(session),
+        session=str(session.path.resolve()) if session else None,
+        session_sha256=session_hash(session) if session else None,
         finished=datetime.now(UTC).isoformat(timespec="seconds"),
         python=platform.python_version(),
         machine=f"{platform.system()} {platform.machine()}",

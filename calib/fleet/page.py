@@ -15,7 +15,7 @@ from calib.fleet.control import ALPHA, BATCH_ALPHA, Chart
 from calib.fleet.findings import Fleet, title_of
 from calib.fleet.result import JobState, Result
 from calib.report.page import PageSection, document
-from calib.report.tables import html_table
+from calib.table import html_table
 from calib.verdict.verdict import Trust
 
 MAX_REASONS = 3

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib.errors import InputError, brief
+from calib.errors import InputError, WrongTypeError, brief
 from calib.io.numerals import real_number
 
 Array = NDArray[np.float64]
@@ -34,11 +34,12 @@ def numbers(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> Arra
         name: the argument's name, for the message.
 
     Raises:
-        InputError: the values are not real numbers, or have another shape.
+        WrongTypeError: the values are not real numbers.
+        InputError: they have another shape.
     """
     array = as_array(values, name)
     if array.dtype.kind not in "fiub":
-        raise InputError(
+        raise WrongTypeError(
             f"{name} is not an array of real numbers: give it as {_shape_text(shape)}."
         )
     if array.size == 0 and array.ndim == 1 and shape[0] is None:
@@ -55,11 +56,11 @@ def numbers(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> Arra
 
 
 def as_array(values: object, name: str) -> NDArray[Any]:
-    """Return the value as an array of NumPy's choice of type; InputError if it is none."""
+    """Return the value as an array of NumPy's choice of type; WrongTypeError if it is none."""
     try:
         return np.asarray(values)
     except (TypeError, ValueError, OverflowError):  # of rows of different lengths, for one
-        raise InputError(
+        raise WrongTypeError(
             f"{name} is not an array: give rows of numbers, all of one length."
         ) from None
 
@@ -124,7 +125,7 @@ def picture(image: ArrayLike, width: int, height: int, name: str = "the picture"
             " 3)."
         )
     if native not in PICTURE_TYPES:
-        raise InputError(f"{name} has pixels of {pixels.dtype}: give uint8, uint16 or float32.")
+        raise WrongTypeError(f"{name} has pixels of {pixels.dtype}: give uint8, uint16 or float32.")
     if pixels.shape[:2] != (height, width):
         raise InputError(
             f"{name} is {pixels.shape[1]}x{pixels.shape[0]} px where the calibration is for"

@@ -1,6 +1,6 @@
 """Check numbers that a person wrote as text, or that a program passed."""
 
-from calib.errors import InputError, brief
+from calib.errors import WrongTypeError, brief
 
 MAX_DIGITS = 15
 """Every count, size and frame number is shorter. Python's int() raises ValueError from 4301 digits
@@ -16,10 +16,12 @@ def whole_number(text: str) -> int | None:
 
 
 def real_number(value: object, name: str) -> float:
-    """Return the value as a real number, which may be infinite or NaN; InputError if it is none."""
+    """Return the value as a real number, which may be infinite or NaN; WrongTypeError if it is
+    none.
+    """
     try:
         if isinstance(value, str | bytes) or getattr(value, "ndim", None):
             raise TypeError
         return float(value)  # type: ignore[arg-type]  # whatever has __float__
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} is {brief(repr(value))}: give a real number.") from None
+        raise WrongTypeError(f"{name} is {brief(repr(value))}: give a real number.") from None

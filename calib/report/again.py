@@ -11,7 +11,7 @@ from calib.fit_record.history import History
 from calib.fit_record.record_file import provenance_to_yaml
 from calib.fit_record.request import CommandOptions, FitRequest, Settings
 from calib.report.evidence import Evidence
-from calib.report.tables import html_table
+from calib.table import html_table
 
 
 def again_html(evidence: Evidence, folder: Path) -> str:

@@ -9,7 +9,8 @@ from html import escape
 from calib.calibration import Calibration
 from calib.diagnosis.effect_description import describe_estimates
 from calib.diagnosis.finding import ParameterEstimate
-from calib.report.tables import bar, html_table
+from calib.report.tables import bar
+from calib.table import html_table
 
 
 @dataclass(frozen=True, slots=True)

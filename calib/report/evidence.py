@@ -14,6 +14,7 @@ from calib.calibration import Calibration
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.poses import pinhole_poses
 from calib.estimation.residuals import Residuals, residuals
+from calib.fitting.corner_range import CELLS, covered_fraction, distance_range
 from calib.optics.build import pinhole_path
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -22,9 +23,6 @@ from calib.session.lens import OPENCV
 from calib.undistortion.ray_field import RayField
 
 Array = NDArray[np.float64]
-
-CELLS = (16, 12)
-"""Columns and rows of the cells in which corners are counted and residuals averaged."""
 
 MIN_VISIBLE_FRACTION = 0.5
 """The smallest fraction of a calibration's corners that its own model must see. A fit refuses a
@@ -61,11 +59,8 @@ class Evidence:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """m: how far away the nearest and the farthest corner are. A corner behind a lens that is
-        not wide does not count: the model does not see it.
-        """
-        ahead = self.distance[self.distance > 0]
-        return float(ahead.min()), float(ahead.max())
+        """m: how far away the nearest and the farthest corner are (`distance_range`)."""
+        return distance_range(self.distance)
 
     @property
     def distance_name(self) -> str:
@@ -101,8 +96,8 @@ class Evidence:
 
     @cached_property
     def covered(self) -> float:
-        """The fraction of the image's cells with corners, 0 to 1."""
-        return float((self.counts > 0).mean())
+        """The fraction of the image's cells with corners, 0 to 1 (`covered_fraction`)."""
+        return covered_fraction(self.calibration, self.pixels)
 
     @cached_property
     def rms_by_view(self) -> Array:

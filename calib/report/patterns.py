@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.report.evidence import CELLS, Array, Evidence
+from calib.fitting.corner_range import CELLS
+from calib.report.evidence import Array, Evidence
 
 CHANCE = 0.01
 """The probability that noise alone makes the mean of a group significant."""

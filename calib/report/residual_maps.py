@@ -4,7 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from calib.report.evidence import CELLS, Array, Evidence
+from calib.fitting.corner_range import CELLS
+from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing
 from calib.report.ink import (
     BLUE,

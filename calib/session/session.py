@@ -4,9 +4,10 @@ its cover.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 
-from calib.errors import InputError
+from calib.errors import InputError, harmless, wrong_type
 from calib.io.images import image_size, list_images
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
@@ -14,6 +15,7 @@ from calib.session.board_section import board_to_yaml, read_board
 from calib.session.camera import Camera, Intrinsics, camera_to_yaml, read_camera
 from calib.session.cover import Cover
 from calib.session.cover_section import cover_sections, cover_to_yaml, read_cover
+from calib.session.declared_table import declared_table
 from calib.session.fleet_prior import FleetPrior, check_compatible, read_fleet_prior
 from calib.session.numbers import check_correlations
 from calib.session.schema import Number, Section
@@ -42,7 +44,7 @@ MINIMAL = (
 )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Session:
     """The contents of a session folder. Its pictures and corners are not read yet."""
 
@@ -60,6 +62,32 @@ class Session:
     prior: FleetPrior | None = None
     """The prior that a fleet of such cameras gives for this one."""
 
+    @staticmethod
+    def of(source: "SessionSource") -> "Session":
+        """Return a session as it is, or read it from its folder.
+
+        Raises:
+            WrongTypeError: the source is neither.
+        """
+        if isinstance(source, Session):
+            return source
+        if isinstance(source, str | PathLike):
+            return read_session(source)
+        raise wrong_type("session", source, "a session of calib.read_session, or its folder's path")
+
+    def __repr__(self) -> str:
+        source = self.corners.name if self.corners else f"{len(self.frames)} pictures"
+        bare = f", {len(self.bare.frames)} without the cover" if self.bare else ""
+        camera = f"{self.camera.width}x{self.camera.height} px"
+        return harmless(
+            f"<Session {self.path}: {camera}, {self.cover.words}, {self.board} board,"
+            f" {source}{bare}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return the table of what the session declares, which a notebook shows."""
+        return declared_table(self.path.name, self.board, self.camera, self.cover)._repr_html_()
+
     @property
     def files(self) -> tuple[Path, ...]:
         """Every file that a fit reads: no result may take the place of one."""
@@ -73,10 +101,16 @@ class Session:
         )
 
 
+SessionSource = Session | str | Path
+"""A session, or the path of its folder."""
+
+
 def read_session(path: str | Path) -> Session:
     """Read and check a session folder. An InputError says what is wrong, where, and what to write
     instead.
     """
+    if not isinstance(path, str | PathLike):
+        raise wrong_type("path", path, "the path of the folder that holds session.yaml")
     try:
         return _read(Path(path), bare_of=None)
     except OSError as error:

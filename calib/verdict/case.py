@@ -17,16 +17,15 @@ from calib.effects.registry import EFFECTS
 from calib.estimation.joint_fit import Estimate
 from calib.estimation.noise import MIN_NOISE
 from calib.estimation.observations import Observations
+from calib.fitting.corner_range import corner_points, covered_fraction, distance_range
 from calib.fitting.declared import comparisons
 from calib.fitting.evaluate import Evaluation
 from calib.inference.calibration_model import full_model
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import ScoreTest, score_tests
-from calib.optics.exposure import MIDDLE
 from calib.optics.rays import Rays
 from calib.verdict.next_commands import NextCommands
-from calib.verdict.thresholds import CELLS
 
 Array = NDArray[np.float64]
 SCORED_EFFECTS = tuple(
@@ -77,11 +76,7 @@ class Case:
     @cached_property
     def corners(self) -> Array:
         """(M, 3) m, in the camera frame."""
-        path, values = self.calibration.model()
-        poses = torch.from_numpy(self.calibration.poses)[self.observations.view]
-        return np.asarray(
-            path.place(self.observations.corners, values, poses, self.observations.exposure).numpy()
-        )
+        return corner_points(self.calibration)
 
     @property
     def distance(self) -> Array:
@@ -91,32 +86,13 @@ class Case:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """m: how far away the nearest and the farthest corner are. A corner behind a lens that is
-        not wide does not count, as the model does not see it, unless all are there.
-        """
-        ahead = self.distance > 0
-        counted = self.distance[ahead | ~ahead.any()]
-        return float(counted.min()), float(counted.max())
+        """m: how far away the nearest and the farthest corner are (`distance_range`)."""
+        return distance_range(self.distance)
 
     @cached_property
     def covered(self) -> float:
-        """The fraction of the image's cells that have corners, 0 to 1.
-
-        A cell without corners counts only if its middle sees forward. The border of a wide lens's
-        picture is unknown, and no undistorted picture holds what lies beside the camera.
-        """
-        sizes = np.array([self.calibration.camera.width, self.calibration.camera.height])
-        cell = ((self.observations.pixels.numpy() + 0.5) / sizes * CELLS).astype(np.int64)
-        column, row = np.clip(cell, 0, np.array(CELLS) - 1).T
-        has_corners = np.zeros(CELLS, dtype=np.bool_)
-        has_corners[column, row] = True
-        centres = np.stack(np.meshgrid(*map(np.arange, CELLS), indexing="ij"), -1) + 0.5
-        pixels = torch.from_numpy(centres * sizes / CELLS - 0.5)
-        path, values = self.calibration.model()
-        forward = np.ones(CELLS, dtype=np.bool_)
-        if path.lens.wide:
-            forward = path.trace(pixels, values, MIDDLE).in_pinhole.numpy()
-        return float(has_corners.sum() / (has_corners | forward).sum())
+        """The fraction of the image's cells that have corners, 0 to 1 (`covered_fraction`)."""
+        return covered_fraction(self.calibration, self.observations.pixels.numpy())
 
     @property
     def at_optimum(self) -> bool:

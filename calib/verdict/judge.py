@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.calibration import Calibration
+from calib.calibration import Calibration, CalibrationSource
 from calib.fit_record.request import Settings
 from calib.fitting.evaluate import Evaluation
 from calib.threads import single_thread
@@ -71,7 +71,7 @@ command, so reasons that explain others come first.
 
 
 def judge(
-    calibration: Calibration,
+    calibration: CalibrationSource,
     *,
     depths: Sequence[float] = (),
     folder: Path | None = None,
@@ -79,7 +79,8 @@ def judge(
     evaluation: Evaluation | None = None,
     holdout: Path | None = None,
 ) -> Verdict:
-    """Judge whether to trust a calibration, why not, and what to do next. No files are read.
+    """Judge whether to trust a calibration, why not, and what to do next. No files are read, but
+    for a calibration that is given by its path.
 
     Args:
         depths: m, of the requested maps.
@@ -88,6 +89,7 @@ def judge(
             provenance.
         evaluation: the errors on views of the session `holdout`.
     """
+    calibration = Calibration.of(calibration)
     session = session or Path(calibration.request.session)
     settings = calibration.request.settings or Settings()
     commands = NextCommands(session, folder or session / "calibration", settings)

@@ -72,8 +72,6 @@ FEW_CELLS = 0.6
 """The smallest fraction of the image's cells with corners: fewer leave more than a third of the
 picture to extrapolation.
 """
-CELLS = (16, 12)
-"""Across and down the image."""
 ONE_DEPTH = 1.5
 """Farthest over nearest corner.
 

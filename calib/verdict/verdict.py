@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from html import escape
 
 
 class Trust(Enum):
@@ -88,6 +89,14 @@ class Verdict:
 
     def __str__(self) -> str:
         return " ".join(self.sentences)
+
+    def _repr_html_(self) -> str:
+        """Return the grade, the reasons and the next command, which a notebook shows."""
+        reasons = "".join(f"<li>{escape(sentence)}</li>" for sentence in self.sentences[1:])
+        return (
+            f"<p><b>{escape(self.word.sentence)}</b></p><ul>{reasons}</ul>"
+            f"<p>Next: <code>{escape(self.next)}</code></p>"
+        )
 
 
 def _capitalised(sentence: str) -> str:

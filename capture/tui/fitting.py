@@ -60,6 +60,8 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
     from torch import from_numpy
 
     from calib.estimation.residuals import residuals
+    from calib.fitting.cover_section import cover_section
+    from calib.fitting.description import describe
     from calib.fitting.view_noise import describe_noisy_views
     from calib.verdict.judge import judge
     from calib.verdict.uncertainty import map_sigmas
@@ -93,6 +95,8 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
     ]
     return {
         "calibration": str(saved),
+        "numbers": describe(calibration).as_json(),
+        "cover_section": [surface.tolist() for surface in cover_section(calibration)],
         "stages": [
             {"name": s.name, "title": s.title, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm}
             for s in calibration.stages

@@ -11,7 +11,7 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical
-from textual.events import ScreenResume
+from textual.events import Resize, ScreenResume
 from textual.message import Message
 from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
@@ -33,10 +33,13 @@ from capture.tui.drop import (
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import CALIBRATION, DEPTH, updated_folder
+from capture.tui.numbers import Numbers
 from capture.tui.page import HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
 
 BAR_COLUMNS = 12  # columns
+ROOMY = (110, 36)  # the columns and rows from which the screen has room for the numbers as well
+NUMBERS_NOTE = "n: camera and cover"
 GLASS_NOTE = "smooth: ideal glass; uneven: its waves as well"
 EARLIER_FIT_NOTE = (
     "Views were set aside since this fit: these maps are still of the fit with them. esc, then f,"
@@ -66,7 +69,9 @@ class ResultsScreen(Page):
         Binding("c", "check", "Check"),
         Binding("r", "report", "Report"),
         Binding("x", "export", "Export"),
-        Binding("m", "app.dots", show=False),  # a shown key would make the line too long
+        # shown keys would make the line too long
+        Binding("m", "app.dots", show=False),
+        Binding("n", "numbers", show=False),
         Binding("escape", "back", "Back", key_display="esc"),
         *HELP_AND_QUIT,
     ]
@@ -131,6 +136,8 @@ class ResultsScreen(Page):
         )
         self._previous = None if diagnosed else previous
         files = [view["file"] for view in result["views"]]
+        self._numbers_wanted = False
+        """True if the numbers replace the views where there is no room for both."""
         self._update_shown = bool([*self._update_note()])
         """True if the screen says that a check has updated the calibration."""
         self._dropped: list[DroppedPicture] = find_dropped(session, files)
@@ -155,6 +162,7 @@ class ResultsScreen(Page):
             with Vertical(id="right"):
                 yield Picture()
                 yield Static(id="view", markup=False)
+        yield Numbers(self.result)
         yield Static(self._verdict(), id="sentence", classes="banner", markup=False)
         yield Static(self._next_steps(), id="onward", classes="banner", markup=False)
 
@@ -164,8 +172,32 @@ class ResultsScreen(Page):
 
     def on_mount(self) -> None:
         self.query_one(OptionList).focus()
+        self.watch(self.app, "on_phone", self._arrange)
         doubt = "" if self._trusted else self.result["verdict"]["sentences"][0]
         self.post_message(self.ResultsOpened(Path(self.result["calibration"]), self._depth, doubt))
+
+    @on(Resize)
+    def _arrange(self) -> None:
+        """Show views and numbers, or one of the two where there is no room for both. A phone's page
+        scrolls.
+        """
+        is_roomy = self._has_room
+        numbers = self.query_one(Numbers)
+        numbers.lay_out(narrow=not is_roomy)
+        numbers.display = is_roomy or self._numbers_wanted
+        self.query_one("#top").display = is_roomy or not self._numbers_wanted
+
+    @property
+    def _has_room(self) -> bool:
+        on_phone = bool(getattr(self.app, "on_phone", False))
+        return on_phone or (self.size.width >= ROOMY[0] and self.size.height >= ROOMY[1])
+
+    def action_numbers(self) -> None:
+        """Show the numbers in place of the views, or the views again."""
+        self._numbers_wanted = not self._numbers_wanted
+        self._arrange()
+        if self.query_one("#top").display:
+            self.query_one(OptionList).focus()
 
     @property
     def _depth(self) -> float:
@@ -291,9 +323,9 @@ class ResultsScreen(Page):
             message.preview, [Mark(CORNER_MARK, corners), Mark(WORST_MARK, corners[[worst]])]
         )
         words = f"{CORNER_MARK} corners  {WORST_MARK} worst: {sizes[worst]:.2f} px off"
-        self.query_one("#view", Static).update(
-            words if message.preview else "This picture cannot be read any more."
-        )
+        words = words if message.preview else "This picture cannot be read any more."
+        note = "" if self._has_room else f"\n{NUMBERS_NOTE}"
+        self.query_one("#view", Static).update(f"{words}{note}")
 
     def _selected_view(self) -> tuple[int, Mapping[str, Any]] | None:
         index = self.query_one(OptionList).highlighted

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calib.apply.change_medium import DEPTHS, Immersion, immerse, replace_medium
 from calib.apply.dominant_uncertainty import MAX_SIGMA_PX
-from calib.apply.map_uncertainty import corners_at, predicted_sigma
+from calib.apply.map_uncertainty import predicted_sigma
 from calib.apply.water import index_of_water
 from calib.calibration import AddedEffect, Calibration
 from calib.cli import main
@@ -26,6 +26,7 @@ from calib.effects.refractive_index import RefractiveIndex
 from calib.errors import InputError
 from calib.fit_record.history import MediumChange
 from calib.fit_record.request import FitRequest, Settings
+from calib.fitting.corner_range import corners_at
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
 from calib.fitting.stages import Setup

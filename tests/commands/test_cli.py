@@ -64,7 +64,8 @@ def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> 
         "verdict",
         "written",
     }
-    assert set(document) == contract | {"second_look", "view_noise", "lens"}
+    calibrated = {"camera", "cover", "board", "calibration"}
+    assert set(document) == contract | calibrated | {"second_look", "view_noise", "lens"}
     assert document["frames_used"] == 6
     assert document["frames_rejected"] == []
     assert document["corners"] == 6 * 81
@@ -73,6 +74,25 @@ def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> 
     assert isinstance(stages, list)
     assert [stage["name"] for stage in stages] == ["pinhole", "cover", "cover+rbf"]
     assert all(set(stage) == {"name", "rms_px", "rmse_cm"} for stage in stages)
+
+
+def test_fit_json_says_what_was_calibrated(fitted: tuple[Path, dict[str, object]]) -> None:
+    folder, document = fitted
+    calibration = Calibration.load(str(document["calibration"]))
+    assert document["calibration"] == str(folder / "calibration" / "calibration.yaml")
+    camera = document["camera"]
+    assert isinstance(camera, dict)
+    assert set(camera) == {"fx", "fy", "cx", "cy", "lens", "distortion", "width", "height"}
+    intrinsics = calibration.camera.intrinsics
+    assert intrinsics
+    assert camera["fx"] == {"value": intrinsics.fx.value, "sigma": intrinsics.fx.sigma}
+    cover = document["cover"]
+    assert isinstance(cover, dict)
+    thickness = calibration.cover.parameters["thickness"]
+    assert cover["thickness_mm"]["value"] == pytest.approx(1e3 * thickness.value)
+    assert thickness.sigma > 0
+    assert cover["thickness_mm"]["sigma"] == pytest.approx(1e3 * thickness.sigma)
+    assert cover["thickness_mm"]["declared"] == pytest.approx(3.0)
 
 
 def test_fit_json_carries_the_verdict_and_the_written_files(

@@ -65,9 +65,51 @@ CORNERS = (
     .reshape(-1, 2)
     .tolist()
 )
+DESCRIPTION = [
+    {
+        "name": "camera",
+        "title": "Camera: 640x480 px, lens opencv with 5 coefficients",
+        "rows": [
+            ["camera.fx", "503.21 ± 0.42 px", "500 ± 10 px", "", "0.3 sigma"],
+            ["camera.fy", "503.10 ± 0.43 px", "500 ± 10 px", "", "0.3 sigma"],
+            ["camera.cx", "321.02 ± 0.31 px", "320 ± 13 px", "", "0.1 sigma"],
+            ["camera.cy", "238.77 ± 0.29 px", "240 ± 13 px", "", "0.1 sigma"],
+            ["camera.k1", "-0.3121 ± 0.0014", "", "", ""],
+            ["camera.k2", "0.1105 ± 0.0031", "", "", ""],
+            ["camera.p1", "0.00021 ± 0.00012", "", "", ""],
+            ["camera.p2", "-0.00035 ± 0.00011", "", "", ""],
+            ["camera.k3", "-0.0212 ± 0.0044", "", "", ""],
+        ],
+    },
+    {
+        "name": "cover",
+        "title": "Cover: a dome with an even outer surface",
+        "rows": [
+            ["cover.inner_radius", "49.21 ± 0.31 mm", "50 ± 2 mm", "", "0.4 sigma"],
+            ["cover.centre.x", "0.12 ± 0.11 mm", "0 ± 2 mm", "", "0.1 sigma"],
+            ["cover.centre.y", "-0.07 ± 0.11 mm", "0 ± 2 mm", "", "0.0 sigma"],
+            ["cover.centre.z", "-4.31 ± 0.45 mm", "0 ± 2 mm", "contradicted", "2.5 sigma"],
+            ["cover.thickness", "3.05 ± 0.12 mm", "3 ± 0.5 mm", "", "0.1 sigma"],
+            ["cover.refractive_index", "1.496 ± 0.011", "1.49 ± 0.02", "", "0.3 sigma"],
+            ["cover.outside_index", "1", "1", "held", ""],
+        ],
+    },
+    {
+        "name": "pictures",
+        "title": "Pictures",
+        "rows": [
+            ["coverage", "81 % of the picture", "", "", ""],
+            ["depth", "0.3 to 1.2 m", "", "", ""],
+        ],
+    },
+]
+ANGLES = np.linspace(-0.6, 0.6, 31)
+DOME = np.stack([np.cos(ANGLES), np.sin(ANGLES)], -1)
 RESULT = {
     "event": "result",
     "calibration": "session/calibration/calibration.yaml",
+    "numbers": DESCRIPTION,
+    "cover_section": [(0.045 * DOME).tolist(), (0.048 * DOME).tolist()],
     "stages": [
         {"name": "pinhole", "title": "camera alone", "rms_px": 2.41, "rmse_cm": 0.161},
         {"name": "cover", "title": "smooth cover", "rms_px": 0.412, "rmse_cm": 0.0275},
@@ -246,6 +288,13 @@ async def results(pilot: Pilot[None], session: Path) -> None:
     await see(pilot, "q Quit")
 
 
+async def results_numbers(pilot: Pilot[None], session: Path) -> None:
+    """Camera and cover, in place of the views where the terminal is small."""
+    await results(pilot, session)
+    await pilot.press("n")
+    await see(pilot, "From the side")
+
+
 async def results_dropped(pilot: Pilot[None], session: Path) -> None:
     await results(pilot, session)
     await pilot.press("down", "down", "d")
@@ -327,7 +376,16 @@ async def help_page(pilot: Pilot[None], session: Path) -> None:
 NEW: tuple[Story, ...] = (new_setup, full_setup, wrong_setup, charuco_setup, aprilgrid_setup)
 CONTINUED: tuple[Story, ...] = (
     *(continued_setup, collect, collect_enough, fit, fit_failed),
-    *(results, results_dropped, results_doubtful, effects, effects_working, export, help_page),
+    *(
+        results,
+        results_numbers,
+        results_dropped,
+        results_doubtful,
+        effects,
+        effects_working,
+        export,
+        help_page,
+    ),
 )
 
 

@@ -1,0 +1,187 @@
+"""The numbers of a calibration as a table: camera, cover, board, and where its corners are.
+
+Terminal, screen, report, notebook and JSON all take their rows from here.
+"""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from calib.calibration import Calibration, CalibrationSource
+from calib.effects.board_scale import BoardScale
+from calib.effects.board_shape import BoardShape
+from calib.fitting.corner_range import corners_at, covered_fraction, distance_range
+from calib.fitting.declared import (
+    DECLARED,
+    VIEWS,
+    Comparison,
+    comparisons,
+    effect_comparisons,
+)
+from calib.session.lens import OPENCV
+from calib.session.parameter_names import CAMERA
+from calib.table import Table, TableSection
+
+COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "difference")
+"""The headings. The fourth column says whether a number was held, corrected or contradicted."""
+PRINTED_COLUMNS = 4
+"""The columns that fit into 80 characters."""
+
+
+def describe(calibration: CalibrationSource) -> Table:
+    """Return the table of a calibration: each number of its camera and cover with its standard
+    deviation and what was declared, then the numbers of its effects, and where its corners are.
+
+
+    Args:
+        calibration: the calibration, or the path of its file or folder.
+    """
+    calibration = Calibration.of(calibration)
+    numbers = list(comparisons(calibration))
+    of_camera = [number for number in numbers if CAMERA.has(number.name)]
+    of_cover = [number for number in numbers if not CAMERA.has(number.name)]
+    of_effects = list(effect_comparisons(calibration))
+    sections = (
+        _section("camera", _camera_title(calibration), of_camera),
+        _section("cover", _cover_title(calibration), of_cover),
+        TableSection(
+            "effects",
+            _effects_title(calibration),
+            tuple((number.name, number.estimated, "", "", "") for number in of_effects),
+        ),
+        TableSection("pictures", "Pictures", tuple(_range_rows(calibration))),
+    )
+    return Table(
+        "What was calibrated", COLUMNS, tuple(section for section in sections if section.rows)
+    )
+
+
+def calibrated_numbers(calibration: Calibration) -> dict[str, object]:
+    """Return the numbers of camera, cover and board as the JSON of commands has them.
+
+    A number is a value and its sigma, 0 if the fit held it; that of a cover has the declared value
+    and the unit of its key in session.yaml as well.
+    """
+    numbers = {number.name: number for number in comparisons(calibration)}
+    camera = calibration.camera
+    intrinsics = camera.intrinsics
+    assert intrinsics
+    pinhole = {key: _value_and_sigma(numbers[CAMERA.of(key)]) for key in ("fx", "fy", "cx", "cy")}
+    coefficients = [
+        _value_and_sigma(numbers[CAMERA.of(name)])
+        if CAMERA.of(name) in numbers
+        else {"value": number.value, "sigma": number.sigma}
+        for name, number in zip(intrinsics.names, intrinsics.distortion, strict=True)
+    ]
+    board = calibration.board
+    return {
+        "camera": {
+            **pinhole,
+            "lens": intrinsics.model,
+            "distortion": coefficients,
+            "width": camera.width,
+            "height": camera.height,
+        },
+        "cover": {
+            _session_key(calibration, name): {
+                **_value_and_sigma(numbers[name]),
+                "declared": numbers[name].declared,
+                "tolerance": numbers[name].tolerance,
+                "unit": numbers[name].unit,
+            }
+            for name in calibration.cover.dimensions
+        },
+        "board": {
+            "columns": board.columns,
+            "rows": board.rows,
+            "square_mm": 1e3 * board.square,
+            "shape_mm": {
+                number.name.removeprefix(f"{BoardShape.name}."): _value_and_sigma(number)
+                for number in effect_comparisons(calibration)
+                if number.effect == BoardShape.name
+            },
+            "shape_removed_px": _shape_errors(calibration),
+        },
+    }
+
+
+def _shape_errors(calibration: Calibration) -> dict[str, float] | None:
+    """Return the errors in px without the board's shape and with it; None if the fit has no
+    shape.
+    """
+    stages = calibration.stages
+    names = {added.effect.name for added in calibration.effects}
+    if not (BoardShape.name in names and len(stages) > 1):
+        return None
+    return {"before": stages[-2].rms_px, "after": stages[-1].rms_px}
+
+
+def _value_and_sigma(number: Comparison) -> dict[str, float]:
+    return {"value": number.estimate, "sigma": number.sigma}
+
+
+def _session_key(calibration: Calibration, name: str) -> str:
+    """Return the key in session.yaml of a cover's number, with the component of a list: centre_mm.x
+    for cover.centre.x.
+    """
+    quantity = calibration.cover.dimensions[name].quantity
+    number = next(n for n in quantity.names if name.endswith(f".{n}"))
+    place = name.removesuffix(number).removeprefix("cover.")
+    return f"{place}{quantity.key}{number.removeprefix(quantity.stem)}"
+
+
+def _section(name: str, title: str, numbers: Iterable[Comparison]) -> TableSection:
+    return TableSection(name, title, tuple(map(_row, numbers)))
+
+
+def _row(number: Comparison) -> tuple[str, ...]:
+    if number.source == VIEWS:
+        return number.name, number.estimated, "", "", ""
+    declared = number.stated if number.source == DECLARED else f"{number.stated} (bare/)"
+    deviation = "" if number.held else f"{number.normalised_deviation:.1f} sigma"
+    return number.name, number.estimated, declared, _note(number), deviation
+
+
+def _note(number: Comparison) -> str:
+    if number.held:
+        return "held"
+    words = "corrected" if number.corrected else ""
+    if number.contradicted:
+        words = "contradicted"
+    effect = f"by {number.effect}" if number.effect else ""
+    return ", ".join(filter(None, [words, effect]))
+
+
+def _camera_title(calibration: Calibration) -> str:
+    camera = calibration.camera
+    intrinsics = camera.intrinsics
+    assert intrinsics
+    lens = intrinsics.model
+    if lens == OPENCV:
+        count = len(intrinsics.distortion) if intrinsics.distorts else 0
+        lens = f"{OPENCV} with {count} coefficients" if count else "without distortion"
+    return f"Camera: {camera.width}x{camera.height} px, lens {lens}"
+
+
+def _cover_title(calibration: Calibration) -> str:
+    surface = "uneven" if calibration.relief else "even"
+    return f"Cover: {calibration.cover.words} with an {surface} outer surface"
+
+
+def _effects_title(calibration: Calibration) -> str:
+    kinds = {type(added.effect) for added in calibration.effects}
+    return "Board" if kinds <= {BoardShape, BoardScale} else "Effects"
+
+
+def _range_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
+    """Yield the rows that say where the corners are."""
+    corners = corners_at(calibration)
+    if not len(corners):
+        return
+    covered = covered_fraction(calibration, corners[:, :2])
+    yield "coverage", f"{100 * covered:.0f} % of the picture", "", "", ""
+    name = "distance" if calibration.model()[0].lens.wide else "depth"
+    distance = corners[:, 2]
+    if np.isfinite(distance).any():
+        near, far = distance_range(distance[np.isfinite(distance)])
+        yield name, f"{near:.3g} to {far:.3g} m", "", "", ""

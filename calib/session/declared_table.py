@@ -1,0 +1,52 @@
+"""The numbers that a session declares, as a table for a notebook."""
+
+from calib.session.board import Board
+from calib.session.camera import COEFFICIENT, PINHOLE, Camera
+from calib.session.cover import Cover
+from calib.session.parameter_names import CAMERA
+from calib.session.schema import Number, Quantity
+from calib.table import Table, TableSection
+
+
+def declared_table(name: str, board: Board, camera: Camera, cover: Cover) -> Table:
+    """Return the table of a session's board, camera and cover."""
+    size = f"{1e3 * board.square:g} mm"
+    board_rows = (("corners", str(board)), (f"side of a {board.cell}", size))
+    sections = (
+        TableSection("board", "Board", board_rows),
+        TableSection("camera", f"Camera: {camera.width}x{camera.height} px", _camera_rows(camera)),
+        TableSection("cover", f"Cover: {cover.words}", _cover_rows(cover)),
+    )
+    return Table(f"Session {name}", ("", "declared"), sections)
+
+
+def _camera_rows(camera: Camera) -> tuple[tuple[str, str], ...]:
+    intrinsics = camera.intrinsics
+    if not intrinsics:
+        return (("intrinsics", "not declared: estimated from pictures"),)
+    pinhole = [
+        (CAMERA.of(kind.key), f"{_text(kind, getattr(intrinsics, kind.key))} px")
+        for kind in PINHOLE
+    ]
+    coefficients = [
+        (CAMERA.of(name), _text(COEFFICIENT, number))
+        for name, number in zip(intrinsics.names, intrinsics.distortion, strict=True)
+        if number.value or number.sigma
+    ]
+    return (*pinhole, *coefficients)
+
+
+def _cover_rows(cover: Cover) -> tuple[tuple[str, str], ...]:
+    numbers = cover.numbers
+    return tuple(
+        (name, f"{_text(kind.quantity, numbers[name])} {kind.quantity.unit[0]}".rstrip())
+        for name, kind in cover.dimensions.items()
+    )
+
+
+def _text(quantity: Quantity, number: Number) -> str:
+    per_si = quantity.unit[1]
+    if number.exact:
+        return f"{number.value * per_si:.6g} (exact)"
+    sigma = f" ± {number.sigma * per_si:.2g}" if number.sigma else ""
+    return f"{number.value * per_si:.6g}{sigma}"

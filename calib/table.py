@@ -1,0 +1,85 @@
+"""A table of texts in sections, which terminal, screen, notebook and report draw in their ways."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from html import escape
+
+
+@dataclass(frozen=True, slots=True)
+class TableSection:
+    """Rows that belong together."""
+
+    name: str
+    """A word by which programs find it, such as cover."""
+    title: str
+    rows: tuple[tuple[str, ...], ...]
+    """The cells of each row, as many as the table has columns."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table; a notebook shows it as HTML, and `print` as text."""
+
+    title: str
+    columns: tuple[str, ...]
+    """The headings; that of the first column, which names the rows, is empty."""
+    sections: tuple[TableSection, ...]
+
+    def first_columns(self, count: int) -> "Table":
+        """Return the table without the columns after the first `count`."""
+        sections = tuple(
+            replace(section, rows=tuple(row[:count] for row in section.rows))
+            for section in self.sections
+        )
+        return Table(self.title, self.columns[:count], sections)
+
+    def as_json(self) -> list[dict[str, object]]:
+        """Return the sections, each with its name, its title and its rows."""
+        return [asdict(section) for section in self.sections]
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def lines(self) -> Iterator[str]:
+        """Yield the lines of the table as text. A line of a row begins with a space."""
+        rows = [self.columns, *(row for section in self.sections for row in section.rows)]
+        widths = [max(len(row[column]) for row in rows) for column in range(len(self.columns))]
+        yield self.title
+        yield _line(self.columns, widths)
+        for section in self.sections:
+            yield section.title
+            yield from (_line(row, widths) for row in section.rows)
+
+    def _repr_html_(self) -> str:
+        return f"<p><b>{escape(self.title)}</b></p>{self.html()}"
+
+    def html(self) -> str:
+        """Return the table as HTML, without its title."""
+        parts = (
+            f"<h3>{escape(section.title)}</h3>"
+            + html_table(self.columns, [[escape(cell) for cell in row] for row in section.rows])
+            for section in self.sections
+        )
+        return "".join(parts)
+
+
+def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
+    padded = (f"{cell:<{width}}" for cell, width in zip(cells, widths, strict=True))
+    return f"  {'  '.join(padded)}".rstrip()
+
+
+def html_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table of HTML cells. On a narrow screen, each cell is a line with its label."""
+    first = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    body = "".join(f"<tr>{''.join(map(_cell, head, row))}</tr>" for row in rows)
+    return (
+        "<div"
+        f' class="wide"><table><thead><tr>{first}</tr></thead><tbody>{body}</tbody></table></div>'
+    )
+
+
+def _cell(label: str, cell: str) -> str:
+    if not cell:
+        return "<td></td>"
+    attribute = f' data-label="{escape(label)}"' if label else ""
+    return f"<td{attribute}><div>{cell}</div></td>"

@@ -1,0 +1,132 @@
+"""The table of what was calibrated, its JSON, and the cover's cut from the side."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.calibration import Calibration, Stage
+from calib.effects.board_shape import BoardShape
+from calib.effects.thickness import Thickness
+from calib.fitting.cover_section import cover_section
+from calib.fitting.description import COLUMNS, PRINTED_COLUMNS, calibrated_numbers, describe
+from calib.session.schema import Number
+from fixtures.known import known, lens_alone
+from fixtures.synthetic import HEIGHT, WIDTH, scene
+from tests.fitting.test_declared import with_effect
+from tests.optics.shapes import Example, each_shape
+
+LENS = (900.0, 901.0, 310.0, 240.0, -0.25, 0.06, 0.001, -0.002, 0.01)
+
+
+@pytest.fixture(scope="module")
+def plain() -> Calibration:
+    """A cone, all of whose numbers are held."""
+    return known(scene(1, views=1), WIDTH, HEIGHT)
+
+
+def test_every_number_of_camera_and_cover_has_a_row(plain: Calibration) -> None:
+    table = describe(plain)
+    rows = {row[0]: row for section in table.sections for row in section.rows}
+    assert {"camera.fx", "camera.fy", "camera.cx", "camera.cy"} <= set(rows)
+    assert set(plain.cover.dimensions) <= set(rows)
+    assert rows["cover.thickness"] == ("cover.thickness", "3 mm", "3 mm", "held", "")
+    assert all(len(row) == len(COLUMNS) for row in rows.values())
+    assert [section.name for section in table.sections] == ["camera", "cover"]
+
+
+def test_a_number_has_its_sigma_what_was_declared_and_how_they_agree(plain: Calibration) -> None:
+    cover = plain.cover.replace_numbers({"cover.thickness": Number(0.0042, 0.0001)})
+    declared = plain.declared.cover.replace_numbers({"cover.thickness": Number(0.003, 0.0002)})
+    stated = replace(plain.declared, cover=declared)
+    rows = _rows(replace(plain, cover=cover, stated=stated))
+    assert rows["cover.thickness"][:4] == (
+        "cover.thickness",
+        "4.20 ± 0.10 mm",
+        "3 ± 0.2 mm",
+        "contradicted",
+    )
+
+
+def test_a_lens_has_its_model_and_its_coefficients() -> None:
+    calibration = lens_alone(scene(1, views=1), 640, 480, *LENS)
+    text = str(describe(calibration))
+    assert "Camera: 640x480 px, lens opencv with 5 coefficients" in text
+    assert "camera.k1" in text
+    assert "-0.25" in text
+    numbers = calibrated_numbers(calibration)
+    assert numbers["cover"] == {}
+    camera = json.loads(json.dumps(numbers["camera"]))
+    assert [number["value"] for number in camera["distortion"]] == list(LENS[4:])
+    assert camera["lens"] == "opencv"
+    assert (camera["width"], camera["height"]) == (640, 480)
+    assert camera["fy"] == {"value": 901.0, "sigma": 0.0}
+
+
+@each_shape
+def test_the_json_has_each_number_of_a_cover_by_its_key_in_session_yaml(example: Example) -> None:
+    calibration = replace(known(scene(1, views=1), WIDTH, HEIGHT), cover=example.cover)
+    numbers = calibrated_numbers(calibration)["cover"]
+    assert isinstance(numbers, dict)
+    assert len(numbers) == len(example.cover.dimensions)
+    thickness = example.cover.parameters["thickness"].value
+    assert numbers["thickness_mm"]["value"] == pytest.approx(1e3 * thickness)
+    assert numbers["thickness_mm"]["declared"] == pytest.approx(1e3 * thickness)
+    assert numbers["thickness_mm"]["unit"] == "mm"
+    keys = {kind.quantity.key for kind in example.cover.dimensions.values()}
+    assert {key.split(".")[0] for key in numbers} == keys
+
+
+def test_an_effect_adds_to_its_number_and_the_board_has_its_shape(plain: Calibration) -> None:
+    thicker = with_effect(plain, Thickness(("cover.thickness",)), thickness=(0.0015, 0.0001))
+    assert calibrated_numbers(thicker)["cover"]["thickness_mm"]["value"] == pytest.approx(4.5)  # type: ignore[index]
+    bent = with_effect(
+        plain, BoardShape(0.08, 0.08), xx=(0.001, 1e-5), xy=(0.0, 1e-5), yy=(-6e-4, 1e-5)
+    )
+    stages = (Stage("pinhole", 0.5, 0.1), Stage("cover+rbf+effects", 0.1, 0.01))
+    board = calibrated_numbers(replace(bent, stages=stages))["board"]
+    assert isinstance(board, dict)
+    assert board["shape_mm"]["xx"] == pytest.approx({"value": 1.0, "sigma": 0.01})
+    assert board["shape_removed_px"] == {"before": 0.5, "after": 0.1}
+    assert calibrated_numbers(plain)["board"]["shape_removed_px"] is None  # type: ignore[index]
+    assert "Board" in str(describe(bent))
+
+
+def test_the_table_fits_into_a_terminal(plain: Calibration) -> None:
+    lines = list(describe(plain).first_columns(PRINTED_COLUMNS).lines())
+    assert max(map(len, lines)) <= 80
+
+
+def test_html_is_text(plain: Calibration) -> None:
+    named = replace(plain, cover=plain.cover)
+    html = describe(named)._repr_html_()
+    assert html.count("<table>") == len(describe(named).sections)
+    assert "<td><div>cover.thickness</div></td>" in html
+
+
+@each_shape
+def test_the_cut_lies_on_the_cover(example: Example) -> None:
+    """The two faces are a thickness apart, up to the slope of the cover, whose thickness counts
+    along its radius, and the bend of the rays.
+    """
+    calibration = replace(
+        known(scene(1, views=1), WIDTH, HEIGHT),
+        cover=example.cover,
+        relief=None,
+        amplitudes=np.zeros((0, 0)),
+    )
+    inner, outer = cover_section(calibration)
+    assert len(inner) == len(outer) > 10
+    gap = np.linalg.norm(outer - inner, axis=1)
+    thickness = example.cover.parameters["thickness"].value
+    assert gap.min() > 0.99 * thickness
+    assert gap.max() < 1.6 * thickness
+
+
+def test_without_a_cover_there_is_no_cut() -> None:
+    assert cover_section(lens_alone(scene(1, views=1), 640, 480, *LENS)) == ()
+
+
+def _rows(calibration: Calibration) -> dict[str, tuple[str, ...]]:
+    return {row[0]: row for section in describe(calibration).sections for row in section.rows}
