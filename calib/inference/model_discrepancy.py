@@ -22,6 +22,7 @@ from scipy.optimize import minimize
 from torch import Tensor
 
 from calib.estimation.objective import view_precision
+from calib.estimation.observations import Observations
 from calib.inference.fitted_model import FittedModel
 from calib.inference.laplace_evidence import NOISE_RANGE, LaplaceEvidence
 
@@ -56,24 +57,28 @@ class Discrepancy:
     """(q, q) a root of the covariance of their coefficients, over the noise of the fit."""
 
     @staticmethod
-    def of(fitted: FittedModel, evidence: LaplaceEvidence | None = None) -> Discrepancy:
-        """Estimate the heights of the processes at the optimum of a fit.
+    def of(
+        evidence: LaplaceEvidence, observations: Observations, own_precision: Tensor
+    ) -> Discrepancy:
+        """Estimate the heights of the processes.
 
         Args:
-            evidence: that of other columns of the corners; None: that of the fit.
+            evidence: that of the linearised corners without a discrepancy.
+            own_precision: (B,) the prior precision of the views' own parameters.
         """
-        modes, covariances = board_modes(fitted.observations.corners.numpy())
-        by_view = np.split(modes, fitted.observations.starts[1:-1].numpy())
+        modes, covariances = board_modes(observations.corners.numpy())
+        by_view = np.split(modes, observations.starts[1:-1].numpy())
         likelihood = DiscrepancyLikelihood(
-            evidence or LaplaceEvidence.of(fitted),
+            evidence,
             torch.from_numpy(covariances),
             [torch.from_numpy(view_modes) for view_modes in by_view],
-            view_precision(fitted.model.path, fitted.joint.poses),
+            own_precision,
         )
         without = float(likelihood.log_evidence(torch.zeros(len(LENGTHS)), torch.ones(())))
         heights, largest = likelihood.most_probable()
-        gain = possible_gain(largest - without)
-        return Discrepancy(gain, tuple(by_view), likelihood.root(heights).numpy())
+        return Discrepancy(
+            possible_gain(largest - without), tuple(by_view), likelihood.root(heights).numpy()
+        )
 
     def eliminate(
         self, view: int, columns: NDArray[np.float64]
@@ -108,7 +113,8 @@ def discrepancy_gain(fitted: FittedModel) -> float:
     """Return the increase of the log evidence if a discrepancy is possible, with all other
     parameters integrated out.
     """
-    return Discrepancy.of(fitted).gain
+    own_precision = view_precision(fitted.model.path, fitted.joint.poses)
+    return Discrepancy.of(LaplaceEvidence.of(fitted), fitted.observations, own_precision).gain
 
 
 def board_modes(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -24,6 +24,7 @@ from functools import cached_property
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from calib.effects.board_scale import SHEAR, STRETCH, BoardScale
 from calib.effects.board_shape import BoardShape
@@ -33,10 +34,11 @@ from calib.effects.rolling_shutter import RollingShutter
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.normal_equations import ReducedProducts
 from calib.estimation.objective import view_precision
+from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.view_equations import view_equations
 from calib.inference.fitted_model import FittedModel
-from calib.inference.laplace_evidence import LaplaceEvidence, view_columns
+from calib.inference.laplace_evidence import LaplaceEvidence
 from calib.inference.model_discrepancy import Discrepancy, possible_gain
 from calib.optics import rotation
 from calib.optics.board_target import MOTION, block_columns
@@ -60,6 +62,8 @@ WARM_UPS = (1 / 16, 1 / 8, 1 / 4)
 """Time constants of an exponential approach, as fractions of the session."""
 MAX_PASSES = 5
 """The largest number of passes over the views that move one view to the other kind."""
+MAX_REFINED = 6
+"""The number of variations that the heights of a discrepancy are chosen beside."""
 MIN_GAIN = 7.0
 """The smallest gain in log evidence that is reported: some sixty variations are tried."""
 MIN_BLOCK = 3
@@ -104,12 +108,14 @@ class Variation:
     kind: Kind
     gain: float
     """The increase of the log evidence, less the logarithm of the number of variants tried."""
-    spread: float
-    """The standard deviation of the numbers' deviations, in tolerances."""
+    scales: Array
+    """(G,) the standard deviations of the numbers' deviations, in tolerances."""
     deviations: Array
     """(V, G) the deviations of each view's numbers, in tolerances."""
     pattern: Array
     """(V,) what the deviations of all numbers follow; (0,) if every view has its own."""
+    raw_gain: float = 0.0
+    """The gain of this pattern alone."""
 
     @property
     def name(self) -> str:
@@ -165,46 +171,32 @@ def find_variations(
         fitted: a model at its optimum.
         shared: further effects that all views share, which explain what they can.
     """
-    alone = VariationEquations.of(fitted, context)
-    if max(variation.gain for variation in _variations(alone, fitted, context)) < MIN_GAIN:
+    groups, patterns = groups_of(context), board_patterns(fitted)
+    alone = VariationEquations.of(VariationRows.of(fitted, context))
+    if max(variation.gain for variation in alone.variations(groups, patterns)) < MIN_GAIN:
         return []
-    fitted = fitted.with_neutral(shared)
-    alone = VariationEquations.of(fitted, context)
-    discrepancy = Discrepancy.of(fitted, _beside_solution(fitted, alone.solution))
-    beside = VariationEquations.of(fitted, context, discrepancy)
-    gain = possible_gain(beside.log_evidence - alone.log_evidence)
-    found = [
-        max(replace(first, gain=first.gain - gain), second, key=lambda variation: variation.gain)
-        for first, second in zip(
-            _variations(alone, fitted, context), _variations(beside, fitted, context), strict=True
+    rows = VariationRows.of(fitted.with_neutral(shared), context)
+    alone = VariationEquations.of(rows)
+    discrepancy = rows.discrepancy(alone.solution)
+    beside = VariationEquations.of(rows, discrepancy)
+    without = alone.log_evidence + possible_gain(beside.log_evidence - alone.log_evidence)
+    found = []
+    for index, (first, second) in enumerate(
+        sorted(
+            zip(
+                alone.variations(groups, patterns), beside.variations(groups, patterns), strict=True
+            ),
+            key=lambda pair: -pair[0].gain,
         )
-    ]
+    ):
+        certain = beside.log_evidence + second.gain
+        if index < MAX_REFINED and first.gain > MIN_GAIN:
+            certain = max(certain, alone.log_evidence_beside(first, rows))
+        evidence = alone.log_evidence + first.gain
+        evidence += possible_gain(certain - evidence)
+        found.append(replace(first, gain=evidence - without))
     found = [variation for variation in found if variation.gain > MIN_GAIN]
     return sorted(found, key=lambda variation: -variation.gain)
-
-
-def _variations(
-    equations: VariationEquations, fitted: FittedModel, context: EffectContext
-) -> list[Variation]:
-    """Return the most probable variation of every kind of every group."""
-    patterns = board_patterns(fitted)
-    return [
-        variation
-        for group in groups_of(context)
-        for variation in equations.group(group).variations(patterns)
-    ]
-
-
-def _beside_solution(fitted: FittedModel, solution: Array) -> LaplaceEvidence:
-    """Return the evidence of the corners for the views' own parameters, with the shared parameters
-    held at a (S,) solution: that of all parameters takes a hundred times as long.
-    """
-    columns = []
-    for view, rows in zip(fitted.equations(), view_columns(fitted), strict=True):
-        own = view.jacobian_block.shape[1]
-        residual = rows[:, -1] + torch.from_numpy(view.jacobian_shared @ solution)
-        columns.append(torch.cat([rows[:, :own], residual[:, None]], 1))
-    return LaplaceEvidence(tuple(columns), torch.zeros(0, 0, dtype=torch.float64))
 
 
 def board_patterns(fitted: FittedModel) -> Mapping[Kind, Sequence[Array]]:
@@ -239,33 +231,30 @@ def _centred(pattern: NDArray[np.float64] | NDArray[np.int64] | NDArray[np.bool_
 
 
 @dataclass(frozen=True, eq=False)
-class VariationEquations:
-    """The linearised residuals of all views, with their own parameters eliminated, by the shared
-    parameters and by every number that may differ.
+class VariationRows:
+    """The linearised residuals of all views by their own parameters, by the shared parameters, and
+    by every number that may differ.
     """
 
-    products: Array
-    """(V, n + 1, n + 1) inner products of each view's n columns and its residual, over the noise of
-    the fit. The residual is that with all parameters at their prior means.
+    views: tuple[Array, ...]
+    """(2m, B + n + 1) for each view, over the noise of the fit: its own parameters, n columns, and
+    the residual with all parameters at their prior means.
     """
+    own_precision: Tensor
+    """(B,) the prior precision of the views' own parameters; 0 without a prior."""
     precision: Array
     """(S, S) prior precision of the shared parameters."""
     shared: NDArray[np.int64]
-    """(S,) their columns."""
+    """(S,) their places among the n columns."""
     motion: int
     """The number of columns of a board's motion, the first ones: 6, or 0 if the model has it."""
     entries: Mapping[str, tuple[int, float, float]]
-    """For each number: its column, its scale and its value."""
-    freedom: int
-    """The number of residuals minus that of the views' own parameters."""
-    log_determinant: float
-    """That of all that was eliminated."""
+    """For each number: its place, its scale and its value."""
+    observations: Observations
 
     @staticmethod
-    def of(
-        fitted: FittedModel, context: EffectContext, discrepancy: Discrepancy | None = None
-    ) -> VariationEquations:
-        """Linearise around a fit, beside a discrepancy."""
+    def of(fitted: FittedModel, context: EffectContext) -> VariationRows:
+        """Linearise around a fit."""
         base = fitted.model
         full = base.with_effects(_probes(base, context))
         values = {**full.means, **fitted.joint.values}
@@ -277,36 +266,25 @@ class VariationEquations:
         parameters = Parameters.of(full.path, values, full.priors.with_sigmas(held))
         estimated = Parameters.of(base.path, values, base.priors)
         blocks = block_columns(full.path.view_blocks)
-        own = np.concatenate([np.r_[blocks[block]] for block in fitted.model.path.view_blocks])
-        moving = np.arange(0) if fitted.model.path.shutter else np.r_[blocks[MOTION]]
+        own = np.concatenate([np.r_[blocks[block]] for block in base.path.view_blocks])
+        moving = np.arange(0) if base.path.shutter else np.r_[blocks[MOTION]]
         columns = parameters.entries(estimated.slices())
-        own_precision = view_precision(fitted.model.path, fitted.joint.poses)
-        views = view_equations(
-            full.path,
-            parameters,
-            fitted.observations,
-            full.pad_poses(fitted.joint.poses),
-            fitted.joint.sigma,
+        own_precision = view_precision(base.path, fitted.joint.poses)
+        poses = full.pad_poses(fitted.joint.poses)
+        equations = view_equations(
+            full.path, parameters, fitted.observations, poses, fitted.joint.sigma
         )
-        products = []
-        log_determinant = 0.0
-        for index, (view, pose) in enumerate(zip(views, fitted.joint.poses.numpy(), strict=True)):
+        views = []
+        for view, pose in zip(equations, fitted.joint.poses.numpy(), strict=True):
             block = view.jacobian_block[:, own]
             known = block @ (pose * (own_precision.numpy() > 0))
             known += view.jacobian_shared[:, columns] @ fitted.deviation
-            residual = view.residual - known
-            each = np.column_stack(
-                [block, view.jacobian_block[:, moving], view.jacobian_shared, residual]
-            )
-            inner, eliminated = (
-                discrepancy.eliminate(index, each) if discrepancy else (each.T @ each, 0.0)
-            )
-            reduced = ReducedProducts.of(torch.from_numpy(inner)[None], own_precision)
-            products.append(reduced.products[0].numpy())
-            log_determinant += eliminated + float(reduced.log_determinant)
+            others = view.jacobian_block[:, moving], view.jacobian_shared
+            views.append(np.column_stack([block, *others, view.residual - known]))
         scales = [1.0] * parameters.amplitudes + parameters.scales.tolist()
-        return VariationEquations(
-            products=np.array(products),
+        return VariationRows(
+            views=tuple(views),
+            own_precision=own_precision,
             precision=estimated.prior_precision(fitted.joint.smoothness),
             shared=len(moving) + columns,
             motion=len(moving),
@@ -315,30 +293,19 @@ class VariationEquations:
                 for name, place in parameters.slices().items()
                 if not values[name].ndim
             },
-            freedom=2 * len(fitted.observations.pixels) - len(own) * len(products),
-            log_determinant=log_determinant,
+            observations=fitted.observations,
         )
 
-    def group(self, group: Group) -> GroupEquations:
-        """Return the equations of the deviations of one group's numbers."""
-        columns = self._columns(group)
-        moved = self.products @ columns  # (V, n + 1, G)
-        own = columns.T @ moved
-        count, size = own.shape[:2]
-        cross = moved[:, self.shared].transpose(1, 0, 2).reshape(-1, count * size)
-        response = np.linalg.solve(self._root, cross)
-        information = -response.T @ response
-        for view in range(count):
-            place = slice(view * size, (view + 1) * size)
-            information[place, place] += own[view]
-        score = moved[:, -1].ravel() - response.T @ self._whitened
-        return GroupEquations(group, information, score, self._cost, self.freedom, self.motion)
+    @property
+    def own(self) -> int:
+        """The number of parameters of each view."""
+        return len(self.own_precision)
 
-    def _columns(self, group: Group) -> Array:
+    def columns(self, group: Group) -> Array:
         """Return (n + 1, G) the deviations of a group's numbers, over their tolerances, in terms of
         the columns.
         """
-        count = self.products.shape[1]
+        count = self.views[0].shape[1] - self.own
         if not group.numbers:
             columns = np.zeros((count, self.motion))
             columns[: self.motion] = np.diag([BOARD_SPIN.sigma] * 3 + [BOARD_MOVE.sigma] * 3)
@@ -351,14 +318,105 @@ class VariationEquations:
                 columns[column, index] = number.sigma * change / scale
         return columns
 
+    def discrepancy(self, solution: Array, variation: Variation | None = None) -> Discrepancy:
+        """Return the most probable discrepancy, with the shared parameters held at a (S,) solution:
+        that with all parameters takes a hundred times as long.
+
+        Args:
+            variation: numbers that differ beside it: of each view's own, or as estimated.
+        """
+        each = variation is not None and not variation.pattern.size
+        views = []
+        for index, rows in enumerate(self.views):
+            block, others = rows[:, : self.own], rows[:, self.own :]
+            residual = others[:, -1] + others[:, self.shared] @ solution
+            if variation:
+                differing = others @ self.columns(variation.group)
+                if each:
+                    block = np.column_stack([block, differing * variation.scales])
+                else:
+                    residual = residual + differing @ variation.deviations[index]
+            views.append(torch.from_numpy(np.column_stack([block, residual])))
+        evidence = LaplaceEvidence(tuple(views), torch.zeros(0, 0, dtype=torch.float64))
+        added = views[0].shape[1] - 1 - self.own
+        own_precision = torch.cat([self.own_precision, self.own_precision.new_ones(added)])
+        return Discrepancy.of(evidence, self.observations, own_precision)
+
+
+@dataclass(frozen=True, eq=False)
+class VariationEquations:
+    """The linearised residuals of all views, with their own parameters eliminated."""
+
+    rows: VariationRows
+    products: Array
+    """(V, n + 1, n + 1) inner products of each view's n columns and its residual."""
+    log_determinant: float
+    """That of all that was eliminated."""
+
+    @staticmethod
+    def of(rows: VariationRows, discrepancy: Discrepancy | None = None) -> VariationEquations:
+        """Eliminate the views' own parameters, and a discrepancy."""
+        products = []
+        log_determinant = 0.0
+        for index, view in enumerate(rows.views):
+            inner, eliminated = (
+                discrepancy.eliminate(index, view) if discrepancy else (view.T @ view, 0.0)
+            )
+            reduced = ReducedProducts.of(torch.from_numpy(inner)[None], rows.own_precision)
+            products.append(reduced.products[0].numpy())
+            log_determinant += eliminated + float(reduced.log_determinant)
+        return VariationEquations(rows, np.array(products), log_determinant)
+
+    @property
+    def freedom(self) -> int:
+        """The number of residuals minus that of the views' own parameters."""
+        return sum(len(view) for view in self.rows.views) - self.rows.own * len(self.products)
+
+    def variations(
+        self, groups: Sequence[Group], patterns: Mapping[Kind, Sequence[Array]]
+    ) -> list[Variation]:
+        """Return the most probable variation of every kind of every group."""
+        return [
+            variation for group in groups for variation in self.group(group).variations(patterns)
+        ]
+
+    def log_evidence_beside(self, variation: Variation, rows: VariationRows) -> float:
+        """Return the log evidence with a variation and with the most probable discrepancy beside
+        it.
+        """
+        discrepancy = rows.discrepancy(self.solution_with(variation), variation)
+        beside = VariationEquations.of(rows, discrepancy)
+        return beside.log_evidence + beside.group(variation.group).gain(variation)
+
+    def group(self, group: Group) -> GroupEquations:
+        """Return the equations of the deviations of one group's numbers."""
+        columns = self.rows.columns(group)
+        moved = self.products @ columns  # (V, n + 1, G)
+        own = columns.T @ moved
+        count, size = own.shape[:2]
+        response = self._response(moved)
+        information = -response.T @ response
+        for view in range(count):
+            place = slice(view * size, (view + 1) * size)
+            information[place, place] += own[view]
+        score = moved[:, -1].ravel() - response.T @ self._whitened
+        return GroupEquations(group, information, score, self._cost, self.freedom, size)
+
+    def _response(self, moved: Array) -> Array:
+        """Return (S, V G) the whitened coupling of the shared parameters to the deviations of the
+        numbers of (V, n + 1, G) products.
+        """
+        cross = moved[:, self.rows.shared].transpose(1, 0, 2).reshape(len(self.rows.shared), -1)
+        return np.asarray(np.linalg.solve(self._root, cross))
+
     @cached_property
     def _reduced(self) -> Array:
         """(S + 1, S + 1): the inner products of the shared parameters' columns and the residual,
         over all views, with the prior.
         """
-        chosen = [*self.shared, -1]
+        chosen = [*self.rows.shared, -1]
         reduced = self.products.sum(0)[np.ix_(chosen, chosen)]
-        reduced[:-1, :-1] += self.precision
+        reduced[:-1, :-1] += self.rows.precision
         return np.asarray(reduced)
 
     @cached_property
@@ -375,6 +433,12 @@ class VariationEquations:
     def solution(self) -> Array:
         """The (S,) most probable deviations of the shared parameters from their prior means."""
         return -np.asarray(np.linalg.solve(self._root.T, self._whitened))
+
+    def solution_with(self, variation: Variation) -> Array:
+        """Return the same (S,) solution for the deviations of a variation."""
+        moved = self.products @ self.rows.columns(variation.group)
+        score = self._whitened + self._response(moved) @ variation.deviations.ravel()
+        return -np.asarray(np.linalg.solve(self._root.T, score))
 
     @property
     def log_evidence(self) -> float:
@@ -415,12 +479,8 @@ class GroupEquations:
     """The sum of squares without any deviation."""
     freedom: int
     """Its degrees of freedom."""
-    motion: int
-
-    @property
-    def size(self) -> int:
-        """The number of the group's numbers."""
-        return len(self.group.numbers) or self.motion
+    size: int
+    """The number of the group's numbers."""
 
     @property
     def count(self) -> int:
@@ -448,18 +508,26 @@ class GroupEquations:
 
     def in_every_view(self) -> Variation:
         """Return the variation with deviations of each view's own."""
-        ratios = MOTIONS if not self.group.numbers else ((1.0, 1.0),)
-        best: tuple[float, float, Array] | None = None
-        for ratio in ratios:
-            sides = np.repeat(ratio, [3, 3]) if len(ratios) > 1 else np.ones(self.size)
-            tolerance = np.tile(sides, self.count)
-            gain, spread, deviations = self._largest_gain(
-                tolerance[:, None] * self.information * tolerance, tolerance * self.score
-            )
-            if best is None or gain > best[0]:
-                best = gain, spread, (tolerance * deviations).reshape(self.count, -1)
-        assert best
-        return Variation(self.group, Kind.EACH, *best, np.zeros(0))
+        sides = [np.ones(self.size)]
+        if not self.group.numbers:
+            sides = [np.repeat(ratio, 3) for ratio in MOTIONS]
+        fitted = [(*self._of_each(side), side) for side in sides]
+        gain, spread, deviations, side = max(fitted, key=lambda fit: fit[0])
+        sizes = (np.tile(side, self.count) * deviations).reshape(self.count, -1)
+        return Variation(self.group, Kind.EACH, gain, spread * side, sizes, np.zeros(0))
+
+    def _of_each(self, side: Array) -> tuple[float, float, Array]:
+        sides = np.tile(side, self.count)
+        return self._largest_gain(sides[:, None] * self.information * sides, sides * self.score)
+
+    def gain(self, variation: Variation) -> float:
+        """Return the gain in log evidence of a variation like this one, of the same kind and
+        pattern, with the spread of this fit.
+        """
+        if variation.pattern.size:
+            tried = self.following(variation.kind, variation.pattern).gain - variation.raw_gain
+            return variation.gain + tried
+        return self._of_each(variation.scales / variation.scales.max())[0]
 
     def in_two_kinds(self, deviations: Array) -> Variation:
         """Return the variation of two kinds of views, from a start: (V, G) deviations of each
@@ -485,7 +553,8 @@ class GroupEquations:
         gain, spread, sizes = self._largest_gain(
             views.T @ self.information @ views, views.T @ self.score
         )
-        return Variation(self.group, kind, gain, spread, pattern[:, None] * sizes, pattern)
+        scales = np.full(self.size, spread)
+        return Variation(self.group, kind, gain, scales, pattern[:, None] * sizes, pattern, gain)
 
     def _largest_gain(self, information: Array, score: Array) -> tuple[float, float, Array]:
         """Return the largest gain in log evidence by (k,) deviations of one spread, that spread,
@@ -500,7 +569,7 @@ class GroupEquations:
         gains = -(np.log1p(variance * sizes).sum(1) + self.freedom * left) / 2
         best = int(gains.argmax())
         squared = float(variance[best, 0])
-        deviations = axes @ (squared * along / (1 + squared * sizes))
+        deviations = -axes @ (squared * along / (1 + squared * sizes))
         return float(gains[best]), float(SPREADS[best]), deviations
 
 
