@@ -12,7 +12,7 @@ from calib.commands.arguments import effects, free
 from calib.errors import InputError
 from calib.extras import how_to_install
 
-SHELLS = ("bash", "zsh")
+SHELLS = ("bash", "zsh", "fish")
 FOLDERS = ("DIR", "SESSION")
 FILES = ("MANIFEST",)
 """The metavars of folders and of files. Any other argument of type Path may be either."""

@@ -261,6 +261,9 @@ def test_malformed_sessions_get_their_sentence_and_exit_code(
         (["export", "x", "--format", "bmp", "-o", "y"], "invalid choice"),
         (["undistort", "x", "y", "-o", "z"], "--depth"),
         (["calibrate"], "invalid choice"),
+        (["fti"], "did you mean fit?"),
+        (["fit", "x", "--squaremm", "2"], "did you mean --square-mm?"),
+        (["export", "x", "--format", "opencb", "-o", "y"], "did you mean opencv?"),
         ([], "COMMAND"),
     ],
 )

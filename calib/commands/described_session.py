@@ -1,0 +1,127 @@
+"""The session that `calib fit` calibrates: a session folder, or one that is written for pictures
+that the options describe.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calib.commands.arguments import millimetres, whole_size
+from calib.commands.board_options import OPTIONS, add_coding, board_from_options
+from calib.commands.cover_options import (
+    add_cover,
+    add_intrinsics,
+    cover_from_options,
+    intrinsics_from_options,
+)
+from calib.errors import InputError, harmless
+
+if TYPE_CHECKING:
+    from calib.importing.picture_session import NamedPictures
+    from calib.progress import Progress
+    from calib.session.board import Board
+    from calib.session.session import Session
+
+SEARCHED_PICTURES = 8
+"""Pictures, spread over all of them, in which a board is looked for."""
+
+
+def add_description(parser: argparse.ArgumentParser) -> None:
+    """Add the options that describe the board, the cover and the lens of pictures."""
+    board = parser.add_argument_group("board", "of pictures without a session.yaml")
+    board.add_argument(
+        "--board",
+        type=whole_size,
+        metavar="AxB",
+        help="inner corners, columns x rows, or an aprilgrid's tags (default: as found)",
+    )
+    board.add_argument("--square-mm", type=millimetres, metavar="S", help="side of a square")
+    add_coding(board)
+    cover = parser.add_argument_group(
+        "cover",
+        "of pictures without a session.yaml; lengths in mm, angles in degrees, 40+-5 for a number"
+        " that is known to 5",
+    )
+    add_cover(cover)
+    add_intrinsics(cover)
+
+
+def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
+    """Return the session that the arguments name. For pictures without one, it is written.
+
+    Raises:
+        InputError: the pictures need a description; the message has the command that gives it.
+    """
+    from calib.importing.picture_session import check_replaceable, find_pictures, write_session
+    from calib.session.session import read_session
+
+    cover = cover_from_options(args)
+    intrinsics = intrinsics_from_options(args)
+    is_described = bool(cover or intrinsics or args.board or _board_options(args))
+    path = args.session[0]
+    if len(args.session) == 1 and not is_described and _is_session_or_missing(path):
+        return read_session(path)
+    named = find_pictures(args.session)
+    if named.is_described and not is_described:
+        return read_session(named.session)
+    check_replaceable(named)
+    board = board_from_options(args) if args.board else _find_board(args, named, progress)
+    assert board
+    cover = cover or {"shape": "none"}
+    return read_session(write_session(named, board, cover, intrinsics, progress))
+
+
+def _is_session_or_missing(path: Path) -> bool:
+    """True for a folder with a session.yaml, and for a path that does not exist and is no
+    pattern.
+    """
+    from glob import has_magic
+
+    from calib.io.files import reading
+
+    with reading(path):
+        return (path / "session.yaml").exists() or not (path.exists() or has_magic(str(path)))
+
+
+def _board_options(args: argparse.Namespace) -> dict[str, object]:
+    """Return the given options of the board but --board itself, by their names in session.yaml."""
+    return {key: value for key in OPTIONS if (value := getattr(args, key)) is not None}
+
+
+def _find_board(args: argparse.Namespace, named: "NamedPictures", progress: "Progress") -> "Board":
+    """Look for a board in the pictures, and return it with the size that the options state.
+
+    Raises:
+        InputError: there is none, or its size in mm is missing.
+    """
+    from calib.corners.board_search import search_board
+    from calib.importing.picture_session import EXAMPLE, sample
+    from calib.session.board_section import read_board
+    from calib.session.schema import Section
+
+    pictures = sample(named, SEARCHED_PICTURES)
+    advance = progress.task("Looking for a board", 1)
+    found = search_board(pictures)
+    advance(1, "")
+    if found is None:
+        raise InputError(
+            f"{named.words} has no session.yaml, and no board was found in {len(pictures)} of its"
+            f" pictures: describe it by calib fit {named.words} {EXAMPLE} (inner corners), with"
+            " --type where it has markers."
+        )
+    options = _board_options(args)
+    kind = str(options.get("type", found.kind))
+    side = found.side_key
+    if side not in options or kind != found.kind or ("spacing" not in options and found.is_vague):
+        command = f"calib fit {named.words} {found.options}"
+        raise InputError(
+            f"{found.sentence} in {found.pictures} of {found.searched} pictures. What they cannot"
+            f" say is its size: {command}, with your own millimetres."
+        )
+    print(
+        harmless(f"{found.sentence} in {found.pictures} of {found.searched} pictures."),
+        file=sys.stderr,
+    )
+    scale = float(str(options[side]))
+    return read_board(Section({**found.to_yaml(scale), **options}, "The command line"))
