@@ -94,6 +94,7 @@ def _joined(key: str, names: Sequence[str]) -> dict[str, object]:
     return {
         "bash": f"_refracal_{key}",
         "zsh": f" _values -s , {key} {name_list}",
+        "fish": f"(__fish_append , {name_list})",
         "preamble": {"bash": JOINED.format(key=key, names=name_list)},
     }
 

@@ -36,7 +36,7 @@ def add_cover(parser: Options) -> None:
         parser.add_argument(
             f"--{option}",
             dest=f"{PREFIX}{option.replace('-', '_')}",
-            type=numbers,
+            type=typed_list,
             metavar=",".join(components).upper() or "N",
             help=f"{kind.explanation} For {', '.join(shapes)}.",
         )
@@ -45,7 +45,7 @@ def add_cover(parser: Options) -> None:
 def add_intrinsics(parser: Options) -> None:
     parser.add_argument(
         "--intrinsics",
-        type=numbers,
+        type=typed_list,
         metavar="FX,FY,CX,CY,...",
         help=(
             "the lens, px, with OpenCV's coefficients behind (default: from pictures without the"
@@ -54,7 +54,7 @@ def add_intrinsics(parser: Options) -> None:
     )
 
 
-def numbers(text: str) -> list[object]:
+def typed_list(text: str) -> list[object]:
     """Return the numbers that commas join, such as `40`, `40+-5` or `0,-30+-2`, as session.yaml has
     them.
     """

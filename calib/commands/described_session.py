@@ -53,7 +53,7 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     Raises:
         InputError: the pictures need a description; the message has the command that gives it.
     """
-    from calib.importing.picture_session import check_replaceable, find_pictures, write_session
+    from calib.importing.picture_session import check_replaceable, describe_pictures, find_pictures
     from calib.session.session import read_session
 
     cover = cover_from_options(args)
@@ -69,7 +69,7 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     board = board_from_options(args) if args.board else _find_board(args, named, progress)
     assert board
     cover = cover or {"shape": "none"}
-    return read_session(write_session(named, board, cover, intrinsics, progress))
+    return read_session(describe_pictures(named, board, cover, intrinsics, progress))
 
 
 def _is_session_or_missing(path: Path) -> bool:
@@ -100,7 +100,7 @@ def _find_board(args: argparse.Namespace, named: "NamedPictures", progress: "Pro
     from calib.session.board_section import read_board
     from calib.session.schema import Section
 
-    pictures = sample(named, SEARCHED_PICTURES)
+    pictures = sample(named, SEARCHED_PICTURES, progress)
     advance = progress.task("Looking for a board", 1)
     found = search_board(pictures)
     advance(1, "")

@@ -17,7 +17,7 @@ from calib.corners.coded import (
     refine_tag_outlines,
     select_board_markers,
 )
-from calib.corners.detect import has_grid, largest_grid
+from calib.corners.detect import CornerGrid, has_grid, largest_grid
 from calib.corners.detect_all import COMMON_SIZES
 from calib.corners.detection import NotFound
 from calib.corners.markers import Markers, marker_places, read_markers
@@ -120,10 +120,16 @@ class FoundBoard:
 def search_board(pictures: Sequence[Picture]) -> FoundBoard | None:
     """Return the board that most of the (H, W) pictures show; None if they show none, or several.
 
-    A board with markers comes first: a checkerboard may be seen in it.
+    A chessboard is searched for first, as it is found fastest. One picture of it then shows whether
+    it has markers.
     """
     small = [_reduce(picture) for picture in pictures]
-    return _search_markers(small[:MARKER_PICTURES]) or _search_chessboard(small)
+    grids = [largest_grid(picture) for picture in small]
+    seen = [picture for picture, grid in zip(small, grids, strict=True) if grid]
+    chessboard = _agreed_size(grids)
+    if chessboard and not _search_markers(seen[:1]):
+        return chessboard
+    return _search_markers(small[:MARKER_PICTURES]) or chessboard or _try_common_sizes(small)
 
 
 def _reduce(picture: Picture) -> Picture:
@@ -135,13 +141,22 @@ def _reduce(picture: Picture) -> Picture:
     )
 
 
-def _search_chessboard(pictures: Sequence[Picture]) -> FoundBoard | None:
-    sizes = Counter(grid.size for grid in map(largest_grid, pictures) if grid)
-    if sizes:
-        (columns, rows), count = sizes.most_common(1)[0]
-        agree = count >= MIN_AGREEMENT * sizes.total() and count >= min(2, len(pictures))
-        if agree and (columns * rows >= CLEAR_CORNERS or count == len(pictures) > 2):
-            return FoundBoard(Board(columns, rows, 1.0), count, len(pictures))
+def _agreed_size(grids: Sequence[CornerGrid | None]) -> FoundBoard | None:
+    """Return the chessboard that most of the pictures with any grid show."""
+    sizes = Counter(grid.size for grid in grids if grid)
+    if not sizes:
+        return None
+    (columns, rows), count = sizes.most_common(1)[0]
+    agree = count >= MIN_AGREEMENT * sizes.total() and count >= min(2, len(grids))
+    if agree and (columns * rows >= CLEAR_CORNERS or count == len(grids) > 2):
+        return FoundBoard(Board(columns, rows, 1.0), count, len(grids))
+    return None
+
+
+def _try_common_sizes(pictures: Sequence[Picture]) -> FoundBoard | None:
+    """Return the chessboard of a common size that at least half of the pictures show, where no grid
+    could be measured.
+    """
     hits = {
         size: sum(has_grid(picture, Board(*size, 1.0)) for picture in pictures)
         for size in COMMON_SIZES
@@ -220,29 +235,33 @@ def _best_layout(markers: Sequence[Markers], candidates: Sequence[Board]) -> Boa
     A candidate's own rows say whether their number is odd, which the first square of a legacy
     ChArUco board depends on.
     """
-    count = 1 + max(int(read.numbers.max(initial=0)) for read in markers)
-    total = sum(len(read.numbers) for read in markers)
-    best, best_linked = None, MIN_LINKED_FRACTION * total
-    highest = 0
+    richest = max(markers, key=lambda read: len(read.numbers))
+    best, most = None, int(MIN_LINKED_FRACTION * len(richest.numbers))
     for candidate in candidates:
-        needed = 2 * (1 + 2 * count // candidate.columns)
-        taller = replace(candidate, rows=candidate.rows + needed)
-        selected = [
-            group
-            for group in (select_board_markers(read, taller) for read in markers)
-            if not isinstance(group, NotFound)
-        ]
-        linked = sum(len(group.numbers) for group in selected)
-        if linked > best_linked:
-            best, best_linked = candidate, linked
-            highest = max(int(group.numbers.max()) for group in selected)
-        if linked > CLEAR_FRACTION * total:
+        linked = len(_on_board([richest], candidate))
+        if linked > most:
+            best, most = candidate, linked
+        if linked > CLEAR_FRACTION * len(richest.numbers):
             break
     if not best:
+        return None
+    numbers = _on_board(markers, best)
+    if len(numbers) < MIN_LINKED_FRACTION * sum(len(read.numbers) for read in markers):
         return None
     legacy = isinstance(best.coding, Charuco) and best.coding.legacy_pattern
     step = 2 if legacy or isinstance(best.coding, AprilGrid) else 1
     rows = best.rows if legacy else 2
-    while len(marker_places(replace(best, rows=rows))) <= highest:
+    while len(marker_places(replace(best, rows=rows))) <= numbers.max():
         rows += step
     return replace(best, rows=rows)
+
+
+def _on_board(markers: Sequence[Markers], board: Board) -> NDArray[np.int64]:
+    """Return the (N,) numbers of the markers that lie as on this board, or on one with more
+    rows.
+    """
+    count = 1 + max(int(read.numbers.max(initial=0)) for read in markers)
+    taller = replace(board, rows=board.rows + 2 * (1 + 2 * count // board.columns))
+    selected = [select_board_markers(read, taller) for read in markers]
+    groups = [group.numbers for group in selected if not isinstance(group, NotFound)]
+    return np.concatenate([*groups, np.zeros(0, np.int64)])

@@ -46,31 +46,8 @@ def from_video(
         InputError: the file is no video that can be read.
     """
     width, height, count = _measure(path)
-    return SessionDraft(
-        path,
-        board,
-        Camera(width, height, model),
-        frames=_encode(path, count, progress or Silent()),
-    )
-
-
-def sample_frames(path: Path, count: int) -> list[Picture]:
-    """Return up to `count` frames, (H, W, 3) BGR, spread over a video."""
-    _, _, total = _measure(path)
-    numbers = {round(number) for number in np.linspace(0, total - 1, count)}
-    video = open_video(path)
-    frames: list[Picture] = []
-    try:
-        for number in range(total):
-            if not video.grab():
-                break
-            if number in numbers:
-                found, pixels = video.retrieve()
-                if found:
-                    frames.append(np.asarray(pixels, np.uint8))
-    finally:
-        video.release()
-    return frames
+    frames = _encode(path, len(str(count)), progress or Silent())
+    return SessionDraft(path, board, Camera(width, height, model), frames=frames)
 
 
 def _measure(path: Path) -> tuple[int, int, int]:
@@ -94,17 +71,21 @@ def _measure(path: Path) -> tuple[int, int, int]:
     return width, height, count
 
 
-def _encode(path: Path, count: int, progress: Progress) -> Iterator[tuple[str, bytes]]:
+def _encode(path: Path, digits: int, progress: Progress) -> Iterator[tuple[str, bytes]]:
     """Yield a name and the bytes of a PNG for each kept frame."""
-    digits = len(str(count))
-    for frame in sharpest_frames(path, count, progress):
+    for frame in sharpest_frames(path, MAX_FRAMES, progress):
         name = f"{frame.number:0{digits}d}.png"
         yield name, cv2.imencode(".png", frame.pixels, PNG)[1].tobytes()
 
 
-def sharpest_frames(path: Path, count: int, progress: Progress) -> Iterator[VideoFrame]:
-    """Yield the sharpest frame of each part of a video that has about `count` frames."""
-    parts = min(count, MAX_FRAMES)
+def sharpest_frames(path: Path, parts: int, progress: Progress) -> Iterator[VideoFrame]:
+    """Yield the sharpest frame of each of so many equal parts of a video.
+
+    Raises:
+        InputError: the file is no video that can be read.
+    """
+    _, _, count = _measure(path)
+    parts = min(count, parts)
     advance = progress.task(f"Frames of {path.name}", count)
     best: VideoFrame | None = None
     part = 0

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from calib.corners.detect import eight_bits
 from calib.errors import InputError
 from calib.importing.from_pictures import read_contents
-from calib.importing.from_video import from_video, sample_frames
+from calib.importing.from_video import from_video, sharpest_frames
 from calib.io.files import make_folder, reading
 from calib.io.images import SUFFIXES, image_size, list_images, read_grey, session_pictures
 from calib.io.output_folder import LEDGER, OutputFolder
@@ -156,12 +156,14 @@ def _in_folder(folder: Path, words: str) -> NamedPictures:
     return NamedPictures(folder, pictures, words=words)
 
 
-def sample(named: NamedPictures, count: int) -> list[NDArray[np.uint8]]:
-    """Return up to `count` of the pictures, spread over all of them, as (H, W) grey."""
+def sample(named: NamedPictures, count: int, progress: Progress) -> list[NDArray[np.uint8]]:
+    """Return up to `count` of the pictures, spread over all of them, as (H, W) grey; of a video
+    sharp ones.
+    """
     if named.video:
         return [
-            np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), np.uint8)
-            for frame in sample_frames(named.video, count)
+            np.asarray(cv2.cvtColor(frame.pixels, cv2.COLOR_BGR2GRAY), np.uint8)
+            for frame in sharpest_frames(named.video, count, progress)
         ]
     last = len(named.pictures) - 1
     numbers = sorted({round(index) for index in np.linspace(0, last, count)})
@@ -177,7 +179,7 @@ def check_replaceable(named: NamedPictures) -> None:
     _output(named).check([DESCRIPTION])
 
 
-def write_session(
+def describe_pictures(
     named: NamedPictures,
     board: Board,
     cover: Mapping[str, object],

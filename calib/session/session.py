@@ -149,7 +149,8 @@ def _read(path: Path, bare_of: Session | None) -> Session:
             else "put"
         )
         raise InputError(
-            f"{path} has no pictures: {hint} png, jpg, tiff, bmp or npy files in {path / 'frames'}."
+            f"{path} has no pictures: {hint} png, jpg, tiff, bmp or npy files in {path / 'frames'},"
+            f" or record some by capture {shlex.quote(str(path))}"
         )
     session = Session(path, board, camera, cover, frames, corners, None)
     if bare_of:
