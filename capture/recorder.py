@@ -98,8 +98,8 @@ class Recorder:
 
     def __enter__(self) -> "Recorder":
         with reading(self._folder):
-            is_session = (self._folder / "session.yaml").exists()
-        if is_session:
+            is_inner_session = (self._folder / "session.yaml").exists()
+        if is_inner_session and self._folder != self.session:
             raise InputError(
                 f"{self._folder} is a session of its own: record into it by capture record"
                 f" {self._folder}, without --bare."

@@ -150,6 +150,10 @@ def test_a_trusted_fit_names_an_export_command_that_works(
     assert program == "calib"
     assert main(arguments) == 0
     assert list((folder / "calibration" / "export").glob("map_*.npz"))
+    assert main(["fit", str(folder), "--grid", "5x5", "--depth", "0.5"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    following = next(line for line in lines if line.startswith("Next: "))
+    assert "export" not in following, "the map is written"
 
 
 def test_fit_leaves_calibration_field_and_a_map_for_every_depth(
