@@ -75,20 +75,20 @@ def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
         InputError: a number is missing, or belongs to another shape.
     """
     options = _kinds_by_option()
-    given = {
+    typed = {
         option: values
         for option in options
         if (values := getattr(args, f"{PREFIX}{option.replace('-', '_')}")) is not None
     }
-    if args.cover is None and not given:
+    if args.cover is None and not typed:
         return None
     if args.cover is None:
         raise InputError(
-            f"--{next(iter(given))} describes a cover without a shape: add --cover, one of"
+            f"--{next(iter(typed))} describes a cover without a shape: add --cover, one of"
             f" {', '.join(shape_names())}."
         )
     shape = find_shape(args.cover)
-    for option in given:
+    for option in typed:
         if not any(kind in shape.keys for kind in options[option]):
             allowed = [f"--{_option(kind)}" for kind in shape.keys]
             raise InputError(
@@ -99,7 +99,7 @@ def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
     missing: list[str] = []
     for kind in shape.keys:
         quantity = kind.quantity
-        if values := given.get(_option(kind)):
+        if values := typed.get(_option(kind)):
             section[quantity.key] = values if quantity.components else _single(kind, values)
         elif kind.usual:
             section[quantity.key] = float(kind.usual)

@@ -62,14 +62,14 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     path = args.session[0]
     if len(args.session) == 1 and not is_described and _is_session_or_missing(path):
         return read_session(path)
-    named = find_pictures(args.session)
-    if named.is_described and not is_described:
-        return read_session(named.session)
-    check_replaceable(named)
-    board = board_from_options(args) if args.board else _find_board(args, named, progress)
+    source = find_pictures(args.session)
+    if source.is_described and not is_described:
+        return read_session(source.session)
+    check_replaceable(source)
+    board = board_from_options(args) if args.board else _find_board(args, source, progress)
     assert board
     cover = cover or {"shape": "none"}
-    return read_session(describe_pictures(named, board, cover, intrinsics, progress))
+    return read_session(describe_pictures(source, board, cover, intrinsics, progress))
 
 
 def _is_session_or_missing(path: Path) -> bool:
@@ -89,7 +89,7 @@ def _board_options(args: argparse.Namespace) -> dict[str, object]:
     return {key: value for key in OPTIONS if (value := getattr(args, key)) is not None}
 
 
-def _find_board(args: argparse.Namespace, named: "NamedPictures", progress: "Progress") -> "Board":
+def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Progress") -> "Board":
     """Look for a board in the pictures, and return it with the size that the options state.
 
     Raises:
@@ -100,28 +100,32 @@ def _find_board(args: argparse.Namespace, named: "NamedPictures", progress: "Pro
     from calib.session.board_section import read_board
     from calib.session.schema import Section
 
-    pictures = sample(named, SEARCHED_PICTURES, progress)
+    pictures = sample(source, SEARCHED_PICTURES, progress)
     advance = progress.task("Looking for a board", 1)
-    found = search_board(pictures)
+    finding = search_board(pictures)
     advance(1, "")
-    if found is None:
+    if finding is None:
         raise InputError(
-            f"{named.words} has no session.yaml, and no board was found in {len(pictures)} of its"
-            f" pictures: describe it by calib fit {named.words} {EXAMPLE} (inner corners), with"
+            f"{source.words} has no session.yaml, and no board was found in {len(pictures)} of its"
+            f" pictures: describe it by calib fit {source.words} {EXAMPLE} (inner corners), with"
             " --type where it has markers."
         )
     options = _board_options(args)
-    kind = str(options.get("type", found.kind))
-    side = found.side_key
-    if side not in options or kind != found.kind or ("spacing" not in options and found.is_vague):
-        command = f"calib fit {named.words} {found.options}"
+    kind = str(options.get("type", finding.kind))
+    side = finding.side_key
+    if (
+        side not in options
+        or kind != finding.kind
+        or ("spacing" not in options and finding.is_vague)
+    ):
+        command = f"calib fit {source.words} {finding.options}"
         raise InputError(
-            f"{found.sentence} in {found.pictures} of {found.searched} pictures. What they cannot"
+            f"{finding.sentence} in {finding.pictures} of {finding.searched} pictures. What they cannot"
             f" say is its size: {command}, with your own millimetres."
         )
     print(
-        harmless(f"{found.sentence} in {found.pictures} of {found.searched} pictures."),
+        harmless(f"{finding.sentence} in {finding.pictures} of {finding.searched} pictures."),
         file=sys.stderr,
     )
     scale = float(str(options[side]))
-    return read_board(Section({**found.to_yaml(scale), **options}, "The command line"))
+    return read_board(Section({**finding.to_yaml(scale), **options}, "The command line"))

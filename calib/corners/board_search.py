@@ -125,9 +125,9 @@ def search_board(pictures: Sequence[Picture]) -> FoundBoard | None:
     """
     small = [_reduce(picture) for picture in pictures]
     grids = [largest_grid(picture) for picture in small]
-    seen = [picture for picture, grid in zip(small, grids, strict=True) if grid]
+    grid_pictures = [picture for picture, grid in zip(small, grids, strict=True) if grid]
     chessboard = _agreed_size(grids)
-    if chessboard and not _search_markers(seen[:1]):
+    if chessboard and not _search_markers(grid_pictures[:1]):
         return chessboard
     return _search_markers(small[:MARKER_PICTURES]) or chessboard or _try_common_sizes(small)
 
@@ -236,11 +236,11 @@ def _best_layout(markers: Sequence[Markers], candidates: Sequence[Board]) -> Boa
     ChArUco board depends on.
     """
     richest = max(markers, key=lambda read: len(read.numbers))
-    best, most = None, int(MIN_LINKED_FRACTION * len(richest.numbers))
+    best, highest = None, int(MIN_LINKED_FRACTION * len(richest.numbers))
     for candidate in candidates:
         linked = len(_on_board([richest], candidate))
-        if linked > most:
-            best, most = candidate, linked
+        if linked > highest:
+            best, highest = candidate, linked
         if linked > CLEAR_FRACTION * len(richest.numbers):
             break
     if not best:

@@ -54,8 +54,8 @@ def _measure(path: Path) -> tuple[int, int, int]:
     """Return width and height of a video's frames, px, and their number."""
     video = open_video(path)
     try:
-        found, pixels = video.read()
-        if not found:
+        success, pixels = video.read()
+        if not success:
             raise InputError(
                 f"{path} is not a video that can be read: convert it to mp4 or avi, or give a"
                 " folder of its frames."
@@ -78,21 +78,21 @@ def _encode(path: Path, digits: int, progress: Progress) -> Iterator[tuple[str, 
         yield name, cv2.imencode(".png", frame.pixels, PNG)[1].tobytes()
 
 
-def sharpest_frames(path: Path, parts: int, progress: Progress) -> Iterator[VideoFrame]:
+def sharpest_frames(path: Path, sections: int, progress: Progress) -> Iterator[VideoFrame]:
     """Yield the sharpest frame of each of so many equal parts of a video.
 
     Raises:
         InputError: the file is no video that can be read.
     """
     _, _, count = _measure(path)
-    parts = min(count, parts)
+    sections = min(count, sections)
     advance = progress.task(f"Frames of {path.name}", count)
     best: VideoFrame | None = None
-    part = 0
+    section = 0
     for frame in _read_frames(path):
         advance(min(frame.number + 1, count), "")
-        if frame.number * parts >= (part + 1) * count and part + 1 < parts:
-            part = frame.number * parts // count
+        if frame.number * sections >= (section + 1) * count and section + 1 < sections:
+            section = frame.number * sections // count
             if best:
                 yield best
             best = None
@@ -108,8 +108,8 @@ def _read_frames(path: Path) -> Iterator[VideoFrame]:
         number = 0
         while True:
             time_s = video.get(cv2.CAP_PROP_POS_MSEC) / 1000
-            found, pixels = video.read()
-            if not found:
+            success, pixels = video.read()
+            if not success:
                 return
             picture = np.asarray(pixels, np.uint8)
             yield VideoFrame(number, time_s, picture, _sharpness(picture))

@@ -75,13 +75,13 @@ def find_pictures(paths: Sequence[Path]) -> NamedPictures:
         InputError: a path is neither, or there is no picture.
     """
     words = shlex.join(map(str, paths))
-    found: list[Path] = []
+    existing: list[Path] = []
     for path in paths:
-        found += _matches(path)
-    if len(found) == 1 and found[0].is_dir():
-        return _in_folder(found[0], words)
-    videos = [path for path in found if path.suffix.lower() in VIDEOS]
-    if len(found) == 1 and videos:
+        existing += _matches(path)
+    if len(existing) == 1 and existing[0].is_dir():
+        return _in_folder(existing[0], words)
+    videos = [path for path in existing if path.suffix.lower() in VIDEOS]
+    if len(existing) == 1 and videos:
         return NamedPictures(videos[0].with_suffix(""), video=videos[0], words=words)
     if videos:
         raise InputError(
@@ -89,7 +89,7 @@ def find_pictures(paths: Sequence[Path]) -> NamedPictures:
             f" fit {shlex.quote(str(videos[0]))} {EXAMPLE}"
         )
     pictures: list[Path] = []
-    for path in found:
+    for path in existing:
         pictures += session_pictures(path) if path.is_dir() else [_picture(path)]
     folders = {path.parent for path in pictures}
     common = Path(os.path.commonpath([str(folder) for folder in folders] or ["."]))
@@ -109,15 +109,15 @@ def _matches(path: Path) -> Sequence[Path]:
         )
     pattern = path.expanduser()
     matches = sorted(Path(pattern.anchor).glob(str(pattern.relative_to(pattern.anchor))))
-    kept = [
+    media = [
         match for match in matches if match.is_dir() or match.suffix.lower() in (*SUFFIXES, *VIDEOS)
     ]
-    if not kept:
+    if not media:
         raise InputError(
             f"No picture matches {path}: give a folder, a pattern such as 'photos/*.jpg', or a"
             " video."
         )
-    return kept
+    return media
 
 
 def _picture(path: Path) -> Path:
@@ -156,31 +156,31 @@ def _in_folder(folder: Path, words: str) -> NamedPictures:
     return NamedPictures(folder, pictures, words=words)
 
 
-def sample(named: NamedPictures, count: int, progress: Progress) -> list[NDArray[np.uint8]]:
+def sample(source: NamedPictures, count: int, progress: Progress) -> list[NDArray[np.uint8]]:
     """Return up to `count` of the pictures, spread over all of them, as (H, W) grey; of a video
     sharp ones.
     """
-    if named.video:
+    if source.video:
         return [
             np.asarray(cv2.cvtColor(frame.pixels, cv2.COLOR_BGR2GRAY), np.uint8)
-            for frame in sharpest_frames(named.video, count, progress)
+            for frame in sharpest_frames(source.video, count, progress)
         ]
-    last = len(named.pictures) - 1
+    last = len(source.pictures) - 1
     numbers = sorted({round(index) for index in np.linspace(0, last, count)})
-    return [eight_bits(read_grey(named.pictures[number])) for number in numbers]
+    return [eight_bits(read_grey(source.pictures[number])) for number in numbers]
 
 
-def check_replaceable(named: NamedPictures) -> None:
+def check_replaceable(source: NamedPictures) -> None:
     """Raise InputError if a session.yaml, or a folder for the pictures, is there that calib did not
     write.
     """
-    if not named.in_place:
-        _check_new(named)
-    _output(named).check([DESCRIPTION])
+    if not source.in_place:
+        _check_new(source)
+    _output(source).check([DESCRIPTION])
 
 
 def describe_pictures(
-    named: NamedPictures,
+    source: NamedPictures,
     board: Board,
     cover: Mapping[str, object],
     intrinsics: Mapping[str, object] | None,
@@ -195,29 +195,29 @@ def describe_pictures(
         intrinsics: the section `camera.intrinsics`. None: they come from bare/ if it is there. Else
             a camera behind a cover gets those that say that its lens is not known.
     """
-    check_replaceable(named)
-    if named.video:
-        draft = from_video(named.video, board, progress=progress)
+    check_replaceable(source)
+    if source.video:
+        draft = from_video(source.video, board, progress=progress)
         size = draft.camera.width, draft.camera.height
         frames = draft.frames
     else:
-        size = image_size(named.pictures[0])
-        frames = _contents(named.pictures)
+        size = image_size(source.pictures[0])
+        frames = _contents(source.pictures)
     camera: dict[str, object] = {"width": size[0], "height": size[1]}
-    remarks = [f"Written by calib fit, from {named.words}."]
+    remarks = [f"Written by calib fit, from {source.words}."]
     if intrinsics:
         camera["intrinsics"] = intrinsics
-    elif cover["shape"] != NONE.name and not (named.session / "bare").is_dir():
+    elif cover["shape"] != NONE.name and not (source.session / "bare").is_dir():
         camera["intrinsics"] = unknown_intrinsics(*size)
         remarks.append(
             "The lens is not known: its intrinsics below only say so, and are estimated."
         )
     text = commented_session(board_to_yaml(board), camera, cover, remarks)
     session_from_mapping({"board": board_to_yaml(board), "camera": camera, "cover": cover}, COMMAND)
-    if not named.in_place:
-        _copy(named.session, frames)
-    _output(named).write(DESCRIPTION, text)
-    return named.session
+    if not source.in_place:
+        _copy(source.session, frames)
+    _output(source).write(DESCRIPTION, text)
+    return source.session
 
 
 def unknown_intrinsics(width: int, height: int) -> dict[str, object]:
@@ -236,8 +236,8 @@ def unknown_intrinsics(width: int, height: int) -> dict[str, object]:
     }
 
 
-def _output(named: NamedPictures) -> OutputFolder:
-    return OutputFolder(named.session, flag="", elsewhere=_correction(named))
+def _output(source: NamedPictures) -> OutputFolder:
+    return OutputFolder(source.session, flag="", elsewhere=_correction(source))
 
 
 def _contents(pictures: Sequence[Path]) -> Iterator[tuple[str, bytes]]:
@@ -247,24 +247,24 @@ def _contents(pictures: Sequence[Path]) -> Iterator[tuple[str, bytes]]:
         yield f"{path.parent.name}-{name}" if several else name, data
 
 
-def _correction(named: NamedPictures) -> str:
+def _correction(source: NamedPictures) -> str:
     """Return what to do about a session.yaml that is not ours to replace."""
-    session = shlex.quote(str(named.session))
+    session = shlex.quote(str(source.session))
     return f"leave the options that describe it out, calib fit {session}, or correct that file"
 
 
-def _check_new(named: NamedPictures) -> None:
+def _check_new(source: NamedPictures) -> None:
     """Raise InputError if the folder for the pictures holds anything that calib did not make."""
-    folder = named.session
+    folder = source.session
     with reading(folder):
         foreign = folder.exists() and (
             not folder.is_dir() or (any(folder.iterdir()) and not _is_made_by_calib(folder))
         )
     if foreign:
-        kind = "video" if named.video else "images"
+        kind = "video" if source.video else "images"
         raise InputError(
             f"{folder} is there already, and the pictures would go there: rename it, or make a"
-            f" session elsewhere by calib import {kind} {named.words} {EXAMPLE} -o NEW"
+            f" session elsewhere by calib import {kind} {source.words} {EXAMPLE} -o NEW"
         )
 
 

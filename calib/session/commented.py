@@ -59,12 +59,12 @@ def commented_session(
     if shape is NONE:
         lines += ["", COVERS]
         explained: set[str] = set()
-        for other in map(find_shape, shape_names()):
-            if other.has_glass:
-                comments = _explain_cover(other)
+        for alternative in map(find_shape, shape_names()):
+            if alternative.has_glass:
+                comments = _explain_cover(alternative)
                 new = {key: text for key, text in comments.items() if text not in explained}
                 explained |= set(comments.values())
-                entries = _entries({"shape": other.name, **other.example}, new)
+                entries = _entries({"shape": alternative.name, **alternative.example}, new)
                 lines += ["# cover:", *(f"# {line}" for line in entries)]
     return "\n".join([*lines, ""])
 
@@ -87,7 +87,9 @@ def _entry(line: str, comment: str) -> list[str]:
 def _other_boards(kind: str) -> list[str]:
     """Return an example of each other type of board."""
     return [
-        f"# board: {_flow({'type': other, **EXAMPLES[other]})}" for other in KEYS if other != kind
+        f"# board: {_flow({'type': alternative, **EXAMPLES[alternative]})}"
+        for alternative in KEYS
+        if alternative != kind
     ]
 
 

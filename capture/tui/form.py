@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from calib.errors import InputError, brief
 from calib.session.board import Board
-from calib.session.board_section import KEYS, explain_keys
+from calib.session.board_section import EXPLANATIONS, KEYS, explain_keys
 from calib.session.camera import Camera, camera_to_yaml
 from calib.session.cover import Cover
 from calib.session.cover_section import LAYERS_KEY, cover_mappings
@@ -42,14 +42,14 @@ LAYER_KEYS = tuple(kind.quantity.key for kind in LAYER)
 NUMBERS = ("one", "two", "three")
 ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 
-HELP = {
+HELP = EXPLANATIONS | {
     "kind": (
         "What is printed on it. charuco and aprilgrid have markers: they may reach out of the"
         " picture, and be held any way up."
     ),
     "shape": "The cover in front of the camera. none: there is none, only the lens is calibrated.",
 }
-"""The explanations of the choices. A board's values and a cover's shape explain their own.
+"""The explanations of the values of a board, and of the choices. A shape explains its own.
 
 The rule of a value is stated when it is broken.
 """
