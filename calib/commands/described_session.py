@@ -113,6 +113,7 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
     options = _board_options(args)
     kind = str(options.get("type", finding.kind))
     side = finding.side_key
+    sentence = f"{finding.sentence} in {finding.pictures} of {finding.searched} pictures."
     if (
         side not in options
         or kind != finding.kind
@@ -120,12 +121,8 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
     ):
         command = f"calib fit {source.words} {finding.options}"
         raise InputError(
-            f"{finding.sentence} in {finding.pictures} of {finding.searched} pictures. What they cannot"
-            f" say is its size: {command}, with your own millimetres."
+            f"{sentence} What they cannot say is its size: {command}, with your own millimetres."
         )
-    print(
-        harmless(f"{finding.sentence} in {finding.pictures} of {finding.searched} pictures."),
-        file=sys.stderr,
-    )
+    print(harmless(sentence), file=sys.stderr)
     scale = float(str(options[side]))
     return read_board(Section({**finding.to_yaml(scale), **options}, "The command line"))

@@ -32,7 +32,10 @@ def test_a_checkerboard_is_found_with_its_size() -> None:
     assert found.options == "--board 7x6 --square-mm 25"
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow if name == "spacing 0.2" else ()) for name in KINDS],
+)
 def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
     declared = KINDS[name].board
     found = search_board(views(KINDS[name]))
