@@ -13,12 +13,14 @@ from calib.commands import (
     fleet_prior_command,
     immerse_command,
     import_command,
+    init_command,
     measure_command,
     pose_command,
     report_command,
     undistort_command,
 )
 from calib.commands.command_line import run_command
+from calib.commands.parser import CommandGroup
 
 DESCRIPTION = """
 Calibrate a camera that looks through a refractive cover, and undistort its pictures at any depth.
@@ -27,25 +29,22 @@ stdout carries the result, stderr progress and remarks. Exit codes: 0 done, 1 a 
 or input, 3 not enough good data, 5 the checked calibration is not valid, 6 a fleet lost its
 cluster, or none of its workers could start, before every camera was done.
 """
-COMMANDS = (
-    fit_command,
-    evaluate_command,
-    check_command,
-    diagnose_command,
-    batch_command,
-    fleet_prior_command,
-    report_command,
-    undistort_command,
-    measure_command,
-    pose_command,
-    immerse_command,
-    export_command,
-    import_command,
-    board_command,
+GROUPS = (
+    CommandGroup("Begin", (init_command, board_command, import_command)),
+    CommandGroup(
+        "Calibrate one camera",
+        (fit_command, diagnose_command, evaluate_command, check_command, report_command),
+    ),
+    CommandGroup(
+        "Use a calibration",
+        (undistort_command, export_command, measure_command, pose_command, immerse_command),
+    ),
+    CommandGroup("Calibrate many cameras", (batch_command, fleet_prior_command)),
 )
 """The commands in the order of the help."""
+COMMANDS = tuple(command for group in GROUPS for command in group.commands)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `calib` with these arguments and return its exit code."""
-    return run_command("calib", DESCRIPTION, COMMANDS, argv)
+    return run_command("calib", DESCRIPTION, COMMANDS, argv, GROUPS)

@@ -8,7 +8,7 @@ import shlex
 import sys
 
 EXTRAS = {
-    "completion": ("shtab>=1.7,<2",),
+    "completion": ("shtab>=1.9,<2",),
     "exr": ("OpenEXR>=3.3",),
     "fleet": ("cryptography>=42", "dask-jobqueue>=0.9", "distributed>=2024.8", "fsspec>=2024.6"),
     "render": ("mitsuba>=3.6,<4",),

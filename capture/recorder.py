@@ -32,7 +32,7 @@ from calib.session.board import Board
 from calib.session.shutter import Shutter, shutter_to_yaml
 from capture.disk import append_durably, locked, write_durably, writing
 from capture.frames import Frame
-from capture.session_file import Setup, read_setup, write_setup
+from capture.session_file import Setup, picture_folder, read_setup, write_setup
 from capture.settings_drift import SettingsDrift
 
 PNG = (
@@ -76,7 +76,7 @@ class Recorder:
         self._board = board
         self._like = like
         self._shutter = shutter
-        self._folder = session / ("bare" if bare else "frames")
+        self._folder = picture_folder(session, bare=bare)
         self._table = (self._folder if bare else session) / NAME
         self._rows: list[Row] = []
         self._columns: list[str] = []
@@ -98,8 +98,8 @@ class Recorder:
 
     def __enter__(self) -> "Recorder":
         with reading(self._folder):
-            is_session = (self._folder / "session.yaml").exists()
-        if is_session:
+            is_inner_session = (self._folder / "session.yaml").exists()
+        if is_inner_session and self._folder != self.session:
             raise InputError(
                 f"{self._folder} is a session of its own: record into it by capture record"
                 f" {self._folder}, without --bare."

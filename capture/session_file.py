@@ -7,6 +7,7 @@ import yaml
 
 from calib.errors import InputError
 from calib.io.files import reading
+from calib.io.images import frames_folder
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -43,6 +44,16 @@ def read_calibrated(calibration: Path) -> Setup:
         {key: document[key] for key in ("board", "camera", "cover") if key in document},
         str(calibration),
     )
+
+
+def picture_folder(session: Path, *, bare: bool) -> Path:
+    """Return the folder that pictures of a session are recorded into: bare/ or frames/, or the
+    session's folder itself where its pictures lie beside session.yaml.
+    """
+    if bare:
+        return session / "bare"
+    is_described = (session / "session.yaml").exists()
+    return frames_folder(session) if is_described else session / "frames"
 
 
 def board_of(session: Path, requested: Board | None, like: Setup | None = None) -> Board:

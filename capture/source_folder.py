@@ -6,6 +6,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from capture.session_file import read_setup
+from capture.sources.registry import full_source
 from capture.typed_path import expand_typed_path
 
 PICTURE_KINDS = ("without the cover", "through it")
@@ -66,5 +67,5 @@ def describe_mismatch(source: str, *, covered: bool) -> str:
 
 
 def _folder(source: str) -> Path | None:
-    scheme, _, path = source.partition(":")
+    scheme, _, path = full_source(source).partition(":")
     return expand_typed_path(path.partition("?")[0]) if scheme == "folder" else None

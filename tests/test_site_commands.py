@@ -53,7 +53,7 @@ def test_there_are_commands_of_every_kind() -> None:
 def test_each_command_line_is_accepted_by_its_parser(typed: Typed) -> None:
     words = shlex.split(typed.line.partition(" > ")[0])
     if typed.program == "calib" and "--print-completion" not in words:
-        _parser("calib", "", cli.COMMANDS).parse_args(words[1:])
+        _parser("calib", "", cli.COMMANDS, cli.GROUPS).parse_args(words[1:])
     elif typed.program == "capture" and "--print-completion" not in words:
         names = {"record", "sources"}
         _parser("capture", "", capture_cli.COMMANDS).parse_args(
@@ -96,8 +96,8 @@ def options_of(parser: argparse.ArgumentParser) -> dict[str, set[str]]:
 def test_names_in_sentences_exist() -> None:
     """Commands, their options, and modules."""
     choices = {
-        name: options_of(_parser(name, "", main.COMMANDS))
-        for name, main in (("calib", cli), ("capture", capture_cli))
+        "calib": options_of(_parser("calib", "", cli.COMMANDS, cli.GROUPS)),
+        "capture": options_of(_parser("capture", "", capture_cli.COMMANDS)),
     }
     mentioned_options = list(mentioned())
     assert len(mentioned_options) > 100

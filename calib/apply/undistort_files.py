@@ -12,13 +12,14 @@ import cv2
 import numpy as np
 
 from calib.apply.undistorter import NEAR, Depth, Image, Undistorter
-from calib.apply.video import VIDEOS, list_videos, straighten_video
+from calib.apply.video import straighten_video
 from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.io.depth_image import depth_image_for
 from calib.io.files import make_folder, reading
 from calib.io.images import SIXTEEN_BIT, SUFFIXES, list_images, read_image
 from calib.io.output_folder import OutputFolder
+from calib.io.videos import VIDEOS, list_videos
 from calib.progress import Progress
 
 ENCODING = {".jpg": [cv2.IMWRITE_JPEG_QUALITY, 97], ".jpeg": [cv2.IMWRITE_JPEG_QUALITY, 97]}

@@ -10,22 +10,8 @@ import numpy as np
 from calib.apply.undistorter import Undistorter
 from calib.errors import InputError
 from calib.io.output_folder import OutputFolder
-from calib.io.videos import breaks_off, open_video, promised_frames
+from calib.io.videos import VIDEOS, breaks_off, open_video, promised_frames
 from calib.progress import Progress
-
-VIDEOS = {".avi": "MJPG", ".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v"}
-"""The codec that is written for each suffix; every OpenCV has these."""
-
-
-def list_videos(folder: Path) -> tuple[Path, ...]:
-    """Return the videos of a folder, sorted by name, without hidden files."""
-    return tuple(
-        sorted(
-            p
-            for p in folder.iterdir()
-            if p.suffix.lower() in VIDEOS and not p.name.startswith(".") and not p.is_dir()
-        )
-    )
 
 
 def straighten_video(

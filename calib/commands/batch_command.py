@@ -26,6 +26,10 @@ The work runs on this machine, at a Dask --scheduler, or as jobs of --jobqueue. 
 again to continue: it repeats only cameras that are not finished or whose session has changed. Exit
 code 6: the cluster was lost, or no worker could start, before every camera was done.
 """
+EXAMPLES = (
+    "calib batch 'sessions/*' -o fleet",
+    "calib batch cameras.csv --depth 1 --format opencv -o fleet",
+)
 
 FOLDS = 4
 """The default of --folds: cameras are compared by their held-out errors."""

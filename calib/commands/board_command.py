@@ -22,6 +22,10 @@ shows only a part of the board is enough. The sheet has two rulers. It says what
 printing, and where to enter the result. Without --square-mm or --tag-mm, squares or tags get the
 largest whole number of millimetres that leaves a white margin as wide as one of them.
 """
+EXAMPLES = (
+    "calib board -o cam0",
+    "calib board --type charuco --columns 11 --rows 8 --paper A3 -o cam0",
+)
 
 OPTIONS = ("square_mm", "tag_mm", "spacing", "marker", "dictionary", "legacy_pattern")
 BY_TYPE = {

@@ -14,7 +14,7 @@ OPTIONS = ("type", "square_mm", "marker_mm", "dictionary", "legacy_pattern", "ta
 """The names that session.yaml has for the options."""
 
 
-def add_coding(parser: argparse.ArgumentParser) -> None:
+def add_coding(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
     """Add the options that a board with markers needs besides --board and --square-mm."""
     parser.add_argument("--type", choices=TYPES, help="the kind of board (default: checkerboard)")
     parser.add_argument(

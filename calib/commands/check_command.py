@@ -21,6 +21,10 @@ Exit code 0: valid; 5: degraded or broken.
 With --update, OUT gets an updated calibration: the calibration is the prior, and the pictures
 refine it. Its history is kept.
 """
+EXAMPLES = (
+    "calib check cam0/calibration today/*.jpg",
+    "calib check cam0/calibration today --update",
+)
 
 NOT_VALID = 5
 """The exit code of a calibration that is degraded or broken."""

@@ -4,18 +4,21 @@ This module imports nothing slow.
 """
 
 import argparse
+import contextlib
 import os
-import re
 import sys
-import textwrap
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
 from types import ModuleType
-from typing import NoReturn
 
 from calib.commands.completion import add_completion
+from calib.commands.parser import CommandGroup, Help, Parser, command_name, examples_of
 from calib.errors import RefracalError, brief
 from calib.version import VERSION
+
+QUIET = "print no progress and no remarks, and of a fit or a diagnosis the verdict alone"
 
 
 def run_command(
@@ -23,6 +26,7 @@ def run_command(
     description: str,
     commands: Sequence[ModuleType],
     argv: Sequence[str] | None,
+    groups: Sequence[CommandGroup] = (),
 ) -> int:
     """Run the command that the arguments name, and return the exit code.
 
@@ -31,13 +35,21 @@ def run_command(
         commands: modules with the texts SUMMARY (one line) and DESCRIPTION, and the functions
             `add_arguments(parser)` and `run(args)`, which returns an exit code, or None for 0. The
             help lists them in this order. A command has the name of its module, without
-            `_command` and with dashes.
+            `_command` and with dashes. It may have EXAMPLES, command lines for its help.
         argv: the arguments; None for those of this process.
+        groups: the same commands in groups, for the help of a program that has many. The commands
+            then take --quiet.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    args = _parser(program, description, commands).parse_args(argv)
+    parser = _parser(program, description, commands, groups)
+    words = sys.argv[1:] if argv is None else argv
+    if not words:
+        parser.print_help()
+        parser.exit(2, f"{program}: name a COMMAND; {program} COMMAND --help explains it.\n")
+    args = parser.parse_args(words)
     try:
-        code: int | None = args.run(args)
+        with _silence_remarks() if getattr(args, "quiet", False) else contextlib.nullcontext():
+            code: int | None = args.run(args)
         print(end="", flush=True)  # a full disk raises here; at exit it would be a traceback
     except RefracalError as error:
         print(f"{program}: {error}", file=sys.stderr)
@@ -70,59 +82,39 @@ def run_command(
     return code or 0
 
 
+@contextlib.contextmanager
+def _silence_remarks() -> Iterator[None]:
+    """A context in which nothing that is printed on stderr appears: progress bars and remarks."""
+    with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stderr(nowhere):
+        yield
+
+
 def _drop_stdout() -> None:
     """Redirect stdout to nowhere, so that Python does not write its buffer again at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        """Make the message printable: an argument may hold any character, for example a file name
-        that a shell's * inserted.
-        """
-        super().error(str(RefracalError(message)))
-
-
-class _Help(argparse.HelpFormatter):
-    """A formatter that fills paragraphs to the terminal's width. A paragraph with an indented line,
-    such as a list, keeps its lines; the last column of a line that is too long wraps within itself.
-    """
-
-    def _fill_text(self, text: str, width: int, indent: str) -> str:
-        paragraphs = text.strip().split("\n\n")
-        return "\n\n".join(
-            (
-                _wrap_list(paragraph, width)
-                if "\n " in paragraph
-                else super(_Help, self)._fill_text(paragraph, width, indent)
-            )
-            for paragraph in paragraphs
-        )
-
-
-def _wrap_list(lines: str, width: int) -> str:
-    columns = ((line, re.match(r" *\S.*?  +", line)) for line in lines.split("\n"))
-    return "\n".join(
-        textwrap.fill(line, width, subsequent_indent=" " * (first.end() if first else 0))
-        for line, first in columns
-    )
-
-
 def _parser(
-    program: str, description: str, commands: Sequence[ModuleType]
+    program: str,
+    description: str,
+    commands: Sequence[ModuleType],
+    groups: Sequence[CommandGroup] = (),
 ) -> argparse.ArgumentParser:
-    parser = _Parser(program, description=description, formatter_class=_Help)
+    parser = Parser(program, description=description, formatter_class=partial(Help, groups=groups))
     parser.add_argument("--version", action="version", version=f"refracal {VERSION}")
     add_completion(parser)
     choices = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in commands:
-        name = command.__name__.rpartition(".")[2].removesuffix("_command").replace("_", "-")
+        examples = "\n".join(["Examples:", *(f"  {line}" for line in examples_of(command))])
+        texts = [command.SUMMARY, command.DESCRIPTION.strip(), examples]
         subparser = choices.add_parser(
-            name,
+            command_name(command),
             help=command.SUMMARY,
-            description=f"{command.SUMMARY}\n\n{command.DESCRIPTION.strip()}",
-            formatter_class=_Help,
+            description="\n\n".join(texts if examples_of(command) else texts[:2]),
+            formatter_class=Help,
         )
         command.add_arguments(subparser)
+        if groups:
+            subparser.add_argument("-q", "--quiet", action="store_true", help=QUIET)
         subparser.set_defaults(run=command.run)
     return parser

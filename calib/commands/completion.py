@@ -12,7 +12,7 @@ from calib.commands.arguments import effects, free
 from calib.errors import InputError
 from calib.extras import how_to_install
 
-SHELLS = ("bash", "zsh")
+SHELLS = ("bash", "zsh", "fish")
 FOLDERS = ("DIR", "SESSION")
 FILES = ("MANIFEST",)
 """The metavars of folders and of files. Any other argument of type Path may be either."""
@@ -94,6 +94,7 @@ def _joined(key: str, names: Sequence[str]) -> dict[str, object]:
     return {
         "bash": f"_refracal_{key}",
         "zsh": f" _values -s , {key} {name_list}",
+        "fish": f"(__fish_append , {name_list})",
         "preamble": {"bash": JOINED.format(key=key, names=name_list)},
     }
 

@@ -51,7 +51,8 @@ class Bars:
         value: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._progress.stop()
+        if self._progress.live.is_started:
+            self._progress.stop()
 
     def task(self, title: str, total: int) -> Advance:
         self._progress.start()

@@ -15,6 +15,10 @@ OUT gets the calibration with the accepted effects, and its report.html. The rep
 with and without the effects on views that were not fitted. Without --holdout, the calibration's own
 views are held out in turn.
 """
+EXAMPLES = (
+    "calib diagnose cam0/calibration",
+    "calib diagnose cam0/calibration --holdout holdout -o better",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -11,6 +11,10 @@ DESCRIPTION = """
 Camera and cover come from CALIBRATION, board and views from SESSION. Only the pose of each view is
 fitted again.
 """
+EXAMPLES = (
+    "calib evaluate cam0/calibration holdout",
+    "calib evaluate cam0/calibration holdout --json",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -25,6 +25,10 @@ Maps are exact at their depth. A central camera can only approximate a covered o
 fits it at each --depth, and states its misfit at that depth, at half of it and at double of it,
 both in the file and here.
 """
+EXAMPLES = (
+    "calib export cam0/calibration --format opencv --depth 1 -o maps",
+    "calib export cam0/calibration --format npz --depth 0.5 1 2 -o maps",
+)
 
 MAX_NAMES = 3
 """The number of old files that a message names: people do not read a longer list."""

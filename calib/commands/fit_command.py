@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_depths, add_output, add_overwrite, effects
+from calib.commands.described_session import add_description, session_of
 from calib.commands.effect_names import effects_help
 from calib.commands.fit_options import add_fit_options, settings_of
 from calib.commands.loading import fast_imports
@@ -14,14 +15,25 @@ if TYPE_CHECKING:
 
 SUMMARY = "Calibrate a session: a folder of pictures in, a calibration and undistortion maps out."
 DESCRIPTION = """
-SESSION holds session.yaml and frames/. OUT gets calibration.yaml with calibration.npz, the ray
-field, a map for every --depth, and report.html, which shows the result and says whether to trust
-it.
+SESSION is a folder with session.yaml and pictures, in frames/ or beside it. Or it is what you have:
+a folder of pictures, some pictures, a pattern such as 'photos/*.jpg', or a video. Then --board and
+--square-mm describe the board, --cover and what follows it the cover, and the command writes the
+session.yaml. Without --board it looks for a board and says what it found.
+
+OUT gets calibration.yaml with calibration.npz, the ray field, a map for every --depth, and
+report.html, which shows the result and says whether to trust it.
 """
+EXAMPLES = (
+    "calib fit photos --board 9x6 --square-mm 25",
+    "calib fit cam0 --depth 0.5 1",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder")
+    parser.add_argument(
+        "session", type=Path, nargs="+", metavar="SESSION", help="the session, pictures or a video"
+    )
+    add_description(parser)
     add_output(parser, "folder for the results (default: SESSION/calibration)", required=False)
     add_overwrite(parser)
     add_fit_options(parser)
@@ -61,12 +73,12 @@ def run(args: argparse.Namespace) -> None:
         from calib.io.file_set import FileSet
         from calib.io.output_folder import check_no_link
         from calib.report.write import NAME, write_report
-        from calib.session.session import read_session
         from calib.verdict.judge import judge
 
     start = time.monotonic()
-    session = read_session(args.session)
-    output = args.output or check_no_link(args.session / "calibration")
+    with Bars() as bars:
+        session = session_of(args, bars)
+    output = args.output or check_no_link(session.path / "calibration")
     effects = args.effects or ()
     # Effects that are asked for are added to a fit with the board's bend, unless they include it.
     flat = args.effects == () or BoardShape.name in effects
@@ -90,7 +102,7 @@ def run(args: argparse.Namespace) -> None:
                 written.append(write_report(calibration, files, bars, args.depth))
         finally:  # if the report fails, the calibration is still written and printed
             files.commit(instead_of=DERIVED)
-            verdict = judge(calibration, depths=args.depth, folder=output, session=args.session)
+            verdict = judge(calibration, depths=args.depth, folder=output, session=session.path)
             if args.json:
                 print_json(
                     summary(calibration, seconds)
@@ -99,8 +111,9 @@ def run(args: argparse.Namespace) -> None:
                     | verdict_mapping(verdict, written)
                 )
             else:
-                print_fit(calibration, seconds)
-                if finding:
+                if not args.quiet:
+                    print_fit(calibration, seconds)
+                if finding and not args.quiet:
                     print_diagnosis(finding, calibration)
                 # a session of corners has no pictures to undistort
                 further = verdict.further if session.frames else verdict.further[:-1]

@@ -14,6 +14,10 @@ each fit. Cameras that are broken or stand out are left out and named.
 A session uses the prior by a line in session.yaml, a path relative to its folder:
 prior: ../prior.yaml
 """
+EXAMPLES = (
+    "calib fleet-prior fleet -o prior.yaml",
+    "calib fleet-prior fleet -o prior.yaml --json",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

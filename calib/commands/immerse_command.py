@@ -31,6 +31,10 @@ within their tolerances unless they are declared exact. Some numbers, such as th
 window, hardly matter in air but do in water. If the views leave one of them open, the command says
 so, and how well it must be measured. To convert back to air: --outside-index 1.
 """
+EXAMPLES = (
+    "calib immerse cam0/calibration --outside-index 1.333",
+    "calib immerse cam0/calibration --salinity 35 --temperature 10 -o sea",
+)
 
 UNKNOWN_FACE = 0.05
 """px: a smaller difference between the two faces needs no remark."""

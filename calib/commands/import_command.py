@@ -16,6 +16,10 @@ DESCRIPTION = """
 The command never changes a folder that exists already. The new session has no cover: describe
 yours in its session.yaml.
 """
+EXAMPLES = (
+    "calib import images photos --board 9x6 --square-mm 25 -o cam0",
+    "calib import kalibr recording --camera cam1 -o cam1",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             ),
         ),
         ("images", "FOLDER", "pictures of a board"),
+        ("video", "FILE", "a video of a board: its sharpest frames, spread over its length"),
     ):
         source = sources.add_parser(
             name, help=words, description=words[0].upper() + words[1:] + "."
@@ -40,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         source.add_argument("path", type=Path, metavar=metavar)
         if name != "mrcal":
             required = name != "kalibr"
-            pictured = name in ("ros", "images")
+            pictured = name in ("ros", "images", "video")
             tags = ", or an aprilgrid's tags" if pictured else ""
             source.add_argument(
                 "--board",
@@ -91,6 +96,7 @@ def _draft(args: argparse.Namespace) -> "SessionDraft":
     from calib.importing.from_mrcal import from_cameramodel, from_corners
     from calib.importing.from_pictures import from_pictures
     from calib.importing.from_ros import from_ros_archive
+    from calib.importing.from_video import from_video
 
     if args.source == "mrcal":
         return from_cameramodel(args.path)
@@ -100,8 +106,8 @@ def _draft(args: argparse.Namespace) -> "SessionDraft":
     assert board
     if args.source == "mrcal-corners":
         return from_corners(args.path, board, args.size)
-    return (
-        from_ros_archive(args.path, board, args.camera)
-        if args.source == "ros"
-        else from_pictures(args.path, board)
-    )
+    if args.source == "ros":
+        return from_ros_archive(args.path, board, args.camera)
+    if args.source == "video":
+        return from_video(args.path, board)
+    return from_pictures(args.path, board)

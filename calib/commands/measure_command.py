@@ -24,6 +24,10 @@ Sigma includes the noise of the pixels, the uncertainty of the calibrated rays, 
 the boards, and the uncertainty of the squares' side (board.square_mm; 0.2 % if session.yaml gives
 none). It does not include a board of another shape, or glass that the fit cannot follow.
 """
+EXAMPLES = (
+    "calib measure cam0/calibration points.csv --depth 0.8",
+    "calib measure cam0/calibration points.csv --triangulate",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

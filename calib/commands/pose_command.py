@@ -36,6 +36,10 @@ their probabilities.
 Sigma includes the noise of the corners, the uncertainty of the calibrated rays, and the uncertainty
 of the tags' side. It does not include a tag that is not flat.
 """
+EXAMPLES = (
+    "calib pose cam0/calibration photos --tags DICT_APRILTAG_36h11 --size-mm 40",
+    "calib pose cam0/calibration a.png --tags DICT_4X4_50 --size-mm 25 -o tags.csv",
+)
 
 BORDERS = (1, 2)
 

@@ -17,6 +17,10 @@ DESCRIPTION = """
 The report is one file that needs no network. Over SSH, or without a screen, the command prints its
 path and opens nothing.
 """
+EXAMPLES = (
+    "calib report cam0/calibration",
+    "calib report cam0/calibration --depth 0.5",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

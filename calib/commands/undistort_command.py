@@ -21,6 +21,10 @@ Pictures may be colour or grey, 8 or 16 bit. Pixels that the camera does not see
 become 0. Videos lose their sound. If a video is cut off, the command undistorts the frames that it
 has, and the exit code is 3.
 """
+EXAMPLES = (
+    "calib undistort cam0/calibration photos --depth 1 -o straight",
+    "calib undistort cam0/calibration film.mp4 --depth 0.5 --crop 0 -o straight",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,6 +9,9 @@ from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.verdict.verdict import Trust, Verdict
 
+COLOURS = {Trust.TRUSTED: "green", Trust.CARE: "yellow", Trust.DO_NOT_USE: "red"}
+"""The colour of each grade in a terminal."""
+
 
 def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[str] = ()) -> None:
     """Print the paths of the results, whether to trust them, why not, and the next command.
@@ -19,7 +22,7 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     console = Console(markup=False, highlight=False, soft_wrap=True)
     for path in written:
         console.print(harmless(f"Wrote {path}"))
-    console.print(verdict.word.sentence, style="bold")
+    console.print(verdict.word.sentence, style=f"bold {COLOURS[verdict.word]}")
     for reason in verdict.reasons:
         console.print(harmless(f"- {reason.sentence}"))
     console.print(harmless(f"Next: {runnable_command(verdict.next)}"))

@@ -278,7 +278,7 @@ def _describe_misprint(markers: Markers, board: Board, grey: NDArray[np.uint8]) 
             return _describe_other_size(markers, board, board.coding)
         case AprilGrid():
             return _describe_other_spacing(
-                _refine_tag_outlines(markers, board, grey),
+                refine_tag_outlines(markers, board, grey),
                 board,
                 board.coding,
                 OUTLINE_SPACING_TOLERANCE,
@@ -291,16 +291,8 @@ def _describe_other_size(markers: Markers, board: Board, coding: Charuco) -> str
     """Return a sentence if the markers are larger or smaller, relative to their distance, than
     declared; "" if they are not, or if there are too few.
     """
-    if len(markers.numbers) < MIN_COUNT:
-        return ""
-    places = marker_places(board)[markers.numbers] / board.square
-    middles = places.mean(1)
-    local_map = LocalMap.fit(middles, markers.corners.mean(1), middles, MARKER_NOISE)
-    expected = np.einsum("nkc,ncd->nkd", places - middles[:, None], local_map.steps)
-    ratio = float(
-        np.median((markers.sides + OUTLINE_LOSS) / Markers(markers.numbers, expected).sides)
-    )
-    if abs(ratio - 1) <= SIZE_TOLERANCE:
+    ratio = measure_marker_size(markers, board)
+    if ratio is None or abs(ratio - 1) <= SIZE_TOLERANCE:
         return ""
     finding = (
         f"the markers are of {1e3 * ratio * coding.marker:.3g} mm if the squares are of"
@@ -312,7 +304,21 @@ def _describe_other_size(markers: Markers, board: Board, coding: Charuco) -> str
     )
 
 
-def _refine_tag_outlines(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> Floats:
+def measure_marker_size(markers: Markers, board: Board) -> float | None:
+    """Return the size of a board's markers, relative to their distance, in parts of the declared
+    one; None if there are too few of them.
+    """
+    if len(markers.numbers) < MIN_COUNT:
+        return None
+    places = marker_places(board)[markers.numbers] / board.square
+    middles = places.mean(1)
+    local_map = LocalMap.fit(middles, markers.corners.mean(1), middles, MARKER_NOISE)
+    expected = np.einsum("nkc,ncd->nkd", places - middles[:, None], local_map.steps)
+    sides = Markers(markers.numbers, expected).sides
+    return float(np.median((markers.sides + OUTLINE_LOSS) / sides))
+
+
+def refine_tag_outlines(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> Floats:
     """Return (count, 2) px, an AprilGrid's corners refined near the outlines of its tags, NaN where
     no tag was read.
     """
@@ -332,6 +338,19 @@ def _describe_other_spacing(
     """Return a sentence if the distance between the tags is not as declared; "" if it is, or if too
     few are visible.
     """
+    spacing = measure_spacing(corners, board)
+    if spacing is None or abs(spacing - coding.spacing) <= tolerance:
+        return ""
+    finding = (
+        f"the tags are {spacing:.2f} of their side apart, where {coding.spacing:g} is declared"
+    )
+    return f"{finding}: correct board.spacing in session.yaml"
+
+
+def measure_spacing(corners: Floats, board: Board) -> float | None:
+    """Return the gap between the tags of an AprilGrid, in sides of a tag, from its (count, 2) px
+    corners; None if too few are visible.
+    """
     grid = corners.reshape(board.rows, board.columns, 2)
     ratios_by_direction = []
     for lines in (grid, grid.swapaxes(0, 1)):
@@ -340,13 +359,7 @@ def _describe_other_spacing(
         ratios_by_direction.append(ratios.ravel())
     ratios = np.concatenate(ratios_by_direction)
     ratios = ratios[np.isfinite(ratios)]
-    if len(ratios) < MIN_COUNT or abs(np.median(ratios) - coding.spacing) <= tolerance:
-        return ""
-    finding = (
-        f"the tags are {np.median(ratios):.2f} of their side apart, where {coding.spacing:g} is"
-        " declared"
-    )
-    return f"{finding}: correct board.spacing in session.yaml"
+    return float(np.median(ratios)) if len(ratios) >= MIN_COUNT else None
 
 
 def _locate_marker_corners(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> Floats:

@@ -66,23 +66,14 @@ def other_coding(pictures: Pictures, board: Board) -> str:
             f"the markers of the {board} board can be read only in a mirror: turn the pictures'"
             " mirroring off, or print the board anew."
         )
-    name, cells, numbers = _most_frequent_family(pictures)
+    name, cells, numbers = most_frequent_family(pictures)
     if len(numbers) <= max(
         MIN_MARKERS,
         MIN_MARKERS * len(pictures) / 2,
         2 * sum(len(picture.numbers) for picture in markers),
     ):
         return ""
-    series = [
-        dictionary
-        for dictionary in DICTIONARIES
-        if dictionary.rpartition("_")[0] == name.rpartition("_")[0] and name.endswith("_1000")
-    ] or [name]
-    smallest = next(
-        dictionary
-        for dictionary in series
-        if dictionary == name or np.mean(numbers < DICTIONARIES[dictionary]) > MIN_VALID_FRACTION
-    )
+    smallest = smallest_dictionary(name, numbers)
     width = "one cell" if cells == 1 else "two cells"
     return (
         f"the pictures show markers of {smallest} with a black border of {width}, where the"
@@ -90,7 +81,23 @@ def other_coding(pictures: Pictures, board: Board) -> str:
     )
 
 
-def _most_frequent_family(pictures: Pictures) -> tuple[str, int, NDArray[np.int64]]:
+def smallest_dictionary(name: str, numbers: NDArray[np.int64]) -> str:
+    """Return the smallest dictionary that begins as `name` does and has nearly all of the (N,)
+    numbers.
+    """
+    series = [
+        dictionary
+        for dictionary in DICTIONARIES
+        if dictionary.rpartition("_")[0] == name.rpartition("_")[0] and name.endswith("_1000")
+    ] or [name]
+    return next(
+        dictionary
+        for dictionary in series
+        if dictionary == name or np.mean(numbers < DICTIONARIES[dictionary]) > MIN_VALID_FRACTION
+    )
+
+
+def most_frequent_family(pictures: Pictures) -> tuple[str, int, NDArray[np.int64]]:
     """Return the family with the most markers, its border in cells, and the (N,) numbers read.
 
     A picture takes a third of a second for each family. So once one family is clearly present,

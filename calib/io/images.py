@@ -51,6 +51,21 @@ def list_images(folder: Path) -> tuple[Path, ...]:
     return tuple(sorted(paths, key=_natural_key))
 
 
+def frames_folder(session: Path) -> Path:
+    """Return the folder of a session's pictures, which may not exist: frames/, or the session's
+    folder itself if it has pictures and no frames/.
+    """
+    frames = session / "frames"
+    beside = session.is_dir() and not frames.is_dir() and bool(list_images(session))
+    return session if beside else frames
+
+
+def session_pictures(session: Path) -> tuple[Path, ...]:
+    """Return the pictures of a session; none if it has none."""
+    folder = frames_folder(session)
+    return list_images(folder) if folder.is_dir() else ()
+
+
 def read_image(path: Path) -> Image:
     """Return (H, W) grey or (H, W, 3) BGR pixels, uint8 or uint16, as stored: not rotated by EXIF,
     and without an alpha channel.

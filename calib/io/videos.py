@@ -8,6 +8,8 @@ import cv2
 
 from calib.io.files import check_regular, reading
 
+VIDEOS = {".avi": "MJPG", ".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v"}
+"""The codec that is written for each suffix; every OpenCV has these."""
 ESTIMATE = 0.05
 """The relative error of the number of frames in a video's header: some containers only estimate it.
 """
@@ -31,3 +33,14 @@ def promised_frames(video: cv2.VideoCapture) -> int:
 def breaks_off(frames: int, promised: int) -> bool:
     """True if the frames are fewer than the header promises, beyond the error of an estimate."""
     return frames < (1 - ESTIMATE) * promised - 1
+
+
+def list_videos(folder: Path) -> tuple[Path, ...]:
+    """Return the videos of a folder, sorted by name, without hidden files."""
+    return tuple(
+        sorted(
+            p
+            for p in folder.iterdir()
+            if p.suffix.lower() in VIDEOS and not p.name.startswith(".") and not p.is_dir()
+        )
+    )

@@ -11,7 +11,7 @@ from calib.corners.detect import eight_bits
 from calib.errors import RefracalError
 from calib.io.encoded_picture import JPEG, decode_picture
 from calib.io.files import read_file
-from calib.io.images import read_grey
+from calib.io.images import frames_folder, read_grey
 
 Grey = NDArray[np.uint8]
 
@@ -20,7 +20,7 @@ QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 62]
 
 def picture_of(session: Path, view: str) -> Path:
     """Return the path of a view's picture, which may not exist."""
-    return session / "frames" / Path(view).name
+    return frames_folder(session) / Path(view).name
 
 
 def read_small(path: Path, size: tuple[int, int], width: int) -> Grey | None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from calib.calibration import Calibration
 from calib.io.file_set import FileSet
+from calib.io.images import frames_folder
 from calib.progress import Progress
 from calib.report.again import again_html
 from calib.report.board_errors import board_errors
@@ -114,5 +115,6 @@ def _session(calibration: Calibration, folder: Path, pictures: Path | None) -> P
     fitted = provenance and provenance.session
     places = [place for place in (pictures, fitted and Path(fitted)) if place]
     return next(
-        (place for place in (*places, folder.resolve().parent) if (place / "frames").is_dir()), None
+        (place for place in (*places, folder.resolve().parent) if frames_folder(place).is_dir()),
+        None,
     )

@@ -2,6 +2,8 @@
 AprilGrid.
 """
 
+from collections.abc import Mapping
+
 from calib.errors import InputError
 from calib.session.board import Board
 from calib.session.coding import DICTIONARIES, SPACING_LIMITS, TYPES, AprilGrid, Charuco
@@ -24,6 +26,47 @@ KEYS = {
     ),
     "aprilgrid": ("type", "columns", "rows", "tag_mm", "spacing"),
 }
+EXAMPLES: Mapping[str, Mapping[str, object]] = {
+    "checkerboard": {"columns": 9, "rows": 6, "square_mm": 25.0},
+    "charuco": {
+        "columns": 9,
+        "rows": 6,
+        "square_mm": 25.0,
+        "marker_mm": 18.75,
+        "dictionary": "DICT_4X4_250",
+        "legacy_pattern": False,
+    },
+    "aprilgrid": {"columns": 6, "rows": 6, "tag_mm": 30.0, "spacing": 0.3},
+}
+"""An example of each type's keys."""
+EXPLANATIONS = {
+    "columns": "The board's inner corners along one row: one less than its squares.",
+    "rows": "The board's inner corners along one column: one less than its squares.",
+    "square_mm": "The side of one square in millimetres. Measure over many squares and divide.",
+    "marker_mm": "The side of one marker in millimetres, with its black border.",
+    "dictionary": (
+        "The name of its markers, as OpenCV has it, such as DICT_4X4_250; it often stands on the"
+        " print."
+    ),
+    "legacy_pattern": (
+        "yes for boards of calib.io, or of OpenCV before 4.6, whose upper left square is white;"
+        " else no."
+    ),
+    "tag_mm": "The side of one tag in millimetres, with its black border.",
+    "spacing": "The gap between two tags, in sides of a tag: 0.3 on Kalibr's own.",
+}
+"""The explanation of each key, for someone who has never seen a session.yaml."""
+TAG_EXPLANATIONS = {
+    "columns": "How many tags there are along one row.",
+    "rows": "How many tags there are along one column.",
+}
+"""The explanations that differ for an aprilgrid."""
+
+
+def explain_keys(kind: str) -> dict[str, str]:
+    """Return the explanation of each key of a board of this type but `type` itself."""
+    special = TAG_EXPLANATIONS if kind == "aprilgrid" else {}
+    return {key: (EXPLANATIONS | special)[key] for key in KEYS[kind] if key != "type"}
 
 
 def read_board(section: Section) -> Board:

@@ -7,6 +7,7 @@ import numpy as np
 from calib.session.lens import AUTO, COEFFICIENTS, COUNTS, MODELS, NAMES, OPENCV, SPLINED
 from calib.session.lens_spline import LensSpline, read_spline, spline_to_yaml
 from calib.session.schema import Number, Quantity, Section
+from calib.session.shutter import EXAMPLE as SHUTTER_EXAMPLE
 from calib.session.shutter import Shutter, read_shutter, shutter_to_yaml
 
 MAX_PIXELS = 2**28
@@ -23,6 +24,26 @@ PINHOLE = (
 COEFFICIENT = Quantity("distortion")
 CORRELATION = Quantity("correlations", low=-1, high=1)
 LENSES = (AUTO, *MODELS)
+EXPLANATIONS = {
+    "width": ("px, of the pictures", ""),
+    "height": ("px, of the pictures", ""),
+    "model": ("the camera's name", "Raspberry Pi Camera Module v2"),
+    "intrinsics": (
+        "If they are known. Else they come from pictures without the cover in bare/, or, without a"
+        " cover, from these.",
+        "{fx: 1279.2, fy: 1279.2, cx: 832.8, cy: 636.6, distortion: [0, 0, 0, 0, 0]}",
+    ),
+    "lens": (f"one of {', '.join(LENSES)}", AUTO),
+    "lens_coefficients": (
+        f"of OpenCV's model: one of {', '.join(map(str, COEFFICIENTS))}; without the key as few as"
+        " needed",
+        "5",
+    ),
+    "shutter": ("global, or rolling with the time of its readout, if known", SHUTTER_EXAMPLE),
+}
+"""The explanation of each key, for someone who has never seen a session.yaml; and an example of an
+optional one.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +109,7 @@ class Camera:
 
 def read_camera(section: Section) -> Camera:
     """Read the section `camera` of session.yaml; raise InputError if it is not valid."""
-    section.allow_only(
-        ("model", "width", "height", "intrinsics", "lens", "lens_coefficients", "shutter")
-    )
+    section.allow_only(tuple(EXPLANATIONS))
     counts = f"one of the whole numbers {', '.join(map(str, COEFFICIENTS))}"
     width = section.integer("width", 1, 100_000)
     height = section.integer("height", 1, 100_000)

@@ -19,6 +19,7 @@ CORRELATIONS = "correlations"
 GLASS_KEY = "glass"
 LAYERS_KEY = "layers"
 SURFACE_KEY = "surface"
+SURFACE_EXPLANATION = "Whether the glass is even: auto, even or uneven."
 MAX_LAYERS = 8
 """Layers of glass that a cover may have. A window has one to five."""
 MAX_COVERS = 4

@@ -2,13 +2,15 @@
 its cover.
 """
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
 from calib.errors import InputError, harmless, wrong_type
-from calib.io.images import image_size, list_images
+from calib.io.images import SUFFIXES, image_size, list_images, session_pictures
+from calib.io.videos import VIDEOS
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.board_section import board_to_yaml, read_board
@@ -156,11 +158,15 @@ def session_to_yaml(board: Board, camera: Camera, cover: Cover) -> dict[str, obj
 def _read(path: Path, bare_of: Session | None) -> Session:
     file = path / "session.yaml"
     if not path.is_dir():
-        raise InputError(f"{path} is not a folder: give the folder that holds session.yaml.")
+        is_media = path.exists() and path.suffix.lower() in (*SUFFIXES, *VIDEOS)
+        advice = f"; {_command(path)} makes a session of it" if is_media else ""
+        raise InputError(
+            f"{path} is not a folder: give the folder that holds session.yaml{advice}."
+        )
     if not file.exists():
         raise InputError(
-            f"{path} has no session.yaml: write one that describes your set-up, at the least"
-            f" {MINIMAL}"
+            f"{path} has no session.yaml: {_command(path)} writes one for pictures, calib init"
+            f" {shlex.quote(str(path))} one to fill in, at the least {MINIMAL}"
         )
     section = Section(read_yaml(file), str(file))
     section.choice("format", (FORMAT,), f"{FORMAT}, the format that this version of calib reads")
@@ -169,7 +175,7 @@ def _read(path: Path, bare_of: Session | None) -> Session:
     )
     board, camera, cover = _read_setup(section)
     corners = _read_corners_path(section, path)
-    frames = list_images(path / "frames") if (path / "frames").is_dir() else ()
+    frames = session_pictures(path)
     if not frames and not corners:
         hint = (
             "write corners: corners.vnl in session.yaml to use that file, or put"
@@ -177,7 +183,8 @@ def _read(path: Path, bare_of: Session | None) -> Session:
             else "put"
         )
         raise InputError(
-            f"{path} has no pictures: {hint} png, jpg, tiff, bmp or npy files in {path / 'frames'}."
+            f"{path} has no pictures: {hint} png, jpg, tiff, bmp or npy files in {path / 'frames'},"
+            f" or record some by capture {shlex.quote(str(path))}"
         )
     session = Session(path, board, camera, cover, frames, corners, None)
     if bare_of:
@@ -192,6 +199,11 @@ def _read(path: Path, bare_of: Session | None) -> Session:
             f" distortion: [...]}}, or put pictures taken without the cover in {path / 'bare'}."
         )
     return session
+
+
+def _command(path: Path) -> str:
+    """Return the command that makes a session of pictures."""
+    return f"calib fit {shlex.quote(str(path))} --board 9x6 --square-mm 25"
 
 
 def _read_setup(section: Section) -> tuple[Board, Camera, Cover]:

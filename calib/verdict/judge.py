@@ -108,6 +108,6 @@ def judge(
         depth = next(iter(case.depths), float(np.median(case.distance)))
         return Verdict(
             reasons,
-            commands.export(depth),
+            commands.use_maps(depth) if case.depths else commands.export(depth),
             (commands.evaluate(), commands.diagnose(), commands.undistort(depth)),
         )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.fit_record.request import Settings
+from calib.io.images import frames_folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +52,15 @@ class NextCommands:
     def undistort(self, depth: float) -> str:
         """Return the undistortion of the session's pictures for a depth in m."""
         folder = str(self.folder)
-        pictures, out = str(self.session / "frames"), str(self.folder / "undistorted")
+        pictures, out = str(frames_folder(self.session)), str(self.folder / "undistorted")
         return shlex.join(
             ["calib", "undistort", folder, pictures, "--depth", f"{depth:.2g}", "-o", out]
         )
+
+    def use_maps(self, depth: float) -> str:
+        """Return the command that follows once the maps for a depth in m are written."""
+        has_pictures = frames_folder(self.session).is_dir()
+        return self.undistort(depth) if has_pictures else self.evaluate()
 
     def report(self) -> str:
         return shlex.join(["calib", "report", str(self.folder)])

@@ -73,8 +73,8 @@ SCHEMES: tuple[Scheme, ...] = (
 
 
 def open_source(text: str, option: str = "--source") -> FrameSource:
-    """Return the source that `SCHEME:PLACE?key=value&...` names; an InputError says what is wrong
-    with the text.
+    """Return the source that `SCHEME:PLACE?key=value&...` names, or the path of a folder, a video
+    or a camera's device by itself; an InputError says what is wrong with the text.
 
     Args:
         option: the name of the option or field in messages.
@@ -82,7 +82,7 @@ def open_source(text: str, option: str = "--source") -> FrameSource:
     if not text.strip():
         raise InputError(f"{option} is empty: {_expected()}")
     context = f"{option} {brief(text)}"
-    name, colon, location = text.partition(":")
+    name, colon, location = full_source(text).partition(":")
     scheme = next((scheme for scheme in SCHEMES if scheme.name == name), None)
     if scheme is None:
         raise InputError(_unknown(context, name if colon else "", text))
@@ -92,6 +92,32 @@ def open_source(text: str, option: str = "--source") -> FrameSource:
     if not place:
         raise InputError(f"{context} does not say which one: write it like {scheme.example}.")
     return scheme.backend().open_source(place, Section(_pairs(context, query), context))
+
+
+def full_source(text: str) -> str:
+    """Return the source with its kind in front. A path that exists needs none: a folder, a video
+    or the device of a camera.
+    """
+    if any(text.startswith(f"{scheme.name}:") for scheme in SCHEMES):
+        return text
+    bare, mark, options = text.strip().rpartition("?")
+    for path in (text.strip(), bare if mark and "=" in options else ""):
+        if kind := _kind_of_path(path):
+            return f"{kind}:{text.strip()}"
+    return text
+
+
+def _kind_of_path(path: str) -> str:
+    """Return the kind of source that a path is; empty if nothing is there."""
+    with suppress(OSError, ValueError):  # text that cannot be a path is none
+        place = expand_typed_path(path) if path else None
+        if place and place.is_dir():
+            return "folder"
+        if place and place.is_file():
+            return "video"
+        if place and place.is_char_device():
+            return "v4l2"
+    return ""
 
 
 def _pairs(context: str, query: str) -> dict[str, object]:
@@ -117,19 +143,13 @@ def _unknown(context: str, name: str, text: str) -> str:
         if close
         else " (did you mean v4l2?)"
         if text.startswith("/dev/video")
-        else _suggest_path(text)
+        else ""
     )
     return f"{context} names no kind of source{hint}: {_expected()}"
 
 
-def _suggest_path(text: str) -> str:
-    """Return a hint if the text is a path without its kind of source; else an empty string."""
-    with suppress(OSError, ValueError):  # text that cannot be a path gives no hint
-        place = expand_typed_path(text.strip())
-        if kind := "folder" if place.is_dir() else "video" if place.is_file() else "":
-            return f" (did you mean {kind}:{brief(text.strip())}?)"
-    return ""
-
-
 def _expected() -> str:
-    return f"write one of {', '.join(scheme.example for scheme in SCHEMES)}."
+    return (
+        f"write one of {', '.join(scheme.example for scheme in SCHEMES)}, or the path of a folder"
+        " or a video that exists."
+    )

@@ -26,7 +26,7 @@ from capture.recording_loop import (
     detect_in_pictures,
     record_views,
 )
-from capture.session_file import Setup, board_of
+from capture.session_file import Setup, board_of, picture_folder
 from capture.sources.registry import open_source
 
 PREVIEW_SIDE = 192  # px, the longer side of the screen's picture: as much as a terminal shows
@@ -49,7 +49,7 @@ class Task:
 
     @property
     def folder(self) -> Path:
-        return self.session / ("bare" if self.bare else "frames")
+        return picture_folder(self.session, bare=self.bare)
 
     @property
     def covered(self) -> bool:

@@ -6,7 +6,7 @@ from itertools import count, takewhile
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.io.images import list_images
+from calib.io.images import frames_folder, list_images
 from capture.disk import sync_folder, writing
 from capture.recorder import DROPPED
 
@@ -23,7 +23,7 @@ class DroppedPicture:
 
 def drop_picture(session: Path, file: str) -> DroppedPicture:
     """Move a picture to frames/dropped, where calib does not look."""
-    frames = session / "frames"
+    frames = frames_folder(session)
     if not (frames / file).exists():
         raise InputError(
             f"{frames / file} is missing: it was moved or deleted outside of this program."
@@ -45,7 +45,7 @@ def find_dropped(session: Path, files: Iterable[str]) -> list[DroppedPicture]:
     """Return the pictures among these that were set aside, by any program, and lie where
     `drop_picture` puts them.
     """
-    frames = session / "frames"
+    frames = frames_folder(session)
     pictures = []
     for file in files:
         copies = (
@@ -62,7 +62,7 @@ def find_dropped_earlier(session: Path, files: Iterable[str]) -> list[DroppedPic
     """Return the pictures that lie where `drop_picture` puts them and are not among these files: an
     earlier fit went on without them. The newest is the last.
     """
-    frames, fitted = session / "frames", set(files)
+    frames, fitted = frames_folder(session), set(files)
     if not (frames / DROPPED).is_dir():
         return []
     earlier = [

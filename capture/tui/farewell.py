@@ -8,7 +8,7 @@ from pathlib import Path
 
 from calib.commands.program import runnable_command
 from calib.errors import harmless
-from calib.io.images import list_images
+from calib.io.images import frames_folder, list_images
 
 CALIBRATION = "calibration.yaml"
 DEPTH = 1.0
@@ -73,7 +73,7 @@ def farewell_lines(
             yield f"Next: {_next_command(session, folder, maps, depth)}"
         return
     bare = _count_images(session / "bare")
-    frames = _count_images(session / "frames")
+    frames = _count_images(frames_folder(session))
     if bare or frames:
         yield (
             f"{_printable(session)} has {bare} pictures without the cover and {frames} through it;"
@@ -122,7 +122,7 @@ def _next_command(session: Path, folder: Path, maps: Sequence[Path], depth: floa
         "calib",
         "undistort",
         folder,
-        session / "frames",
+        frames_folder(session),
         "--depth",
         depth_text,
         "-o",

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.io.images import list_images
+from calib.io.images import frames_folder, list_images
 from calib.session.session import MIN_FIT_VIEWS, read_session
 from capture.session_file import Setup, read_setup
 from capture.tui.camera import Task
@@ -65,7 +65,7 @@ def is_lens_missing(session: Path) -> bool:
 
 def find_missing(session: Path) -> str:
     """Return a sentence about a missing requirement; empty where a fit can begin."""
-    frames = session / "frames"
+    frames = frames_folder(session)
     if not (frames.is_dir() and list_images(frames)):
         return (
             f"There is nothing to fit yet: {frames} has no picture. Views are taken by themselves,"

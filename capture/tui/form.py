@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from calib.errors import InputError, brief
 from calib.session.board import Board
-from calib.session.board_section import KEYS
+from calib.session.board_section import EXPLANATIONS, KEYS, explain_keys
 from calib.session.camera import Camera, camera_to_yaml
 from calib.session.cover import Cover
 from calib.session.cover_section import LAYERS_KEY, cover_mappings
@@ -17,6 +17,7 @@ from calib.session.schema import Quantity, Section
 from calib.session.session import session_from_mapping, session_to_yaml
 from calib.session.shapes.layer import LAYER
 from calib.session.shapes.registry import find_shape
+from calib.session.typed_number import join_sigmas, typed_number
 from capture.session_file import Setup
 
 BOARD = {kind: tuple(key for key in keys if key != "type") for kind, keys in KEYS.items()}
@@ -41,37 +42,17 @@ LAYER_KEYS = tuple(kind.quantity.key for kind in LAYER)
 NUMBERS = ("one", "two", "three")
 ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 
-HELP = {
-    "columns": "The board's inner corners along one row: one less than its squares.",
-    "rows": "The board's inner corners along one column: one less than its squares.",
-    "square_mm": "The side of one square in millimetres. Measure over many squares and divide.",
+HELP = EXPLANATIONS | {
     "kind": (
         "What is printed on it. charuco and aprilgrid have markers: they may reach out of the"
         " picture, and be held any way up."
     ),
-    "marker_mm": "The side of one marker in millimetres, with its black border.",
-    "dictionary": (
-        "The name of its markers, as OpenCV has it, such as DICT_4X4_250; it often stands on the"
-        " print."
-    ),
-    "legacy_pattern": (
-        "yes for boards of calib.io, or of OpenCV before 4.6, whose upper left square is white;"
-        " else no."
-    ),
-    "tag_mm": "The side of one tag in millimetres, with its black border.",
-    "spacing": "The gap between two tags, in sides of a tag: 0.3 on Kalibr's own.",
     "shape": "The cover in front of the camera. none: there is none, only the lens is calibrated.",
 }
-"""The explanation of each value of the board, and of the shape, for someone who has never seen a
-session.yaml. A shape explains its own.
+"""The explanations of the values of a board, and of the choices. A shape explains its own.
 
 The rule of a value is stated when it is broken.
 """
-TAGS = {
-    "columns": "How many tags there are along one row.",
-    "rows": "How many tags there are along one column.",
-}
-"""The explanations that differ for an aprilgrid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +70,9 @@ class FormTexts:
 
 def explain_field(key: str, kind: str, shape: str) -> str:
     """Return the explanation of a value, for a board of this type or a cover of this shape."""
-    special = TAGS if kind == "aprilgrid" else {}
+    board = explain_keys(kind)
     cover = {entry.quantity.key: entry.explanation for entry in find_shape(shape).keys}
-    return (HELP | special | cover).get(key, "")
+    return (HELP | board | cover).get(key, "")
 
 
 def find_problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:
@@ -188,7 +169,7 @@ def _layer_numbers(quantity: Quantity, text: str) -> list[object]:
     if len(entries) < 2 or not all(map(DECIMAL_COMMA.fullmatch, entries)):
         return []
     _check_points(f"cover.{quantity.key}", text, 0)
-    return [_number(entry) for entry in entries]
+    return [typed_number(entry) for entry in entries]
 
 
 def _quantity(key: str, shape: str) -> Quantity | None:
@@ -204,7 +185,7 @@ def _to_yaml(quantity: Quantity, text: str) -> dict[str, object]:
         return {}
     if not quantity.components:
         _check_point(f"cover.{quantity.key}", text)
-        return {quantity.key: _number(text)}
+        return {quantity.key: typed_number(text)}
     _check_points(f"cover.{quantity.key}", text, len(quantity.components))
     if len(_split_list(text)) != len(quantity.components):
         first, *names_after_first = quantity.components
@@ -214,15 +195,15 @@ def _to_yaml(quantity: Quantity, text: str) -> dict[str, object]:
             f" {', '.join((first, *names_after_first[:-1]))} and {names_after_first[-1]}, such as"
             f" {', '.join('0' for _ in quantity.components)}."
         )
-    return {quantity.key: [_number(component) for component in _split_list(text)]}
+    return {quantity.key: [typed_number(component) for component in _split_list(text)]}
 
 
 def _check_point(key: str, text: str) -> None:
     """Raise InputError where a single number, or its sigma, has a decimal comma."""
-    if DECIMAL_COMMA.fullmatch(_join_sigmas(text.strip())) and "," in text:
+    if DECIMAL_COMMA.fullmatch(join_sigmas(text.strip())) and "," in text:
         raise InputError(
             f"{FORM_NAME}: {key} is {text.strip()}: write"
-            f" {_with_points([_join_sigmas(text.strip())])}, with a point."
+            f" {_with_points([join_sigmas(text.strip())])}, with a point."
         )
 
 
@@ -233,7 +214,7 @@ def _check_points(key: str, text: str, count: int) -> None:
     `1,2,3` and `0,-30` can only be lists.
     """
     words = [
-        word for word in re.split(r"[;\s]+|,(?![0-9])", _join_sigmas(text).strip(" []")) if word
+        word for word in re.split(r"[;\s]+|,(?![0-9])", join_sigmas(text).strip(" []")) if word
     ]
     if not any("," in word for word in words) or not all(map(DECIMAL_COMMA.fullmatch, words)):
         return
@@ -251,7 +232,7 @@ def _check_points(key: str, text: str, count: int) -> None:
 
 def _split_list(text: str) -> list[str]:
     """Return the components of a list, separated by commas, semicolons and blanks."""
-    return re.split(r"[,;\s]+", _join_sigmas(text).strip(" []"))
+    return re.split(r"[,;\s]+", join_sigmas(text).strip(" []"))
 
 
 def _with_points(numbers: list[str]) -> str:
@@ -263,26 +244,8 @@ def _value(key: str, text: str) -> object:
     return (
         ANSWERS.get(text.strip().lower(), text.strip())
         if key == "legacy_pattern"
-        else _number(text)
+        else typed_number(text)
     )
-
-
-def _number(text: str) -> object:
-    """Return a number, `25 ± 10` (or `25 +- 10`) as a number with its sigma, 0 for an exact one, or
-    the text itself, which the rules refuse.
-    """
-    value, pair, sigma = _join_sigmas(text.strip()).partition("±")
-    try:
-        if pair:
-            return {"value": float(value), "sigma": float(sigma)}
-        return int(value) if value.lstrip("+-").isdecimal() else float(value)
-    except ValueError:
-        return text.strip() or None
-
-
-def _join_sigmas(text: str) -> str:
-    """Return the text with every number and its sigma as one word."""
-    return re.sub(r"\s*(±|\+-)\s*", "±", text)
 
 
 def _text(value: object) -> str:

@@ -18,7 +18,7 @@ from textual.widgets.option_list import Option
 
 from calib.corners.detect import eight_bits
 from calib.errors import RefracalError, harmless
-from calib.io.images import read_grey
+from calib.io.images import frames_folder, read_grey
 from capture.tui.camera import Preview
 from capture.tui.cells import CORNER_MARK, WORST_MARK, Mark
 from capture.tui.child import Event
@@ -310,7 +310,7 @@ class ResultsScreen(Page):
     def _picture_path(self, file: str) -> Path:
         return next(
             (picture.path for picture in self._dropped if picture.file == file),
-            self.session / "frames" / file,
+            frames_folder(self.session) / file,
         )
 
     @on(PictureLoaded)

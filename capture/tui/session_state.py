@@ -4,6 +4,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.io.images import list_images
+from capture.session_file import picture_folder
 from capture.tui.farewell import calibration_folder
 from capture.tui.fit_requirements import is_lens_missing
 
@@ -14,7 +15,7 @@ def has_session_file(session: Path) -> bool:
 
 def count_pictures(session: Path, *, bare: bool) -> int:
     """Return the number of pictures without the cover, or through it."""
-    folder = session / ("bare" if bare else "frames")
+    folder = picture_folder(session, bare=bare)
     return len(list_images(folder)) if folder.is_dir() else 0
 
 

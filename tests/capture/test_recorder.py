@@ -88,6 +88,19 @@ def test_a_session_is_continued(tmp_path: Path) -> None:
     assert [row["lens_position"] for row in rows] == ["", "", "", "1.5", ""]
 
 
+def test_a_session_whose_pictures_lie_beside_session_yaml_is_continued_there(
+    tmp_path: Path,
+) -> None:
+    keep(tmp_path / "s", PICTURES[:3])
+    for picture in list((tmp_path / "s" / "frames").iterdir()):
+        picture.rename(tmp_path / "s" / picture.name)
+    (tmp_path / "s" / "frames").rmdir()
+    keep(tmp_path / "s", PICTURES[3:5])
+    session = read_session(tmp_path / "s")
+    assert same(read_pictures(session.path), PICTURES[:5])
+    assert session.frames[-1].parent == tmp_path / "s"
+
+
 def test_numbers_go_on_after_pictures_of_any_kind_and_name(tmp_path: Path) -> None:
     write_recording(tmp_path, PICTURES[:2])
     (tmp_path / "frames" / "0001.png").rename(tmp_path / "frames" / "0041.png")

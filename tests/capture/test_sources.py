@@ -11,7 +11,7 @@ import pytest
 
 from calib.errors import InputError, RefracalError
 from capture.errors import CaptureError
-from capture.sources.registry import SCHEMES, Scheme, open_source
+from capture.sources.registry import SCHEMES, Scheme, full_source, open_source
 from tests.capture.recordings import FIXTURE, noise, write_recording
 
 
@@ -56,20 +56,22 @@ def test_a_source_that_is_written_wrongly_gets_its_sentence(text: str, says: str
     assert says in str(caught.value)
 
 
-def test_a_path_without_a_scheme_gets_a_proposal(
+def test_a_path_that_exists_is_a_source_by_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "recorded" / "frames").mkdir(parents=True)
     (tmp_path / "film.mkv").touch()
-    for text, offered in (
+    for text, full in (
         ("recorded/frames", "folder:recorded/frames"),
+        ("recorded?speed=max", "folder:recorded?speed=max"),
+        (str(tmp_path), f"folder:{tmp_path}"),
         ("film.mkv", "video:film.mkv"),
+        ("/dev/null", "v4l2:/dev/null"),
+        ("folder:film.mkv", "folder:film.mkv"),
     ):
-        with pytest.raises(
-            InputError, match=rf"names no kind of source \(did you mean {offered}\?\)"
-        ):
-            open_source(text)
+        assert full_source(text) == full
+        assert type(open_source(text)) is type(open_source(full))
     for text in ("nowhere", "a\0b", "n" * 5000):
         with pytest.raises(InputError, match="names no kind of source: write one of"):
             open_source(text)

@@ -170,6 +170,10 @@ def test_a_trusted_fit_names_an_export_command_that_works(
     assert program == "calib"
     assert main(arguments) == 0
     assert list((folder / "calibration" / "export").glob("map_*.npz"))
+    assert main(["fit", str(folder), "--grid", "5x5", "--depth", "0.5"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    following = next(line for line in lines if line.startswith("Next: "))
+    assert "export" not in following, "the map is written"
 
 
 def test_fit_leaves_calibration_field_and_a_map_for_every_depth(
@@ -281,6 +285,9 @@ def test_malformed_sessions_get_their_sentence_and_exit_code(
         (["export", "x", "--format", "bmp", "-o", "y"], "invalid choice"),
         (["undistort", "x", "y", "-o", "z"], "--depth"),
         (["calibrate"], "invalid choice"),
+        (["fti"], "did you mean fit?"),
+        (["fit", "x", "--squaremm", "2"], "did you mean --square-mm?"),
+        (["export", "x", "--format", "opencb", "-o", "y"], "did you mean opencv?"),
         ([], "COMMAND"),
     ],
 )

@@ -1,17 +1,20 @@
 """The completions that bash and zsh themselves offer after a Tab."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from calib import cli
 from calib.commands.completion import SHELLS
+from calib.commands.parser import command_name
 from calib.effects.registry import EFFECTS, FIELDS
 from calib.export.formats import FORMATS
 from calib.session import freeing
@@ -71,15 +74,9 @@ def offered(printed: Printed, tmp_path: Path) -> Callable[..., set[str]]:
     ("program", "commands"), [("calib", cli.COMMANDS), ("capture", capture_cli.COMMANDS)]
 )
 def test_every_command_is_offered(
-    offered: Callable[..., set[str]], program: str, commands: tuple[object, ...]
+    offered: Callable[..., set[str]], program: str, commands: tuple[ModuleType, ...]
 ) -> None:
-    names = {
-        str(getattr(command, "__name__", ""))
-        .rpartition(".")[2]
-        .removesuffix("_command")
-        .replace("_", "-")
-        for command in commands
-    }
+    names = set(map(command_name, commands))
     assert offered(program, "") == names
     assert offered(program, "--ver") == {"--version"}
 
@@ -145,6 +142,37 @@ def test_zsh_reads_its_script(printed: Printed, tmp_path: Path) -> None:
     assert (done.stdout, done.stderr) == ("_calib\n", "")
 
 
+FISH_QUESTIONS = (
+    ("calib fit --method p", "paper"),
+    ("calib fit s --effects board_shape,rol", "board_shape,rolling_shutter"),
+    ("calib ini", "init"),
+)
+
+
+def test_fish_has_every_command_and_name(printed: Printed) -> None:
+    text = printed("calib", "fish")
+    for command in cli.COMMANDS:
+        assert f"-a {command_name(command)} " in text
+    for name in (*freeing.option_names(), *(effect.name for effect in EFFECTS)):
+        assert re.search(rf"__fish_append ,[^)]* {name}[ )]", text)
+
+
+def test_fish_answers_from_its_script(printed: Printed, tmp_path: Path) -> None:
+    if not shutil.which("fish"):
+        pytest.skip("fish is not installed: its script was not read")
+    (tmp_path / "calib.fish").write_text(printed("calib", "fish"))
+    for question, answer in FISH_QUESTIONS:
+        script_text = f"source calib.fish; complete -C '{question}'"
+        done = subprocess.run(
+            ["fish", "--no-config", "-c", script_text],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert done.stdout.split("\t")[0] == answer
+
+
 @pytest.mark.parametrize("program", ["calib", "capture"])
 def test_without_shtab_the_package_to_install_is_named(
     program: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -156,4 +184,4 @@ def test_without_shtab_the_package_to_install_is_named(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert "Completion needs one more package: " in captured.err
-    assert "pip install 'shtab>=1.7,<2'" in captured.err
+    assert "pip install 'shtab>=1.9,<2'" in captured.err

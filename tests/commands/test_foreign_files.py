@@ -96,6 +96,7 @@ COMMANDS = {
         ("session.yaml", "frames/0.png", "frames/1.png"),
         repeatable=False,
     ),
+    "init": Command(("init", "OUT"), ("session.yaml",), repeatable=False),
     "board": Command(
         ("board", "-o", "OUT"), ("session.yaml", "board.pdf", "board.svg"), repeatable=False
     ),

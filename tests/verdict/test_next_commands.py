@@ -33,6 +33,15 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
     assert shlex.split(commands.undistort(0.5)) == words
 
 
+def test_a_map_that_is_written_is_used_and_not_exported_again(tmp_path: Path) -> None:
+    commands = NextCommands(tmp_path, tmp_path / "calibration", Settings())
+    assert commands.use_maps(0.5) == commands.evaluate(), "there are no pictures to undistort"
+    (tmp_path / "a.png").touch()
+    assert f"undistort {tmp_path / 'calibration'} {tmp_path} --depth 0.5" in commands.use_maps(0.5)
+    (tmp_path / "frames").mkdir()
+    assert str(tmp_path / "frames") in commands.use_maps(0.5)
+
+
 def test_a_fit_is_asked_for_again_as_it_was() -> None:
     settings = Settings(method="paper", grid=(8, 6), free=("thickness", "index"))
     commands = NextCommands(Path("s"), Path("out"), settings)

@@ -1,0 +1,153 @@
+"""The options that describe a cover on a command line, and the section of session.yaml that they
+make.
+"""
+
+import argparse
+import re
+
+from calib.commands.arguments import quoted
+from calib.errors import InputError
+from calib.session.lens import COEFFICIENTS
+from calib.session.shapes.dimension import Dimension
+from calib.session.shapes.registry import dimensions, find_shape, shape_names
+from calib.session.typed_number import join_sigmas, typed_number
+
+NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?", re.IGNORECASE)
+PREFIX = "cover_"
+"""The beginning of these options' names among the arguments."""
+
+
+Options = argparse.ArgumentParser | argparse._ArgumentGroup
+
+
+def add_cover(parser: Options) -> None:
+    """Add --cover and an option for each number of a cover."""
+    parser.add_argument(
+        "--cover", choices=shape_names(), help="the shape of the cover (default: none)"
+    )
+    for option, kinds in _kinds_by_option().items():
+        shapes = [
+            shape.name
+            for shape in map(find_shape, shape_names())
+            if any(kind in shape.keys for kind in kinds)
+        ]
+        kind = kinds[0]
+        components = kind.quantity.components
+        parser.add_argument(
+            f"--{option}",
+            dest=f"{PREFIX}{option.replace('-', '_')}",
+            type=typed_list,
+            metavar=",".join(components).upper() or "N",
+            help=f"{kind.explanation} For {', '.join(shapes)}.",
+        )
+
+
+def add_intrinsics(parser: Options) -> None:
+    parser.add_argument(
+        "--intrinsics",
+        type=typed_list,
+        metavar="FX,FY,CX,CY,...",
+        help=(
+            "the lens, px, with OpenCV's coefficients behind (default: from pictures without the"
+            " cover in bare/, else from these views)"
+        ),
+    )
+
+
+def typed_list(text: str) -> list[object]:
+    """Return the numbers that commas join, such as `40`, `40+-5` or `0,-30+-2`, as session.yaml has
+    them.
+    """
+    words = [word.strip() for word in join_sigmas(text).split(",")]
+    for word in words:
+        if not all(map(NUMBER.fullmatch, word.split("±"))) or word.count("±") > 1:
+            raise argparse.ArgumentTypeError(
+                f"{quoted(text)} is not a number: write one such as 40, or 40+-5 with its"
+                " uncertainty, and a list as 0,-30"
+            )
+    return [typed_number(word) for word in words]
+
+
+def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
+    """Return the section `cover`; None if no option describes a cover.
+
+    Raises:
+        InputError: a number is missing, or belongs to another shape.
+    """
+    options = _kinds_by_option()
+    typed = {
+        option: values
+        for option in options
+        if (values := getattr(args, f"{PREFIX}{option.replace('-', '_')}")) is not None
+    }
+    if args.cover is None and not typed:
+        return None
+    if args.cover is None:
+        raise InputError(
+            f"--{next(iter(typed))} describes a cover without a shape: add --cover, one of"
+            f" {', '.join(shape_names())}."
+        )
+    shape = find_shape(args.cover)
+    for option in typed:
+        if not any(kind in shape.keys for kind in options[option]):
+            allowed = [f"--{_option(kind)}" for kind in shape.keys]
+            raise InputError(
+                f"--{option} is no number of --cover {shape.name}: leave it out"
+                + (f", or write some of {', '.join(allowed)}." if allowed else ".")
+            )
+    section: dict[str, object] = {"shape": shape.name}
+    missing: list[str] = []
+    for kind in shape.keys:
+        quantity = kind.quantity
+        if values := typed.get(_option(kind)):
+            section[quantity.key] = values if quantity.components else _single(kind, values)
+        elif kind.usual:
+            section[quantity.key] = float(kind.usual)
+        elif quantity.default is None:
+            example = shape.example[quantity.key]
+            words = example if isinstance(example, list) else [example]
+            missing.append(f"--{_option(kind)} {','.join(f'{word:g}' for word in words)}")
+    if missing:
+        raise InputError(
+            f"--cover {shape.name} needs more numbers: add {' '.join(missing)}, with your own"
+            " lengths in mm, and 40+-5 where you know one to 5 only."
+        )
+    return section
+
+
+def intrinsics_from_options(args: argparse.Namespace) -> dict[str, object] | None:
+    """Return the section `camera.intrinsics`; None if no option states it."""
+    from calib.session.camera import PINHOLE  # it imports numpy
+
+    values: list[object] | None = args.intrinsics
+    if values is None:
+        return None
+    count = len(values) - len(PINHOLE)
+    if count not in COEFFICIENTS:
+        raise InputError(
+            f"--intrinsics has {len(values)} numbers: write fx,fy,cx,cy and"
+            f" {', '.join(map(str, COEFFICIENTS))} coefficients, such as 1200,1200,640,360"
+        )
+    pinhole = zip((quantity.key for quantity in PINHOLE), values[: len(PINHOLE)], strict=True)
+    return {**dict(pinhole), "distortion": values[len(PINHOLE) :]}
+
+
+def _single(kind: Dimension, values: list[object]) -> object:
+    if len(values) > 1:
+        raise InputError(f"--{_option(kind)} has {len(values)} numbers: write one, such as 40.")
+    return values[0]
+
+
+def _option(kind: Dimension) -> str:
+    """Return the name of a number's option, that of --free where there is one."""
+    return kind.option or kind.quantity.key.replace("_", "-")
+
+
+def _kinds_by_option() -> dict[str, list[Dimension]]:
+    """Return the dimensions of all shapes by the names of their options."""
+    kinds: dict[str, list[Dimension]] = {}
+    for kind in dimensions():
+        entries = kinds.setdefault(_option(kind), [])
+        if kind not in entries:
+            entries.append(kind)
+    return kinds

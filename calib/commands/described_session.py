@@ -1,0 +1,128 @@
+"""The session that `calib fit` calibrates: a session folder, or one that is written for pictures
+that the options describe.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calib.commands.arguments import millimetres, whole_size
+from calib.commands.board_options import OPTIONS, add_coding, board_from_options
+from calib.commands.cover_options import (
+    add_cover,
+    add_intrinsics,
+    cover_from_options,
+    intrinsics_from_options,
+)
+from calib.errors import InputError, harmless
+
+if TYPE_CHECKING:
+    from calib.importing.picture_session import NamedPictures
+    from calib.progress import Progress
+    from calib.session.board import Board
+    from calib.session.session import Session
+
+SEARCHED_PICTURES = 8
+"""Pictures, spread over all of them, in which a board is looked for."""
+
+
+def add_description(parser: argparse.ArgumentParser) -> None:
+    """Add the options that describe the board, the cover and the lens of pictures."""
+    board = parser.add_argument_group("board", "of pictures without a session.yaml")
+    board.add_argument(
+        "--board",
+        type=whole_size,
+        metavar="AxB",
+        help="inner corners, columns x rows, or an aprilgrid's tags (default: as found)",
+    )
+    board.add_argument("--square-mm", type=millimetres, metavar="S", help="side of a square")
+    add_coding(board)
+    cover = parser.add_argument_group(
+        "cover",
+        "of pictures without a session.yaml; lengths in mm, angles in degrees, 40+-5 for a number"
+        " that is known to 5",
+    )
+    add_cover(cover)
+    add_intrinsics(cover)
+
+
+def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
+    """Return the session that the arguments name. For pictures without one, it is written.
+
+    Raises:
+        InputError: the pictures need a description; the message has the command that gives it.
+    """
+    from calib.importing.picture_session import check_replaceable, describe_pictures, find_pictures
+    from calib.session.session import read_session
+
+    cover = cover_from_options(args)
+    intrinsics = intrinsics_from_options(args)
+    is_described = bool(cover or intrinsics or args.board or _board_options(args))
+    path = args.session[0]
+    if len(args.session) == 1 and not is_described and _is_session_or_missing(path):
+        return read_session(path)
+    source = find_pictures(args.session)
+    if source.is_described and not is_described:
+        return read_session(source.session)
+    check_replaceable(source)
+    board = board_from_options(args) if args.board else _find_board(args, source, progress)
+    assert board
+    cover = cover or {"shape": "none"}
+    return read_session(describe_pictures(source, board, cover, intrinsics, progress))
+
+
+def _is_session_or_missing(path: Path) -> bool:
+    """True for a folder with a session.yaml, and for a path that does not exist and is no
+    pattern.
+    """
+    from glob import has_magic
+
+    from calib.io.files import reading
+
+    with reading(path):
+        return (path / "session.yaml").exists() or not (path.exists() or has_magic(str(path)))
+
+
+def _board_options(args: argparse.Namespace) -> dict[str, object]:
+    """Return the given options of the board but --board itself, by their names in session.yaml."""
+    return {key: value for key in OPTIONS if (value := getattr(args, key)) is not None}
+
+
+def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Progress") -> "Board":
+    """Look for a board in the pictures, and return it with the size that the options state.
+
+    Raises:
+        InputError: there is none, or its size in mm is missing.
+    """
+    from calib.corners.board_search import search_board
+    from calib.importing.picture_session import EXAMPLE, sample
+    from calib.session.board_section import read_board
+    from calib.session.schema import Section
+
+    pictures = sample(source, SEARCHED_PICTURES, progress)
+    advance = progress.task("Looking for a board", 1)
+    finding = search_board(pictures)
+    advance(1, "")
+    if finding is None:
+        raise InputError(
+            f"{source.words} has no session.yaml, and no board was found in {len(pictures)} of its"
+            f" pictures: describe it by calib fit {source.words} {EXAMPLE} (inner corners), with"
+            " --type where it has markers."
+        )
+    options = _board_options(args)
+    kind = str(options.get("type", finding.kind))
+    side = finding.side_key
+    sentence = f"{finding.sentence} in {finding.pictures} of {finding.searched} pictures."
+    if (
+        side not in options
+        or kind != finding.kind
+        or ("spacing" not in options and finding.is_vague)
+    ):
+        command = f"calib fit {source.words} {finding.options}"
+        raise InputError(
+            f"{sentence} What they cannot say is its size: {command}, with your own millimetres."
+        )
+    print(harmless(sentence), file=sys.stderr)
+    scale = float(str(options[side]))
+    return read_board(Section({**finding.to_yaml(scale), **options}, "The command line"))

@@ -1,0 +1,175 @@
+"""The parser of a program with several commands: how it reads words, and what its help shows."""
+
+import argparse
+import re
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from itertools import takewhile
+from types import ModuleType
+from typing import Any, NoReturn
+
+from calib.errors import RefracalError, brief
+
+NUMBER = re.compile(
+    r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[+-]?[0-9]+)?(mm|cm|m)?|[+-]?(inf|nan)", re.IGNORECASE
+)
+"""A word that can only be meant as a number, rightly written or not."""
+NEGATIVE = re.compile(r"-[0-9.]")
+"""The beginning of a negative number, or of a list that begins with one. No option begins so."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandGroup:
+    """Commands that stand together in the help of their program."""
+
+    title: str
+    commands: tuple[ModuleType, ...]
+
+    @property
+    def examples(self) -> tuple[str, ...]:
+        """The first example of each of its first two commands."""
+        return tuple(examples_of(command)[0] for command in self.commands[:2])
+
+
+def command_name(command: ModuleType) -> str:
+    """Return the name that a command has on the command line."""
+    return command.__name__.rpartition(".")[2].removesuffix("_command").replace("_", "-")
+
+
+def examples_of(command: ModuleType) -> tuple[str, ...]:
+    """Return the command lines that the command's help shows."""
+    examples: tuple[str, ...] = getattr(command, "EXAMPLES", ())
+    return examples
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that suggests the word that was meant, and lets positional words follow the numbers
+    of an option: `--depth 0.5 1 SESSION`.
+    """
+
+    def error(self, message: str) -> NoReturn:
+        """Make the message printable: an argument may hold any character, for example a file name
+        that a shell's * inserted.
+        """
+        super().error(str(RefracalError(message)))
+
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse the words. A word that is left over is an error here already: only the parser of
+        its command knows the options that may have been meant.
+        """
+        words = args if args is None else self._join_numbers(args)
+        parsed, unknown = super().parse_known_args(words, namespace or argparse.Namespace())
+        if unknown:
+            words_left = " ".join(map(brief, unknown))
+            self.error(f"unrecognized arguments: {words_left}{self._suggestion(unknown)}")
+        return parsed, unknown
+
+    def _suggestion(self, unknown: Sequence[str]) -> str:
+        """Return the option that may have been meant by the first unknown one, as a hint."""
+        options = [option for action in self._actions for option in action.option_strings]
+        first = next((word for word in unknown if word.startswith("-")), "").partition("=")[0]
+        close = get_close_matches(first, options, 1)
+        return f" (did you mean {close[0]}?)" if close else ""
+
+    def _join_numbers(self, words: Sequence[str]) -> list[str]:
+        """Return the words with the numbers of each option joined to it by an equals sign. argparse
+        would give an option with several values all words that follow it, and would take the list
+        -1,2 for an option.
+        """
+        joined: list[str] = []
+        place = 0
+        while place < len(words):
+            word = words[place]
+            if word == "--":
+                return [*joined, *words[place:]]
+            place += 1
+            values: list[str] = []
+            match self._value_count(word):
+                case "+":
+                    values = list(takewhile(NUMBER.fullmatch, words[place:]))
+                case "1":
+                    values = list(takewhile(NEGATIVE.match, words[place : place + 1]))
+            place += len(values)
+            joined += [f"{word}={value}" for value in values] or [word]
+        return joined
+
+    def _value_count(self, word: str) -> str:
+        """Return "+" for an option that takes values, "1" for one that takes one value, and ""
+        for every other word. An option may be shortened.
+        """
+        if not word.startswith("-") or "=" in word:
+            return ""
+        exact = [action for action in self._actions if word in action.option_strings]
+        long = word.startswith("--")
+        shortened = {
+            action
+            for action in self._actions
+            for option in action.option_strings
+            if long and option.startswith(word)
+        }
+        match exact or list(shortened):
+            case [argparse.Action(nargs="+")]:
+                return "+"
+            case [argparse.Action(nargs=None)]:
+                return "1"
+        return ""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Raise ArgumentError for a value that is none of the choices, with the one that may have
+        been meant.
+        """
+        if action.choices is None or value in action.choices:
+            return
+        choices = [str(choice) for choice in action.choices]
+        close = get_close_matches(str(value), choices, 1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        raise argparse.ArgumentError(
+            action, f"invalid choice: {brief(repr(value))} ({hint}choose from {', '.join(choices)})"
+        )
+
+
+class Help(argparse.HelpFormatter):
+    """A formatter that fills paragraphs to the terminal's width. A paragraph with an indented line,
+    such as a list, keeps its lines; the last column of a line that is too long wraps within itself.
+    """
+
+    def __init__(self, *args: Any, groups: Sequence[CommandGroup] = (), **options: Any) -> None:
+        """`groups` are those of the commands; without them the commands are one list."""
+        super().__init__(*args, **options)
+        self._groups = groups
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        paragraphs = text.strip().split("\n\n")
+        return "\n\n".join(
+            (
+                _wrap_list(paragraph, width)
+                if "\n " in paragraph
+                else super(Help, self)._fill_text(paragraph, width, indent)
+            )
+            for paragraph in paragraphs
+        )
+
+    def _format_action(self, action: argparse.Action) -> str:
+        if not (self._groups and isinstance(action, argparse._SubParsersAction)):
+            return super()._format_action(action)
+        entries = {entry.dest: entry for entry in action._get_subactions()}
+        blocks: list[str] = []
+        for group in self._groups:
+            self._indent()
+            lines = [self._format_action(entries[command_name(c)]) for c in group.commands]
+            self._dedent()
+            examples = [f"      {example}\n" for example in group.examples]
+            blocks.append("".join([f"  {group.title}\n", *lines, "    for example\n", *examples]))
+        return "\n".join(blocks)
+
+
+def _wrap_list(lines: str, width: int) -> str:
+    columns = ((line, re.match(r" *\S.*?  +", line)) for line in lines.split("\n"))
+    return "\n".join(
+        textwrap.fill(line, width, subsequent_indent=" " * (first.end() if first else 0))
+        for line, first in columns
+    )

@@ -1,0 +1,267 @@
+"""Find out which board pictures show, without a declared one: its type, its size and its markers.
+
+What a picture cannot tell is not guessed: the size of a square in mm.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.corners.coded import (
+    measure_marker_size,
+    measure_spacing,
+    refine_tag_outlines,
+    select_board_markers,
+)
+from calib.corners.detect import CornerGrid, has_grid, largest_grid
+from calib.corners.detect_all import COMMON_SIZES
+from calib.corners.detection import NotFound
+from calib.corners.markers import Markers, marker_places, read_markers
+from calib.corners.other_coding import (
+    KALIBR,
+    MARKER_FRACTIONS,
+    MAX_COLUMNS,
+    MIN_LINKED_FRACTION,
+    MIN_MARKERS,
+    most_frequent_family,
+    smallest_dictionary,
+)
+from calib.session.board import Board
+from calib.session.board_section import board_to_yaml
+from calib.session.coding import DICTIONARIES, AprilGrid, Charuco
+
+MAX_SIDE = 1280
+"""px, the longer side of the pictures that are searched: the search takes seconds, not minutes."""
+MARKER_PICTURES = 4
+"""Pictures that are searched for markers: a dictionary is either in all of them or in none."""
+MIN_AGREEMENT = 0.5
+"""Part of the pictures with any chessboard that must show the same size."""
+CLEAR_CORNERS = 20
+"""Corners of a chessboard that tiles or letters do not make by chance. A smaller one counts only if
+every picture shows it.
+"""
+CLEAR_FRACTION = 0.95
+"""Part of the markers that no other layout explains as well."""
+SPACING_STEP = 0.05
+"""Gaps of AprilGrids are whole multiples of this, in sides of a tag, as their makers offer them."""
+SPACING_ERROR = 0.02
+"""The largest error of a measured gap."""
+
+EXAMPLE_SIDES = {"checkerboard": 25.0, "charuco": 25.0, "aprilgrid": 30.0}
+"""mm, the side of a square or a tag in an example."""
+
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class FoundBoard:
+    """A board that pictures show. Its squares or tags have a side of one metre, for want of a true
+    one.
+    """
+
+    board: Board
+    pictures: int
+    """The number of pictures that show it."""
+    searched: int
+    """The number of pictures that were searched."""
+    is_vague: bool = False
+    """True for an AprilGrid with a gap that no maker offers: it must be measured."""
+
+    @property
+    def kind(self) -> str:
+        """The type of the board in session.yaml."""
+        return str(board_to_yaml(self.board).get("type", "checkerboard"))
+
+    @property
+    def side_key(self) -> str:
+        """The key of session.yaml for the length that no picture tells."""
+        return f"{self.board.cell}_mm"
+
+    @property
+    def sentence(self) -> str:
+        """What was found, without a full stop."""
+        match self.board.coding:
+            case Charuco(dictionary=dictionary):
+                return f"Found a {self.board} board with markers of {dictionary}"
+            case AprilGrid():
+                return f"Found a {self.board}"
+            case None:
+                return f"Found a checkerboard of {self.board} inner corners"
+
+    @property
+    def options(self) -> str:
+        """The options of a command line that describe the board, with an example of its size."""
+        words = []
+        for key, value in self.to_yaml(EXAMPLE_SIDES[self.kind]).items():
+            if key in ("columns", "rows") or value is False:
+                continue
+            option = f"--{key.replace('_', '-')}"
+            words += (
+                [option]
+                if value is True
+                else [option, f"{value:g}" if isinstance(value, float) else str(value)]
+            )
+        size = self.to_yaml(1.0)
+        return " ".join([f"--board {size['columns']}x{size['rows']}", *words])
+
+    def to_yaml(self, side_mm: float) -> dict[str, object]:
+        """Return the section `board` of session.yaml for squares or tags of this side, mm."""
+        coding = self.board.coding
+        scale = side_mm / 1000
+        if isinstance(coding, Charuco):
+            coding = replace(coding, marker=round(coding.marker * scale, 6))
+        return board_to_yaml(replace(self.board, square=scale, coding=coding))
+
+
+def search_board(pictures: Sequence[Picture]) -> FoundBoard | None:
+    """Return the board that most of the (H, W) pictures show; None if they show none, or several.
+
+    A chessboard is searched for first, as it is found fastest. One picture of it then shows whether
+    it has markers.
+    """
+    small = [_reduce(picture) for picture in pictures]
+    grids = [largest_grid(picture) for picture in small]
+    grid_pictures = [picture for picture, grid in zip(small, grids, strict=True) if grid]
+    chessboard = _agreed_size(grids)
+    if chessboard and not _search_markers(grid_pictures[:1]):
+        return chessboard
+    return _search_markers(small[:MARKER_PICTURES]) or chessboard or _try_common_sizes(small)
+
+
+def _reduce(picture: Picture) -> Picture:
+    factor = MAX_SIDE / max(picture.shape)
+    if factor >= 1:
+        return picture
+    return np.asarray(
+        cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8
+    )
+
+
+def _agreed_size(grids: Sequence[CornerGrid | None]) -> FoundBoard | None:
+    """Return the chessboard that most of the pictures with any grid show."""
+    sizes = Counter(grid.size for grid in grids if grid)
+    if not sizes:
+        return None
+    (columns, rows), count = sizes.most_common(1)[0]
+    agree = count >= MIN_AGREEMENT * sizes.total() and count >= min(2, len(grids))
+    if agree and (columns * rows >= CLEAR_CORNERS or count == len(grids) > 2):
+        return FoundBoard(Board(columns, rows, 1.0), count, len(grids))
+    return None
+
+
+def _try_common_sizes(pictures: Sequence[Picture]) -> FoundBoard | None:
+    """Return the chessboard of a common size that at least half of the pictures show, where no grid
+    could be measured.
+    """
+    hits = {
+        size: sum(has_grid(picture, Board(*size, 1.0)) for picture in pictures)
+        for size in COMMON_SIZES
+    }
+    size = max(hits, key=lambda size: hits[size])
+    if hits[size] >= max(MIN_AGREEMENT * len(pictures), min(2, len(pictures))):
+        return FoundBoard(Board(*size, 1.0), hits[size], len(pictures))
+    return None
+
+
+def _search_markers(pictures: Sequence[Picture]) -> FoundBoard | None:
+    name, border, numbers = most_frequent_family(pictures)
+    if len(numbers) <= MIN_MARKERS * max(1.0, len(pictures) / 2):
+        return None
+    dictionary = smallest_dictionary(name, numbers)
+    markers = [read_markers(picture, dictionary, border) for picture in pictures]
+    if (dictionary, border) == (KALIBR.dictionary, 2):
+        return _find_aprilgrid(pictures, markers)
+    return _find_charuco(markers, dictionary) if border == 1 else None
+
+
+def _find_aprilgrid(pictures: Sequence[Picture], markers: Sequence[Markers]) -> FoundBoard | None:
+    candidates = [Board(2 * columns, 2, 1.0, coding=KALIBR) for columns in range(2, MAX_COLUMNS)]
+    board = _best_layout(markers, candidates)
+    if not board:
+        return None
+    gaps = []
+    for picture, read in zip(pictures, markers, strict=True):
+        selected = select_board_markers(read, board)
+        if not isinstance(selected, NotFound):
+            gap = measure_spacing(refine_tag_outlines(selected, board, picture), board)
+            gaps += [gap] if gap is not None else []
+    if not gaps:
+        return None
+    gap = float(np.median(gaps))
+    nearest = round(SPACING_STEP * round(gap / SPACING_STEP), 2)
+    sure = abs(gap - nearest) <= SPACING_ERROR
+    coding = AprilGrid(nearest if sure else round(gap, 2))
+    return FoundBoard(replace(board, coding=coding), len(gaps), len(pictures), not sure)
+
+
+def _find_charuco(markers: Sequence[Markers], dictionary: str) -> FoundBoard | None:
+    candidates = [
+        Board(columns, 3, 1.0, coding=Charuco(fraction, dictionary, first_is_white))
+        for fraction in MARKER_FRACTIONS
+        for columns in range(2, MAX_COLUMNS)
+        for first_is_white in (False, True)
+    ]
+    board = _best_layout(markers, candidates)
+    if not board or not isinstance(board.coding, Charuco):
+        return None
+    sizes = []
+    for read in markers:
+        selected = select_board_markers(read, board)
+        if not isinstance(selected, NotFound):
+            size = measure_marker_size(selected, board)
+            sizes += [size] if size is not None else []
+    if not sizes:
+        return None
+    marker = round(float(np.median(sizes)) * board.coding.marker, 2)
+    series = dictionary.rpartition("_")[0]
+    needed = len(marker_places(board))
+    dictionary = next(
+        name
+        for name, count in (*DICTIONARIES.items(), (dictionary, needed))
+        if name.rpartition("_")[0] == series and count >= needed
+    )
+    coding = replace(board.coding, marker=marker, dictionary=dictionary)
+    return FoundBoard(replace(board, coding=coding), len(sizes), len(markers))
+
+
+def _best_layout(markers: Sequence[Markers], candidates: Sequence[Board]) -> Board | None:
+    """Return the candidate on which most of the markers lie, with as many rows as the markers need;
+    None if they lie on none of them.
+
+    A candidate's own rows say whether their number is odd, which the first square of a legacy
+    ChArUco board depends on.
+    """
+    richest = max(markers, key=lambda read: len(read.numbers))
+    best, highest = None, int(MIN_LINKED_FRACTION * len(richest.numbers))
+    for candidate in candidates:
+        linked = len(_on_board([richest], candidate))
+        if linked > highest:
+            best, highest = candidate, linked
+        if linked > CLEAR_FRACTION * len(richest.numbers):
+            break
+    if not best:
+        return None
+    numbers = _on_board(markers, best)
+    if len(numbers) < MIN_LINKED_FRACTION * sum(len(read.numbers) for read in markers):
+        return None
+    legacy = isinstance(best.coding, Charuco) and best.coding.legacy_pattern
+    step = 2 if legacy or isinstance(best.coding, AprilGrid) else 1
+    rows = best.rows if legacy else 2
+    while len(marker_places(replace(best, rows=rows))) <= numbers.max():
+        rows += step
+    return replace(best, rows=rows)
+
+
+def _on_board(markers: Sequence[Markers], board: Board) -> NDArray[np.int64]:
+    """Return the (N,) numbers of the markers that lie as on this board, or on one with more
+    rows.
+    """
+    count = 1 + max(int(read.numbers.max(initial=0)) for read in markers)
+    taller = replace(board, rows=board.rows + 2 * (1 + 2 * count // board.columns))
+    selected = [select_board_markers(read, taller) for read in markers]
+    groups = [group.numbers for group in selected if not isinstance(group, NotFound)]
+    return np.concatenate([*groups, np.zeros(0, np.int64)])

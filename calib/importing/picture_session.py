@@ -1,0 +1,291 @@
+"""A session beside the pictures that a person has: what was named, and the session.yaml for it.
+
+Pictures stay where they are if a whole folder was named: the folder becomes the session. Of a
+video, or of some pictures of a folder, a session folder is made that holds them.
+"""
+
+import os
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from glob import has_magic
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.corners.detect import eight_bits
+from calib.errors import InputError
+from calib.importing.from_pictures import read_contents
+from calib.importing.from_video import from_video, sharpest_frames
+from calib.io.files import make_folder, reading
+from calib.io.images import SUFFIXES, image_size, list_images, read_grey, session_pictures
+from calib.io.output_folder import LEDGER, OutputFolder
+from calib.io.videos import VIDEOS, list_videos
+from calib.progress import Progress
+from calib.session.board import Board
+from calib.session.board_section import board_to_yaml
+from calib.session.commented import commented_session
+from calib.session.session import session_from_mapping
+from calib.session.shapes.none import NONE
+
+DESCRIPTION = "session.yaml"
+EXAMPLE = "--board 9x6 --square-mm 25"
+"""The options of a command that describes a board, as messages quote them."""
+
+
+COMMAND = "The command line"
+FOCAL_SIGMA = 0.4
+"""Of the picture's width: the sigma of a focal length that nobody knows."""
+CENTRE_SIGMA = 0.05
+"""Of the picture's width: the sigma of a principal point that nobody knows."""
+COEFFICIENT_SIGMAS = (0.3, 0.3, 0.01, 0.01)
+"""The sigmas of k1, k2, p1 and p2 of a lens that nobody knows."""
+
+
+@dataclass(frozen=True, slots=True)
+class NamedPictures:
+    """The pictures, or the video, that a person named on a command line."""
+
+    session: Path
+    """The folder of the session."""
+    pictures: tuple[Path, ...] = ()
+    video: Path | None = None
+    words: str = ""
+    """The named paths, quoted for a shell."""
+
+    @property
+    def in_place(self) -> bool:
+        """True if the session's folder holds the pictures already, and no others."""
+        return bool(self.pictures) and self.pictures == session_pictures(self.session)
+
+    @property
+    def is_described(self) -> bool:
+        """True if there is a session.yaml."""
+        with reading(self.session / DESCRIPTION):
+            return (self.session / DESCRIPTION).exists()
+
+
+def find_pictures(paths: Sequence[Path]) -> NamedPictures:
+    """Return what the paths name: one folder, some pictures, or a video. A pattern such as
+    'photos/*.jpg', which the shell left as it is, stands for the files that match it.
+
+    Raises:
+        InputError: a path is neither, or there is no picture.
+    """
+    words = shlex.join(map(str, paths))
+    existing: list[Path] = []
+    for path in paths:
+        existing += _matches(path)
+    if len(existing) == 1 and existing[0].is_dir():
+        return _in_folder(existing[0], words)
+    videos = [path for path in existing if path.suffix.lower() in VIDEOS]
+    if len(existing) == 1 and videos:
+        return NamedPictures(videos[0].with_suffix(""), video=videos[0], words=words)
+    if videos:
+        raise InputError(
+            f"{videos[0]} is a video among other files: give one video, or pictures, such as calib"
+            f" fit {shlex.quote(str(videos[0]))} {EXAMPLE}"
+        )
+    pictures: list[Path] = []
+    for path in existing:
+        pictures += session_pictures(path) if path.is_dir() else [_picture(path)]
+    folders = {path.parent for path in pictures}
+    common = Path(os.path.commonpath([str(folder) for folder in folders] or ["."]))
+    if len(folders) == 1 and set(pictures) == set(list_images(common)):
+        return _in_folder(common, words)
+    return NamedPictures(common / "session", tuple(pictures), words=words)
+
+
+def _matches(path: Path) -> Sequence[Path]:
+    with reading(path):
+        if path.exists():
+            return (path,)
+    if not has_magic(str(path)):
+        raise InputError(
+            f"{path} is not a folder, a picture or a video that exists: check its name, or record"
+            f" pictures there by capture {shlex.quote(str(path))}"
+        )
+    pattern = path.expanduser()
+    matches = sorted(Path(pattern.anchor).glob(str(pattern.relative_to(pattern.anchor))))
+    media = [
+        match for match in matches if match.is_dir() or match.suffix.lower() in (*SUFFIXES, *VIDEOS)
+    ]
+    if not media:
+        raise InputError(
+            f"No picture matches {path}: give a folder, a pattern such as 'photos/*.jpg', or a"
+            " video."
+        )
+    return media
+
+
+def _picture(path: Path) -> Path:
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(
+            f"{path} is neither a picture nor a video: give png, jpg, tiff, bmp or npy files, a"
+            f" folder of them, or a video ({', '.join(VIDEOS)})."
+        )
+    return path
+
+
+def _in_folder(folder: Path, words: str) -> NamedPictures:
+    """Return the pictures of a folder, which may be a session."""
+    with reading(folder):
+        is_inner = (
+            folder.name in ("frames", "bare") and (folder.resolve().parent / DESCRIPTION).exists()
+        )
+        described = (folder / DESCRIPTION).exists()
+    if is_inner and not described:
+        session = shlex.quote(str(folder.parent))
+        raise InputError(
+            f"{folder} holds pictures of the session around it: give that, calib fit {session}"
+        )
+    pictures = session_pictures(folder)
+    if not pictures and not described:
+        videos = list_videos(folder)
+        if videos:
+            raise InputError(
+                f"{folder} has no pictures, but a video: calib fit {shlex.quote(str(videos[0]))}"
+                f" {EXAMPLE} makes a session of it."
+            )
+        raise InputError(
+            f"{folder} has no session.yaml and no pictures: record some by capture"
+            f" {shlex.quote(str(folder))}, or put png, jpg, tiff, bmp or npy files there."
+        )
+    return NamedPictures(folder, pictures, words=words)
+
+
+def sample(source: NamedPictures, count: int, progress: Progress) -> list[NDArray[np.uint8]]:
+    """Return up to `count` of the pictures, spread over all of them, as (H, W) grey; of a video
+    sharp ones.
+    """
+    if source.video:
+        return [
+            np.asarray(cv2.cvtColor(frame.pixels, cv2.COLOR_BGR2GRAY), np.uint8)
+            for frame in sharpest_frames(source.video, count, progress)
+        ]
+    last = len(source.pictures) - 1
+    numbers = sorted({round(index) for index in np.linspace(0, last, count)})
+    return [eight_bits(read_grey(source.pictures[number])) for number in numbers]
+
+
+def check_replaceable(source: NamedPictures) -> None:
+    """Raise InputError if a session.yaml, or a folder for the pictures, is there that calib did not
+    write.
+    """
+    if not source.in_place:
+        _check_new(source)
+    _output(source).check([DESCRIPTION])
+
+
+def describe_pictures(
+    source: NamedPictures,
+    board: Board,
+    cover: Mapping[str, object],
+    intrinsics: Mapping[str, object] | None,
+    progress: Progress,
+) -> Path:
+    """Write the session.yaml, and copies of pictures that lie elsewhere; return the folder.
+
+    A file that calib wrote there before, and nobody changed, is replaced.
+
+    Args:
+        cover: the section `cover` of session.yaml.
+        intrinsics: the section `camera.intrinsics`. None: they come from bare/ if it is there. Else
+            a camera behind a cover gets those that say that its lens is not known.
+    """
+    check_replaceable(source)
+    if source.video:
+        draft = from_video(source.video, board, progress=progress)
+        size = draft.camera.width, draft.camera.height
+        frames = draft.frames
+    else:
+        size = image_size(source.pictures[0])
+        frames = _contents(source.pictures)
+    camera: dict[str, object] = {"width": size[0], "height": size[1]}
+    remarks = [f"Written by calib fit, from {source.words}."]
+    if intrinsics:
+        camera["intrinsics"] = intrinsics
+    elif cover["shape"] != NONE.name and not (source.session / "bare").is_dir():
+        camera["intrinsics"] = unknown_intrinsics(*size)
+        remarks.append(
+            "The lens is not known: its intrinsics below only say so, and are estimated."
+        )
+    text = commented_session(board_to_yaml(board), camera, cover, remarks)
+    session_from_mapping({"board": board_to_yaml(board), "camera": camera, "cover": cover}, COMMAND)
+    if not source.in_place:
+        _copy(source.session, frames)
+    _output(source).write(DESCRIPTION, text)
+    return source.session
+
+
+def unknown_intrinsics(width: int, height: int) -> dict[str, object]:
+    """Return intrinsics that say that the lens is not known: a field of view about 53 degrees wide,
+    from 30 to 90 within a sigma or two, and distortion as lenses without a fisheye have it.
+    """
+    focal = {"value": float(width), "sigma": FOCAL_SIGMA * width}
+    centre = [{"value": (side - 1) / 2, "sigma": CENTRE_SIGMA * width} for side in (width, height)]
+    coefficients = [{"value": 0.0, "sigma": sigma} for sigma in COEFFICIENT_SIGMAS]
+    return {
+        "fx": focal,
+        "fy": focal,
+        "cx": centre[0],
+        "cy": centre[1],
+        "distortion": coefficients,
+    }
+
+
+def _output(source: NamedPictures) -> OutputFolder:
+    return OutputFolder(source.session, flag="", elsewhere=_correction(source))
+
+
+def _contents(pictures: Sequence[Path]) -> Iterator[tuple[str, bytes]]:
+    """Yield names and contents. Pictures of several folders get the names of theirs in front."""
+    several = len({path.parent for path in pictures}) > 1
+    for path, (name, data) in zip(pictures, read_contents(pictures), strict=True):
+        yield f"{path.parent.name}-{name}" if several else name, data
+
+
+def _correction(source: NamedPictures) -> str:
+    """Return what to do about a session.yaml that is not ours to replace."""
+    session = shlex.quote(str(source.session))
+    return f"leave the options that describe it out, calib fit {session}, or correct that file"
+
+
+def _check_new(source: NamedPictures) -> None:
+    """Raise InputError if the folder for the pictures holds anything that calib did not make."""
+    folder = source.session
+    with reading(folder):
+        foreign = folder.exists() and (
+            not folder.is_dir() or (any(folder.iterdir()) and not _is_made_by_calib(folder))
+        )
+    if foreign:
+        kind = "video" if source.video else "images"
+        raise InputError(
+            f"{folder} is there already, and the pictures would go there: rename it, or make a"
+            f" session elsewhere by calib import {kind} {source.words} {EXAMPLE} -o NEW"
+        )
+
+
+def _is_made_by_calib(folder: Path) -> bool:
+    return any((place / LEDGER).exists() for place in (folder, folder / "frames"))
+
+
+def _copy(session: Path, frames: Iterable[tuple[str, bytes]]) -> None:
+    """Write the pictures into frames/, and remove those that an earlier call wrote there."""
+    folder = session / "frames"
+    make_folder(folder)
+    output = OutputFolder(folder, flag="", elsewhere="move it elsewhere")
+    stale = set(output.owned())
+    foreign = [path for path in list_images(folder) if path.name not in stale]
+    if foreign:
+        raise InputError(
+            f"{foreign[0]} is not a copy that calib fit made: move it elsewhere, or calibrate the"
+            f" session as it is by calib fit {shlex.quote(str(session))}"
+        )
+    for name, data in frames:
+        output.write(name, data)
+        stale.discard(name)
+    for name in stale:
+        (folder / name).unlink()

@@ -1,0 +1,254 @@
+"""Pictures and videos without a session.yaml go into a calibration by one command."""
+
+import argparse
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calib import cli
+from calib.cli import main
+from calib.commands.command_line import _parser
+from calib.commands.described_session import session_of
+from calib.errors import InputError
+from calib.importing.from_video import MAX_FRAMES
+from calib.io.images import list_images
+from calib.progress import Silent
+from calib.session.board import Board
+from calib.session.session import Session, read_session
+from calib.session.shapes.registry import find_shape, shape_names
+from tests.importing import recordings
+
+BOARD = ["--board", "7x6", "--square-mm", "25"]
+
+
+def parsed(*words: str) -> argparse.Namespace:
+    return _parser("calib", "", cli.COMMANDS, cli.GROUPS).parse_args(["fit", *words])
+
+
+def described(*words: str) -> Session:
+    return session_of(parsed(*words), Silent())
+
+
+@pytest.fixture
+def photos(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of eight pictures, seen from the folder around it."""
+    monkeypatch.chdir(tmp_path)
+    return recordings.write_pictures(Path("my photos"))
+
+
+@pytest.fixture
+def film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A video in which each of eight pictures is sharp once, between blurred ones."""
+    monkeypatch.chdir(tmp_path)
+    path = Path("film.avi")
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, recordings.SIZE)
+    for picture in recordings.pictures():
+        for step in range(-7, 8):
+            blurred = cv2.GaussianBlur(picture, (0, 0), 1 + abs(step)) if step else picture
+            writer.write(cv2.cvtColor(blurred, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    return path
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_a_folder_is_calibrated_and_is_a_session_afterwards(
+    photos: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", str(photos), *BOARD]) == 0
+    assert "How the error fell" in capsys.readouterr().out
+    session = read_session(photos)
+    assert session.board == Board(7, 6, 0.025)
+    assert session.frames == list_images(photos)
+    assert main(["fit", "--depth", "0.5", "1", str(photos), "--quiet"]) == 0
+    output = capsys.readouterr()
+    assert output.err == ""
+    assert "How the error fell" not in output.out
+    assert {path.name for path in (photos / "calibration").glob("map_*.npz")} == {
+        "map_0.5m.npz",
+        "map_1m.npz",
+    }
+    then = output.out.splitlines()[-1]
+    undistort = shlex.split(then.rpartition("; ")[2])
+    assert main(undistort[1:]) == 0
+    assert len(list_images(photos / "calibration" / "undistorted")) == 8
+
+
+def test_a_pattern_stands_for_its_pictures(photos: Path) -> None:
+    assert described(f"{photos}/*.png", *BOARD).path == photos
+    some = described(f"{photos}/shot [1-5].png", *BOARD)
+    assert some.path == photos / "session"
+    assert [path.name for path in some.frames] == [f"shot {number}.png" for number in range(1, 6)]
+    fewer = described(f"{photos}/shot 4.png", f"{photos}/shot 5.png", *BOARD)
+    assert [path.name for path in fewer.frames] == ["shot 4.png", "shot 5.png"]
+
+
+def test_pictures_of_several_folders_keep_apart(photos: Path) -> None:
+    shutil.copytree(photos, "others")
+    session = described(str(photos), "others", *BOARD)
+    assert len(session.frames) == 16
+    assert session.path == Path("session")
+
+
+def test_the_sharpest_frames_of_a_video_are_a_session(film: Path) -> None:
+    session = described(str(film), *BOARD)
+    assert session.path == film.with_suffix("")
+    assert len(session.frames) == MAX_FRAMES
+    numbers = {int(path.stem) for path in session.frames}
+    assert {15 * number + 7 for number in range(8)} <= numbers
+
+
+@pytest.mark.parametrize("source", ["photos", "film"])
+def test_a_board_that_is_not_described_is_looked_for(
+    source: str, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = request.getfixturevalue(source)
+    with pytest.raises(InputError, match="Found a checkerboard of 7x6 inner corners") as caught:
+        described(str(path))
+    assert not path.with_suffix("").joinpath("session.yaml").exists()
+    command = re.search(r"(calib fit .*--square-mm 25)", str(caught.value))
+    assert command
+    assert described(*shlex.split(command[1])[2:]).board == Board(7, 6, 0.025)
+    assert described(str(path), "--square-mm", "30").board == Board(7, 6, 0.03)
+    assert "Found a checkerboard of 7x6 inner corners" in capsys.readouterr().err
+
+
+def test_a_description_is_corrected_until_a_person_changed_it(photos: Path) -> None:
+    described(str(photos), "--board", "8x5", "--square-mm", "20")
+    assert described(str(photos), *BOARD).board == Board(7, 6, 0.025)
+    file = photos / "session.yaml"
+    file.write_text(file.read_text() + "# mine\n")
+    with pytest.raises(InputError, match="has changed since calib wrote it: leave the options"):
+        described(str(photos), *BOARD)
+    assert described(str(photos)).board == Board(7, 6, 0.025)
+    assert file.read_text().endswith("# mine\n")
+
+
+def test_a_cover_is_described_by_options(photos: Path) -> None:
+    dome = ["--cover", "dome", "--radius", "40+-30", "--centre", "-1,0,3±2", "--thickness", "3"]
+    session = described(str(photos), *BOARD, *dome)
+    numbers = session.cover.parameters
+    assert (numbers["inner_radius"].value, numbers["inner_radius"].sigma) == (0.04, 0.03)
+    assert numbers["centre.x"].value == -0.001
+    assert numbers["centre.z"].sigma == 0.002
+    assert numbers["refractive_index"].value == 1.5
+    lens = session.camera.intrinsics
+    assert lens
+    assert lens.fx.sigma > 0.3 * lens.fx.value, "nobody knows the lens"
+    known = described(str(photos), *BOARD, *dome, "--intrinsics", "520,525,322+-3,238")
+    assert known.camera.intrinsics
+    assert known.camera.intrinsics.cx.sigma == 3
+    shutil.copytree(photos, photos / "bare", ignore=shutil.ignore_patterns("session.yaml", "bare"))
+    assert described(str(photos), *BOARD, *dome).camera.intrinsics is None, "bare/ tells the lens"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["nowhere"], "nowhere is not a folder"),
+        (["empty"], "has no session.yaml and no pictures: record some by capture empty"),
+        (["none/*.jpg"], "No picture matches none/*.jpg"),
+        (["text.txt", *BOARD], "text.txt is neither a picture nor a video"),
+        (["text.avi", *BOARD], "text.avi is not a video that can be read"),
+        (["text.avi", "my photos"], "calib fit text.avi --board 9x6 --square-mm 25"),
+        (["films"], "calib fit films/a.mp4 --board 9x6 --square-mm 25 makes a session of it"),
+        (["my photos", "--board", "7x6"], "give both, such as --board 9x6 --square-mm 25"),
+        (["my photos", *BOARD, "--radius", "3"], "add --cover, one of none, cone"),
+        (["my photos", *BOARD, "--cover", "flat"], "add --distance 25 --thickness 6"),
+        (
+            ["my photos", *BOARD, "--cover", "flat", "--radius", "3"],
+            "--radius is no number of --cover flat: leave it out, or write some of --distance",
+        ),
+        (["my photos", *BOARD, "--intrinsics", "1,2"], "such as 1200,1200,640,360"),
+        (["taken.avi", *BOARD], "calib import video taken.avi --board 9x6 --square-mm 25 -o NEW"),
+    ],
+)
+def test_a_refusal_names_what_would_do(
+    words: list[str], says: str, photos: Path, film: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert photos.is_dir()
+    Path("empty").mkdir()
+    Path("films").mkdir()
+    Path("films/a.mp4").touch()
+    for name in ("text.txt", "text.avi"):
+        Path(name).write_text("text")
+    shutil.copy(film, "taken.avi")
+    Path("taken").mkdir()
+    Path("taken/thesis.tex").write_text("mine")
+    assert main(["fit", *words]) == 2
+    assert says in capsys.readouterr().err
+    assert Path("taken/thesis.tex").read_text() == "mine"
+
+
+def test_other_commands_name_the_one_that_makes_a_session(photos: Path, film: Path) -> None:
+    for path in (photos, film):
+        with pytest.raises(InputError) as caught:
+            read_session(path)
+        assert f"calib fit {shlex.quote(str(path))} --board 9x6 --square-mm 25" in str(caught.value)
+
+
+def test_pictures_without_a_board_are_said_to_have_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((240, 320), 90 + number, np.uint8))
+    assert main(["fit", str(tmp_path)]) == 2
+    message = capsys.readouterr().err
+    assert "no board was found in 3 of its pictures: describe it by calib fit" in message
+
+
+def test_a_number_that_is_none_is_refused_as_it_is_read(capsys: pytest.CaptureFixture[str]) -> None:
+    for text in ("wide", "40+-", "40+-3+-2", "1,,2", ""):
+        with pytest.raises(SystemExit):
+            parsed("x", "--cover", "dome", f"--centre={text}")
+        assert "is not a number: write one such as 40, or 40+-5" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("shape", shape_names())
+def test_init_writes_a_session_that_is_read(shape: str, tmp_path: Path) -> None:
+    folder = recordings.write_pictures(tmp_path / "s")
+    words = ["init", str(folder), *BOARD, "--cover", shape, "--intrinsics", "520,525,322,238"]
+    example = find_shape(shape).example
+    for kind in find_shape(shape).keys:
+        if kind.quantity.key in example:
+            value = example[kind.quantity.key]
+            words.append(f"--{kind.option}={str(value).strip('[]')}")
+    assert main(words) == 0
+    session = read_session(folder)
+    assert session.cover.shape == shape
+    assert (session.camera.width, session.camera.height) == recordings.SIZE
+    text = (folder / "session.yaml").read_text()
+    for kind in find_shape(shape).keys:
+        first = kind.explanation.split()[0]
+        assert kind.quantity.key not in example or f"# {first}" in text
+
+
+def test_the_examples_of_init_can_be_used(tmp_path: Path) -> None:
+    """Each commented section, put in the place of the one that it is an example for."""
+    folder = tmp_path / "s"
+    assert main(["init", str(folder)]) == 0
+    file = folder / "session.yaml"
+    text = file.read_text()
+    recordings.write_pictures(folder / "frames")
+    read_session(folder)
+    lens = "  # intrinsics:"
+    assert lens in text
+    text = text.replace(lens, "  intrinsics:")
+    head, *covers = re.split(r"^# cover:$", text, flags=re.MULTILINE)
+    shapes = set()
+    for cover in covers:
+        body = re.sub(r"^# ?", "", cover, flags=re.MULTILINE)
+        file.write_text(head.replace("cover:\n  shape: none", f"cover:\n{body}"))
+        shapes.add(read_session(folder).cover.shape)
+    assert shapes == {*shape_names()} - {"none"}
+    boards = re.findall(r"^# (board: .*)$", text, flags=re.MULTILINE)
+    for board in boards:
+        section = re.compile(r"^board:\n(  .*\n)+", re.MULTILINE)
+        file.write_text(section.sub(f"{board}\n", head))
+        assert read_session(folder).board.coding
+    assert len(boards) == 2
+    assert main(["init", str(folder)]) == 2

@@ -1,0 +1,122 @@
+"""The help of calib: groups, examples that can be typed, and numbers before a positional word."""
+
+import shlex
+
+import pytest
+
+from calib import cli
+from calib.cli import main
+from calib.commands.command_line import _parser
+from calib.commands.parser import command_name, examples_of
+from calib.commands.verdict_lines import print_verdict
+from calib.verdict.verdict import Reason, Trust, Verdict
+
+PARSER = _parser("calib", "", cli.COMMANDS, cli.GROUPS)
+
+
+def test_the_help_shows_groups_with_two_examples_each(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
+    text = capsys.readouterr().out
+    places = []
+    for group in cli.GROUPS:
+        places.append(text.index(f"\n  {group.title}\n"))
+        assert len(group.examples) == 2
+        for example in group.examples:
+            assert f"\n      {example}\n" in text
+        for command in group.commands:
+            assert f"\n    {command_name(command)} " in text
+    assert places == sorted(places)
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_a_program_by_its_name_shows_the_help(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["calib"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    output = capsys.readouterr()
+    assert "Calibrate one camera" in output.out
+    assert output.err == "calib: name a COMMAND; calib COMMAND --help explains it.\n"
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS, ids=command_name)
+def test_each_command_has_two_examples_that_are_accepted(command: object) -> None:
+    examples = examples_of(command)  # type: ignore[arg-type]
+    assert len(set(examples)) == 2
+    for example in examples:
+        program, *words = shlex.split(example)
+        assert program == "calib"
+        assert words[0] == command_name(command)  # type: ignore[arg-type]
+        assert PARSER.parse_args(words).run is command.run  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("line", "depths", "sessions"),
+    [
+        ("fit --depth 0.5 s", [0.5], ["s"]),
+        ("fit --depth 0.5 1 inf s t", [0.5, 1.0, float("inf")], ["s", "t"]),
+        ("fit s --depth 2 1e1", [2.0, 10.0], ["s"]),
+        ("fit --dep 1 s --depth 3", [1.0, 3.0], ["s"]),
+        ("fit --depth=1 s", [1.0], ["s"]),
+        ("fit --depth 1 ./2024", [1.0], ["2024"]),
+        ("fit --depth 1 -- 2024", [1.0], ["2024"]),
+        ("fit s -o out --depth 1", [1.0], ["s"]),
+    ],
+)
+def test_positional_words_may_follow_numbers(
+    line: str, depths: list[float], sessions: list[str]
+) -> None:
+    args = PARSER.parse_args(line.split())
+    assert args.depth == depths
+    assert list(map(str, args.session)) == sessions
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("fit --depth -1 s", "'-1' is not a depth"),
+        ("fit --depth 1 0,5 s", "'0,5' is not a depth"),
+        ("fit --depth 1 50cm s", "'50cm' is not a depth"),
+        ("fit --depth wide s", "'wide' is not a depth"),
+        ("fit --depth", "expected at least one argument"),
+        ("fit s --sqare-mm 3", "did you mean --square-mm?"),
+        ("undistort c p --depth 1 --over-write -o o", "did you mean --overwrite?"),
+        ("fitt s", "did you mean fit?"),
+        ("exprt s", "did you mean export?"),
+        ("import image x", "did you mean images?"),
+        ("fit s --cover dom", "did you mean dome?"),
+    ],
+)
+def test_a_mistyped_word_gets_what_was_meant(
+    line: str, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(line.split())
+    assert ended.value.code == 2
+    assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("word", "code"), [(None, "32"), (Trust.CARE, "33"), (Trust.DO_NOT_USE, "31")]
+)
+def test_the_verdict_has_its_colour_in_a_terminal(
+    word: Trust | None,
+    code: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    reasons = (Reason("it is so.", "calib report x", word=word),) if word else ()
+    verdict = Verdict(reasons, "calib export x")
+    print_verdict(verdict, ())
+    assert "\x1b" not in capsys.readouterr().out
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    print_verdict(verdict, ())
+    line = next(line for line in capsys.readouterr().out.splitlines() if "\x1b" in line)
+    assert f";{code}m" in line
+    assert verdict.word.sentence in line

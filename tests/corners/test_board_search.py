@@ -1,0 +1,78 @@
+"""The board that pictures show is found without a declared one, and none where there is none."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calib.corners.board_search import search_board
+from calib.session.coding import AprilGrid, Charuco
+from fixtures.coded_boards import KINDS, Kind, poses
+from fixtures.coded_pictures import Lens
+from tests.importing import recordings
+
+LENS = Lens(width=640, height=480, focal=640.0)
+
+
+def views(kind: Kind) -> list[NDArray[np.uint8]]:
+    """Return pictures of the board, some of which show a part of it."""
+    size = 2 * max(kind.board.half)
+    return [kind.view(pose, lens=LENS).picture for pose in poses(4, 3, 1.2 * size)]
+
+
+def test_a_checkerboard_is_found_with_its_size() -> None:
+    pictures = recordings.pictures()
+    pictures[2] = np.full_like(pictures[2], 90)
+    found = search_board(pictures)
+    assert found
+    assert (found.kind, found.board.columns, found.board.rows) == ("checkerboard", 7, 6)
+    assert (found.pictures, found.searched) == (7, 8)
+    assert found.options == "--board 7x6 --square-mm 25"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow if name == "spacing 0.2" else ()) for name in KINDS],
+)
+def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
+    declared = KINDS[name].board
+    found = search_board(views(KINDS[name]))
+    assert found
+    assert (found.board.columns, found.board.rows) == (declared.columns, declared.rows)
+    match declared.coding, found.board.coding:
+        case Charuco() as told, Charuco() as seen:
+            # a marker of a size is measured to a hundredth of a square or two
+            assert seen.marker == pytest.approx(told.marker / declared.square, abs=0.03)
+            assert seen.legacy_pattern == told.legacy_pattern
+            assert seen.dictionary.rpartition("_")[0] == told.dictionary.rpartition("_")[0]
+        case AprilGrid(spacing), AprilGrid(found_spacing):
+            assert found_spacing == spacing
+            assert not found.is_vague
+        case pair:
+            raise AssertionError(pair)
+
+
+def test_what_was_found_describes_the_board() -> None:
+    found = search_board(views(KINDS["legacy"]))
+    assert found
+    assert found.options.startswith("--board 6x7 --type charuco --square-mm 25 --marker-mm 17")
+    assert found.options.endswith(" --dictionary DICT_5X5_50 --legacy-pattern")
+    assert found.to_yaml(30.0)["square_mm"] == 30.0
+
+
+def random_cells(seed: int) -> NDArray[np.uint8]:
+    """Return light and dark cells, as a tiled floor has them."""
+    cells = (np.random.default_rng(seed).uniform(size=(12, 16)) < 0.5) * 190.0 + 30
+    return np.asarray(cv2.resize(cells, (480, 360), interpolation=cv2.INTER_NEAREST), np.uint8)
+
+
+def gravel(seed: int) -> NDArray[np.uint8]:
+    noise = cv2.GaussianBlur(np.random.default_rng(seed).normal(0, 1, (360, 480)), (0, 0), 4)
+    return np.asarray(255 * (noise - noise.min()) / np.ptp(noise), np.uint8)
+
+
+@pytest.mark.parametrize("draw", [random_cells, gravel])
+def test_no_board_is_found_where_there_is_none(draw: Callable[[int], NDArray[np.uint8]]) -> None:
+    assert search_board([draw(seed) for seed in range(6)]) is None
