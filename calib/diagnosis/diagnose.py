@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration, CalibrationSource
 from calib.corners.view import are_timed, pose_labels
+from calib.diagnosis.differing import Differing
 from calib.diagnosis.equivalence import find_families
 from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
 from calib.diagnosis.search import MAX_EFFECTS, MAX_FITS, run_search, score
@@ -99,6 +100,7 @@ def diagnose(
         base_held_out = state.evaluations.held_out_errors().rms
         families: tuple[Family, ...] = ()
         scores: tuple[str, ...] = ()
+        differing: Differing | None = None
         if count < MIN_CONFIRMING_VIEWS:
             state, tests = score(state, EFFECTS)
             scores = unconfirmed_scores(tests, count, MIN_CONFIRMING_VIEWS)
@@ -106,6 +108,7 @@ def diagnose(
             state = run_search(state)
             advance(STEPS - 1, "rivals")
             state, families = find_families(state)
+            differing = state.evaluations.differing
         held_out = state.evaluations.held_out_errors().rms
         advance(STEPS, "")
         formulas = tuple(printed_forms(state))
@@ -115,6 +118,11 @@ def diagnose(
         sentences = (
             *scores,
             *([noisy_views] if noisy_views else []),
+            *(
+                [f"{sentence[0].upper()}{sentence[1:]}"]
+                if (sentence := str(differing or ""))
+                else []
+            ),
             *remarks(state, families, formulas, structure, timed=timed),
         )
     extended = with_fit(calibration, state.model, state.joint, observations)
@@ -137,6 +145,7 @@ def diagnose(
         accepted=accepted,
         families=families,
         formulas=formulas,
+        differing=differing,
         given_held_out_px=given_held_out,
         base_quality=Quality(base_residuals.rms_px, base_residuals.rmse_cm, base_held_out),
         final_quality=Quality(residuals_left.rms_px, residuals_left.rmse_cm, held_out),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calib.diagnosis.backward_elimination import drop_idle
+from calib.diagnosis.differing import Differing
 from calib.diagnosis.finding import Family
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.search import simplify
@@ -152,7 +153,8 @@ def _odds(fit: ModelFit, best: ModelFit, observations: Observations) -> float:
 def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
     """Return the other effects that do much of what an effect does, fitted in its place.
 
-    Effects without a cause are no rivals.
+    Effects without a cause are no rivals, nor are parameters of single views that are not what
+    differs.
     """
     base = state.evaluations.refit_without(effect)
     problem = state.problem
@@ -161,12 +163,15 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
         return []
     present = {e.name for e in state.model.effects}
     context = effect_context(fitted, problem.board, problem.camera, locate=False)
+    differing = Differing.of(fitted, context)
+    differs = {variation.group.name for variation in differing.variations} if differing else set()
     test = score_test(fitted, effect)
     shift = _corner_shift(test, state.joint)
     proposals = [
         proposal
         for kind in KINDS
         if kind.has_cause and kind.name not in present
+        if not kind.per_view or kind.name in differs
         for proposal in kind.propose(context)
     ]
     rivals = []

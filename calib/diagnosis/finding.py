@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from html import escape
 from typing import Any
 
+from calib.diagnosis.differing import Differing
 from calib.diagnosis.printed_patterns import ClosedForm
 from calib.fitting.declared import PREFIXES
 from calib.fitting.rounding import with_sigma
@@ -137,6 +138,8 @@ class Diagnosis:
     """The families of accepted effects that these views cannot tell from others."""
     formulas: tuple[ClosedForm, ...] = ()
     """The closed forms nearest to an accepted free field, the best first."""
+    differing: Differing | None = None
+    """What differs from view to view beside the accepted effects, if anything does."""
     given_held_out_px: float | None = None
     """The error of the calibration as it was given, on views that no fit has seen, as `calib
     evaluate` measures it. None without such views. `base_quality` is that of the same calibration
@@ -184,6 +187,7 @@ class Diagnosis:
             "candidates": [asdict(candidate) for candidate in self.candidates],
             "accepted": list(self.accepted),
             "families": [asdict(family) for family in self.families],
+            "differs": self.differing.as_json() if self.differing else None,
             "formulas": [asdict(formula) for formula in self.formulas],
             "given": {"held_out_px": self.given_held_out_px},
             "before": base_quality,

@@ -22,8 +22,7 @@ from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS, FIELDS
 from calib.inference.cross_validation import held_out_gain, hold_out
 from calib.inference.effect_context import effect_context
-from calib.inference.fitted_model import FittedModel, ModelFit
-from calib.inference.model_discrepancy import discrepancy_gain
+from calib.inference.fitted_model import ModelFit
 from calib.inference.score_test import ScoreTest, tuned_score_tests
 from calib.inference.warm_start import rough_fit
 
@@ -110,30 +109,33 @@ def _add_effects(state: SearchState) -> SearchState:
 def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
     """Return the next effect to add.
 
-    Parameters of single views can imitate much. So they are tried only if no effect with a few
-    parameters for all views passes. They must have a larger evidence, with these parameters
-    integrated out, than the current model, and than a field without a name that all views share.
+    Parameters of single views can imitate much. So they are tried only where they are what most
+    probably differs from view to view (`Differing`), beside everything that all views share. If
+    what differs is more probable than an effect that all views share, that effect imitates it, and
+    is not added.
     """
     shared = [kind for kind in EFFECTS if not kind.per_view]
     single = [kind for kind in EFFECTS if kind.per_view]
     state, lowering = _lowering(state, shared)
     state, best = _first_passing(state, lowering, lambda fit: fit.joint.log_evidence)
-    if best:
+    differing = state.evaluations.differing
+    if best and not (differing and differing.imitated_by(best)):
         return state, best
-    state, lowering = _lowering(state, single, previous=len(shared))
+    tried = [kind for kind in single if differing and kind.name == differing.first.group.name]
+    state, lowering = _lowering(state, tried, previous=len(shared))
     state, probable = _more_probable(state, lowering)
-    causes = _beside_discrepancy(state, probable)
-    state, best = _first_passing(state, causes, lambda fit: fit.joint.log_marginal)
-    if not (best or state.problem.has_structure(state.fit)):
-        return state, None
-    lead = best.fitted.joint.log_marginal - state.joint.log_marginal if best else 0.0
+    causes = [replace(trial, log_odds=differing.first.gain) for trial in probable if differing]
+    state, cause = _first_passing(state, causes, lambda fit: fit.joint.log_marginal)
+    if best or not (cause or state.problem.has_structure(state.fit)):
+        return state, cause
+    lead = cause.fitted.joint.log_marginal - state.joint.log_marginal if cause else 0.0
     state, lowering = _lowering(state, FIELDS, previous=len(EFFECTS), min_log_odds=lead)
     state, fields = _more_probable(state, lowering)
-    if best:
-        evidence = best.fitted.joint.log_marginal
+    if cause:
+        evidence = cause.fitted.joint.log_marginal
         fields = [field for field in fields if field.fitted.joint.log_marginal > evidence]
     state, field = _first_passing(state, fields, lambda fit: fit.joint.log_marginal)
-    return state, field or best
+    return state, field or cause
 
 
 def _lowering(
@@ -222,24 +224,6 @@ def _more_probable(state: SearchState, trials: Sequence[Trial]) -> tuple[SearchS
         else:
             probable.append(trial)
     return state, probable
-
-
-def _beside_discrepancy(state: SearchState, trials: Sequence[Trial]) -> list[Trial]:
-    """Return the trials of parameters of single views that a model discrepancy does not replace.
-
-    If a model lacks something in single views, any parameters of single views imitate it, whatever
-    they mean.
-    """
-    decisive = []
-    for trial in trials:
-        fit = trial.fitted
-        fitted = FittedModel(fit.model, state.problem.observations, fit.joint)
-        difference = discrepancy_gain(fitted) - state.evaluations.discrepancy_gain
-        log_odds = fit.joint.log_marginal - state.joint.log_marginal + difference
-        trial = replace(trial, log_odds=log_odds)
-        if trial.decisive:
-            decisive.append(trial)
-    return decisive
 
 
 def _first_passing(

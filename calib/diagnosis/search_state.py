@@ -8,14 +8,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from calib.diagnosis.differing import Differing
 from calib.diagnosis.trial import Trial
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.inference.cross_validation import HeldOutErrors, Split, hold_out
+from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel, ModelFit
-from calib.inference.model_discrepancy import discrepancy_gain
 from calib.inference.warm_start import start_without_effects
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -53,7 +54,7 @@ class Evaluations:
     _refits: dict[EffectNames, ModelFit] = field(default_factory=dict)
     _errors: dict[tuple[bool, bool], HeldOutErrors] = field(default_factory=dict)
     _refit_errors: dict[tuple[EffectNames, bool], HeldOutErrors] = field(default_factory=dict)
-    _discrepancy: list[float] = field(default_factory=list)
+    _differing: list[Differing | None] = field(default_factory=list)
 
     def refit_with(self, effects: Sequence[Effect]) -> ModelFit:
         """Return the fit of the model with some of its effects alone, with its noise and prior."""
@@ -105,13 +106,14 @@ class Evaluations:
         return self._refit_errors[key]
 
     @property
-    def discrepancy_gain(self) -> float:
-        """The gain in log evidence of a model discrepancy beside the model."""
-        if not self._discrepancy:
-            fit = self.fit
-            fitted = FittedModel(fit.model, self.problem.observations, fit.joint)
-            self._discrepancy.append(discrepancy_gain(fitted))
-        return self._discrepancy[0]
+    def differing(self) -> Differing | None:
+        """What differs from view to view beside the model."""
+        if not self._differing:
+            problem = self.problem
+            fitted = FittedModel(self.fit.model, problem.observations, self.fit.joint)
+            context = effect_context(fitted, problem.board, problem.camera, locate=False)
+            self._differing.append(Differing.of(fitted, context))
+        return self._differing[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

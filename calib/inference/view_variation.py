@@ -116,6 +116,8 @@ class Variation:
     """(V,) what the deviations of all numbers follow; (0,) if every view has its own."""
     raw_gain: float = 0.0
     """The gain of this pattern alone."""
+    plain_gain: float = 0.0
+    """The gain over the model as it is, without a discrepancy."""
 
     @property
     def name(self) -> str:
@@ -173,7 +175,8 @@ def find_variations(
     """
     groups, patterns = groups_of(context), board_patterns(fitted)
     alone = VariationEquations.of(VariationRows.of(fitted, context))
-    if max(variation.gain for variation in alone.variations(groups, patterns)) < MIN_GAIN:
+    plain = [variation.gain for variation in alone.variations(groups, patterns)]
+    if max(plain) < MIN_GAIN:
         return []
     rows = VariationRows.of(fitted.with_neutral(shared), context)
     alone = VariationEquations.of(rows)
@@ -181,20 +184,18 @@ def find_variations(
     beside = VariationEquations.of(rows, discrepancy)
     without = alone.log_evidence + possible_gain(beside.log_evidence - alone.log_evidence)
     found = []
-    for index, (first, second) in enumerate(
-        sorted(
-            zip(
-                alone.variations(groups, patterns), beside.variations(groups, patterns), strict=True
-            ),
-            key=lambda pair: -pair[0].gain,
-        )
+    variations = zip(
+        alone.variations(groups, patterns), beside.variations(groups, patterns), plain, strict=True
+    )
+    for index, (first, second, plain_gain) in enumerate(
+        sorted(variations, key=lambda pair: -pair[0].gain)
     ):
         certain = beside.log_evidence + second.gain
         if index < MAX_REFINED and first.gain > MIN_GAIN:
             certain = max(certain, alone.log_evidence_beside(first, rows))
         evidence = alone.log_evidence + first.gain
         evidence += possible_gain(certain - evidence)
-        found.append(replace(first, gain=evidence - without))
+        found.append(replace(first, gain=evidence - without, plain_gain=plain_gain))
     found = [variation for variation in found if variation.gain > MIN_GAIN]
     return sorted(found, key=lambda variation: -variation.gain)
 

@@ -1,0 +1,199 @@
+"""What differs from view to view in a session, in plain words, and what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calib.diagnosis.trial import Trial
+from calib.effects.board_scale import STRETCH, BoardScale
+from calib.effects.board_shape import BoardShape
+from calib.effects.effect import Effect, EffectContext
+from calib.effects.entrance_pupil import EntrancePupil
+from calib.effects.focal_drift import FocalDrift
+from calib.effects.free_field import FreeField
+from calib.effects.lens import LensEffect
+from calib.effects.lens_field import LensField
+from calib.fitting.declared import PREFIXES
+from calib.inference.fitted_model import FittedModel
+from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
+from calib.inference.score_test import tuned_score_tests
+from calib.inference.view_variation import MIN_GAIN, Kind, Variation, find_variations
+
+SHARED: tuple[type[Effect], ...] = (
+    LensEffect,
+    EntrancePupil,
+    LensField,
+    BoardShape,
+    BoardScale,
+    FreeField,
+)
+"""What all views share, and what therefore differs in none."""
+EVIDENCE_SCALE = 3.0
+"""A difference of this much in log evidence counts as 1 for the probabilities of names: the noise
+is not quite normal, the shared causes are linearised, and a lens does not stay in its plane when it
+focuses (benchmarks/varies.py).
+"""
+WORDS: Mapping[str, str] = {
+    "focal": "the focal length",
+    "principal_point": "the principal point",
+    "lens": "the lens",
+    "cover_offset": "the place of the cover",
+    "cover_tilt": "the tilt of the cover",
+    "cover_radius": "the radius of the cover",
+    "thickness": "the thickness of the glass",
+    "refractive_index": "the refractive index",
+    "board_flex": "the bend of the board",
+    "board_scale": "the print of the board",
+    "rolling_shutter": "the motion of the board while a picture is read out",
+}
+TWO_OF_THEM: Mapping[str, str] = {
+    "focal": "two focus settings or two cameras",
+    "principal_point": "two cameras or two modes of the sensor",
+    "lens": "two cameras or two lenses",
+    "board_flex": "two boards, or one that was turned by half a turn",
+    "board_scale": "two boards, or one that was turned by a quarter turn",
+}
+ADVICE: Mapping[str, str] = {
+    "focal": "lock the focus, let the camera warm up, and record again",
+    "principal_point": "switch the image stabiliser off, and record again",
+    "lens": "keep the pictures of each camera in a session of its own",
+    "cover_offset": "fasten the cover, and record again",
+    "cover_tilt": "fasten the cover, and record again",
+    "cover_radius": "record all views through one cover",
+    "thickness": "record all views through one cover",
+    "refractive_index": "record all views in the same medium, at one temperature",
+    "board_flex": "glue the board to something stiff, and support it in the same way in every view",
+    "board_scale": "use one board, on a stiff and dry back",
+    "rolling_shutter": "hold the board still, or on a tripod",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Differing:
+    """What differs from view to view: the numbers that may be the ones, the most probable first."""
+
+    variations: tuple[Variation, ...]
+    """The most probable kind of each group of numbers."""
+    probabilities: tuple[float, ...]
+    names: tuple[str, ...]
+    """(V,) those of the views."""
+
+    @staticmethod
+    def of(fitted: FittedModel, context: EffectContext) -> Differing | None:
+        """Return what differs beside everything that all views share; None if nothing does."""
+        present = {effect.name for effect in fitted.model.effects}
+        kinds = [kind for kind in SHARED if kind.name not in present]
+        proposals = [effect for kind in kinds for effect in kind.propose(context)]
+        shared = [test.effect for test in tuned_score_tests(fitted, proposals)]
+        best: dict[str, Variation] = {}
+        for variation in find_variations(fitted, context, shared):
+            best.setdefault(variation.group.name, variation)
+        if not best:
+            return None
+        gains = np.array([variation.gain for variation in best.values()])
+        odds = np.exp((gains - gains.max()) / EVIDENCE_SCALE)
+        probabilities = odds / odds.sum()
+        members = [
+            (variation, float(probability))
+            for variation, probability in zip(best.values(), probabilities, strict=True)
+            if probability > MIN_MEMBER_PROBABILITY
+        ]
+        variations, chances = zip(*members, strict=True)
+        return Differing(variations, chances, fitted.observations.names)
+
+    @property
+    def first(self) -> Variation:
+        """The most probable variation."""
+        return self.variations[0]
+
+    @property
+    def named(self) -> bool:
+        """True if one name is almost sure."""
+        return self.probabilities[0] >= NAME_ALONE
+
+    def imitated_by(self, trial: Trial) -> bool:
+        """True if what differs is clearly more probable than an effect that all views share, which
+        then imitates it.
+        """
+        first = self.first
+        same = (first.group.name, first.kind) == ("focal", Kind.DRIFT)
+        if same and trial.test.effect.name == FocalDrift.name:
+            return False
+        return first.plain_gain > trial.log_odds + MIN_GAIN
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the JSON object of the command contract."""
+        return {
+            "number": self.first.group.name if self.named else "",
+            "kind": str(self.first.kind),
+            "size": size_of(self.first),
+            "members": {
+                variation.group.name: probability
+                for variation, probability in zip(self.variations, self.probabilities, strict=True)
+            },
+            "sentence": str(self),
+        }
+
+    def __str__(self) -> str:
+        first = self.first
+        if self.named:
+            return (
+                f"{WORDS[first.group.name]} differs {described(first, self.names)}:"
+                f" {advice(first, self.names)}."
+            )
+        others = " or ".join(WORDS[variation.group.name] for variation in self.variations[1:])
+        return (
+            f"something differs from view to view: {WORDS[first.group.name]}"
+            f" {described(first, self.names)}, or {others}. If it is the first,"
+            f" {advice(first, self.names)}."
+        )
+
+
+def described(variation: Variation, names: Sequence[str]) -> str:
+    """Return how the numbers differ, and by how much."""
+    kind = variation.kind
+    where = "in every view" if kind is Kind.EACH else str(kind)
+    if kind is Kind.STEP:
+        where = f"from {names[_first_after_step(variation)]} on"
+    elif kind in (Kind.ALTERNATING, Kind.TWO_KINDS) and variation.group.name in TWO_OF_THEM:
+        where += f" ({TWO_OF_THEM[variation.group.name]})"
+    size = size_of(variation)
+    return f"{where}, by {size}" if size else where
+
+
+def size_of(variation: Variation) -> str:
+    """Return the root mean square of the deviations of the number that deviates most, over its
+    tolerance; an empty text for a motion and for a whole lens.
+    """
+    if variation.group.name in ("lens", "rolling_shutter"):
+        return ""
+    rms = np.sqrt((variation.deviations**2).mean(0))
+    most = int(rms.argmax())
+    number = variation.group.numbers[most]
+    size = number.sigma * float(rms[most])
+    if number.relative or number is STRETCH:
+        return f"{100 * size:.2g} %"
+    unit, factor = PREFIXES.get(number.param.unit, (number.param.unit, 1.0))
+    return f"{factor * size:.2g} {unit}".rstrip()
+
+
+def advice(variation: Variation, names: Sequence[str]) -> str:
+    """Return what to do, as a clause."""
+    name = variation.group.name
+    if variation.kind is Kind.STEP and name.startswith(("cover", "focal", "principal")):
+        return f"calibrate from {names[_first_after_step(variation)]} on, or record again"
+    if variation.kind in (Kind.ALTERNATING, Kind.TWO_KINDS) and name in TWO_OF_THEM:
+        return "keep the pictures of each kind in a session of its own"
+    if variation.kind is Kind.NEARNESS:
+        return "the lens focuses by itself: lock the focus, and record again"
+    if variation.kind is Kind.TILT:
+        return "it bends by its own weight: support it, or take a stiffer one"
+    return ADVICE[name]
+
+
+def _first_after_step(variation: Variation) -> int:
+    return int(np.argmax(np.diff(variation.pattern))) + 1
