@@ -407,7 +407,8 @@ class VariationEquations:
         """Return (S, V G) the whitened coupling of the shared parameters to the deviations of the
         numbers of (V, n + 1, G) products.
         """
-        cross = moved[:, self.rows.shared].transpose(1, 0, 2).reshape(len(self.rows.shared), -1)
+        count, _, size = moved.shape
+        cross = moved[:, self.rows.shared].transpose(1, 0, 2).reshape(-1, count * size)
         return np.asarray(np.linalg.solve(self._root, cross))
 
     @cached_property

@@ -75,7 +75,8 @@ def test_the_command_s_json_carries_the_verdict(
     better = replace(better, request=FitRequest(Settings(grid=None, free=())))
     assert main(["diagnose", str(better.save(tmp_path)), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
-    assert set(answer) == {*finding.as_json(), "verdict", "written"}
+    described = {"camera", "cover", "board", "calibration"}
+    assert set(answer) == {*finding.as_json(), *described, "verdict", "written"}
     assert answer["written"] == [
         str(tmp_path / "diagnosed" / name) for name in ("calibration.yaml", "report.html")
     ]
