@@ -43,6 +43,7 @@ from capture.tui.start_warnings import find_warnings
 class SetupScreen(Page):
     DEFAULT_CSS = """
     SetupScreen VerticalScroll { height: 1fr; padding: 0 1; }
+    SetupScreen #now { height: auto; }
     SetupScreen #state { text-style: bold; }
     SetupScreen #start { width: 30; margin: 1 0 0 19; }
     SetupScreen #hint { height: 2; padding: 0 1; color: $text-muted; }
@@ -83,6 +84,7 @@ class SetupScreen(Page):
         return "Set-up"
 
     def body(self) -> ComposeResult:
+        yield Static(id="now", classes="banner", markup=False)
         with VerticalScroll(can_focus=False):
             yield Static(id="state", markup=False)
             yield self._source
@@ -140,12 +142,16 @@ class SetupScreen(Page):
         source = self._source.field
         has_both = select_pictures(source.value, covered=False) != source.value
         covered_views = count_pictures(self.session, bare=False)
-        text = (
+        now = self.query_one("#now", Static)
+        now.display = self._cover_is_on
+        now.update(
             cover_on_text(source.value, same_source=has_both, recorded_views=covered_views)
             if self._cover_is_on
-            else harmless(describe_session(self.session))
+            else ""
         )
-        self.query_one("#state", Static).update(text)
+        state = self.query_one("#state", Static)
+        state.display = not self._cover_is_on
+        state.update(harmless(describe_session(self.session)))
         self._form.set_locked(is_described)
         self._phase.offer(count_pictures(self.session, bare=True))
         self._propose()

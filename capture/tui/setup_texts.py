@@ -18,7 +18,7 @@ LENS = (
 PHASE = "First without the cover, to find the lens; then through it, without touching the focus."
 OPEN_LIST = " enter opens the list, tab goes on."
 COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone."
-SAME_CAMERA = "Then enter on Start."
+SAME_CAMERA = "Then press ^s."
 OTHER_SOURCE = "Name the source of the pictures through it, then ^s."
 SAME_SOURCE = "The source is a session that has pictures through it as well: ^s goes on with those."
 
