@@ -37,6 +37,7 @@ The last line has every key; on a phone, tap it there. m: pictures in dots.
 DRAWN = {
     "A frame of ▒": "A yellow frame",
     "+ marks": "Green dots mark",
+    "space takes": "Take now takes",
     "The last line has every key; on a phone, tap it there. m: pictures in dots.": (
         "Every key is a button."
     ),
