@@ -26,6 +26,7 @@ from capture.tui.check import CheckScreen
 from capture.tui.check_source import CheckSourceScreen, playback_folder
 from capture.tui.check_views import CheckViewsScreen, next_folder
 from capture.tui.collect import CollectScreen
+from capture.tui.downloads import Download, find_downloads
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import farewell_lines
 from capture.tui.fit import FitScreen
@@ -91,6 +92,13 @@ class CaptureApp(App[None]):
             )
         )
 
+    def downloads(self) -> Sequence[Download]:
+        """Return the files that the screen in front offers to a page: those of the results."""
+        page = next(screen for screen in reversed(self.screen_stack) if isinstance(screen, Page))
+        if not self._results_shown or page.step() != "Results":
+            return ()
+        return list(find_downloads(self.session, self._results_shown.calibration, self._maps))
+
     def on_mount(self) -> None:
         sys.setswitchinterval(SWITCH_S)
         cv2.setNumThreads(1)  # one of two cores stays free for the screen
@@ -112,7 +120,7 @@ class CaptureApp(App[None]):
     @on(PageRequest)
     def _handle_request(self, message: PageRequest) -> None:
         if isinstance(self._driver, PageDriver):
-            self._phone = self._phone or Phone(self, self._driver)
+            self._phone = self._phone or Phone(self, self._driver, self.downloads)
             self._phone.handle_request(message.request)
             self.on_phone = self._driver.muted
 

@@ -58,7 +58,7 @@ def describe_screen(app: App[Any]) -> dict[str, object]:
         "blocks": blocks,
         "picture": bool(screen.query(Picture)),
         "focus": name_of(focused) if isinstance(focused, Input) else "",
-        "keys": _buttons(app, bindings),
+        "keys": _buttons(bindings),
         "notices": [name_buttons(item.message, labels) for item in app._notifications],
     }
 
@@ -115,7 +115,7 @@ def _urgency(block: Block) -> int:
     return INSTRUCTION_IDS.index(str(name)) if block.get("spoken") else -1
 
 
-def _buttons(app: App[Any], bindings: list[Any]) -> list[Block]:
+def _buttons(bindings: list[Any]) -> list[Block]:
     actions = {binding.action for binding in bindings}
     main = next((action for action in MAIN_ACTIONS if action in actions), "")
     return [

@@ -43,6 +43,7 @@ export function drawScreen(said) {
   main.scrollTop = news ? 0 : scrolled;
   drawCalls(calls);
   byId("notices").replaceChildren(...said.notices.map((each) => make("p", {textContent: each})));
+  drawFiles(said.files);
   drawKeys(said.keys);
   // the app moves the focus to a wrong field, which is shown; another field of a screen that opens leaves it at its top
   const refused = said.blocks.some((each) => each.name === "problem" && each.text);
@@ -61,6 +62,15 @@ function drawCalls(calls) {
     return line;
   }));
   dock.scrollTop = 0;
+}
+
+/** Draw a link for each file that the app offers. */
+function drawFiles(files) {
+  const box = byId("files"), wanted = JSON.stringify(files);
+  if (box.dataset.files === wanted) return;
+  box.dataset.files = wanted;
+  box.hidden = !files.length;
+  box.replaceChildren(...files.map((each) => make("a", {href: each.address, target: "_blank", rel: "noopener", textContent: each.label})));
 }
 
 function drawKeys(keys) {

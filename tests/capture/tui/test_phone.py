@@ -1,5 +1,5 @@
-"""A whole session in Chromium on the page of a telephone, by touch alone, as someone with one beside
-the camera has it.
+"""A whole session in Chromium on a telephone's page, by touch alone, as someone with one beside the
+camera has it.
 
 `REFRACAL_PICTURES=FOLDER python -m pytest tests/capture/tui/test_phone.py` keeps a picture of every
 step there, to be looked at.
