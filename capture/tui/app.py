@@ -35,6 +35,7 @@ from capture.tui.page_driver import PageDriver
 from capture.tui.phone import PageRequest, Phone
 from capture.tui.results import ResultsScreen
 from capture.tui.setup import SetupScreen
+from capture.tui.sized import is_too_small
 
 # s, for which a thread that calculates may delay the screen: ten times less than usual
 SWITCH_S = 0.0005
@@ -106,11 +107,7 @@ class CaptureApp(App[None]):
 
     async def on_event(self, event: Event) -> None:
         """Ignore keys and pastes for a screen that the notice about a too small terminal hides."""
-        if (
-            isinstance(event, Key | Paste)
-            and isinstance(self.screen, Page)
-            and self.screen.is_too_small
-        ):
+        if isinstance(event, Key | Paste) and is_too_small(self.screen):
             if isinstance(event, Key) and event.key == "q":
                 self.exit()
             if not (isinstance(event, Key) and event.key == "ctrl+c"):

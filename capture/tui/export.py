@@ -12,7 +12,6 @@ from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical
 from textual.message import Message
-from textual.screen import ModalScreen
 from textual.widgets import Button, Footer, Input, Label, Select, Static
 
 from calib.commands.arguments import depth, quoted
@@ -20,6 +19,7 @@ from calib.errors import harmless
 from calib.export.formats import FORMATS
 from capture.tui.command import calib
 from capture.tui.page import TYPING, Field, focus_next_field, wait_for_typing
+from capture.tui.sized import Dialog, SizeNotice
 from capture.typed_path import expand_typed_path
 
 ABOUT = (
@@ -39,7 +39,7 @@ NO_MAP = (
 MAX_DISTANCE_RATIO = 3.0
 
 
-class ExportScreen(ModalScreen[str]):
+class ExportScreen(Dialog[str]):
     """A screen that is dismissed with a sentence about the last written maps; empty where none were
     written.
     """
@@ -107,6 +107,7 @@ class ExportScreen(ModalScreen[str]):
             yield _row("folder", Field(str(self._folder), id="folder", compact=True))
             yield Button("Export", id="export", variant="primary", compact=True)
             yield Static(id="said", markup=False)
+        yield SizeNotice()
         yield Footer(show_command_palette=False, compact=True)
 
     @on(Input.Changed)

@@ -3,19 +3,17 @@ is invalid.
 """
 
 from abc import abstractmethod
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical
-from textual.screen import ModalScreen
 from textual.widgets import Button, Footer, Input, Label, Static
 
 from calib.errors import InputError, harmless
 from capture.tui.page import TYPING, Field, focus_next_field, wait_for_typing
-
-Answer = TypeVar("Answer")
+from capture.tui.sized import Answer, Dialog, SizeNotice
 
 
 def question_bindings(label: str) -> list[Binding]:
@@ -27,7 +25,7 @@ def question_bindings(label: str) -> list[Binding]:
     ]
 
 
-class Question(ModalScreen[Answer | None]):
+class Question(Dialog[Answer | None]):
     """A question that is dismissed with an answer, or with None."""
 
     DEFAULT_CSS = """
@@ -58,6 +56,7 @@ class Question(ModalScreen[Answer | None]):
             )
             yield Button(self.START, variant="primary", compact=True)
             yield Static(id="said", markup=False)
+        yield SizeNotice()
         yield Footer(show_command_palette=False, compact=True)
 
     @abstractmethod
