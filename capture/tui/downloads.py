@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture.disk import is_regular_file
-from capture.tui.farewell import CALIBRATION, files_since, select_newer, updated_folder
+from capture.tui.farewell import CALIBRATION, REPORT, files_since, select_newer, updated_folder
 
-REPORT = "report.html"
 OPEN_REPORT = "Open the report"
 """The label of the report's link."""
 

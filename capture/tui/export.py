@@ -19,6 +19,7 @@ from calib.errors import harmless
 from calib.export.formats import FORMATS
 from capture.tui.command import calib
 from capture.tui.page import TYPING, Field, focus_next_field, wait_for_typing
+from capture.tui.path_suggester import PathSuggester
 from capture.tui.sized import Dialog, SizeNotice
 from capture.typed_path import expand_typed_path
 
@@ -104,7 +105,11 @@ class ExportScreen(Dialog[str]):
                 "form",
                 Select(forms, value=FORMATS[0].name, allow_blank=False, id="form", compact=True),
             )
-            yield _row("folder", Field(str(self._folder), id="folder", compact=True))
+            suggester = PathSuggester(kinds=False)
+            yield _row(
+                "folder",
+                Field(str(self._folder), id="folder", suggester=suggester, compact=True),
+            )
             yield Button("Export", id="export", variant="primary", compact=True)
             yield Static(id="said", markup=False)
         yield SizeNotice()

@@ -11,6 +11,7 @@ from calib.errors import harmless
 from calib.io.images import list_images
 
 CALIBRATION = "calibration.yaml"
+REPORT = "report.html"
 DEPTH = 1.0
 """m, the proposed depth of maps if none are written and no results were opened."""
 UPDATED = "updated"
@@ -63,6 +64,8 @@ def farewell_lines(
             maps = select_newer(folder / CALIBRATION, maps)
             exported = folder / "export"
             yield f"Brought up to date by a check: {_printable(folder)}"
+        if (report := folder / REPORT).exists():
+            yield f"The report is {_printable(report)}"
         maps = maps or files_since(folder / CALIBRATION, exported)
         for path in maps:
             yield f"Exported {_printable(path)}"

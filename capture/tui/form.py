@@ -41,6 +41,7 @@ LAYER_KEYS = tuple(kind.quantity.key for kind in LAYER)
 NUMBERS = ("one", "two", "three")
 ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 
+NO_COVER = "none: there is none, only the lens is calibrated."
 HELP = {
     "columns": "The board's inner corners along one row: one less than its squares.",
     "rows": "The board's inner corners along one column: one less than its squares.",
@@ -60,7 +61,7 @@ HELP = {
     ),
     "tag_mm": "The side of one tag in millimetres, with its black border.",
     "spacing": "The gap between two tags, in sides of a tag: 0.3 on Kalibr's own.",
-    "shape": "The cover in front of the camera. none: there is none, only the lens is calibrated.",
+    "shape": f"The cover in front of the camera. {NO_COVER}",
 }
 """The explanation of each value of the board, and of the shape, for someone who has never seen a
 session.yaml. A shape explains its own.
@@ -91,7 +92,9 @@ def explain_field(key: str, kind: str, shape: str) -> str:
     """Return the explanation of a value, for a board of this type or a cover of this shape."""
     special = TAGS if kind == "aprilgrid" else {}
     cover = {entry.quantity.key: entry.explanation for entry in find_shape(shape).keys}
-    return (HELP | special | cover).get(key, "")
+    words = find_shape(shape).words
+    chosen = {"shape": f"The cover in front of the camera: {words}. {NO_COVER}"} if cover else {}
+    return (HELP | special | cover | chosen).get(key, "")
 
 
 def find_problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:

@@ -203,6 +203,7 @@ def _input_block(widget: Widget, label: str) -> Block | None:
                 **about,
                 "value": widget.value,
                 "wrong": widget.has_class("wrong"),
+                "suggestion": widget._suggestion,
             }
         case Select():
             chosen = next(

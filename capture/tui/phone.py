@@ -100,7 +100,8 @@ class Phone:
                         letter for letter in text[:MAX_TEXT] if letter.isprintable()
                     )
             case {"field": str() as name, "choose": int() as place}:
-                field = find_field(screen, name)
+                if field := find_field(screen, name):
+                    field.focus()  # so that the help is about this field
                 if isinstance(field, Select) and 0 <= place < len(field._options):
                     field.value = field._options[place][1]
                 elif isinstance(field, OptionList) and 0 <= place < field.option_count:

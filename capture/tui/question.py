@@ -9,6 +9,7 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical
+from textual.suggester import Suggester
 from textual.widgets import Button, Footer, Input, Label, Static
 
 from calib.errors import InputError, harmless
@@ -43,6 +44,7 @@ class Question(Dialog[Answer | None]):
     LABEL: ClassVar[str]
     START: ClassVar[str]
     """The label of the button."""
+    SUGGESTER: ClassVar[Suggester | None] = None
 
     def __init__(self, proposed: str) -> None:
         super().__init__()
@@ -51,9 +53,8 @@ class Question(Dialog[Answer | None]):
     def compose(self) -> ComposeResult:
         with Vertical(id="box"):
             yield Static(self.ABOUT, markup=False)
-            yield Horizontal(
-                Label(self.LABEL), Field(self._proposed, id=self.NAME, compact=True), classes="row"
-            )
+            field = Field(self._proposed, id=self.NAME, suggester=self.SUGGESTER, compact=True)
+            yield Horizontal(Label(self.LABEL), field, classes="row")
             yield Button(self.START, variant="primary", compact=True)
             yield Static(id="said", markup=False)
         yield SizeNotice()

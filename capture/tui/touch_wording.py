@@ -11,7 +11,11 @@ BEFORE_KEY = r"^|, | or | then |; |: |\. "
 """The text before a key without "press" before it."""
 AFTER_KEY = r"(?= (?:to|again|for|then|there|[a-z]+s)\b|[,.;]|$)"
 """The text that follows such a key; a verb in the third person may."""
-KEYBOARD_ONLY = (" enter opens the list, tab goes on.", "Enter begins to record.")
+KEYBOARD_ONLY = (
+    " enter opens the list, tab goes on.",
+    "Enter begins to record.",
+    " → completes it.",
+)
 """Sentences that mean nothing without a keyboard."""
 
 

@@ -116,12 +116,22 @@ function drawField(block) {
     if (next) next.focus();
     else field.blur();
   };
-  return make("div", {}, make("label", {htmlFor: field.id}), field);
+  const offer = make("button", {type: "button", className: "suggestion", hidden: true});
+  offer.onpointerdown = (event) => event.preventDefault(); // the keyboard stays open
+  offer.onclick = () => {
+    field.value = offer.dataset.text;
+    ask({field: block.name, text: field.value});
+  };
+  return make("div", {}, make("label", {htmlFor: field.id}), field, offer);
 }
 
 function drawChoice(block) {
   const button = make("button", {type: "button", id: `choice-${block.name}`}), list = make("ul", {hidden: true});
-  button.onclick = () => { list.hidden = !list.hidden; if (!list.hidden) list.scrollIntoView({block: "nearest"}); };
+  button.onclick = () => {
+    ask({field: block.name, look: true});
+    list.hidden = !list.hidden;
+    if (!list.hidden) list.scrollIntoView({block: "nearest"});
+  };
   return make("div", {className: "choice"}, make("label", {htmlFor: button.id}), button, list);
 }
 
@@ -179,11 +189,14 @@ function renew(box, block) {
     return;
   }
   if (block.kind === "field") {
-    const [label, field] = box.children;
+    const [label, field, offer] = box.children;
     label.textContent = `${block.wrong ? "✗ " : ""}${block.label}`;
     label.className = field.className = block.wrong ? "wrong" : "";
     field.disabled = block.disabled;
     if (document.activeElement !== field && field.value !== block.value) field.value = block.value;
+    offer.hidden = block.suggestion.length <= field.value.length || !block.suggestion.startsWith(field.value) || document.activeElement !== field;
+    offer.dataset.text = block.suggestion;
+    offer.textContent = `${block.suggestion.length > 30 ? "…" : ""}${block.suggestion.slice(-30)}`;
     return;
   }
   const options = JSON.stringify([screen, block.options, block.chosen]);
