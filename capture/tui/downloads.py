@@ -39,5 +39,5 @@ def find_downloads(
     visible = [file for file in maps if not file.name.startswith(".")]
     if files := tuple(file.resolve() for file in visible if is_regular_file(file)):
         megabytes = sum(file.stat().st_size for file in files) / 1e6
-        label = f"Download the exported files ({megabytes:.1f} MB)"
+        label = f"Download exports ({megabytes:.1f} MB)"
         yield Download(label, f"{session.resolve().name}-maps.zip", files)

@@ -28,7 +28,7 @@ ABOUT = (
     " blank between, in metres from the lens along its axis. npz has map_x and map_y as cv2.remap"
     " takes them."
 )
-EXPORT_DONE = "That is all: esc goes back to the results, and q there ends the program."
+EXPORT_DONE = "That is all: esc goes back to the results, where q ends the program."
 OVERWRITE_ADVICE = ", or replace what is there with --overwrite"
 """Advice of the command that the screen omits, because it has no such flag."""
 NO_MAP = (

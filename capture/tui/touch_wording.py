@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 ARTICLES = "a", "i"
 """Keys that are words as well: they count as keys only after "press"."""
-BEFORE_KEY = r"^|, | or | then |; |: |\. "
+BEFORE_KEY = r"^|, | or | then | where |; |: |\. "
 """The text before a key without "press" before it."""
 AFTER_KEY = r"(?= (?:to|again|for|then|there|[a-z]+s)\b|[,.;]|$)"
 """The text that follows such a key; a verb in the third person may."""

@@ -228,9 +228,13 @@ export function follow() {
   });
   const typed = () => (document.activeElement.tagName === "INPUT" ? document.activeElement : null);
   const typing = () => page.classList.toggle("typing", Boolean(typed()));
-  main.addEventListener("focusin", () => setTimeout(typing, typed() ? 0 : SETTLE_MS));
+  const keep = () => typed()?.parentElement.scrollIntoView({block: "nearest"}); // a keyboard or a sentence takes its room
+  main.addEventListener("focusin", () => {
+    keep();
+    setTimeout(typing, typed() ? 0 : SETTLE_MS);
+  });
   main.addEventListener("focusout", () => setTimeout(typing, SETTLE_MS));
-  new ResizeObserver(() => typed()?.parentElement.scrollIntoView({block: "nearest"})).observe(main); // a keyboard or a sentence takes its room
+  new ResizeObserver(keep).observe(main);
   for (const change of ["resize", "scroll"]) visualViewport?.addEventListener(change, fill);
   fill();
 }

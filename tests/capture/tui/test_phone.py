@@ -120,6 +120,7 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await _keep(phone, "4-maps")
         assert str(await phone.evaluate(HEARD)).endswith("enough")
         await phone.press("f")
+        await phone.see("Loading")  # the page is not empty meanwhile
         await phone.see("Joint fit")
         await _keep(phone, "5-fit")
         await phone.see("The error fell from 0.4")
@@ -131,6 +132,13 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await _keep(phone, "7-help")
         await phone.press("escape")
         await phone.see("Views, the worst first")
+        assert await phone.sees_whole(CALL.format("onward"))
+        assert await phone.evaluate(LINKS) == "", "there is no report yet"
+        await phone.press("r")
+        await phone.see("The report is written: touch Open the report.")
+        await phone.until(f"{LINKS} === 'Open the report'")
+        await _keep(phone, "6-report")
+        assert await phone.evaluate(FETCH % 0) == "200 text/html"
         await phone.press("e")
         await phone.see("Found: nothing")
         await _keep(phone, "8-effects")
@@ -144,6 +152,9 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await _keep(phone, "9-export")
         await phone.press("escape")
         await phone.see("Wrote 3 files")
+        assert "Download exports" in str(await phone.evaluate(LINKS))
+        await _keep(phone, "9-maps")
+        assert await phone.evaluate(FETCH % 1) == "200 application/zip"
         await phone.press("escape")
         await phone.see("Touch Fit to fit")
         await phone.press("u")
@@ -214,6 +225,16 @@ Array.from({length: served.terminal.rows}, (_, row) => served.terminal.buffer.ac
 """  # noqa: E501
 
 
+LINKS = "[...document.querySelectorAll('#files a')].map((each) => each.textContent).join()"
+FETCH = """
+(() => {
+  const request = new XMLHttpRequest();
+  request.open("GET", document.querySelectorAll("#files a")[%d].href, false);
+  request.send();
+  return `${request.status} ${request.getResponseHeader("content-type").split(";")[0]}`;
+})()
+"""
+"""A script that loads a link, as a touch of it does."""
 SMALL = (360, 640)
 """The size of the smallest telephones in use, points."""
 KEYBOARD = 290
