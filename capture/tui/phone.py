@@ -135,7 +135,7 @@ class Phone:
     def _send_content(self) -> None:
         content = describe_screen(self._app)
         content["files"] = [
-            {"label": each.label, "address": self._address_of(each)} for each in self._downloads()
+            {"label": item.label, "address": self._address_of(item)} for item in self._downloads()
         ]
         if content != self._last_content:
             self._last_content = content

@@ -30,18 +30,20 @@ def write_edits(session: Path, typed: FormTexts) -> bool:
     if typed == shown:
         return False
     typed_board, _, typed_cover = read_form(typed, camera)
-    before = session_to_yaml(board, camera, cover)
-    after = session_to_yaml(typed_board, camera, typed_cover)
+    old_document = session_to_yaml(board, camera, cover)
+    new_document = session_to_yaml(typed_board, camera, typed_cover)
     document = read_yaml(file)
     text = file.read_text(encoding="utf-8-sig")
     for section, same_keys in (
         ("board", typed.kind == shown.kind),
         ("cover", typed.shape == shown.shape),
     ):
-        old, new, written = before[section], after[section], document.get(section)
+        old = old_document[section]
+        new = new_document[section]
+        written = document.get(section)
         if old == new:
             continue
-        if not (same_keys and all(isinstance(each, Mapping) for each in (old, new, written))):
+        if not (same_keys and all(isinstance(entry, Mapping) for entry in (old, new, written))):
             document[section] = new
             continue
         assert isinstance(old, Mapping)
@@ -62,13 +64,13 @@ def write_edits(session: Path, typed: FormTexts) -> bool:
 
 def _replace_values(text: str, section: str, values: Mapping[str, object]) -> str:
     """Return the text with these values of a section, as far as each stands on one line."""
-    found = re.search(rf"^{section}:.*\n?(?:[ \t#].*\n?|\n)*", text, re.MULTILINE)
-    if not found:
+    block = re.search(rf"^{section}:.*\n?(?:[ \t#].*\n?|\n)*", text, re.MULTILINE)
+    if not block:
         return text
-    lines = found[0]
+    lines = block[0]
     for key, value in values.items():
         pattern = rf"(?<![\w.]){key}:[ \t]+({VALUE})(?=[ \t]*(?:[,}}#]|$))"
         if place := re.search(pattern, lines, re.MULTILINE):
             written = json.dumps(value, ensure_ascii=False)
             lines = lines[: place.start(1)] + written + lines[place.end(1) :]
-    return text[: found.start()] + lines + text[found.end() :]
+    return text[: block.start()] + lines + text[block.end() :]

@@ -146,9 +146,9 @@ class SetupScreen(Page):
         source = self._source.field
         has_both = select_pictures(source.value, covered=False) != source.value
         covered_views = count_pictures(self.session, bare=False)
-        now = self.query_one("#now", Static)
-        now.display = self._cover_is_on
-        now.update(
+        instruction = self.query_one("#now", Static)
+        instruction.display = self._cover_is_on
+        instruction.update(
             cover_on_text(source.value, same_source=has_both, recorded_views=covered_views)
             if self._cover_is_on
             else ""
@@ -289,11 +289,11 @@ class SetupScreen(Page):
         self._show_problem(problem or self._refusal)
         self._refusal = ""
 
-    def _show_help(self, key: str, more: str = "") -> None:
+    def _show_help(self, key: str, list_hint: str = "") -> None:
         """Show the help for a field, of the board and the cover at hand."""
         continued = has_session_file(self.session)
         words = help_for(key, self._form.kind, self._form.shape, continued=continued)
-        self.query_one("#hint", Static).update(words + more)
+        self.query_one("#hint", Static).update(words + list_hint)
 
     def action_onward(self) -> None:
         focus_next_field(self)
