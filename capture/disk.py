@@ -27,6 +27,11 @@ def write_durably(path: Path, data: bytes | memoryview | str) -> None:
         sync_folder(path.parent)
 
 
+def is_regular_file(path: Path) -> bool:
+    """Return True for a file that is there itself: a link may lead anywhere."""
+    return path.is_file() and not path.is_symlink()
+
+
 def sync_folder(folder: Path) -> None:
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:

@@ -4,7 +4,8 @@ Only the person at this machine may drive a camera through it. On a loopback add
 must name that address, so that no page of the web can reach it under another name. On any other
 address every request, including the websocket's, must bring the token that is printed once, in its
 address or in the cookie that the first page leaves. Only our own page, which no other page can
-frame, may open a websocket. The number of apps is limited, to one by default: the next window ends
+frame, may open a websocket. Of the files of this machine, those alone are served that an app has
+offered to its page. The number of apps is limited, to one by default: the next window ends
 the oldest. A connection without an admitted request is closed after some seconds
 (`doorkeeper.py`). An app ends with its window, with this server however that ends, and when nobody
 has touched it for hours.
@@ -22,7 +23,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -37,6 +38,7 @@ try:
     from textual_serve.server import Server
 
     from capture.doorkeeper import Doorkeeper
+    from capture.offered_files import send_files
     from capture.qr_code import qr_code
     from capture.served_app import ServedApp
 except ImportError as error:
@@ -86,12 +88,15 @@ class GuardedServer(Server):
         self._max_apps = apps
         self._running: dict[ServedApp, web.WebSocketResponse] = {}
         """The running apps, the oldest first."""
+        self._offers: dict[str, Sequence[Path]] = {}
+        """The files that apps have offered to their pages, by the keys of their addresses."""
         self._opening = asyncio.Lock()
         self._door: Doorkeeper | None = None
 
     async def _make_app(self) -> web.Application:
         app = await super()._make_app()
         app.router.add_static("/page", WEB)
+        app.router.add_get("/files/{key}/{name}", self.handle_offer)
 
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -136,7 +141,8 @@ class GuardedServer(Server):
         self.public_url = f"{request.scheme}://{request.host}"
         response = await handler(request)
         if not response.prepared:
-            response.headers.update(HEADERS)
+            for name, value in HEADERS.items():
+                response.headers.setdefault(name, value)
         if request.path.startswith("/page/"):
             # a file of an older version would not fit
             response.headers["Cache-Control"] = "no-cache"
@@ -161,12 +167,20 @@ class GuardedServer(Server):
         token = request.query.get("token") or request.cookies.get(COOKIE, "")
         return hmac.compare_digest(token.encode(errors="surrogateescape"), self.token.encode())
 
+    async def handle_offer(self, request: web.Request) -> web.StreamResponse:
+        """Serve files that an app has offered, and no others; also after its window was closed."""
+        return await send_files(request, self._offers.get(request.match_info["key"], ()))
+
     async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
         """Serve one window and its app, until either has ended."""
         websocket = web.WebSocketResponse(heartbeat=15, max_msg_size=MAX_MESSAGE_BYTES)
         await websocket.prepare(request)
         service = ServedApp(
-            self.command, websocket, partial(_close, websocket), self.download_manager
+            self.command,
+            websocket,
+            partial(_close, websocket),
+            self.download_manager,
+            self._offers.__setitem__,
         )
         async with self._opening:  # the session is free once the app before has ended
             while len(self._running) >= self._max_apps:

@@ -8,6 +8,7 @@ does and no UTF-8 text can.
 
 import json
 from collections.abc import Awaitable, Callable, Mapping
+from pathlib import Path
 
 from aiohttp import web
 from textual_serve._binary_encode import load
@@ -28,7 +29,9 @@ class ServedApp(AppService):
         websocket: web.WebSocketResponse,
         close: Callable[[], Awaitable[None]],
         downloads: DownloadManager,
+        offer: Callable[[str, list[Path]], None],
     ) -> None:
+        """`offer` is called with the key of an offer of the app, and with its files."""
         super().__init__(
             command,
             write_bytes=websocket.send_bytes,
@@ -36,6 +39,7 @@ class ServedApp(AppService):
             close=close,
             download_manager=downloads,
         )
+        self._offer = offer
         self._on_phone = False
         self._window = (80, 24)
 
@@ -58,7 +62,9 @@ class ServedApp(AppService):
 
     async def on_meta(self, data: bytes) -> None:
         message = json.loads(data)
-        if message["type"] == "phone":
+        if message["type"] == "offer":
+            self._offer(message["key"], [Path(file) for file in message["files"]])
+        elif message["type"] == "phone":
             await self.remote_write_str(json.dumps(["phone", message["said"]]))
         else:
             await super().on_meta(data)

@@ -58,7 +58,7 @@ LAYERS = {
         ("finder", "coded_finder", "source_folder"),
         ("finders", "gate", "recorder"),
         ("coverage", "recording_loop"),
-        ("guidance", "narrator", "qr_code", "served_app", "doorkeeper"),
+        ("guidance", "narrator", "qr_code", "served_app", "doorkeeper", "offered_files"),
         ("serve",),
         ("tui",),
         ("commands",),

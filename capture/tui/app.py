@@ -26,6 +26,7 @@ from capture.tui.check import CheckScreen
 from capture.tui.check_source import CheckSourceScreen, playback_folder
 from capture.tui.check_views import CheckViewsScreen, next_folder
 from capture.tui.collect import CollectScreen
+from capture.tui.downloads import Download, find_downloads
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import farewell_lines
 from capture.tui.fit import FitScreen
@@ -34,6 +35,7 @@ from capture.tui.page_driver import PageDriver
 from capture.tui.phone import PageRequest, Phone
 from capture.tui.results import ResultsScreen
 from capture.tui.setup import SetupScreen
+from capture.tui.sized import is_too_small
 
 # s, for which a thread that calculates may delay the screen: ten times less than usual
 SWITCH_S = 0.0005
@@ -91,6 +93,13 @@ class CaptureApp(App[None]):
             )
         )
 
+    def downloads(self) -> Sequence[Download]:
+        """Return the files that the screen in front offers to a page: those of the results."""
+        page = next(screen for screen in reversed(self.screen_stack) if isinstance(screen, Page))
+        if not self._results_shown or page.step() != "Results":
+            return ()
+        return list(find_downloads(self.session, self._results_shown.calibration, self._maps))
+
     def on_mount(self) -> None:
         sys.setswitchinterval(SWITCH_S)
         cv2.setNumThreads(1)  # one of two cores stays free for the screen
@@ -98,11 +107,7 @@ class CaptureApp(App[None]):
 
     async def on_event(self, event: Event) -> None:
         """Ignore keys and pastes for a screen that the notice about a too small terminal hides."""
-        if (
-            isinstance(event, Key | Paste)
-            and isinstance(self.screen, Page)
-            and self.screen.is_too_small
-        ):
+        if isinstance(event, Key | Paste) and is_too_small(self.screen):
             if isinstance(event, Key) and event.key == "q":
                 self.exit()
             if not (isinstance(event, Key) and event.key == "ctrl+c"):
@@ -112,7 +117,7 @@ class CaptureApp(App[None]):
     @on(PageRequest)
     def _handle_request(self, message: PageRequest) -> None:
         if isinstance(self._driver, PageDriver):
-            self._phone = self._phone or Phone(self, self._driver)
+            self._phone = self._phone or Phone(self, self._driver, self.downloads)
             self._phone.handle_request(message.request)
             self.on_phone = self._driver.muted
 

@@ -73,14 +73,36 @@ def draw(
         patterns = (lit.reshape(rows, 4, columns, 2) * DOTS[:, None]).sum((1, 3))
         characters = np.vectorize(chr, otypes=["<U1"])(0x2800 + patterns)
     halves = cv2.resize(grey, (columns, 2 * rows), interpolation=cv2.INTER_AREA)
+    scale = np.array([columns, rows]) / size
     for mark in marks:
-        _place(characters, mark, np.array([columns, rows]) / size)
+        _place(characters, mark, scale)
+    for mark in marks:
+        _place_label(characters, mark, scale)  # over all marks: it says what to do
     step = 255 / (LEVELS - 1)
     quantised = np.asarray(np.round(np.round(halves / step) * step), np.uint8)
     return Cells(quantised[::2], quantised[1::2], characters)
 
 
 def _place(characters: NDArray[np.str_], mark: Mark, scale: NDArray[np.float64]) -> None:
+    x, y = _visible_cells(characters, mark, scale)
+    characters[y, x] = mark.character
+
+
+def _place_label(characters: NDArray[np.str_], mark: Mark, scale: NDArray[np.float64]) -> None:
+    x, y = _visible_cells(characters, mark, scale)
+    if not mark.label or not len(x):
+        return
+    columns = characters.shape[1]
+    middle, line = int(x.mean()), int(y.mean())
+    start = min(max(middle - len(mark.label) // 2, 0), max(columns - len(mark.label), 0))
+    for offset, letter in enumerate(mark.label[: columns - start]):
+        characters[line, start + offset] = letter
+
+
+def _visible_cells(
+    characters: NDArray[np.str_], mark: Mark, scale: NDArray[np.float64]
+) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Return the column and row of each cell that the mark's points or sides lie in."""
     rows, columns = characters.shape
     cells = (np.asarray(mark.points) + 0.5) * scale  # (n, 2)
     if mark.closed:
@@ -88,9 +110,4 @@ def _place(characters: NDArray[np.str_], mark: Mark, scale: NDArray[np.float64])
         cells = (cells + steps * (np.roll(cells, -1, 0) - cells)).reshape(-1, 2)
     x, y = np.floor(cells[np.isfinite(cells).all(1)]).astype(int).T
     visible = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
-    characters[y[visible], x[visible]] = mark.character
-    if mark.label and visible.any():
-        middle, line = int(x[visible].mean()), int(y[visible].mean())
-        start = min(max(middle - len(mark.label) // 2, 0), max(columns - len(mark.label), 0))
-        for offset, letter in enumerate(mark.label[: columns - start]):
-            characters[line, start + offset] = letter
+    return x[visible], y[visible]

@@ -8,11 +8,10 @@ from typing import ClassVar
 
 from calib.errors import InputError
 from capture.sources.registry import open_source
+from capture.tui.path_suggester import FOLDER, PathSuggester
 from capture.tui.question import Question, question_bindings
 from capture.tui.references import explain_unreadable, is_recorded_source
 from capture.typed_path import expand_typed_path
-
-FOLDER = "folder:"
 
 
 class CheckSourceScreen(Question[str]):
@@ -26,6 +25,7 @@ class CheckSourceScreen(Question[str]):
     NAME = "source"
     LABEL = "pictures from"
     START = "Start"
+    SUGGESTER: ClassVar = PathSuggester(kinds=True)
     BINDINGS: ClassVar = [*question_bindings(START)]
 
     async def answer(self, text: str) -> str:

@@ -12,7 +12,6 @@ from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical
 from textual.message import Message
-from textual.screen import ModalScreen
 from textual.widgets import Button, Footer, Input, Label, Select, Static
 
 from calib.commands.arguments import depth, quoted
@@ -20,6 +19,8 @@ from calib.errors import harmless
 from calib.export.formats import FORMATS
 from capture.tui.command import calib
 from capture.tui.page import TYPING, Field, focus_next_field, wait_for_typing
+from capture.tui.path_suggester import PathSuggester
+from capture.tui.sized import Dialog, SizeNotice
 from capture.typed_path import expand_typed_path
 
 ABOUT = (
@@ -27,7 +28,7 @@ ABOUT = (
     " blank between, in metres from the lens along its axis. npz has map_x and map_y as cv2.remap"
     " takes them."
 )
-EXPORT_DONE = "That is all: esc goes back to the results, and q there ends the program."
+EXPORT_DONE = "That is all: esc goes back to the results, where q ends the program."
 OVERWRITE_ADVICE = ", or replace what is there with --overwrite"
 """Advice of the command that the screen omits, because it has no such flag."""
 NO_MAP = (
@@ -39,7 +40,7 @@ NO_MAP = (
 MAX_DISTANCE_RATIO = 3.0
 
 
-class ExportScreen(ModalScreen[str]):
+class ExportScreen(Dialog[str]):
     """A screen that is dismissed with a sentence about the last written maps; empty where none were
     written.
     """
@@ -104,9 +105,14 @@ class ExportScreen(ModalScreen[str]):
                 "form",
                 Select(forms, value=FORMATS[0].name, allow_blank=False, id="form", compact=True),
             )
-            yield _row("folder", Field(str(self._folder), id="folder", compact=True))
+            suggester = PathSuggester(kinds=False)
+            yield _row(
+                "folder",
+                Field(str(self._folder), id="folder", suggester=suggester, compact=True),
+            )
             yield Button("Export", id="export", variant="primary", compact=True)
             yield Static(id="said", markup=False)
+        yield SizeNotice()
         yield Footer(show_command_palette=False, compact=True)
 
     @on(Input.Changed)

@@ -11,6 +11,7 @@ from calib.errors import harmless
 from calib.io.images import frames_folder, list_images
 
 CALIBRATION = "calibration.yaml"
+REPORT = "report.html"
 DEPTH = 1.0
 """m, the proposed depth of maps if none are written and no results were opened."""
 UPDATED = "updated"
@@ -27,7 +28,7 @@ def updated_folder(folder: Path) -> Path | None:
     """Return the folder of this calibration's updated version, if a check has written one since the
     fit.
     """
-    return folder / UPDATED if _files_since(folder / CALIBRATION, folder / UPDATED) else None
+    return folder / UPDATED if files_since(folder / CALIBRATION, folder / UPDATED) else None
 
 
 def farewell_lines(
@@ -60,10 +61,12 @@ def farewell_lines(
         exported = session / "export"
         if renewed := updated_folder(folder):
             folder, doubt = renewed, ""
-            maps = _select_newer(folder / CALIBRATION, maps)
+            maps = select_newer(folder / CALIBRATION, maps)
             exported = folder / "export"
             yield f"Brought up to date by a check: {_printable(folder)}"
-        maps = maps or _files_since(folder / CALIBRATION, exported)
+        if (report := folder / REPORT).exists():
+            yield f"The report is {_printable(report)}"
+        maps = maps or files_since(folder / CALIBRATION, exported)
         for path in maps:
             yield f"Exported {_printable(path)}"
         if doubt:
@@ -88,12 +91,12 @@ def _count_images(folder: Path) -> int:
     return len(list_images(folder)) if folder.is_dir() else 0
 
 
-def _files_since(calibration: Path, exported: Path) -> Sequence[Path]:
+def files_since(calibration: Path, exported: Path) -> Sequence[Path]:
     """Return the files of a folder that are not older than the calibration."""
-    return sorted(_select_newer(calibration, exported.iterdir())) if exported.is_dir() else ()
+    return sorted(select_newer(calibration, exported.iterdir())) if exported.is_dir() else ()
 
 
-def _select_newer(calibration: Path, paths: Iterable[Path]) -> Sequence[Path]:
+def select_newer(calibration: Path, paths: Iterable[Path]) -> Sequence[Path]:
     """Return the files that are not older than the calibration."""
     if not calibration.exists():
         return ()

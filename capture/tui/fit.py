@@ -17,7 +17,7 @@ from capture.tui.working_page import WorkingPage
 class FitScreen(WorkingPage):
     BINDINGS: ClassVar = [
         Binding("f", "again", "Fit again"),
-        Binding("escape", "back", "Cancel, back", key_display="esc"),
+        Binding("escape", "back", "Back", key_display="esc"),
         *HELP_AND_QUIT,
     ]
     RETRY_ADVICE = "Press f to fit again, esc to go back."

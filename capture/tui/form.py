@@ -42,12 +42,13 @@ LAYER_KEYS = tuple(kind.quantity.key for kind in LAYER)
 NUMBERS = ("one", "two", "three")
 ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 
+NO_COVER = "none: there is none, only the lens is calibrated."
 HELP = EXPLANATIONS | {
     "kind": (
         "What is printed on it. charuco and aprilgrid have markers: they may reach out of the"
         " picture, and be held any way up."
     ),
-    "shape": "The cover in front of the camera. none: there is none, only the lens is calibrated.",
+    "shape": f"The cover in front of the camera. {NO_COVER}",
 }
 """The explanations of the values of a board, and of the choices. A shape explains its own.
 
@@ -72,7 +73,9 @@ def explain_field(key: str, kind: str, shape: str) -> str:
     """Return the explanation of a value, for a board of this type or a cover of this shape."""
     board = explain_keys(kind)
     cover = {entry.quantity.key: entry.explanation for entry in find_shape(shape).keys}
-    return (HELP | board | cover).get(key, "")
+    words = find_shape(shape).words
+    chosen = {"shape": f"The cover in front of the camera: {words}. {NO_COVER}"} if cover else {}
+    return (HELP | board | cover | chosen).get(key, "")
 
 
 def find_problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:

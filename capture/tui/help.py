@@ -6,8 +6,9 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import VerticalScroll
-from textual.screen import ModalScreen
 from textual.widgets import Footer, Static
+
+from capture.tui.sized import Dialog, SizeNotice
 
 TEXT = """\
 A camera behind a cover (a cone, a dome, a window) sees everything a little
@@ -37,6 +38,7 @@ The last line has every key; on a phone, tap it there. m: pictures in dots.
 DRAWN = {
     "A frame of ▒": "A yellow frame",
     "+ marks": "Green dots mark",
+    "space takes": "Take now takes",
     "The last line has every key; on a phone, tap it there. m: pictures in dots.": (
         "Every key is a button."
     ),
@@ -57,7 +59,7 @@ class Prose(Static):
         return re.sub(r"(?<=\S) {2,}", ": ", joined)
 
 
-class HelpScreen(ModalScreen[None]):
+class HelpScreen(Dialog[None]):
     DEFAULT_CSS = (
         "HelpScreen { background: $background; } HelpScreen VerticalScroll { height: 1fr; padding:"
         " 0 1; }"
@@ -70,4 +72,5 @@ class HelpScreen(ModalScreen[None]):
     def compose(self) -> ComposeResult:
         with VerticalScroll():
             yield Prose(TEXT, markup=False)
+        yield SizeNotice()
         yield Footer(show_command_palette=False, compact=True)

@@ -8,6 +8,7 @@ from capture.session_file import Setup
 from capture.tui.fit_requirements import is_lens_known
 from capture.tui.lens_transfer import read_lens, write_lens
 from capture.tui.page import Field
+from capture.tui.path_suggester import PathSuggester
 from capture.tui.references import read_like
 from capture.tui.session_state import has_session_file
 
@@ -18,7 +19,7 @@ class LikeField(Field):
     """
 
     def __init__(self, session: Path) -> None:
-        super().__init__(id="like", compact=True)
+        super().__init__(id="like", suggester=PathSuggester(kinds=False), compact=True)
         self._session = session
         self.setup: Setup | None = None
         """The set-up of the named session, or this session's own where it exists."""

@@ -31,8 +31,8 @@ to it, and its content.
 
 COLUMNS = re.compile(r"[ ]{2}|[░▒▓█]")
 """Matches a text in columns."""
-INSTRUCTION_IDS = ("verdict", "problem", "sentence", "said", "hint", "next", "onward")
-"""The texts that say what to do: they stay visible, whatever is scrolled."""
+INSTRUCTION_IDS = ("now", "verdict", "problem", "sentence", "said", "next", "onward", "hint")
+"""The texts that say what to do, the most urgent first: they stay visible, whatever is scrolled."""
 MAIN_ACTIONS = ("take", "start", "export", "use", "update", "straighten", "cover_on", "fit")
 """The main actions: a screen's main button is the first of these that it has."""
 KEYBOARD_ACTIONS = re.compile(r"app\.(focus_\w+|dots)|scroll\b.*")
@@ -46,10 +46,8 @@ def describe_screen(app: App[Any]) -> dict[str, object]:
     pages = [item for item in app.screen_stack if isinstance(item, Page)]
     focused = screen.focused
     bindings = visible_bindings(screen)
-    labels = {
-        key: item.description for item in bindings for key in (item.key, app.get_key_display(item))
-    }
-    blocks = list(_blocks(screen))
+    labels = _labels(app)
+    blocks = sorted(_blocks(screen), key=_urgency)
     for block in blocks:
         if block["kind"] == "text" and not block["columns"]:
             block["text"] = name_buttons(str(block["text"]), labels)
@@ -60,7 +58,7 @@ def describe_screen(app: App[Any]) -> dict[str, object]:
         "blocks": blocks,
         "picture": bool(screen.query(Picture)),
         "focus": name_of(focused) if isinstance(focused, Input) else "",
-        "keys": _buttons(app, bindings),
+        "keys": _buttons(bindings),
         "notices": [name_buttons(item.message, labels) for item in app._notifications],
     }
 
@@ -99,13 +97,30 @@ def character_of(key: str) -> str | None:
     return CHARACTERS.get(key, key if len(key) == 1 else None)
 
 
-def _buttons(app: App[Any], bindings: list[Any]) -> list[Block]:
+def _labels(app: App[Any]) -> dict[str, str]:
+    """Return the labels of the buttons, by their keys as sentences name them. A sentence may name a
+    key of the screen behind: that of the next step.
+    """
+    return {
+        key: binding.description
+        for screen in app.screen_stack
+        for binding in visible_bindings(screen)
+        for key in (binding.key, app.get_key_display(binding))
+    }
+
+
+def _urgency(block: Block) -> int:
+    """Return the place of an instruction among the others; other blocks keep their order."""
+    name = block["name"]
+    return INSTRUCTION_IDS.index(str(name)) if block.get("spoken") else -1
+
+
+def _buttons(bindings: list[Any]) -> list[Block]:
     actions = {binding.action for binding in bindings}
     main = next((action for action in MAIN_ACTIONS if action in actions), "")
     return [
         {
             "key": binding.key,
-            "shown": app.get_key_display(binding),
             "label": binding.description,
             "main": binding.action == main,
         }
@@ -150,7 +165,7 @@ def _bar_block(bar: Bar) -> Block:
         "kind": "bar",
         "name": bar.title,
         "label": bar.title,
-        "share": round(bar.share, 3),
+        "share": round(bar.share, 3) or None,  # None: nothing is done yet
         "text": bar.words.strip(),
     }
 
@@ -188,6 +203,7 @@ def _input_block(widget: Widget, label: str) -> Block | None:
                 **about,
                 "value": widget.value,
                 "wrong": widget.has_class("wrong"),
+                "suggestion": widget._suggestion,
             }
         case Select():
             chosen = next(

@@ -15,7 +15,7 @@ from capture.tui.working_page import WorkingPage
 class OpeningScreen(WorkingPage):
     BINDINGS: ClassVar = [
         Binding("o", "again", "Open again"),
-        Binding("escape", "back", "Cancel, back", key_display="esc"),
+        Binding("escape", "back", "Back", key_display="esc"),
         *HELP_AND_QUIT,
     ]
     RETRY_ADVICE = "Press o to try again, or esc to go back: ^r there fits the session anew."

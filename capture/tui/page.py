@@ -13,15 +13,13 @@ from textual.binding import Binding
 from textual.events import Key, Resize
 from textual.message import Message
 from textual.screen import Screen
-from textual.widget import Widget
 from textual.widgets import Footer, Input, Static
 
 from capture.tui.child import Child, Event
 from capture.tui.help import HelpScreen
+from capture.tui.sized import SizeNotice
 
 STEPS = ("Set-up", "Without cover", "Through cover", "Fit", "Results")
-MIN_SIZE = (80, 24)
-"""The columns and rows for which every screen is drawn."""
 
 HELP_AND_QUIT = (
     Binding("question_mark", "help", "Help", key_display="?"),
@@ -86,22 +84,15 @@ class Page(Screen[bool]):
 
     DEFAULT_CSS = """
     Page > #steps { height: 1; background: $panel; text-style: bold; }
-    Page > #small { display: none; width: 1fr; height: 1fr; }
-    Page > #small { content-align: center middle; text-align: center; }
-    Page.-small > * { display: none; }
-    Page.-small > #small { display: block; }
     """
 
     PART: ClassVar[str] = ""
     """The part of the step that this page shows, if it is not the step's only page."""
 
-    _previous_focus: Widget | None = None
-    """The widget with the focus before the terminal became too small: hidden widgets lose it."""
-
     def compose(self) -> ComposeResult:
         yield Static(self._step_line(), id="steps", markup=False)
         yield from self.body()
-        yield Static(id="small", markup=False)
+        yield SizeNotice()
         yield Footer(show_command_palette=False, compact=True)
 
     @abstractmethod
@@ -119,32 +110,9 @@ class Page(Screen[bool]):
     def action_help(self) -> None:
         self.app.push_screen(HelpScreen())
 
-    @property
-    def is_too_small(self) -> bool:
-        """True if the terminal is too small, so that a notice replaces all widgets."""
-        return self.has_class("-small")
-
     @on(Resize)
-    def _measure(self, event: Resize) -> None:
-        is_too_small = event.size.width < MIN_SIZE[0] or event.size.height < MIN_SIZE[1]
-        if is_too_small and not self.is_too_small:
-            self._previous_focus = self.focused
-        elif (
-            self.is_too_small
-            and not is_too_small
-            and self._previous_focus
-            and self._previous_focus.is_attached
-        ):
-            self.call_after_refresh(self._previous_focus.focus)
-        self.set_class(is_too_small, "-small")
-        if is_too_small:
-            words = f"This terminal has {event.size.width} columns and {event.size.height} rows.\n"
-            words += (
-                f"Enlarge it to {MIN_SIZE[0]} and {MIN_SIZE[1]}, or make its letters smaller: what"
-                " runs goes on.\n"
-            )
-            words += "Until then no key does anything but q, which quits."
-            self.query_one("#small", Static).update(words)
+    def _follow_size(self, event: Resize) -> None:
+        self.query_one(SizeNotice).follow_size(event.size)
 
 
 def focus_next_field(screen: Screen[Any]) -> None:

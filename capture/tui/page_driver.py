@@ -3,6 +3,8 @@ TEXTUAL_DRIVER.
 """
 
 import json
+from collections.abc import Sequence
+from pathlib import Path
 
 from textual.drivers.web_driver import WebDriver
 
@@ -25,6 +27,9 @@ class PageDriver(WebDriver):
 
     def send_content(self, message: dict[str, object]) -> None:
         self.write_meta({"type": "phone", "said": message})
+
+    def offer(self, key: str, files: Sequence[Path]) -> None:
+        self.write_meta({"type": "offer", "key": key, "files": [str(file) for file in files]})
 
     def send_picture(self, jpeg: bytes) -> None:
         self.write_binary_encoded(("jpeg", jpeg))

@@ -6,7 +6,11 @@ page has drawn the last but one, so a slow connection gets fewer pictures, and n
 """
 
 import asyncio
+import secrets
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, Protocol
+from urllib.parse import quote
 
 import cv2
 import numpy as np
@@ -16,6 +20,7 @@ from textual.message import Message
 from textual.widgets import Input, OptionList, Select
 
 from capture.tui.cells import Mark
+from capture.tui.downloads import Download
 from capture.tui.mirror import (
     character_of,
     describe_screen,
@@ -50,13 +55,25 @@ class PageConnection(Protocol):
 
     def send_picture(self, jpeg: bytes) -> None: ...
 
+    def offer(self, key: str, files: Sequence[Path]) -> None:
+        """Let the server answer a request for this key with these files."""
+
 
 class Phone:
-    def __init__(self, app: App[Any], connection: PageConnection) -> None:
+    def __init__(
+        self,
+        app: App[Any],
+        connection: PageConnection,
+        downloads: Callable[[], Sequence[Download]],
+    ) -> None:
+        """`downloads` returns the files that the screen in front offers."""
         self._app, self._connection = app, connection
+        self._downloads = downloads
         self._last_content: dict[str, object] = {}
         self._picture: tuple[int, int] = (0, -1)
         """The widget whose picture was sent last, and the number of that picture."""
+        self._offers: dict[Download, str] = {}
+        """The key of each offer, which the server knows."""
         self._sent = self._drawn = 0
         """The numbers of sent and of drawn pictures."""
 
@@ -83,7 +100,8 @@ class Phone:
                         letter for letter in text[:MAX_TEXT] if letter.isprintable()
                     )
             case {"field": str() as name, "choose": int() as place}:
-                field = find_field(screen, name)
+                if field := find_field(screen, name):
+                    field.focus()  # so that the help is about this field
                 if isinstance(field, Select) and 0 <= place < len(field._options):
                     field.value = field._options[place][1]
                 elif isinstance(field, OptionList) and 0 <= place < field.option_count:
@@ -116,9 +134,18 @@ class Phone:
 
     def _send_content(self) -> None:
         content = describe_screen(self._app)
+        content["files"] = [
+            {"label": item.label, "address": self._address_of(item)} for item in self._downloads()
+        ]
         if content != self._last_content:
             self._last_content = content
             self._connection.send_content(content)
+
+    def _address_of(self, download: Download) -> str:
+        if download not in self._offers:
+            self._offers[download] = secrets.token_urlsafe(16)
+            self._connection.offer(self._offers[download], download.files)
+        return f"/files/{self._offers[download]}/{quote(download.name)}"
 
     async def _send_picture(self) -> None:
         screen = self._app.screen

@@ -3,19 +3,18 @@ is invalid.
 """
 
 from abc import abstractmethod
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical
-from textual.screen import ModalScreen
+from textual.suggester import Suggester
 from textual.widgets import Button, Footer, Input, Label, Static
 
 from calib.errors import InputError, harmless
 from capture.tui.page import TYPING, Field, focus_next_field, wait_for_typing
-
-Answer = TypeVar("Answer")
+from capture.tui.sized import Answer, Dialog, SizeNotice
 
 
 def question_bindings(label: str) -> list[Binding]:
@@ -27,7 +26,7 @@ def question_bindings(label: str) -> list[Binding]:
     ]
 
 
-class Question(ModalScreen[Answer | None]):
+class Question(Dialog[Answer | None]):
     """A question that is dismissed with an answer, or with None."""
 
     DEFAULT_CSS = """
@@ -45,6 +44,7 @@ class Question(ModalScreen[Answer | None]):
     LABEL: ClassVar[str]
     START: ClassVar[str]
     """The label of the button."""
+    SUGGESTER: ClassVar[Suggester | None] = None
 
     def __init__(self, proposed: str) -> None:
         super().__init__()
@@ -53,11 +53,11 @@ class Question(ModalScreen[Answer | None]):
     def compose(self) -> ComposeResult:
         with Vertical(id="box"):
             yield Static(self.ABOUT, markup=False)
-            yield Horizontal(
-                Label(self.LABEL), Field(self._proposed, id=self.NAME, compact=True), classes="row"
-            )
+            field = Field(self._proposed, id=self.NAME, suggester=self.SUGGESTER, compact=True)
+            yield Horizontal(Label(self.LABEL), field, classes="row")
             yield Button(self.START, variant="primary", compact=True)
             yield Static(id="said", markup=False)
+        yield SizeNotice()
         yield Footer(show_command_palette=False, compact=True)
 
     @abstractmethod

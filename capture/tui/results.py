@@ -23,6 +23,7 @@ from capture.tui.camera import Preview
 from capture.tui.cells import CORNER_MARK, WORST_MARK, Mark
 from capture.tui.child import Event
 from capture.tui.command import calib
+from capture.tui.downloads import OPEN_REPORT
 from capture.tui.drop import (
     DroppedPicture,
     drop_picture,
@@ -431,13 +432,15 @@ class ResultsScreen(Page):
             else ""
         )
         self._say(f"The report is being written{replacement}, which takes some seconds.")
-        self._report(calibration)
+        self._report(calibration, on_page=self.query_one(Picture).phone)
 
     @work(thread=True, exclusive=True, group="report", description="writes the report")
-    def _report(self, calibration: Path) -> None:
-        done = calib(["report", str(calibration)])
+    def _report(self, calibration: Path, *, on_page: bool) -> None:
+        done = calib(["report", str(calibration), *(["--no-open"] if self.app.is_web else [])])
         written = (
-            f"The report is {done.stdout.strip()}: open it in a browser, where it is not open"
+            f"The report is written: touch {OPEN_REPORT}."
+            if on_page
+            else f"The report is {done.stdout.strip()}: open it in a browser, where it is not open"
             " already."
         )
         self.post_message(self.ReportWritten(written if done.returncode == 0 else done.sentence))

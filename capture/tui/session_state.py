@@ -31,7 +31,7 @@ def describe_session(session: Path) -> str:
         text += " It is fitted: ^o opens its results."
     elif count_pictures(session, bare=False) and _lens_missing(session):
         text += " Its lens is not known yet: record without the cover."
-    return text + " Grey values come from its session.yaml: correct them there."
+    return text + " Values that you correct here go into its session.yaml at Start."
 
 
 def _lens_missing(session: Path) -> bool:

@@ -25,7 +25,7 @@ from capture.tui.draft import Draft, load_draft, save_draft
 from capture.tui.farewell import calibration_folder
 from capture.tui.fit import FitScreen
 from capture.tui.fit_requirements import find_missing
-from capture.tui.form import find_problem, read_form, write_form
+from capture.tui.form import FormTexts, find_problem, read_form, write_form
 from capture.tui.lens import ENOUGH_BARE_VIEWS
 from capture.tui.like_field import LikeField
 from capture.tui.opening import OpeningScreen
@@ -34,6 +34,7 @@ from capture.tui.phase import PhaseField
 from capture.tui.references import is_recorded_source
 from capture.tui.retake import set_bare_aside
 from capture.tui.row import Row
+from capture.tui.session_edit import write_edits
 from capture.tui.session_state import count_pictures, describe_session, has_session_file
 from capture.tui.setup_texts import OPEN_LIST, cover_on_text, help_for
 from capture.tui.source import SourceField
@@ -43,6 +44,7 @@ from capture.tui.start_warnings import find_warnings
 class SetupScreen(Page):
     DEFAULT_CSS = """
     SetupScreen VerticalScroll { height: 1fr; padding: 0 1; }
+    SetupScreen #now { height: auto; }
     SetupScreen #state { text-style: bold; }
     SetupScreen #start { width: 30; margin: 1 0 0 19; }
     SetupScreen #hint { height: 2; padding: 0 1; color: $text-muted; }
@@ -76,6 +78,8 @@ class SetupScreen(Page):
         """The warnings that were shown before a start: to start again is to accept them."""
         self._help_closed = False
         """True if the help has just been closed: everything stays as it was typed."""
+        self._described: FormTexts | None = None
+        """The values of session.yaml as the form has shown them; None where there are none."""
         self._refusal = ""
         """The reason why a start was refused, until its field gets the focus."""
 
@@ -83,6 +87,7 @@ class SetupScreen(Page):
         return "Set-up"
 
     def body(self) -> ComposeResult:
+        yield Static(id="now", classes="banner", markup=False)
         with VerticalScroll(can_focus=False):
             yield Static(id="state", markup=False)
             yield self._source
@@ -111,7 +116,8 @@ class SetupScreen(Page):
         await wait_for_typing(self)
         try:
             await self._apply_like()
-        except InputError as error:
+            self._write_edits()
+        except RefracalError as error:
             await self._show_error(str(error))
             return
         if lack := find_missing(self.session):
@@ -140,13 +146,16 @@ class SetupScreen(Page):
         source = self._source.field
         has_both = select_pictures(source.value, covered=False) != source.value
         covered_views = count_pictures(self.session, bare=False)
-        text = (
+        instruction = self.query_one("#now", Static)
+        instruction.display = self._cover_is_on
+        instruction.update(
             cover_on_text(source.value, same_source=has_both, recorded_views=covered_views)
             if self._cover_is_on
-            else harmless(describe_session(self.session))
+            else ""
         )
-        self.query_one("#state", Static).update(text)
-        self._form.set_locked(is_described)
+        state = self.query_one("#state", Static)
+        state.display = not self._cover_is_on
+        state.update(harmless(describe_session(self.session)))
         self._phase.offer(count_pictures(self.session, bare=True))
         self._propose()
         if self._wrong_board and not is_described:
@@ -162,11 +171,16 @@ class SetupScreen(Page):
             source.focus().action_select_all()  # typed text replaces it
 
     async def _show_described(self) -> None:
+        """Show the values of session.yaml, unless they are there, perhaps corrected meanwhile."""
         try:
             board, _, cover = self._like.setup = read_setup(self.session / "session.yaml")
-            await self._form.show(write_form(board, cover))
+            if self._described != (described := write_form(board, cover)):
+                await self._form.show(described)
+            self._described = described
         except InputError as error:
+            self._described = None
             self._show_problem(str(error))
+        self._form.set_locked(self._described is None)
         self._like.enable()
 
     async def _show_new(self) -> None:
@@ -193,8 +207,10 @@ class SetupScreen(Page):
             )
 
     @on(Select.Changed, "#kind, #shape")
-    async def _reshape(self) -> None:
+    async def _reshape(self, event: Select.Changed) -> None:
         await self._form.reshape()
+        if event.select.has_focus:
+            self._show_help(event.select.id or "", OPEN_LIST)
         self._keep()
         self._propose()
 
@@ -253,6 +269,12 @@ class SetupScreen(Page):
         await self._follow_like()
         self._like.transfer_lens()
 
+    def _write_edits(self) -> None:
+        """Write the corrected values of a described session."""
+        if self._described and has_session_file(self.session):
+            write_edits(self.session, self._form.typed)
+            self._described = self._form.typed
+
     @on(DescendantFocus)
     async def _explain(self, event: DescendantFocus) -> None:
         """Explain the field and its error; nothing about another field stays."""
@@ -260,18 +282,18 @@ class SetupScreen(Page):
         key = widget.id or widget.name or ""
         if not key:  # the list of a choice has no key: its hint stays
             return
-        list_hint = OPEN_LIST if isinstance(widget, Select) else ""
-        self.query_one("#hint", Static).update(
-            help_for(
-                key, self._form.kind, self._form.shape, continued=has_session_file(self.session)
-            )
-            + list_hint
-        )
+        self._show_help(key, OPEN_LIST if isinstance(widget, Select) else "")
         problem = (
             await self._find_problem(widget) if isinstance(widget, Input) and widget.value else None
         )
         self._show_problem(problem or self._refusal)
         self._refusal = ""
+
+    def _show_help(self, key: str, list_hint: str = "") -> None:
+        """Show the help for a field, of the board and the cover at hand."""
+        continued = has_session_file(self.session)
+        words = help_for(key, self._form.kind, self._form.shape, continued=continued)
+        self.query_one("#hint", Static).update(words + list_hint)
 
     def action_onward(self) -> None:
         focus_next_field(self)
@@ -285,8 +307,9 @@ class SetupScreen(Page):
     async def _start(self) -> None:
         try:
             await self._apply_like()
+            self._write_edits()
             task = self._read()
-        except InputError as error:
+        except RefracalError as error:
             await self._show_error(str(error))
             return
         for sentence, field in find_warnings(task):

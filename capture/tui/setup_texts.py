@@ -3,22 +3,24 @@
 from capture.tui.form import explain_field
 from capture.tui.references import is_recorded_source
 
+COMPLETES = " → completes it."
+"""The key that takes a suggested path."""
 SOURCE = (
     "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, video:FILE, or folder:PATH"
-    " (pictures, or a session)."
+    f" (pictures, or a session).{COMPLETES}"
 )
 LIKE = (
     "Another session, its folder: board, cover and lens (of its session.yaml or its fit) are taken"
-    " from there. May stay empty."
+    f" from there. May stay empty.{COMPLETES}"
 )
 LENS = (
     "Another session, its folder, that knows the lens: that alone is taken from there, into"
-    " session.yaml."
+    f" session.yaml.{COMPLETES}"
 )
 PHASE = "First without the cover, to find the lens; then through it, without touching the focus."
 OPEN_LIST = " enter opens the list, tab goes on."
 COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone."
-SAME_CAMERA = "Then enter on Start."
+SAME_CAMERA = "Then press ^s."
 OTHER_SOURCE = "Name the source of the pictures through it, then ^s."
 SAME_SOURCE = "The source is a session that has pictures through it as well: ^s goes on with those."
 

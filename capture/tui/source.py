@@ -7,12 +7,12 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.message import Message
-from textual.suggester import SuggestFromList
 from textual.widgets import Static
 
 from calib.errors import InputError, harmless
 from capture.sources.registry import SCHEMES, open_source
 from capture.tui.page import Field
+from capture.tui.path_suggester import PathSuggester
 from capture.tui.references import explain_unreadable, is_recorded_source
 from capture.tui.row import Row
 
@@ -32,7 +32,7 @@ class SourceField(Vertical):
 
     def __init__(self, source: str) -> None:
         super().__init__()
-        self.field = Field(source, id="source", compact=True)
+        self.field = Field(source, id="source", suggester=PathSuggester(kinds=True), compact=True)
         self._failure = ("", "")
         """The source that could not be opened last, and the reason."""
 
@@ -55,7 +55,7 @@ class SourceField(Vertical):
 
     @on(CamerasFound)
     def _offer(self, message: CamerasFound) -> None:
-        self.field.suggester = SuggestFromList(message.sources)
+        self.field.suggester = PathSuggester(kinds=True, cameras=message.sources)
         words = (
             f"found here: {', '.join(message.sources)}"
             if message.sources

@@ -7,8 +7,16 @@ from collections.abc import Mapping
 
 ARTICLES = "a", "i"
 """Keys that are words as well: they count as keys only after "press"."""
-AFTER_KEY = r"(?= (?:to|again|for|goes|leaves|then)\b|[,.]|$)"
-"""The text that follows a key without "press" before it."""
+BEFORE_KEY = r"^|, | or | then | where |; |: |\. "
+"""The text before a key without "press" before it."""
+AFTER_KEY = r"(?= (?:to|again|for|then|there|[a-z]+s)\b|[,.;]|$)"
+"""The text that follows such a key; a verb in the third person may."""
+KEYBOARD_ONLY = (
+    " enter opens the list, tab goes on.",
+    "Enter begins to record.",
+    " → completes it.",
+)
+"""Sentences that mean nothing without a keyboard."""
 
 
 def name_buttons(text: str, labels: Mapping[str, str]) -> str:
@@ -18,6 +26,8 @@ def name_buttons(text: str, labels: Mapping[str, str]) -> str:
         labels: the labels of the buttons, by their keys as sentences name them; keys without a
             label stay.
     """
+    for sentence in KEYBOARD_ONLY:
+        text = text.replace(sentence, "")
     pressed = re.sub(
         rf"\b(P|p)ress ({_alternatives(labels)})(?!\w)",
         lambda match: f"{_touch_verb(match[1])} {labels[match[2]]}",
@@ -28,7 +38,7 @@ def name_buttons(text: str, labels: Mapping[str, str]) -> str:
         rf"\(({_alternatives(keys)})\)", lambda match: f"({labels[match[1]]})", pressed
     )
     return re.sub(
-        rf"(^|, | or |; |\. )({_alternatives(keys)}){AFTER_KEY}",
+        rf"({BEFORE_KEY})({_alternatives(keys)}){AFTER_KEY}",
         lambda match: match[1] + labels[match[2]],
         in_brackets,
     )

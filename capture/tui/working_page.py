@@ -14,10 +14,12 @@ from textual.containers import VerticalScroll
 from textual.events import ScreenResume
 from textual.widgets import Static
 
-from capture.tui.child import Child, Event, Work
+from capture.tui.child import LOADING, Child, Event, Work
 from capture.tui.page import ChildReported, Page
 
 BAR_COLUMNS = 24  # columns
+BEGINNING = (LOADING, 0, 1, "")
+"""The first task, which is on the screen before the process has reported anything."""
 ERRORS_HEADING = "Error left (rms, weighted: surer corners count more than in the results):"
 
 
@@ -79,7 +81,8 @@ class WorkingPage(Page):
         """Start, or start again."""
 
     def follow(self, work: Work, *arguments: object) -> None:
-        self._tasks, self._errors = [], []
+        self._tasks, self._errors = [BEGINNING], []
+        self._draw()
         self.child = Child(work, *arguments)
         self.refresh_bindings()
         self._listen(self.child)
@@ -94,6 +97,8 @@ class WorkingPage(Page):
         if message.child is not self.child:
             return
         match message.event:
+            case {"event": "task", "title": title} if title == LOADING and self._tasks:
+                pass  # its bar is there from the beginning
             case {"event": "task", "title": title, "total": total}:
                 if self._tasks:  # the task before has ended
                     name, _, length, words = self._tasks[-1]
@@ -106,6 +111,8 @@ class WorkingPage(Page):
                     self._errors.append((title, float(number[1])))
             case {"event": "error", "sentence": sentence}:
                 self._clear_child()
+                if self._tasks == [BEGINNING]:
+                    self._tasks = []  # refused before there was anything to load
                 self.say(f"{sentence} {self.RETRY_ADVICE}")
             case {"event": "result"} as result:
                 self._clear_child()

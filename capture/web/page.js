@@ -51,8 +51,5 @@ new MutationObserver((_, watching) => { // Textual's terminal sets this class wh
 byId("to-thumb").onclick = () => show(true);
 byId("to-terminal").onclick = () => show(false);
 byId("again").onclick = () => location.reload();
-const fill = () => document.documentElement.style.setProperty("--height", `${visualViewport.height}px`); // a keyboard takes a part of the height
-visualViewport?.addEventListener("resize", fill);
-fill();
 follow();
 if (!thumb) focusTerminal();

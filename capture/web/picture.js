@@ -26,7 +26,8 @@ export function drawPicture(jpeg) {
   };
   image.onload = () => {
     over.setAttribute("viewBox", `-0.5 -0.5 ${said.width} ${said.height}`);
-    over.replaceChildren(...said.marks.flatMap((mark) => drawn(mark, said.width)));
+    over.replaceChildren(...said.marks.flatMap((mark) => drawn(mark, said.width)),
+      ...said.marks.filter((mark) => mark.label && mark.points.length).map((mark) => label(mark, said.width))); // over all marks
     drawnFor = said.screen;
     box.hidden = drawnFor !== screen;
     done();
@@ -40,9 +41,7 @@ function drawn(mark, width) {
   if (!at.length) return [];
   const path = mark.closed ? `M${at.join("L")}Z` : at.map((each) => `M${each}h0`).join("");
   const names = kind === "line" ? [kind] : [`${kind} halo`, kind];
-  const drawn = names.map((name) => (kind === "worst" ? ring(name, mark.points[0], width) : shape("path", {class: name, d: path})));
-  if (mark.label) drawn.push(label(mark, width));
-  return drawn;
+  return names.map((name) => (kind === "worst" ? ring(name, mark.points[0], width) : shape("path", {class: name, d: path})));
 }
 
 function ring(name, [x, y], width) {

@@ -6,7 +6,7 @@ const TONES = { // Hz and s of each note: two rising notes, two low ones, and a 
   enough: [[523, 0.14], [659, 0.14], [784, 0.14], [1047, 0.4]],
 };
 const REST_MS = 2000; // ms between two tones of refusal
-const SPOKEN = ["verdict", "next", "problem", "sentence", "said"];
+const SPOKEN = ["now", "verdict", "next", "problem", "sentence", "said"];
 const SETTLED_MS = 1200; // ms for which a sentence must stay before it is spoken: it changes often while a board moves
 const toneButton = document.getElementById("sound"), voiceButton = document.getElementById("voice");
 const picture = document.getElementById("picture");

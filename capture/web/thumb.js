@@ -9,6 +9,7 @@ const DENSE = 0.605; // the width of a letter in a font of fixed pitch, in units
 const SMALLEST = 9; // px, the smallest readable letter
 const SETTLE_MS = 300; // ms for a touch to end where it began: no widget may move under the finger
 const LONG = 200; // letters, from which on a sentence is a text to read and not a short call
+const SHORT = 480; // px, the height below which a keyboard is open: the header makes room
 let screen = "", shape = "", focused = "";
 
 function make(tag, about = {}, ...inside) {
@@ -29,28 +30,47 @@ export function drawScreen(said) {
     make("li", {className: place < now ? "past" : place === now ? "now" : "", textContent: step})));
   page.classList.toggle("pictured", said.picture);
 
-  const kept = said.blocks.filter((each) => !each.spoken);
+  const form = said.blocks.some((each) => each.kind === "field"); // its fields keep their places while somebody types
+  const calls = said.blocks.filter((each) => each.spoken && (form || each.text.length <= LONG));
+  const kept = said.blocks.filter((each) => !calls.includes(each)).sort((one, other) => Boolean(other.spoken) - Boolean(one.spoken));
   const shaped = JSON.stringify([screen, kept.map((each) => [each.kind, each.name, each.columns])]);
   if (shaped !== shape) {
     shape = shaped;
     main.replaceChildren(...kept.map(drawn));
   }
+  const news = kept.some((block, place) => block.spoken && main.children[place].textContent !== block.text);
   kept.forEach((block, place) => renew(main.children[place], block));
-  main.scrollTop = scrolled;
+  main.scrollTop = news ? 0 : scrolled;
+  drawCalls(calls);
+  byId("notices").replaceChildren(...said.notices.map((each) => make("p", {textContent: each})));
+  drawFiles(said.files);
+  drawKeys(said.keys);
+  // the app moves the focus to a wrong field, which is shown; another field of a screen that opens leaves it at its top
+  const refused = said.blocks.some((each) => each.name === "problem" && each.text);
+  if (said.focus !== focused && refused && document.activeElement === document.body) find(said.focus)?.scrollIntoView({block: "nearest"});
+  focused = said.focus;
+}
 
-  const spoken = said.blocks.filter((each) => each.spoken);
-  dock.replaceChildren(...spoken.map((each) => {
+/** Show what must be done now, outside of what scrolls. */
+function drawCalls(calls) {
+  const wanted = JSON.stringify([screen, calls]);
+  if (dock.dataset.calls === wanted) return;
+  dock.dataset.calls = wanted;
+  dock.replaceChildren(...calls.map((each) => {
     const line = make("p", {className: each.banner ? "banner" : "", textContent: each.text});
     line.dataset.name = each.name;
     return line;
   }));
-  page.classList.toggle("long", spoken.some((each) => each.text.length > LONG));
-  byId("notices").replaceChildren(...said.notices.map((each) => make("p", {textContent: each})));
-  drawKeys(said.keys);
-  if (said.focus !== focused) {
-    focused = said.focus;
-    if (focused && document.activeElement === document.body) find(focused)?.scrollIntoView({block: "center"});
-  }
+  dock.scrollTop = 0;
+}
+
+/** Draw a link for each file that the app offers. */
+function drawFiles(files) {
+  const box = byId("files"), wanted = JSON.stringify(files);
+  if (box.dataset.files === wanted) return;
+  box.dataset.files = wanted;
+  box.hidden = !files.length;
+  box.replaceChildren(...files.map((each) => make("a", {href: each.address, target: "_blank", rel: "noopener", textContent: each.label})));
 }
 
 function drawKeys(keys) {
@@ -66,7 +86,6 @@ function drawKeys(keys) {
   const wide = {1: " whole", 2: " half", 4: " half"}[others.length] ?? "";
   nav.replaceChildren(...[...below.filter((each) => each.main), ...others].map((key) => {
     const button = make("button", {type: "button", className: key.main ? "main whole" : wide}, key.label);
-    button.append(make("kbd", {textContent: key.shown}));
     button.dataset.key = key.key;
     button.onclick = () => ask({press: key.key});
     return button;
@@ -80,6 +99,7 @@ function drawn(block) {
   const box = {field: drawField, choice: drawChoice, list: () => make("div", {className: "list"}), bar: drawBar, map: drawMap}[block.kind]?.(block)
     ?? make(block.columns ? "pre" : "p");
   if (block.half) box.classList.add("half");
+  if (block.banner) box.classList.add("banner");
   if (!box.dataset.name) box.dataset.name = name;
   return box;
 }
@@ -96,12 +116,22 @@ function drawField(block) {
     if (next) next.focus();
     else field.blur();
   };
-  return make("div", {}, make("label", {htmlFor: field.id}), field);
+  const offer = make("button", {type: "button", className: "suggestion", hidden: true});
+  offer.onpointerdown = (event) => event.preventDefault(); // the keyboard stays open
+  offer.onclick = () => {
+    field.value = offer.dataset.text;
+    ask({field: block.name, text: field.value});
+  };
+  return make("div", {}, make("label", {htmlFor: field.id}), field, offer);
 }
 
 function drawChoice(block) {
   const button = make("button", {type: "button", id: `choice-${block.name}`}), list = make("ul", {hidden: true});
-  button.onclick = () => { list.hidden = !list.hidden; if (!list.hidden) list.scrollIntoView({block: "nearest"}); };
+  button.onclick = () => {
+    ask({field: block.name, look: true});
+    list.hidden = !list.hidden;
+    if (!list.hidden) list.scrollIntoView({block: "nearest"});
+  };
   return make("div", {className: "choice"}, make("label", {htmlFor: button.id}), button, list);
 }
 
@@ -154,15 +184,19 @@ function renew(box, block) {
     const [said, title, bar] = box.children;
     said.textContent = block.text;
     title.textContent = block.label;
-    bar.value = block.share;
+    if (block.share === null) bar.removeAttribute("value"); // it moves to and fro
+    else bar.value = block.share;
     return;
   }
   if (block.kind === "field") {
-    const [label, field] = box.children;
+    const [label, field, offer] = box.children;
     label.textContent = `${block.wrong ? "✗ " : ""}${block.label}`;
     label.className = field.className = block.wrong ? "wrong" : "";
     field.disabled = block.disabled;
     if (document.activeElement !== field && field.value !== block.value) field.value = block.value;
+    offer.hidden = block.suggestion.length <= field.value.length || !block.suggestion.startsWith(field.value) || document.activeElement !== field;
+    offer.dataset.text = block.suggestion;
+    offer.textContent = `${block.suggestion.length > 30 ? "…" : ""}${block.suggestion.slice(-30)}`;
     return;
   }
   const options = JSON.stringify([screen, block.options, block.chosen]);
@@ -192,7 +226,23 @@ export function follow() {
     menu.hidden = event.target !== more || !menu.hidden;
     more.setAttribute("aria-expanded", String(!menu.hidden));
   });
-  const typing = () => page.classList.toggle("typing", document.activeElement.tagName === "INPUT");
-  main.addEventListener("focusin", () => setTimeout(typing, document.activeElement.tagName === "INPUT" ? 0 : SETTLE_MS));
+  const typed = () => (document.activeElement.tagName === "INPUT" ? document.activeElement : null);
+  const typing = () => page.classList.toggle("typing", Boolean(typed()));
+  const keep = () => typed()?.parentElement.scrollIntoView({block: "nearest"}); // a keyboard or a sentence takes its room
+  main.addEventListener("focusin", () => {
+    keep();
+    setTimeout(typing, typed() ? 0 : SETTLE_MS);
+  });
   main.addEventListener("focusout", () => setTimeout(typing, SETTLE_MS));
+  new ResizeObserver(keep).observe(main);
+  for (const change of ["resize", "scroll"]) visualViewport?.addEventListener(change, fill);
+  fill();
+}
+
+/** Fill what a keyboard leaves of the window, wherever the browser has scrolled it to. */
+function fill() {
+  const {height, offsetTop} = visualViewport ?? {height: innerHeight, offsetTop: 0};
+  page.style.setProperty("--height", `${height}px`);
+  page.style.setProperty("--top", `${offsetTop}px`);
+  page.classList.toggle("short", height < SHORT);
 }

@@ -35,17 +35,18 @@ def test_dots_show_light_where_there_are_no_greys() -> None:
 
 @pytest.mark.parametrize("dots", [False, True])
 def test_marks_stand_where_they_are(dots: bool) -> None:
-    """Cells of 20 x 24 px: the corner at (50, 30) is in column 2, row 1."""
+    """Cells of 20 x 24 px: the corners at (50, 30) and (50, 55) are in column 2, rows 1 and 2."""
     grey = np.full((96, 160), 90, np.uint8)
     frame = Mark(
         HINT_MARK, np.array([[0.0, 0.0], [159, 0], [159, 95], [0, 95]]), closed=True, label="HERE"
     )
+    found = np.array([[50.0, 30.0], [50.0, 55.0], [500.0, 30.0], [np.nan, 1.0]])
     cells = draw(
         grey,
         SIZE,
         8,
         4,
-        [frame, Mark(CORNER_MARK, np.array([[50.0, 30.0], [500.0, 30.0], [np.nan, 1.0]]))],
+        [frame, Mark(CORNER_MARK, found)],
         dots=dots,
     )
     rows = [
@@ -54,8 +55,8 @@ def test_marks_stand_where_they_are(dots: bool) -> None:
     ]
     assert rows[0] == "▒" * 8 == rows[3]
     assert rows[1][0] == rows[2][7] == "▒"
-    assert rows[1][2] == "+"
-    assert rows[1][1:6] == "H+RE "  # what is found stands above the label
+    assert rows[1][1:6] == "HERE "  # the label says what to do: no mark covers it
+    assert rows[2][2] == "+"
 
 
 def test_a_preview_is_small_and_grey() -> None:

@@ -34,12 +34,13 @@ def test_the_farewell_counts_pictures(tmp_path: Path) -> None:
 def test_the_named_commands_lead_from_a_calibration_to_straight_pictures(tmp_path: Path) -> None:
     session = shutil.copytree(FIXTURE, tmp_path / "s")
     assert main(["fit", str(session), "--grid", "5x5"]) == 0
-    where, export = farewell_lines(session, None, [])
+    where, report, export = farewell_lines(session, None, [])
     assert where == f"The calibration is in {session / 'calibration'}"
+    assert report == f"The report is {session / 'calibration' / 'report.html'}"
     assert main(export.split()[2:]) == 0
     maps = sorted((session / "export").iterdir())
     *lines, undistort = farewell_lines(session, session / "calibration" / "calibration.yaml", maps)
-    assert lines == [where, *(f"Exported {path}" for path in maps)]
+    assert lines == [where, report, *(f"Exported {path}" for path in maps)]
     assert list(farewell_lines(session, None, [])) == [
         *lines,
         undistort,
@@ -49,7 +50,20 @@ def test_the_named_commands_lead_from_a_calibration_to_straight_pictures(tmp_pat
     (
         session / "calibration" / "calibration.yaml"
     ).touch()  # a later fit, of which nothing is exported
-    assert list(farewell_lines(session, None, [])) == [where, export]
+    assert list(farewell_lines(session, None, [])) == [where, report, export]
+
+
+def test_the_farewell_names_the_report_where_there_is_one(tmp_path: Path) -> None:
+    report = tmp_path / "s" / "calibration" / "report.html"
+    shown = report.with_name("calibration.yaml")
+    first, *following = farewell_lines(tmp_path / "s", shown, [])
+    report.parent.mkdir(parents=True)
+    report.write_text("<html>")
+    assert list(farewell_lines(tmp_path / "s", shown, [])) == [
+        first,
+        f"The report is {report}",
+        *following,
+    ]
 
 
 def test_the_farewell_of_a_doubtful_calibration_names_the_report(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from textual.pilot import Pilot
 from capture.disk import locked
 from capture.recorder import Recorder
 from capture.tui.collect import CollectScreen
+from capture.tui.export import ExportScreen
 from capture.tui.picture import Picture
 from capture.tui.working_page import WorkingPage
 from tests.capture.recordings import BOARD, noise, write_recording
@@ -252,6 +253,35 @@ async def _blind(session: Path) -> None:
         await see(pilot, "no key does anything")
         await pilot.press("q")
         await until(pilot, lambda: not pilot.app.is_running)
+
+
+@pytest.mark.parametrize("key", ["f1", "x"], ids=["help", "export"])
+def test_a_small_terminal_is_reported_over_a_dialog_as_well(key: str, session: Path) -> None:
+    drive(_small_dialog(session, key))
+
+
+async def _small_dialog(session: Path, key: str) -> None:
+    async with running(session, f"folder:{FIXTURE}") as pilot:
+        await see(pilot, "continued")
+        if key == "f1":
+            await pilot.press(key)
+            words = "A camera behind a cover"
+        else:
+            place = session / "calibration" / "calibration.yaml"
+            await pilot.app.push_screen(ExportScreen(session, place, 1.0))
+            words = "Maps that undistort pictures"
+        await see(pilot, words)
+        await pilot.resize_terminal(40, 10)
+        await see(pilot, "This terminal has 40 columns and 10 rows.")
+        await see(pilot, "no key does anything but q, which quits.")
+        assert words not in shown(pilot)
+        await pilot.press("escape", "b")
+        await pilot.resize_terminal(80, 24)
+        await see(pilot, words)
+        await pilot.press("escape")
+        await see(pilot, "[SET-UP]")
+        await pilot.resize_terminal(40, 10)
+        await see(pilot, "This terminal has 40 columns and 10 rows.")
 
 
 def test_a_second_recorder_is_reported(session: Path) -> None:

@@ -1,5 +1,5 @@
-"""A whole session in Chromium on a page of 390 x 844 points, by touch alone, as someone with a
-telephone beside the camera has it.
+"""A whole session in Chromium on a telephone's page, by touch alone, as someone with one beside the
+camera has it.
 
 `REFRACAL_PICTURES=FOLDER python -m pytest tests/capture/tui/test_phone.py` keeps a picture of every
 step there, to be looked at.
@@ -22,7 +22,7 @@ from tests.capture.tui.browser import CHROMIUM
 from tests.capture.tui.driving import CONE
 from tests.capture.tui.test_serve import Served
 from tests.capture.tui.test_session import FIXTURE
-from tests.capture.tui.touch import SIZE, Telephone, telephone
+from tests.capture.tui.touch import SIZE, VISIBLE, WORDS, Telephone, telephone
 
 COVER = (
     "inner_radius_mm",
@@ -120,6 +120,7 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await _keep(phone, "4-maps")
         assert str(await phone.evaluate(HEARD)).endswith("enough")
         await phone.press("f")
+        await phone.see("Loading")  # the page is not empty meanwhile
         await phone.see("Joint fit")
         await _keep(phone, "5-fit")
         await phone.see("The error fell from 0.4")
@@ -131,6 +132,13 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await _keep(phone, "7-help")
         await phone.press("escape")
         await phone.see("Views, the worst first")
+        assert await phone.sees_whole(CALL.format("onward"))
+        assert await phone.evaluate(LINKS) == "", "there is no report yet"
+        await phone.press("r")
+        await phone.see("The report is written: touch Open the report.")
+        await phone.until(f"{LINKS} === 'Open the report'")
+        await _keep(phone, "6-report")
+        assert await phone.evaluate(FETCH % 0) == "200 text/html"
         await phone.press("e")
         await phone.see("Found: nothing")
         await _keep(phone, "8-effects")
@@ -144,6 +152,9 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await _keep(phone, "9-export")
         await phone.press("escape")
         await phone.see("Wrote 3 files")
+        assert "Download exports" in str(await phone.evaluate(LINKS))
+        await _keep(phone, "9-maps")
+        assert await phone.evaluate(FETCH % 1) == "200 application/zip"
         await phone.press("escape")
         await phone.see("Touch Fit to fit")
         await phone.press("u")
@@ -214,9 +225,93 @@ Array.from({length: served.terminal.rows}, (_, row) => served.terminal.buffer.ac
 """  # noqa: E501
 
 
-async def _keep(phone: Telephone, name: str) -> None:
-    """Check that nothing is cut off at the sides; keep a picture of it if one is wanted."""
+LINKS = "[...document.querySelectorAll('#files a')].map((each) => each.textContent).join()"
+FETCH = """
+(() => {
+  const request = new XMLHttpRequest();
+  request.open("GET", document.querySelectorAll("#files a")[%d].href, false);
+  request.send();
+  return `${request.status} ${request.getResponseHeader("content-type").split(";")[0]}`;
+})()
+"""
+"""A script that loads a link, as a touch of it does."""
+SMALL = (360, 640)
+"""The size of the smallest telephones in use, points."""
+KEYBOARD = 290
+"""The height of a keyboard with its line of suggestions, points."""
+CALL = "document.querySelector('#dock [data-name={}]')"
+BUTTON = "document.querySelector('nav [data-key=\"{}\"]')"
+NAMES_A_KEY = r"/\b(esc|F1|enter|space|tab|q)\b|\^[a-z]\b|[Pp]ress /"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [SIZE, SMALL], ids=lambda size: f"{size[0]}x{size[1]}")
+def test_what_must_be_done_now_is_always_on_the_screen(
+    size: tuple[int, int], brief: Path, tmp_path: Path
+) -> None:
+    served = Served(tmp_path / "session")
+    tried(_both_phases(served.address, size, brief, tmp_path), served)
+    assert len(list((tmp_path / "session" / "frames").glob("*.png"))) == 2
+
+
+async def _both_phases(address: str, size: tuple[int, int], source: Path, folder: Path) -> None:
+    with_keyboard = (size[0], size[1] - KEYBOARD)
+    async with telephone(address, folder / "profile", size) as phone:
+        await phone.see("Where pictures come from")
+        assert await phone.sees_whole(CALL.format("hint"))
+        await phone.fill("source", f"folder:{source}")
+        for name, text in (("columns", "9"), ("rows", "9"), ("square_mm", "0.02")):
+            await phone.fill(name, text)
+        await phone.resize(with_keyboard)
+        await phone.see("if metres were meant")
+        for part in (CALL.format("problem"), BUTTON.format("ctrl+s"), "document.activeElement"):
+            await phone.until(VISIBLE % part)
+        await _keep(phone, "keyboard-wrong", size)
+        await phone.let_go()
+        await phone.fill("square_mm", "20")  # the touch selects what is there
+        for name, text in zip(COVER, CONE, strict=True):
+            await phone.fill(name, text)
+            await phone.until(VISIBLE % "document.activeElement")
+        assert await phone.sees_whole(BUTTON.format("ctrl+s"))
+        await phone.press("ctrl+s")  # with the keyboard still open
+        await phone.resize(size)
+        await phone.see("Without cover")
+        await phone.see("Touch Cover on to go on")
+        await phone.until(VISIBLE % CALL.format("verdict"))
+        await _keep(phone, "phase-bare", size)
+        await phone.press("n")
+        await phone.see("NOW PUT THE COVER ON")
+        await phone.until(VISIBLE % CALL.format("now"))
+        await asyncio.sleep(1.0)  # whatever moves the page after that has moved it
+        await _keep(phone, "phase-cover-on", size)
+        for part in (CALL.format("now"), BUTTON.format("ctrl+s")):
+            assert await phone.sees_whole(part), part
+        assert await phone.evaluate("document.querySelector('main').scrollTop") == 0
+        await phone.tap("document.getElementById('field-source')")
+        await phone.resize(with_keyboard)
+        for part in (
+            CALL.format("now"),
+            BUTTON.format("ctrl+s"),
+            "document.getElementById('field-source')",
+        ):
+            await phone.until(VISIBLE % part)
+        await _keep(phone, "keyboard-cover-on", size)
+        await phone.press("ctrl+s")
+        await phone.resize(size)
+        await phone.see("Through cover")
+        await phone.see("no more pictures")
+        for part in (CALL.format("verdict"), BUTTON.format("f")):
+            await phone.until(VISIBLE % part)
+        await _keep(phone, "phase-covered", size)
+        assert phone.complaints == []
+
+
+async def _keep(phone: Telephone, name: str, size: tuple[int, int] = SIZE) -> None:
+    """Check that nothing is cut off at the sides, and that no sentence names a key; keep a picture
+    of it if one is wanted.
+    """
     assert await phone.evaluate(OUTSIDE) == "", name
+    assert not await phone.evaluate(f"{NAMES_A_KEY}.exec({WORDS})?.[0]"), await phone.words()
     if folder := os.environ.get("REFRACAL_PICTURES"):
         await asyncio.sleep(0.5)  # the last change is drawn
-        await phone.picture(Path(folder) / f"phone-{name}-{SIZE[0]}.png")
+        await phone.picture(Path(folder) / f"phone-{name}-{size[0]}.png")

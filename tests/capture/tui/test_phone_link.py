@@ -130,6 +130,18 @@ def test_a_form_is_filled_by_name_and_nonsense_is_passed_over(tmp_path: Path) ->
         await page.hear(lambda: page.screen["focus"] == "columns")
         assert page.block("columns")["wrong"]
         assert len(page.terminal) == drawn, "no terminal is drawn meanwhile"
+        assert not page.block("columns")["suggestion"]
+        options = page.block("shape")["options"]
+        await page.ask(screen=screen, field="shape", choose=options.index("cone"))
+        await page.hear(lambda: "inner_radius_mm" in str(page.screen["blocks"]))
+        await page.ask(screen=screen, field="inner_radius_mm", look=True)
+        await page.see("to its inner face, at the height of the lens")
+        await page.ask(screen=screen, field="shape", choose=options.index("dome"))
+        await page.see("The cover in front of the camera: a dome.")
+        assert "axis" not in page.block("hint")["text"], "a dome has none"
+        await page.ask(screen=screen, field="source", text="fol")
+        await page.hear(lambda: page.block("source")["suggestion"] == "folder:")
+        drawn = len(page.terminal)
         await page.ask(view=False)
         await page.hear(lambda: len(page.terminal) > drawn + 1000)
 

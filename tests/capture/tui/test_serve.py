@@ -104,7 +104,16 @@ def test_this_machine_needs_no_token_and_other_names_are_refused(local: Served) 
 
 
 @pytest.mark.parametrize(
-    "path", ["/", "/ws", "/static/js/textual.js", "/page/page.js", "/download/x", "/nothing"]
+    "path",
+    [
+        "/",
+        "/ws",
+        "/static/js/textual.js",
+        "/page/page.js",
+        "/download/x",
+        "/files/x/report.html",
+        "/nothing",
+    ],
 )
 def test_without_the_token_nothing_is_served(open_to_all: Served, path: str) -> None:
     headers = UPGRADE if path == "/ws" else {}

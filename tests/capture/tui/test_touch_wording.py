@@ -23,6 +23,11 @@ LABELS = {
         ("press f to fit", "touch Fit to fit"),
         ("esc, for the lens is not known yet", "Back, for the lens is not known yet"),
         ("Press f to fit without it, u to have it again.", "Touch Fit to fit without it, Take back to have it again."),  # noqa: E501
+        ("The fit runs; esc cancels.", "The fit runs; Back cancels."),
+        ("That is all: esc goes back, where u ends it.", "That is all: Back goes back, where Take back ends it."),  # noqa: E501
+        ("Name the source, then ^s.", "Name the source, then Write."),
+        ("Press esc, then x to export maps.", "Touch Back, then Export to export maps."),
+        ("Where pictures come from. → completes it.", "Where pictures come from."),
         ("press ^s again, or esc goes back.", "touch Write again, or Back goes back."),
         ("From 10 views on you may go on (f).", "From 10 views on you may go on (Fit)."),
         ("Press a to add one.", "Touch Add to add one."),

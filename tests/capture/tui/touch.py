@@ -1,6 +1,4 @@
-"""Chromium as a telephone of 390 x 844 points, driven by nothing but touches and the input of its
-own keyboard.
-"""
+"""Chromium as a telephone, driven by nothing but touches and the input of its own keyboard."""
 
 import asyncio
 import json
@@ -31,6 +29,16 @@ PLACE = """
 """A script that gives the place for a finger; null while the element is absent, or something lies
 over it.
 """
+VISIBLE = """
+(() => {
+  const box = %s;
+  if (!box) return false;
+  const {left, top, right, bottom} = box.getBoundingClientRect();
+  const hits = (x, y) => box.contains(document.elementFromPoint(x, y));
+  return top >= 0 && left >= 0 && bottom <= innerHeight && right <= innerWidth && hits(left + 8, top + 4) && hits(right - 8, bottom - 4);
+})()
+"""  # noqa: E501
+"""A script that says whether a person sees the whole of an element, without scrolling."""
 WORDS = 'document.getElementById("thumb").hidden ? "" : document.getElementById("thumb").innerText'
 
 
@@ -55,6 +63,20 @@ class Telephone(Browser):
                 f"{holds} never came:\n{await self.words()}"
             )
             await asyncio.sleep(0.1)
+
+    async def sees_whole(self, what: str) -> bool:
+        """Return True if the whole element that this script finds can be seen."""
+        return bool(await self.evaluate(VISIBLE % what))
+
+    async def resize(self, size: tuple[int, int]) -> None:
+        """Set the size of the page, points: an open keyboard takes a part of its height."""
+        await self.do(
+            "Emulation.setDeviceMetricsOverride",
+            width=size[0],
+            height=size[1],
+            deviceScaleFactor=0,
+            mobile=True,
+        )
 
     async def let_go(self) -> None:
         """Close the keyboard, as its own key does."""
@@ -111,17 +133,13 @@ class Telephone(Browser):
 
 
 @asynccontextmanager
-async def telephone(address: str, profile: Path) -> AsyncIterator[Telephone]:
+async def telephone(
+    address: str, profile: Path, size: tuple[int, int] = SIZE
+) -> AsyncIterator[Telephone]:
     """Open a page that shows this address."""
     async with connected(profile, DENSE) as socket:
         phone = Telephone(socket)
-        await phone.do(
-            "Emulation.setDeviceMetricsOverride",
-            width=SIZE[0],
-            height=SIZE[1],
-            deviceScaleFactor=0,
-            mobile=True,
-        )
+        await phone.resize(size)
         await phone.do("Emulation.setTouchEmulationEnabled", enabled=True)
         await phone.arrive(address, f'document.body.classList.contains("-shown") && {WORDS} !== ""')
         yield phone

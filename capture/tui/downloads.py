@@ -1,0 +1,43 @@
+"""The files of a calibration that a page offers, so that they reach the device that shows it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture.disk import is_regular_file
+from capture.tui.farewell import CALIBRATION, REPORT, files_since, select_newer, updated_folder
+
+OPEN_REPORT = "Open the report"
+"""The label of the report's link."""
+
+
+@dataclass(frozen=True, slots=True)
+class Download:
+    label: str
+    name: str
+    """The name under which a browser saves it. It ends in .zip for an archive of the files."""
+    files: tuple[Path, ...]
+
+
+def find_downloads(
+    session: Path, calibration: Path, exported: Sequence[Path]
+) -> Iterator[Download]:
+    """Yield what there is now: the report, and the files that were exported last.
+
+    Args:
+        calibration: the file of the calibration.
+        exported: the files that were exported while this program runs; those of before are found
+            in the session's export folder.
+    """
+    folder = calibration.parent
+    if is_regular_file(report := folder / REPORT):
+        yield Download(OPEN_REPORT, REPORT, (report.resolve(),))
+    if renewed := updated_folder(folder):
+        folder, session = renewed, renewed
+    newer = select_newer(folder / CALIBRATION, exported)
+    maps = newer or files_since(folder / CALIBRATION, session / "export")
+    visible = [file for file in maps if not file.name.startswith(".")]
+    if files := tuple(file.resolve() for file in visible if is_regular_file(file)):
+        megabytes = sum(file.stat().st_size for file in files) / 1e6
+        label = f"Download exports ({megabytes:.1f} MB)"
+        yield Download(label, f"{session.resolve().name}-maps.zip", files)
