@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration, CalibrationSource
 from calib.corners.view import are_timed, pose_labels
-from calib.diagnosis.differing import Differing
 from calib.diagnosis.equivalence import find_families
 from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
 from calib.diagnosis.search import MAX_EFFECTS, MAX_FITS, run_search, score
@@ -26,6 +25,7 @@ from calib.estimation.noise import burst_noise, on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fit_record.history import DiagnosisRecord
+from calib.fitting.differing import Differing
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit_result import with_fit
 from calib.fitting.view_noise import describe_noisy_views

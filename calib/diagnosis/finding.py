@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from html import escape
 from typing import Any
 
-from calib.diagnosis.differing import Differing
 from calib.diagnosis.printed_patterns import ClosedForm
 from calib.fitting.declared import PREFIXES
+from calib.fitting.differing import Differing
 from calib.fitting.rounding import with_sigma
 from calib.inference.residual_structure import VarianceShare
 from calib.table import Table, TableSection

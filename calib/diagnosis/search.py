@@ -119,7 +119,7 @@ def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
     state, lowering = _lowering(state, shared)
     state, best = _first_passing(state, lowering, lambda fit: fit.joint.log_evidence)
     differing = state.evaluations.differing
-    if best and not (differing and differing.imitated_by(best)):
+    if best and not (differing and differing.imitated_by(best.test.effect.name, best.log_odds)):
         return state, best
     tried = [kind for kind in single if differing and kind.name == differing.first.group.name]
     state, lowering = _lowering(state, tried, previous=len(shared))

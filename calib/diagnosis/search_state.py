@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from calib.diagnosis.differing import Differing
 from calib.diagnosis.trial import Trial
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
+from calib.fitting.differing import Differing
 from calib.inference.cross_validation import HeldOutErrors, Split, hold_out
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel, ModelFit

@@ -23,6 +23,7 @@ from calib.verdict.cover_stage import cover_stage, worse_than_none
 from calib.verdict.coverage import coverage
 from calib.verdict.declared_numbers import declared_numbers
 from calib.verdict.depths import one_depth, requested_depths
+from calib.verdict.differing_views import differing_views
 from calib.verdict.fleet_prior import fleet_prior
 from calib.verdict.held_out import held_out, overfits
 from calib.verdict.medium import medium
@@ -49,6 +50,7 @@ CHECKS: tuple[Check, ...] = (
     not_converged,
     worse_than_none,
     contradicted_numbers,
+    differing_views,
     residual,
     cover_stage,
     fleet_prior,

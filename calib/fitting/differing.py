@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.trial import Trial
 from calib.effects.board_scale import STRETCH, BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.effects.effect import Effect, EffectContext
@@ -115,15 +114,15 @@ class Differing:
         """True if one name is almost sure."""
         return self.probabilities[0] >= NAME_ALONE
 
-    def imitated_by(self, trial: Trial) -> bool:
-        """True if what differs is clearly more probable than an effect that all views share, which
-        then imitates it.
+    def imitated_by(self, effect: str, log_odds: float) -> bool:
+        """True if what differs is clearly more probable than an effect of this name, which all
+        views share, with these odds: then the effect imitates it.
         """
         first = self.first
         same = (first.group.name, first.kind) == ("focal", Kind.DRIFT)
-        if same and trial.test.effect.name == FocalDrift.name:
+        if same and effect == FocalDrift.name:
             return False
-        return first.plain_gain > trial.log_odds + MIN_GAIN
+        return first.plain_gain > log_odds + MIN_GAIN
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON object of the command contract."""

@@ -1,0 +1,32 @@
+"""Check: the same numbers hold in all views."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+
+from calib.calibration import Calibration
+from calib.fitting.differing import Differing
+from calib.inference.effect_context import effect_context
+from calib.verdict.case import Case, optimum_of
+from calib.verdict.verdict import Reason
+
+
+def differing_views(case: Case) -> Iterator[Reason]:
+    """Name what differs from view to view beside everything that all views share."""
+    if not case.at_optimum:
+        return
+    if differing := _differing(case.calibration):
+        suspects = tuple(variation.group.name for variation in differing.variations)
+        diagnosed = case.calibration.history.diagnosis is not None
+        command = case.next.report() if diagnosed else case.next.diagnose()
+        yield Reason(str(differing), command, suspects)
+
+
+@lru_cache(maxsize=1)  # a report and the command that writes it both judge
+def _differing(calibration: Calibration) -> Differing | None:
+    fitted = optimum_of(calibration)
+    return Differing.of(
+        fitted,
+        effect_context(fitted, calibration.board, calibration.camera, locate=False),
+    )
