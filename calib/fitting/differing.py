@@ -174,7 +174,7 @@ def size_of(variation: Variation) -> str:
     most = int(rms.argmax())
     number = variation.group.numbers[most]
     size = number.sigma * float(rms[most])
-    if number.relative or number is STRETCH:
+    if number.relative or number.param is STRETCH.param:
         return f"{100 * size:.2g} %"
     unit, factor = PREFIXES.get(number.param.unit, (number.param.unit, 1.0))
     return f"{factor * size:.2g} {unit}".rstrip()

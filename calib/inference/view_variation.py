@@ -54,8 +54,10 @@ from calib.session.tolerances import (
     RADIAL,
 )
 
-SPREADS = 10.0 ** np.arange(-3.0, 0.51, 0.125)
-"""The spreads that are tried, in tolerances: from a thousandth to three."""
+SPREADS = 10.0 ** np.arange(-3.0, 0.01, 0.125)
+"""The spreads that are tried, in tolerances: from a thousandth to one."""
+MAX_DEVIATION = 3.0
+"""Tolerances, root mean square: numbers that differ by more are not possible."""
 MOTIONS = ((1.0, 0.0), (1.0, 0.1), (1.0, 0.3), (1.0, 1.0), (0.3, 1.0), (0.1, 1.0), (0.0, 1.0))
 """Ratios of the spreads of a board's turn and move, each over its tolerance."""
 WARM_UPS = (1 / 16, 1 / 8, 1 / 4)
@@ -120,9 +122,11 @@ class Variation:
     """The gain over the model as it is, without a discrepancy."""
 
     @property
-    def name(self) -> str:
-        """The group and the kind in words."""
-        return f"{self.group.name} {self.kind}"
+    def largest(self) -> float:
+        """The root mean square of the deviations of the number that deviates most, in
+        tolerances.
+        """
+        return float(np.sqrt((self.deviations**2).mean(0)).max())
 
 
 def groups_of(context: EffectContext) -> tuple[Group, ...]:
@@ -134,6 +138,7 @@ def groups_of(context: EffectContext) -> tuple[Group, ...]:
         EffectParameter.of(name, BOARD_FLEX, (f"board_shape.{name}",))
         for name in ("xx", "xy", "yy")
     )
+    scale = tuple(replace(number, shifts=(number.param.name,)) for number in (STRETCH, SHEAR))
     rolling = not context.path.shutter and (not context.shutter or context.shutter.rolling)
     return (
         Group("focal", (focal,), (Kind.EACH, *TIME, *TWO, Kind.NEARNESS)),
@@ -141,7 +146,7 @@ def groups_of(context: EffectContext) -> tuple[Group, ...]:
         Group("lens", (focal, *centre, radial), (Kind.STEP, *TWO)),
         *_cover_groups(context),
         Group("board_flex", bend, (Kind.EACH, *TIME, *TWO, Kind.TILT)),
-        Group("board_scale", (STRETCH, SHEAR), (*TIME, *TWO)),
+        Group("board_scale", scale, (*TIME, *TWO)),
         *([Group("rolling_shutter", (), (Kind.EACH,))] if rolling else []),
     )
 
@@ -196,7 +201,11 @@ def find_variations(
         evidence = alone.log_evidence + first.gain
         evidence += possible_gain(certain - evidence)
         found.append(replace(first, gain=evidence - without, plain_gain=plain_gain))
-    found = [variation for variation in found if variation.gain > MIN_GAIN]
+    found = [
+        variation
+        for variation in found
+        if variation.gain > MIN_GAIN and variation.largest < MAX_DEVIATION
+    ]
     return sorted(found, key=lambda variation: -variation.gain)
 
 
