@@ -20,7 +20,7 @@ from calib.fitting.declared import PREFIXES
 from calib.inference.fitted_model import FittedModel
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.inference.score_test import tuned_score_tests
-from calib.inference.view_variation import MIN_GAIN, Kind, Variation, find_variations
+from calib.inference.view_variation import MIN_GAIN, TWO, Kind, Variation, find_variations
 
 SHARED: tuple[type[Effect], ...] = (
     LensEffect,
@@ -48,6 +48,16 @@ WORDS: Mapping[str, str] = {
     "board_flex": "the bend of the board",
     "board_scale": "the print of the board",
     "rolling_shutter": "the motion of the board while a picture is read out",
+}
+VERBS: Mapping[Kind, str] = {
+    Kind.EACH: "differs in every view",
+    Kind.DRIFT: "drifts with time",
+    Kind.WARM_UP: "settles in the first views",
+    Kind.STEP: "changes at",
+    Kind.ALTERNATING: "alternates from view to view",
+    Kind.TWO_KINDS: "has two values",
+    Kind.NEARNESS: "follows the distance of the board",
+    Kind.TILT: "follows the tilt of the board",
 }
 TWO_OF_THEM: Mapping[str, str] = {
     "focal": "two focus settings or two cameras",
@@ -140,28 +150,24 @@ class Differing:
     def __str__(self) -> str:
         first = self.first
         if self.named:
-            return (
-                f"{WORDS[first.group.name]} differs {described(first, self.names)}:"
-                f" {advice(first, self.names)}."
-            )
+            return f"{described(first, self.names)}: {advice(first, self.names)}."
         others = " or ".join(WORDS[variation.group.name] for variation in self.variations[1:])
         return (
-            f"something differs from view to view: {WORDS[first.group.name]}"
-            f" {described(first, self.names)}, or {others}. If it is the first,"
-            f" {advice(first, self.names)}."
+            f"something differs from view to view: most likely {described(first, self.names)}, else"
+            f" {others}. If it is the first, {advice(first, self.names)}."
         )
 
 
 def described(variation: Variation, names: Sequence[str]) -> str:
-    """Return how the numbers differ, and by how much."""
-    kind = variation.kind
-    where = "in every view" if kind is Kind.EACH else str(kind)
-    if kind is Kind.STEP:
-        where = f"from {names[_first_after_step(variation)]} on"
-    elif kind in (Kind.ALTERNATING, Kind.TWO_KINDS) and variation.group.name in TWO_OF_THEM:
-        where += f" ({TWO_OF_THEM[variation.group.name]})"
+    """Return what differs, how, and by how much, as a clause."""
+    verb = VERBS[variation.kind]
+    if variation.kind is Kind.STEP:
+        verb += f" {names[_first_after_step(variation)]}"
+    clause = f"{WORDS[variation.group.name]} {verb}"
+    if variation.kind in TWO and variation.group.name in TWO_OF_THEM:
+        clause += f" ({TWO_OF_THEM[variation.group.name]})"
     size = size_of(variation)
-    return f"{where}, by {size}" if size else where
+    return f"{clause}, by {size}" if size else clause
 
 
 def size_of(variation: Variation) -> str:
@@ -185,7 +191,7 @@ def advice(variation: Variation, names: Sequence[str]) -> str:
     name = variation.group.name
     if variation.kind is Kind.STEP and name.startswith(("cover", "focal", "principal")):
         return f"calibrate from {names[_first_after_step(variation)]} on, or record again"
-    if variation.kind in (Kind.ALTERNATING, Kind.TWO_KINDS) and name in TWO_OF_THEM:
+    if variation.kind in TWO and name in TWO_OF_THEM:
         return "keep the pictures of each kind in a session of its own"
     if variation.kind is Kind.NEARNESS:
         return "the lens focuses by itself: lock the focus, and record again"

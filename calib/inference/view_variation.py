@@ -77,14 +77,21 @@ Array = NDArray[np.float64]
 class Kind(StrEnum):
     """How numbers differ from view to view."""
 
-    EACH = "in every view"
-    DRIFT = "with time"
-    WARM_UP = "in the first views"
-    STEP = "from one view on"
+    EACH = "each view"
+    """Every view has its own."""
+    DRIFT = "drift"
+    """They change with time, evenly."""
+    WARM_UP = "warm-up"
+    """They settle in the first views."""
+    STEP = "step"
+    """They are others from one view on."""
     ALTERNATING = "alternating"
-    TWO_KINDS = "in two kinds of views"
-    NEARNESS = "with the nearness of the board"
-    TILT = "with the tilt of the board"
+    TWO_KINDS = "two kinds"
+    """Some views have these, and some have those."""
+    NEARNESS = "nearness"
+    """They follow the nearness of the board."""
+    TILT = "tilt"
+    """They follow the tilt of the board."""
 
 
 TIME = (Kind.DRIFT, Kind.WARM_UP, Kind.STEP)
