@@ -330,6 +330,8 @@ class VariationRows:
         columns = np.zeros((count, len(group.numbers)))
         for index, number in enumerate(group.numbers):
             for name in number.shifts:
+                if name not in self.entries:  # a print that is not sheared
+                    continue
                 column, scale, value = self.entries[name]
                 change = value if number.relative else 1.0
                 columns[column, index] = number.sigma * change / scale
