@@ -12,7 +12,7 @@ from calib.corners.view import RejectedPicture, View
 from calib.errors import InputError, NotEnoughDataError, OtherBoardError
 from calib.fitting.inputs import read_views
 from calib.io.files import reading
-from calib.io.images import image_size, list_images
+from calib.io.images import TYPES, image_size, list_images
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.session import Session, read_session
@@ -116,7 +116,7 @@ def _files(path: Path) -> Sequence[Path]:
     files = list_images(folder)
     if not files:
         raise InputError(
-            f"{folder} has no pictures: give a session, a folder of png, jpg, tiff, bmp or npy"
-            " files, or the files themselves."
+            f"{folder} has no pictures: give a session, a folder of {TYPES} files,"
+            " or the files themselves."
         )
     return files

@@ -1,6 +1,7 @@
 """The command `calib import`."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,6 +67,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             source.add_argument(
                 "--camera", metavar="camN", help="the camera, if camchain.yaml describes several"
             )
+        if name in ("images", "mrcal-corners"):
+            source.add_argument(
+                "--camera",
+                metavar="NAME",
+                help="the camera, if the pictures' names tell several; all: it is one camera",
+            )
         if name == "mrcal-corners":
             source.add_argument(
                 "--size",
@@ -81,7 +88,10 @@ def run(args: argparse.Namespace) -> None:
     from calib.importing.session_draft import check_new, write_session
 
     check_new(args.output)
-    count = write_session(_draft(args), args.output)
+    draft = _draft(args)
+    count = write_session(draft, args.output)
+    for notice in draft.notices:
+        print(harmless(f"calib: {notice}"), file=sys.stderr)
     kind = "views" if args.source.startswith("mrcal") else "pictures"
     print(harmless(f"{args.output} has {count} {kind}: calibrate it with calib fit {args.output}"))
 
@@ -99,9 +109,9 @@ def _draft(args: argparse.Namespace) -> "SessionDraft":
         return from_kalibr(args.path, board, args.camera)
     assert board
     if args.source == "mrcal-corners":
-        return from_corners(args.path, board, args.size)
+        return from_corners(args.path, board, args.size, args.camera)
     return (
         from_ros_archive(args.path, board, args.camera)
         if args.source == "ros"
-        else from_pictures(args.path, board)
+        else from_pictures(args.path, board, camera=args.camera)
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.io.images import image_size, list_images
+from calib.io.images import TYPES, image_size, list_images
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.board_section import board_to_yaml, read_board
@@ -142,9 +142,7 @@ def _read(path: Path, bare_of: Session | None) -> Session:
             if (path / "corners.vnl").exists()
             else "put"
         )
-        raise InputError(
-            f"{path} has no pictures: {hint} png, jpg, tiff, bmp or npy files in {path / 'frames'}."
-        )
+        raise InputError(f"{path} has no pictures: {hint} {TYPES} files in {path / 'frames'}.")
     session = Session(path, board, camera, cover, frames, corners, None)
     if bare_of:
         _check_bare(session, bare_of, file)
