@@ -118,17 +118,6 @@ def largest_grid(grey: NDArray) -> CornerGrid | None:
     return CornerGrid((grid.shape[1], grid.shape[0]), grid.reshape(-1, 2))
 
 
-def has_grid(grey: NDArray, board: Board) -> bool:
-    """True if a quick search in a (H, W) uint8 picture finds this board."""
-    small, _ = _reduce(grey)
-    corners = _sector_corners(small, board, SECTOR_FLAGS)
-    return (
-        corners is not None
-        and is_inside(corners, small.shape)
-        and is_regular(refine(small, corners, board), board, small.shape)
-    )
-
-
 def eight_bits(grey: NDArray) -> NDArray[np.uint8]:
     """Return the picture as (H, W) uint8.
 

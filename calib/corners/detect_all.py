@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners import detect as detector
-from calib.corners.detect import eight_bits, has_grid, largest_grid
+from calib.corners.board_size import shown_size
+from calib.corners.detect import eight_bits
 from calib.corners.detection import Detection, NotFound
 from calib.corners.find import CHECKERBOARD_ADVICE, find_board
 from calib.corners.other_coding import other_coding
@@ -44,24 +45,6 @@ something is wrong with the pictures.
 SAMPLE_SIZE = 6
 """Pictures, spread over the session, that are searched first. If none shows the declared board,
 they are searched for other boards.
-"""
-COMMON_SIZES = (
-    (11, 8),
-    (10, 7),
-    (9, 9),
-    (9, 7),
-    (9, 6),
-    (8, 8),
-    (8, 6),
-    (8, 5),
-    (7, 7),
-    (7, 6),
-    (7, 5),
-    (6, 5),
-    (6, 4),
-)
-"""Columns and rows of common boards, larger ones first: a part of a larger board can pass for a
-smaller one.
 """
 
 
@@ -174,41 +157,20 @@ def _in_threads(
 
 
 def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
-    """Raise OtherBoardError if at least half of the pictures show one board, and it is not the
-    declared one.
-    """
+    """Raise OtherBoardError if the pictures show one board, and it is not the declared one."""
     pictures = [eight_bits(read_grey(path)) for path in paths]
     if board.coding:
         if advice := other_coding(pictures, board):
             raise OtherBoardError(advice)
         return
-    size, count = _most_shown_size(pictures, board.square)
-    if (
-        2 * count >= len(paths)
-        and count >= min(2, len(paths))
-        and set(size) != {board.columns, board.rows}
-    ):
+    shown = shown_size(pictures)
+    if shown and set(shown[0]) != {board.columns, board.rows}:
+        size, count = shown
         raise OtherBoardError(
-            f"a board of {size[0]}x{size[1]} inner corners fits {count} of the {len(paths)}"
-            f" pictures that were tried, the declared {board} none of them: write board.columns:"
-            f" {size[0]}, board.rows: {size[1]} in session.yaml."
+            f"a board of {size[0]}x{size[1]} inner corners is seen in {count} pictures, the"
+            f" declared {board} in none of these: write board.columns: {size[0]}, board.rows:"
+            f" {size[1]} in session.yaml."
         )
-
-
-def _most_shown_size(
-    pictures: Sequence[NDArray[np.uint8]], square: float
-) -> tuple[tuple[int, int], int]:
-    """Return the columns and rows of the board that most pictures show, and the number of these
-    pictures. The common sizes are tried where no grid can be measured.
-    """
-    measured = Counter(grid.size for grid in map(largest_grid, pictures) if grid is not None)
-    if measured and 2 * max(measured.values()) >= len(pictures):
-        return measured.most_common(1)[0]
-    hits_by_size = {
-        size: sum(has_grid(picture, Board(*size, square)) for picture in pictures)
-        for size in COMMON_SIZES
-    }
-    return max(hits_by_size.items(), key=lambda entry: entry[1])
 
 
 class _Store:
