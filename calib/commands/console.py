@@ -16,6 +16,7 @@ from rich.table import Table
 
 from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
+from calib.corners.copies import describe_still
 from calib.corners.view import RejectedPicture
 from calib.errors import brief, harmless
 from calib.fitting.board_turns import describe_turned
@@ -94,6 +95,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         *view_lines,
         *_lens(calibration),
         *_prior(calibration),
+        *describe_still(calibration.views),
         *_turned_boards(calibration),
         *_bend(calibration),
         *_scatter(calibration),

@@ -103,6 +103,8 @@ def run(args: argparse.Namespace) -> None:
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
     """Return the JSON object of the command contract."""
+    from calib.corners.copies import describe_still
+
     intrinsics = calibration.camera.intrinsics
     record = calibration.record()
     assert intrinsics
@@ -110,6 +112,7 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         "frames_used": len(calibration.views),
         "frames_rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "corners": sum(view.count for view in calibration.views),
+        "still_boards": describe_still(calibration.views),
         "second_look": record.get("second_look", []),
         "view_noise": record.get("view_noise", {}),
         "noise_px": calibration.noise_px,

@@ -78,8 +78,8 @@ def _size_of_grid(picture: NDArray[np.uint8]) -> tuple[int, int] | None:
         factor = -(-max(picture.shape) // side)
         small = reduce_picture(picture, min(factor, *picture.shape))
         grid = _by_saddles(small)
-        if grid is None and (found := largest_grid(small)) is not None:
-            grid = found.corners.reshape(found.size[1], found.size[0], 2)
+        if grid is None and (largest := largest_grid(small)) is not None:
+            grid = largest.corners.reshape(largest.size[1], largest.size[0], 2)
         if grid is not None and _is_board(small, grid):
             rows, columns = grid.shape[:2]
             return max(columns, rows), min(columns, rows)
@@ -127,11 +127,11 @@ def _continues(grey: NDArray[np.uint8], grid: Floats) -> bool:
     """True if squares go on before the first line of the (rows, columns, 2) px: then the grid is a
     part of a larger board.
     """
-    beyond = _pad(grid)[:3, 1:-1]
-    if (beyond < 0).any() or (beyond > np.array(grey.shape[::-1]) - 1).any():
+    border = _pad(grid)[:3, 1:-1]
+    if (border < 0).any() or (border > np.array(grey.shape[::-1]) - 1).any():
         return False
-    down, along = _steps(grey, beyond)
-    return _alternate(np.concatenate([down, along]), 0.7)
+    column_steps, row_steps = _steps(grey, border)
+    return _alternate(np.concatenate([column_steps, row_steps]), 0.7)
 
 
 def _pad(grid: Floats) -> Floats:
@@ -140,16 +140,16 @@ def _pad(grid: Floats) -> Floats:
 
 
 def _steps(grey: NDArray[np.uint8], grid: Floats) -> tuple[Floats, Floats]:
-    """Return the grey levels from the light to the dark one of each two neighbouring squares, down
-    and along the rows; negative where the other one is darker.
+    """Return the grey levels from the light to the dark one of each two neighbouring squares along
+    the columns, then along the rows; negative where the other one is darker.
     """
     middles = (grid[:-1, :-1] + grid[:-1, 1:] + grid[1:, :-1] + grid[1:, 1:]) / 4
     places = middles.astype(np.float32)
     light = cv2.remap(grey, places[..., 0], places[..., 1], cv2.INTER_LINEAR).astype(np.float64)
     sign = np.where(np.indices(light.shape).sum(0) % 2, 1, -1)
-    down = np.diff(light, axis=0) * sign[:-1]
-    along = np.diff(light, axis=1) * sign[:, :-1]
-    return down.ravel(), along.ravel()
+    column_steps = np.diff(light, axis=0) * sign[:-1]
+    row_steps = np.diff(light, axis=1) * sign[:, :-1]
+    return column_steps.ravel(), row_steps.ravel()
 
 
 def _alternate(steps: Floats, fraction: float = MIN_ALTERNATING) -> bool:

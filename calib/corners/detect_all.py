@@ -48,6 +48,10 @@ they are searched for other boards.
 """
 
 
+class OtherSize(NotFound):
+    """The picture has another size than the camera's pictures."""
+
+
 @dataclass(frozen=True, slots=True)
 class Detections:
     """The detections of a session's pictures: every picture is a view or rejected."""
@@ -73,11 +77,12 @@ def detect(
         board: the board.
         progress: called after each picture with the number of finished pictures, and the number of
             those that show the board.
-        size: width and height that every picture must have, px. None: any.
+        size: width and height of the camera's pictures, px. Those of another size are rejected.
+            None: any.
         min_views: pictures that must show the board, if there are so many.
 
     Raises:
-        InputError: a picture cannot be read, or has another size.
+        InputError: a picture cannot be read, or at least half of them have another size.
         NotEnoughDataError: hardly any picture shows the board.
         OtherBoardError: the pictures show another board, which the message names.
     """
@@ -91,6 +96,7 @@ def detect(
     stores = {folder: _Store(folder, board, size) for folder in {path.parent for path in paths}}
     results: dict[int, Detection | NotFound] = {}
     hits = 0
+    strays: dict[int, str] = {}
     try:
         for batch in (sample, remainder):
             for index, result in zip(
@@ -100,12 +106,20 @@ def detect(
                 hits += isinstance(result, Detection)
                 if progress is not None:
                     progress(len(results), hits)
+            strays = {i: r.reason for i, r in results.items() if isinstance(r, OtherSize)}
+            if 2 * len(strays) >= len(paths) or len(strays) == len(results):
+                first = min(strays)
+                raise InputError(
+                    f"{paths[first]} {strays[first]}, and so have most of the"
+                    " others: correct camera.width and camera.height in session.yaml, or give the"
+                    " pictures of this camera mode."
+                )
             if batch is sample and not hits:
                 _refuse_other_board([paths[i] for i in sample], board)
     finally:
         for store in stores.values():
             store.save()
-    if hits < min(min_views, len(paths)) or hits < MIN_FRACTION * len(paths):
+    if hits < min(min_views, len(paths)) or hits < MIN_FRACTION * (len(paths) - len(strays)):
         if hits:
             _refuse_other_board(
                 [paths[i] for i in (*sample, *remainder) if isinstance(results[i], NotFound)][
@@ -208,7 +222,7 @@ class _Store:
         """Return the stored result, or decode the picture and search it. Safe in several threads.
 
         Raises:
-            InputError: the picture cannot be read, or has another size than requested.
+            InputError: the picture cannot be read.
         """
         try:
             digest = hashlib.sha256(read_file(path)).hexdigest()
@@ -216,23 +230,24 @@ class _Store:
             digest = ""  # read_grey below raises with the reason
         with suppress(ValueError, KeyError, TypeError, OverflowError):
             result, size = _from_entry(self._files[path.name], digest, self._board)
-            self._check(path, size)
-            return result
+            return self._wrong_size(size) or result
         grey = read_grey(path)
         height, width = grey.shape
-        self._check(path, (width, height))
+        if wrong := self._wrong_size((width, height)):
+            return wrong
         result = find_board(grey, self._board)
         self._files[path.name] = {"sha256": digest, "size": [width, height], **_to_entry(result)}
         self._changed = True
         return result
 
-    def _check(self, path: Path, size: tuple[int, int]) -> None:
-        if self._size and size != self._size:
-            raise InputError(
-                f"{path} is {size[0]}x{size[1]} px where camera.width and camera.height in"
-                f" session.yaml say {self._size[0]}x{self._size[1]}: correct them, or remove the"
-                " picture."
-            )
+    def _wrong_size(self, size: tuple[int, int]) -> OtherSize | None:
+        """Return why a picture of this size is rejected; None if it has that of the camera."""
+        if not self._size or size == self._size:
+            return None
+        return OtherSize(
+            f"is {size[0]}x{size[1]} px where the camera's pictures are"
+            f" {self._size[0]}x{self._size[1]}"
+        )
 
     def save(self) -> None:
         if self._changed and self._is_ours:

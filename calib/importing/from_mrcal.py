@@ -19,8 +19,8 @@ from calib.corners.corners_file import read_corners
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError, brief
 from calib.importing.session_draft import SessionDraft
-from calib.importing.stereo_names import choose_camera
 from calib.io.arrays import decode_npz
+from calib.io.camera_names import choose_camera
 from calib.io.files import read_file
 from calib.session.board import Board
 from calib.session.camera import Camera

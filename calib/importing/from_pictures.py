@@ -6,7 +6,7 @@ from pathlib import Path
 
 from calib.errors import InputError, brief
 from calib.importing.session_draft import SessionDraft
-from calib.importing.stereo_names import choose_camera
+from calib.io.camera_names import choose_camera
 from calib.io.exif import camera_settings, describe_differences, list_names
 from calib.io.files import read_file, reading
 from calib.io.images import TYPES, list_images, list_unread, most_frequent_size, stated_size
@@ -58,8 +58,8 @@ def uniform_pictures(folder: Path, paths: Sequence[Path]) -> UniformPictures:
     unread = [brief(path.name) for path in list_unread(folder)]
     unread_words = f"files that are not read as pictures: {list_names(unread)}" if unread else ""
     if not paths:
-        found = f", only {unread_words}" if unread else ""
-        raise InputError(f"{folder} has no pictures{found}: give a folder of {TYPES} files.")
+        exception = f", only {unread_words}" if unread else ""
+        raise InputError(f"{folder} has no pictures{exception}: give a folder of {TYPES} files.")
     sizes = {}
     settings = {}
     for path in paths:
@@ -70,16 +70,17 @@ def uniform_pictures(folder: Path, paths: Sequence[Path]) -> UniformPictures:
     uniform = tuple(path for path in paths if sizes[path] == size)
     strays = [path for path in paths if sizes[path] != size]
     if 2 * len(uniform) <= len(paths) and strays:
-        others = sorted({f"{w}x{h}" for w, h in sizes.values()})
+        size_names = sorted({f"{w}x{h}" for w, h in sizes.values()})
         raise InputError(
-            f"{folder} has pictures of {len(others)} sizes, {', '.join(others[:6])} px, none of"
-            " them that of most: put the pictures of one camera mode into a folder of their own."
+            f"{folder} has pictures of {len(size_names)} sizes, {', '.join(size_names[:6])} px,"
+            " none of them that of most: put those of one camera mode into a folder of their own."
         )
     notices = [f"left out, {unread_words}. Save them as {TYPES}."] if unread else []
     if strays:
-        named = [f"{brief(path.name)} ({sizes[path][0]}x{sizes[path][1]})" for path in strays]
+        stray_names = [f"{brief(path.name)} ({'x'.join(map(str, sizes[path]))})" for path in strays]
+        stray_words = list_names(stray_names)
         notices.append(
-            f"left out, pictures of another size than {width}x{height} px: {list_names(named)}."
+            f"left out, pictures of another size than {width}x{height} px: {stray_words}."
         )
     notices += describe_differences({path.name: settings[path.name] for path in uniform})
     return UniformPictures(uniform, size, tuple(notices))

@@ -42,8 +42,8 @@ def camera_settings(data: bytes) -> dict[str, str]:
         warnings.simplefilter("ignore")
         exif = Exif()
         exif.load(block)
-        named = [str(exif[tag]).strip(" \0") for tag in CAMERA if tag in exif]
-        if camera := " ".join(filter(None, named)):
+        names = [str(exif[tag]).strip(" \0") for tag in CAMERA if tag in exif]
+        if camera := " ".join(filter(None, names)):
             settings["camera"] = camera
         details = exif.get_ifd(IFD.Exif)
         for tag, word in SETTINGS.items():
@@ -54,8 +54,8 @@ def camera_settings(data: bytes) -> dict[str, str]:
 
 def list_names(names: list[str]) -> str:
     """Return the names of pictures for a sentence; beyond MAX_NAMES, the number of the others."""
-    others = len(names) - MAX_NAMES
-    return ", ".join(names[:MAX_NAMES]) + (f" and {others} more" if others > 0 else "")
+    surplus = len(names) - MAX_NAMES
+    return ", ".join(names[:MAX_NAMES]) + (f" and {surplus} more" if surplus > 0 else "")
 
 
 def describe_differences(settings: Mapping[str, Mapping[str, str]]) -> tuple[str, ...]:
@@ -82,9 +82,9 @@ def _describe(word: str, names_by_value: Mapping[str, list[str]]) -> str:
     value, names = ordered[0]
     values = [f"{brief(value)} in {len(names)} of them"]
     values += [f"{brief(value)} in {brief(list_names(names))}" for value, names in ordered[1:4]]
-    more = f", and {len(ordered) - 4} more values" if len(ordered) > 4 else ""
+    ending = f", and {len(ordered) - 4} more values" if len(ordered) > 4 else ""
     return (
-        f"the pictures differ in the {word} that their files state: {', '.join(values)}{more}. A"
+        f"the pictures differ in the {word} that their files state: {', '.join(values)}{ending}. A"
         " calibration is of one camera at one zoom and focus: put the pictures of each into a"
         " folder of its own."
     )

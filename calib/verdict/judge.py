@@ -26,6 +26,7 @@ from calib.verdict.depths import one_depth, requested_depths
 from calib.verdict.fleet_prior import fleet_prior
 from calib.verdict.held_out import held_out, overfits
 from calib.verdict.medium import medium
+from calib.verdict.mixed_settings import mixed_settings
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.orientation import orientation
 from calib.verdict.other_medium import other_medium
@@ -43,6 +44,7 @@ CHECKS: tuple[Check, ...] = (
     board_place,
     unseen_row,
     extra_rows,
+    mixed_settings,
     bare_pictures,
     orientation,
     medium,

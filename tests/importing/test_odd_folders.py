@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from calib.cli import main
-from calib.importing.stereo_names import find_cameras
+from calib.io.camera_names import find_cameras
 from calib.session.session import read_session
 from tests.importing import recordings
 from tests.importing.recordings import SIZE, TARGET

@@ -34,22 +34,32 @@ def choose_camera(pictures: Sequence[T], camera: str | None) -> tuple[T, ...]:
     Raises:
         InputError: the names are of several cameras and none is chosen, or that one has none.
     """
-    cameras = find_cameras([str(PurePath(picture).name) for picture in pictures])
+    names = [PurePath(picture).name for picture in pictures]
+    cameras = find_cameras(names)
     if camera is None and cameras:
-        words = " and ".join(f"{name}*" for name in cameras)
         raise InputError(
-            f"the names of the pictures fall into {words}, as those of {len(cameras)} cameras do:"
-            f" choose one with --camera {next(iter(cameras))}, or --camera all if it is one camera."
+            f"{describe_cameras(cameras)}: choose one with --camera {cameras[0]}, or --camera all"
+            " if it is one camera."
         )
     if camera in (None, ALL):
         return tuple(pictures)
-    chosen = tuple(p for p in pictures if _split(str(PurePath(p).name))[0] == str(camera).lower())
+    chosen = tuple(
+        picture
+        for picture, name in zip(pictures, names, strict=True)
+        if _split(name)[0] == str(camera).lower()
+    )
     if not chosen:
         raise InputError(
             f"no picture is called as of a camera {camera}: name one of"
             f" {', '.join(cameras) or 'none'}, or leave --camera out."
         )
     return chosen
+
+
+def describe_cameras(cameras: Sequence[str]) -> str:
+    """Return a clause that says of which cameras the pictures are by their names."""
+    prefixes = " and ".join(f"{camera}*" for camera in cameras)
+    return f"the names of the pictures fall into {prefixes}, as those of {len(cameras)} cameras do"
 
 
 def find_cameras(names: Sequence[str]) -> tuple[str, ...]:
@@ -64,9 +74,10 @@ def find_cameras(names: Sequence[str]) -> tuple[str, ...]:
         remainders.setdefault(camera, set()).add(remainder)
     if len(remainders) < 2:
         return ()
-    for camera, own in remainders.items():
-        others = set().union(*(rest for other, rest in remainders.items() if other != camera))
-        if len(own) < MIN_PICTURES or len(own & others) < PAIRED_FRACTION * len(own):
+    for camera, numbers in remainders.items():
+        partners = set().union(*(remainders[name] for name in remainders if name != camera))
+        count = len(numbers & partners)
+        if len(numbers) < MIN_PICTURES or count < PAIRED_FRACTION * len(numbers):
             return ()
     return tuple(sorted(remainders))
 
