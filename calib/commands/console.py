@@ -220,6 +220,12 @@ def print_evaluation(evaluation: Evaluation, *, wide: bool) -> None:
     table.add_row("all", str(total), f"{evaluation.rms_px:.3f} px", f"{evaluation.rmse_cm:.4f} cm")
     console.print(table)
     console.print(f"{evaluation.frames_used} views, their poses refitted.")
+    for view in evaluation.bad_views:
+        line = (
+            f"Does not fit: {view.file}: {view.rms_px:.3f} px, the other views"
+            f" {evaluation.other_views_rms_px:.3f} px."
+        )
+        console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
     _list_rejected(console, evaluation.rejected)
 
 

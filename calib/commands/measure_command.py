@@ -25,6 +25,9 @@ the boards, and the uncertainty of the squares' side (board.square_mm; 0.2 % if 
 none). It does not include a board of another shape, or glass that the fit cannot follow.
 """
 
+CLICK_NOISE_PX = 0.5
+"""px, per axis: a person points to the middle of a pixel, or to the next one."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
@@ -49,10 +52,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--poses", type=Path, metavar="FILE", help=poses)
     noise = (
-        "noise of the given pixels, per axis (default: that of the calibration's corners, which a"
-        " click seldom reaches)"
+        f"noise of the given pixels, per axis (default: {CLICK_NOISE_PX:g}, of a person's clicks; a"
+        " detector's corners have a tenth of it)"
     )
-    parser.add_argument("--noise", type=positive_number, metavar="PX", help=noise)
+    parser.add_argument(
+        "--noise", type=positive_number, metavar="PX", default=CLICK_NOISE_PX, help=noise
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -107,19 +107,20 @@ def detect(
                 if progress is not None:
                     progress(len(results), hits)
             strays = {i: r.reason for i, r in results.items() if isinstance(r, OtherSize)}
-            if 2 * len(strays) >= len(paths) or len(strays) == len(results):
+            usable = len(paths) - len(strays)
+            if usable < min(min_views, len(paths)) or len(strays) >= min(usable, len(results)):
                 first = min(strays)
                 raise InputError(
-                    f"{paths[first]} {strays[first]}, and so have most of the"
-                    " others: correct camera.width and camera.height in session.yaml, or give the"
-                    " pictures of this camera mode."
+                    f"{paths[first]} {strays[first]}, and too few pictures have that size: correct"
+                    " camera.width and camera.height in session.yaml, or give the pictures of this"
+                    " camera mode."
                 )
             if batch is sample and not hits:
                 _refuse_other_board([paths[i] for i in sample], board)
     finally:
         for store in stores.values():
             store.save()
-    if hits < min(min_views, len(paths)) or hits < MIN_FRACTION * (len(paths) - len(strays)):
+    if hits < min(min_views, len(paths)) or hits < MIN_FRACTION * usable:
         if hits:
             _refuse_other_board(
                 [paths[i] for i in (*sample, *remainder) if isinstance(results[i], NotFound)][

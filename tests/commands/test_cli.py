@@ -64,7 +64,7 @@ def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> 
         "verdict",
         "written",
     }
-    assert set(document) == contract | {"second_look", "view_noise", "lens"}
+    assert set(document) == contract | {"still_boards", "second_look", "view_noise", "lens"}
     assert document["frames_used"] == 6
     assert document["frames_rejected"] == []
     assert document["corners"] == 6 * 81

@@ -307,7 +307,7 @@ def test_copies_strays_and_foreign_files_of_a_session_are_listed(tmp_path: Path)
     for number in range(4):
         cv2.imwrite(str(folder / "frames" / f"stray{number}.png"), stray)
     with pytest.raises(
-        InputError, match=r"stray0?\.png is .*, and so have most of the others: correct"
+        InputError, match=r"stray0?\.png is .*, and too few pictures have that size: correct"
     ):
         read_views(read_session(folder), Silent())
 
