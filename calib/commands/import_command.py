@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         if name != "mrcal":
             required = name != "kalibr"
             pictured = name in ("ros", "images")
-            tags = ", or an aprilgrid's tags" if pictured else ""
+            tags = ", or a grid's tags" if pictured else ""
             source.add_argument(
                 "--board",
                 type=whole_size,

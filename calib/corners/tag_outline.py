@@ -52,6 +52,10 @@ class Outlines:
     """(T, 8, 8) px^2 of x and y of the four corners, NaN where `corners` is NaN. Neighbouring
     corners are correlated: they share an edge.
     """
+    blurs: Floats
+    """(T, 4) px, the blur across the edge from each corner to the next; NaN where `corners` is
+    NaN.
+    """
 
 
 def measure_outlines(
@@ -75,11 +79,13 @@ def measure_outlines(
     inflation = _noise_inflation(edges) if edges else 1.0
     corners = np.full((len(rough), SIDES, 2), np.nan)
     covariances = np.full((len(rough), 2 * SIDES, 2 * SIDES), np.nan)
+    blurs = np.full((len(rough), SIDES), np.nan)
     for index, tag in enumerate(tags):
         if tag:
             corners[index] = tag.corners
+            blurs[index] = np.exp([edge.parameters[LOG_BLUR] for edge in tag.edges])
             covariances[index] = inflation * tag.unit_covariance()
-    return Outlines(corners, covariances)
+    return Outlines(corners, covariances, blurs)
 
 
 def edge_vectors(corners: Floats) -> tuple[Floats, Floats]:

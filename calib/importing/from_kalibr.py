@@ -17,6 +17,7 @@ from calib.io.images import list_images
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.board_section import SPACING as SPACING_OF_TAGS
+from calib.session.board_section import board_to_yaml, read_board
 from calib.session.camera import Camera
 from calib.session.coding import AprilGrid
 from calib.session.schema import Quantity, Section
@@ -110,7 +111,13 @@ def _board(folder: Path, files: Iterable[Section]) -> Board:
         columns = section.integer("tagCols", 2, 500)
         rows = section.integer("tagRows", 2, 500)
         spacing = section.read(TAG_SPACING)[TAG_SPACING.key].value
-        return Board(2 * columns, 2 * rows, _metres(section, TAG), coding=AprilGrid(spacing))
+        first = section.integer("codeOffset", 0, 586) if "codeOffset" in section.values else 0
+        coding = AprilGrid(spacing, first_marker=first)
+        board = Board(2 * columns, 2 * rows, _metres(section, TAG), coding=coding)
+        try:
+            return read_board(Section(board_to_yaml(board), section.file, "the target"))
+        except InputError as error:
+            raise InputError(str(error).replace("first_marker", "codeOffset")) from error
     if kind != "checkerboard":
         raise InputError(
             f"{section.file}: target_type is {kind}, which calib cannot detect: take pictures of a"
