@@ -21,7 +21,7 @@ from calib.fitting.declared import PREFIXES
 from calib.inference.fitted_model import FittedModel
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.inference.score_test import tuned_score_tests
-from calib.inference.view_variation import MIN_GAIN, Kind, Variation, find_variations
+from calib.inference.view_variation import MIN_GAIN, Variation, VariationKind, find_variations
 
 SHARED: tuple[type[Effect], ...] = (
     LensEffect,
@@ -120,7 +120,7 @@ class Differing:
         then imitates it.
         """
         first = self.first
-        same = (first.group.name, first.kind) == ("focal", Kind.DRIFT)
+        same = (first.group.name, first.kind) == ("focal", VariationKind.DRIFT)
         if same and trial.test.effect.name == FocalDrift.name:
             return False
         return first.plain_gain > trial.log_odds + MIN_GAIN
@@ -130,7 +130,7 @@ class Differing:
         return {
             "number": self.first.group.name if self.named else "",
             "kind": str(self.first.kind),
-            "size": size_of(self.first),
+            "size": describe_size(self.first),
             "members": {
                 variation.group.name: probability
                 for variation, probability in zip(self.variations, self.probabilities, strict=True)
@@ -156,16 +156,19 @@ class Differing:
 def described(variation: Variation, names: Sequence[str]) -> str:
     """Return how the numbers differ, and by how much."""
     kind = variation.kind
-    where = "in every view" if kind is Kind.EACH else str(kind)
-    if kind is Kind.STEP:
+    where = "in every view" if kind is VariationKind.EACH else str(kind)
+    if kind is VariationKind.STEP:
         where = f"from {names[_first_after_step(variation)]} on"
-    elif kind in (Kind.ALTERNATING, Kind.TWO_KINDS) and variation.group.name in TWO_OF_THEM:
+    elif (
+        kind in (VariationKind.ALTERNATING, VariationKind.TWO_KINDS)
+        and variation.group.name in TWO_OF_THEM
+    ):
         where += f" ({TWO_OF_THEM[variation.group.name]})"
-    size = size_of(variation)
+    size = describe_size(variation)
     return f"{where}, by {size}" if size else where
 
 
-def size_of(variation: Variation) -> str:
+def describe_size(variation: Variation) -> str:
     """Return the root mean square of the deviations of the number that deviates most, over its
     tolerance; an empty text for a motion and for a whole lens.
     """
@@ -184,13 +187,16 @@ def size_of(variation: Variation) -> str:
 def advice(variation: Variation, names: Sequence[str]) -> str:
     """Return what to do, as a clause."""
     name = variation.group.name
-    if variation.kind is Kind.STEP and name.startswith(("cover", "focal", "principal")):
+    if variation.kind is VariationKind.STEP and name.startswith(("cover", "focal", "principal")):
         return f"calibrate from {names[_first_after_step(variation)]} on, or record again"
-    if variation.kind in (Kind.ALTERNATING, Kind.TWO_KINDS) and name in TWO_OF_THEM:
+    if (
+        variation.kind in (VariationKind.ALTERNATING, VariationKind.TWO_KINDS)
+        and name in TWO_OF_THEM
+    ):
         return "keep the pictures of each kind in a session of its own"
-    if variation.kind is Kind.NEARNESS:
+    if variation.kind is VariationKind.NEARNESS:
         return "the lens focuses by itself: lock the focus, and record again"
-    if variation.kind is Kind.TILT:
+    if variation.kind is VariationKind.TILT:
         return "it bends by its own weight: support it, or take a stiffer one"
     return ADVICE[name]
 
