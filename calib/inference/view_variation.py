@@ -74,7 +74,7 @@ MIN_BLOCK = 3
 Array = NDArray[np.float64]
 
 
-class Kind(StrEnum):
+class VariationKind(StrEnum):
     """How numbers differ from view to view."""
 
     EACH = "each view"
@@ -94,8 +94,8 @@ class Kind(StrEnum):
     """They follow the tilt of the board."""
 
 
-TIME = (Kind.DRIFT, Kind.WARM_UP, Kind.STEP)
-TWO = (Kind.ALTERNATING, Kind.TWO_KINDS)
+TIME = (VariationKind.DRIFT, VariationKind.WARM_UP, VariationKind.STEP)
+TWO = (VariationKind.ALTERNATING, VariationKind.TWO_KINDS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ class Group:
     name: str
     numbers: tuple[EffectParameter, ...]
     """Each with the values that it is added to, and its tolerance; none for the board's motion."""
-    kinds: tuple[Kind, ...]
+    kinds: tuple[VariationKind, ...]
     """The ways in which they can differ."""
 
 
@@ -114,7 +114,7 @@ class Variation:
     """A way in which a group of numbers may differ from view to view."""
 
     group: Group
-    kind: Kind
+    kind: VariationKind
     gain: float
     """The increase of the log evidence, less the logarithm of the number of variants tried."""
     scales: Array
@@ -148,13 +148,13 @@ def groups_of(context: EffectContext) -> tuple[Group, ...]:
     scale = tuple(replace(number, shifts=(number.param.name,)) for number in (STRETCH, SHEAR))
     rolling = not context.path.shutter and (not context.shutter or context.shutter.rolling)
     return (
-        Group("focal", (focal,), (Kind.EACH, *TIME, *TWO, Kind.NEARNESS)),
-        Group("principal_point", centre, (Kind.EACH, *TIME, *TWO)),
-        Group("lens", (focal, *centre, radial), (Kind.STEP, *TWO)),
+        Group("focal", (focal,), (VariationKind.EACH, *TIME, *TWO, VariationKind.NEARNESS)),
+        Group("principal_point", centre, (VariationKind.EACH, *TIME, *TWO)),
+        Group("lens", (focal, *centre, radial), (VariationKind.STEP, *TWO)),
         *_cover_groups(context),
-        Group("board_flex", bend, (Kind.EACH, *TIME, *TWO, Kind.TILT)),
+        Group("board_flex", bend, (VariationKind.EACH, *TIME, *TWO, VariationKind.TILT)),
         Group("board_scale", scale, (*TIME, *TWO)),
-        *([Group("rolling_shutter", (), (Kind.EACH,))] if rolling else []),
+        *([Group("rolling_shutter", (), (VariationKind.EACH,))] if rolling else []),
     )
 
 
@@ -216,7 +216,7 @@ def find_variations(
     return sorted(found, key=lambda variation: -variation.gain)
 
 
-def board_patterns(fitted: FittedModel) -> Mapping[Kind, Sequence[Array]]:
+def board_patterns(fitted: FittedModel) -> Mapping[VariationKind, Sequence[Array]]:
     """Return the (V,) patterns of these views: the nearness of the boards' middles, and the tilt of
     their normals towards the picture's y and towards its x.
     """
@@ -224,20 +224,22 @@ def board_patterns(fitted: FittedModel) -> Mapping[Kind, Sequence[Array]]:
     near = 1 / fitted.model.path.distance(poses[:, 3:6]).numpy()
     normals = rotation.matrix(poses[:, :3])[:, :, 2].numpy()
     return {
-        Kind.NEARNESS: [_centred(near)],
-        Kind.TILT: [_centred(normals[:, 1]), _centred(normals[:, 0])],
+        VariationKind.NEARNESS: [_centred(near)],
+        VariationKind.TILT: [_centred(normals[:, 1]), _centred(normals[:, 0])],
     }
 
 
-def time_patterns(count: int) -> Mapping[Kind, Sequence[Array]]:
+def time_patterns(count: int) -> Mapping[VariationKind, Sequence[Array]]:
     """Return the (V,) patterns that any sequence of so many views may follow."""
     view = np.arange(count)
     steps = range(MIN_BLOCK, count - MIN_BLOCK + 1)
     return {
-        Kind.DRIFT: [_centred(view)],
-        Kind.WARM_UP: [_centred(np.exp(-view / (fraction * count))) for fraction in WARM_UPS],
-        Kind.STEP: [_centred(view >= first) for first in steps],
-        Kind.ALTERNATING: [_centred(view % 2)],
+        VariationKind.DRIFT: [_centred(view)],
+        VariationKind.WARM_UP: [
+            _centred(np.exp(-view / (fraction * count))) for fraction in WARM_UPS
+        ],
+        VariationKind.STEP: [_centred(view >= first) for first in steps],
+        VariationKind.ALTERNATING: [_centred(view % 2)],
     }
 
 
@@ -392,7 +394,7 @@ class VariationEquations:
         return sum(len(view) for view in self.rows.views) - self.rows.own * len(self.products)
 
     def variations(
-        self, groups: Sequence[Group], patterns: Mapping[Kind, Sequence[Array]]
+        self, groups: Sequence[Group], patterns: Mapping[VariationKind, Sequence[Array]]
     ) -> list[Variation]:
         """Return the most probable variation of every kind of every group."""
         return [
@@ -507,14 +509,14 @@ class GroupEquations:
         """The number of views."""
         return len(self.score) // self.size
 
-    def variations(self, patterns: Mapping[Kind, Sequence[Array]]) -> Iterator[Variation]:
+    def variations(self, patterns: Mapping[VariationKind, Sequence[Array]]) -> Iterator[Variation]:
         """Yield the most probable variation of each possible kind.
 
         Args:
             patterns: the (V,) patterns that depend on the poses of the board.
         """
         each = self.in_every_view()
-        if Kind.EACH in self.group.kinds:
+        if VariationKind.EACH in self.group.kinds:
             yield each
         patterns = {**time_patterns(self.count), **patterns}
         for kind in self.group.kinds:
@@ -522,7 +524,7 @@ class GroupEquations:
             if followed:
                 best = max(followed, key=lambda variation: variation.gain)
                 yield replace(best, gain=best.gain - float(np.log(len(followed))))
-        if Kind.TWO_KINDS in self.group.kinds:
+        if VariationKind.TWO_KINDS in self.group.kinds:
             best = self.in_two_kinds(each.deviations)
             yield replace(best, gain=best.gain - (self.count - 1) * float(np.log(2)))
 
@@ -534,7 +536,7 @@ class GroupEquations:
         fitted = [(*self._of_each(side), side) for side in sides]
         gain, spread, deviations, side = max(fitted, key=lambda fit: fit[0])
         sizes = (np.tile(side, self.count) * deviations).reshape(self.count, -1)
-        return Variation(self.group, Kind.EACH, gain, spread * side, sizes, np.zeros(0))
+        return Variation(self.group, VariationKind.EACH, gain, spread * side, sizes, np.zeros(0))
 
     def _of_each(self, side: Array) -> tuple[float, float, Array]:
         sides = np.tile(side, self.count)
@@ -553,7 +555,9 @@ class GroupEquations:
         """Return the variation of two kinds of views, from a start: (V, G) deviations of each
         view's own, which differ most between the kinds.
         """
-        divisions = (self.following(Kind.TWO_KINDS, pattern) for pattern in _divisions(deviations))
+        divisions = (
+            self.following(VariationKind.TWO_KINDS, pattern) for pattern in _divisions(deviations)
+        )
         best = max(divisions, key=lambda variation: variation.gain)
         for _ in range(MAX_PASSES):
             previous = best
@@ -561,13 +565,13 @@ class GroupEquations:
                 moved = best.pattern > 0
                 moved[view] = not moved[view]
                 if min(moved.sum(), (~moved).sum()) >= MIN_BLOCK:
-                    other = self.following(Kind.TWO_KINDS, _centred(moved))
+                    other = self.following(VariationKind.TWO_KINDS, _centred(moved))
                     best = max(best, other, key=lambda variation: variation.gain)
             if best is previous:
                 break
         return best
 
-    def following(self, kind: Kind, pattern: Array) -> Variation:
+    def following(self, kind: VariationKind, pattern: Array) -> Variation:
         """Return the variation whose deviations follow a (V,) pattern."""
         views = np.kron(pattern[:, None], np.eye(self.size))  # (V G, G)
         gain, spread, sizes = self._largest_gain(

@@ -19,9 +19,9 @@ from calib.estimation.priors import Priors
 from calib.fitting.differing import Differing
 from calib.inference.fitted_model import FittedModel
 from calib.inference.view_variation import (
-    Kind,
     Variation,
     VariationEquations,
+    VariationKind,
     VariationRows,
     find_variations,
     groups_of,
@@ -107,8 +107,8 @@ def dense_log_evidence(rows: VariationRows, added: Array | None = None) -> float
     return -float(np.linalg.slogdet(covariance)[1] + freedom * np.log(square)) / 2
 
 
-@pytest.mark.parametrize("kind", [Kind.EACH, Kind.DRIFT])
-def test_the_gain_is_that_of_dense_algebra(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", [VariationKind.EACH, VariationKind.DRIFT])
+def test_the_gain_is_that_of_dense_algebra(kind: VariationKind) -> None:
     """Another focal length in each of five views of 81 corners behind a thick cone."""
     made = session(3, "thick-cone")
     made = replace(made, views=made.views[:5], poses=made.poses[:5])
@@ -118,13 +118,13 @@ def test_the_gain_is_that_of_dense_algebra(kind: Kind) -> None:
     equations = VariationEquations.of(rows).group(group)
     found: Variation = (
         equations.in_every_view()
-        if kind is Kind.EACH
+        if kind is VariationKind.EACH
         else equations.following(kind, time_patterns(5)[kind][0])
     )
     assert found.gain > 1
     columns = rows.columns(group) * found.scales
     by_view = [view[:, rows.own :] @ columns for view in rows.views]
-    if kind is Kind.EACH:
+    if kind is VariationKind.EACH:
         added = np.zeros((sum(map(len, by_view)), 5))
         first = 0
         for index, column in enumerate(by_view):
@@ -143,7 +143,7 @@ def test_deviations_are_those_that_the_views_have() -> None:
     made = refocused(session(4, "wet-flat", noise=0.02), sizes)
     fitted = optimum(made)
     found = find_variations(fitted, context_of(made))
-    assert (found[0].group.name, found[0].kind) == ("focal", Kind.EACH)
+    assert (found[0].group.name, found[0].kind) == ("focal", VariationKind.EACH)
     (number,) = found[0].group.numbers
     estimated = number.sigma * found[0].deviations[:, 0]
     wanted = sizes - sizes.mean()
@@ -158,10 +158,10 @@ def test_nothing_differs_in_a_clean_session(cover: str) -> None:
 
 
 FIRST = 12
-PATTERNS: dict[str, tuple[Array, Kind]] = {
-    "step": (np.where(np.arange(VIEWS) < FIRST, -0.01, 0.0), Kind.STEP),
-    "alternating": (np.where(np.arange(VIEWS) % 2, 0.01, 0.0), Kind.ALTERNATING),
-    "warm-up": (-0.02 * np.exp(-np.arange(VIEWS) / 3), Kind.WARM_UP),
+PATTERNS: dict[str, tuple[Array, VariationKind]] = {
+    "step": (np.where(np.arange(VIEWS) < FIRST, -0.01, 0.0), VariationKind.STEP),
+    "alternating": (np.where(np.arange(VIEWS) % 2, 0.01, 0.0), VariationKind.ALTERNATING),
+    "warm-up": (-0.02 * np.exp(-np.arange(VIEWS) / 3), VariationKind.WARM_UP),
 }
 
 
@@ -196,7 +196,7 @@ def test_two_cameras_in_one_session_are_a_lens_of_two_kinds() -> None:
         return focal | {name: made.values[name] + 8 * size for name in CAMERA.centre}
 
     found = find_variations(optimum(varied(made, change)), context_of(made))
-    assert (found[0].group.name, found[0].kind) == ("lens", Kind.TWO_KINDS)
+    assert (found[0].group.name, found[0].kind) == ("lens", VariationKind.TWO_KINDS)
     assert abs(np.corrcoef(found[0].pattern, second)[0, 1]) > 0.85  # a view or two tell little
 
 
