@@ -74,7 +74,7 @@ class FoundBoard:
 
     @property
     def sentence(self) -> str:
-        """What was found, without a full stop."""
+        """The finding as a clause, without a full stop."""
         match self.board.coding:
             case Charuco(dictionary=dictionary):
                 return f"Found a {self.board} board with markers of {dictionary}"

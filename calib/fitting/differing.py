@@ -1,4 +1,4 @@
-"""What differs from view to view in a session, in plain words, and what to do about it."""
+"""Names for numbers that differ from view to view, in plain words, with advice."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SHARED: tuple[type[Effect], ...] = (
     BoardScale,
     FreeField,
 )
-"""What all views share, and what therefore differs in none."""
+"""Causes that all views share."""
 EVIDENCE_SCALE = 3.0
 """A difference of this much in log evidence counts as 1 for the probabilities of names: the noise
 is not quite normal, the shared causes are linearised, and a lens does not stay in its plane when it
@@ -83,7 +83,7 @@ ADVICE: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Differing:
-    """What differs from view to view: the numbers that may be the ones, the most probable first."""
+    """The numbers that may differ from view to view, the most probable first."""
 
     variations: tuple[Variation, ...]
     """The most probable kind of each group of numbers."""
@@ -151,10 +151,10 @@ class Differing:
         first = self.first
         if self.named:
             return f"{describe_variation(first, self.names)}: {advice(first, self.names)}."
-        others = " or ".join(WORDS[variation.group.name] for variation in self.variations[1:])
+        rivals = " or ".join(WORDS[variation.group.name] for variation in self.variations[1:])
         likely = describe_variation(first, self.names)
         return (
-            f"something differs from view to view: most likely {likely}, else {others}. If it is"
+            f"something differs from view to view: most likely {likely}, else {rivals}. If it is"
             f" the first, {advice(first, self.names)}."
         )
 
@@ -178,9 +178,9 @@ def describe_size(variation: Variation) -> str:
     if variation.group.name in ("lens", "rolling_shutter"):
         return ""
     rms = np.sqrt((variation.deviations**2).mean(0))
-    most = int(rms.argmax())
-    number = variation.group.numbers[most]
-    size = number.sigma * float(rms[most])
+    index = int(rms.argmax())
+    number = variation.group.numbers[index]
+    size = number.sigma * float(rms[index])
     if number.relative or number.param is STRETCH.param:
         return f"{100 * size:.2g} %"
     unit, factor = PREFIXES.get(number.param.unit, (number.param.unit, 1.0))

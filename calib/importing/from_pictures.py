@@ -16,7 +16,7 @@ from calib.session.camera import Camera
 
 @dataclass(frozen=True, slots=True)
 class UniformPictures:
-    """Those of some pictures that have the size of most of them."""
+    """The pictures of the size that most of them have."""
 
     paths: tuple[Path, ...]
     size: tuple[int, int]

@@ -38,9 +38,9 @@ EXAMPLE = "--board 9x6 --square-mm 25"
 
 COMMAND = "The command line"
 FOCAL_SIGMA = 0.4
-"""Of the picture's width: the sigma of a focal length that nobody knows."""
+"""The sigma of a focal length that nobody knows, over the picture's width."""
 CENTRE_SIGMA = 0.05
-"""Of the picture's width: the sigma of a principal point that nobody knows."""
+"""The sigma of a principal point that nobody knows, over the picture's width."""
 COEFFICIENT_SIGMAS = (0.3, 0.3, 0.01, 0.01)
 """The sigmas of k1, k2, p1 and p2 of a lens that nobody knows."""
 

@@ -1,5 +1,5 @@
-"""Which numbers differ from view to view, and how: random effects over the views, at the optimum of
-a fit, without a further fit.
+"""Numbers that differ from view to view: random effects over the views, at the optimum of a fit,
+without a further fit.
 
 A lens that refocuses, a sensor that warms up, or a cover that slips gives every view numbers of its
 own, or two kinds of views, or a drift. For each group of numbers, the deviations are normal, with
@@ -75,23 +75,23 @@ Array = NDArray[np.float64]
 
 
 class VariationKind(StrEnum):
-    """How numbers differ from view to view."""
+    """The way in which numbers differ from view to view."""
 
     EACH = "each view"
     """Every view has its own."""
     DRIFT = "drift"
-    """They change with time, evenly."""
+    """An even change with time."""
     WARM_UP = "warm-up"
-    """They settle in the first views."""
+    """A change that settles in the first views."""
     STEP = "step"
-    """They are others from one view on."""
+    """A change at one view."""
     ALTERNATING = "alternating"
     TWO_KINDS = "two kinds"
     """Some views have these, and some have those."""
     NEARNESS = "nearness"
-    """They follow the nearness of the board."""
+    """A change with the nearness of the board."""
     TILT = "tilt"
-    """They follow the tilt of the board."""
+    """A change with the tilt of the board."""
 
 
 TIME = (VariationKind.DRIFT, VariationKind.WARM_UP, VariationKind.STEP)
@@ -177,9 +177,9 @@ def find_variations(
 ) -> list[Variation]:
     """Return what differs from view to view, the most probable first.
 
-    Numbers that differ must explain more than such a discrepancy does, or much beside it: if a
-    model lacks something in single views, any numbers of single views imitate it. Their gains are
-    those over the model with the discrepancy.
+    If a model lacks something in single views, any numbers of single views imitate it. So the gain
+    of a variation is its increase of the log evidence over a model with a discrepancy of no cause
+    (calib.inference.model_discrepancy), whose heights are chosen again beside the variation.
 
     Args:
         fitted: a model at its optimum.
@@ -193,27 +193,32 @@ def find_variations(
     rows = VariationRows.of(fitted.with_neutral(shared), context)
     alone = VariationEquations.of(rows)
     discrepancy = rows.discrepancy(alone.solution)
-    beside = VariationEquations.of(rows, discrepancy)
-    without = alone.log_evidence + possible_gain(beside.log_evidence - alone.log_evidence)
-    found = []
+    with_discrepancy = VariationEquations.of(rows, discrepancy)
+    without = alone.log_evidence + possible_gain(with_discrepancy.log_evidence - alone.log_evidence)
+    candidates = []
     variations = zip(
-        alone.variations(groups, patterns), beside.variations(groups, patterns), plain, strict=True
+        alone.variations(groups, patterns),
+        with_discrepancy.variations(groups, patterns),
+        plain,
+        strict=True,
     )
     for index, (first, second, plain_gain) in enumerate(
         sorted(variations, key=lambda pair: -pair[0].gain)
     ):
-        certain = beside.log_evidence + second.gain
+        evidence_with_discrepancy = with_discrepancy.log_evidence + second.gain
         if index < MAX_REFINED and first.gain > MIN_GAIN:
-            certain = max(certain, alone.log_evidence_beside(first, rows))
+            evidence_with_discrepancy = max(
+                evidence_with_discrepancy, alone.log_evidence_beside(first)
+            )
         evidence = alone.log_evidence + first.gain
-        evidence += possible_gain(certain - evidence)
-        found.append(replace(first, gain=evidence - without, plain_gain=plain_gain))
-    found = [
+        evidence += possible_gain(evidence_with_discrepancy - evidence)
+        candidates.append(replace(first, gain=evidence - without, plain_gain=plain_gain))
+    candidates = [
         variation
-        for variation in found
+        for variation in candidates
         if variation.gain > MIN_GAIN and variation.largest < MAX_DEVIATION
     ]
-    return sorted(found, key=lambda variation: -variation.gain)
+    return sorted(candidates, key=lambda variation: -variation.gain)
 
 
 def board_patterns(fitted: FittedModel) -> Mapping[VariationKind, Sequence[Array]]:
@@ -285,8 +290,8 @@ class VariationRows:
         parameters = Parameters.of(full.path, values, full.priors.with_sigmas(held))
         estimated = Parameters.of(base.path, values, base.priors)
         blocks = block_columns(full.path.view_blocks)
-        own = np.concatenate([np.r_[blocks[block]] for block in base.path.view_blocks])
-        moving = np.arange(0) if base.path.shutter else np.r_[blocks[MOTION]]
+        own_columns = np.concatenate([np.r_[blocks[block]] for block in base.path.view_blocks])
+        motion_columns = np.arange(0) if base.path.shutter else np.r_[blocks[MOTION]]
         columns = parameters.entries(estimated.slices())
         own_precision = view_precision(base.path, fitted.joint.poses)
         poses = full.pad_poses(fitted.joint.poses)
@@ -295,20 +300,20 @@ class VariationRows:
         )
         views = []
         for view, pose in zip(equations, fitted.joint.poses.numpy(), strict=True):
-            block = view.jacobian_block[:, own]
-            known = block @ (pose * (own_precision.numpy() > 0))
-            known += view.jacobian_shared[:, columns] @ fitted.deviation
-            others = view.jacobian_block[:, moving], view.jacobian_shared
-            views.append(np.column_stack([block, *others, view.residual - known]))
+            block = view.jacobian_block[:, own_columns]
+            at_prior_means = block @ (pose * (own_precision.numpy() > 0))
+            at_prior_means += view.jacobian_shared[:, columns] @ fitted.deviation
+            columns_left = view.jacobian_block[:, motion_columns], view.jacobian_shared
+            views.append(np.column_stack([block, *columns_left, view.residual - at_prior_means]))
         scales = [1.0] * parameters.amplitudes + parameters.scales.tolist()
         return VariationRows(
             views=tuple(views),
             own_precision=own_precision,
             precision=estimated.prior_precision(fitted.joint.smoothness),
-            shared=len(moving) + columns,
-            motion=len(moving),
+            shared=len(motion_columns) + columns,
+            motion=len(motion_columns),
             entries={
-                name: (len(moving) + place.start, scales[place.start], float(values[name]))
+                name: (len(motion_columns) + place.start, scales[place.start], float(values[name]))
                 for name, place in parameters.slices().items()
                 if not values[name].ndim
             },
@@ -346,14 +351,14 @@ class VariationRows:
         Args:
             variation: numbers that differ beside it: of each view's own, or as estimated.
         """
-        each = variation is not None and not variation.pattern.size
+        has_own = variation is not None and not variation.pattern.size
         views = []
         for index, rows in enumerate(self.views):
-            block, others = rows[:, : self.own], rows[:, self.own :]
-            residual = others[:, -1] + others[:, self.shared] @ solution
+            block, columns_left = rows[:, : self.own], rows[:, self.own :]
+            residual = columns_left[:, -1] + columns_left[:, self.shared] @ solution
             if variation:
-                differing = others @ self.columns(variation.group)
-                if each:
+                differing = columns_left @ self.columns(variation.group)
+                if has_own:
                     block = np.column_stack([block, differing * variation.scales])
                 else:
                     residual = residual + differing @ variation.deviations[index]
@@ -372,7 +377,7 @@ class VariationEquations:
     products: Array
     """(V, n + 1, n + 1) inner products of each view's n columns and its residual."""
     log_determinant: float
-    """That of all that was eliminated."""
+    """The log determinant of all that was eliminated."""
 
     @staticmethod
     def of(rows: VariationRows, discrepancy: Discrepancy | None = None) -> VariationEquations:
@@ -401,25 +406,25 @@ class VariationEquations:
             variation for group in groups for variation in self.group(group).variations(patterns)
         ]
 
-    def log_evidence_beside(self, variation: Variation, rows: VariationRows) -> float:
+    def log_evidence_beside(self, variation: Variation) -> float:
         """Return the log evidence with a variation and with the most probable discrepancy beside
         it.
         """
-        discrepancy = rows.discrepancy(self.solution_with(variation), variation)
-        beside = VariationEquations.of(rows, discrepancy)
-        return beside.log_evidence + beside.group(variation.group).gain(variation)
+        discrepancy = self.rows.discrepancy(self.solution_with(variation), variation)
+        equations = VariationEquations.of(self.rows, discrepancy)
+        return equations.log_evidence + equations.group(variation.group).gain(variation)
 
     def group(self, group: Group) -> GroupEquations:
         """Return the equations of the deviations of one group's numbers."""
         columns = self.rows.columns(group)
         moved = self.products @ columns  # (V, n + 1, G)
-        own = columns.T @ moved
-        count, size = own.shape[:2]
+        diagonal = columns.T @ moved
+        count, size = diagonal.shape[:2]
         response = self._response(moved)
         information = -response.T @ response
         for view in range(count):
             place = slice(view * size, (view + 1) * size)
-            information[place, place] += own[view]
+            information[place, place] += diagonal[view]
         score = moved[:, -1].ravel() - response.T @ self._whitened
         return GroupEquations(group, information, score, self._cost, self.freedom, size)
 
@@ -500,7 +505,7 @@ class GroupEquations:
     cost: float
     """The sum of squares without any deviation."""
     freedom: int
-    """Its degrees of freedom."""
+    """The degrees of freedom of that sum."""
     size: int
     """The number of the group's numbers."""
 
@@ -515,9 +520,9 @@ class GroupEquations:
         Args:
             patterns: the (V,) patterns that depend on the poses of the board.
         """
-        each = self.in_every_view()
+        in_every_view = self.in_every_view()
         if VariationKind.EACH in self.group.kinds:
-            yield each
+            yield in_every_view
         patterns = {**time_patterns(self.count), **patterns}
         for kind in self.group.kinds:
             followed = [self.following(kind, pattern) for pattern in patterns.get(kind, ())]
@@ -525,7 +530,7 @@ class GroupEquations:
                 best = max(followed, key=lambda variation: variation.gain)
                 yield replace(best, gain=best.gain - float(np.log(len(followed))))
         if VariationKind.TWO_KINDS in self.group.kinds:
-            best = self.in_two_kinds(each.deviations)
+            best = self.in_two_kinds(in_every_view.deviations)
             yield replace(best, gain=best.gain - (self.count - 1) * float(np.log(2)))
 
     def in_every_view(self) -> Variation:
@@ -565,8 +570,8 @@ class GroupEquations:
                 moved = best.pattern > 0
                 moved[view] = not moved[view]
                 if min(moved.sum(), (~moved).sum()) >= MIN_BLOCK:
-                    other = self.following(VariationKind.TWO_KINDS, _centred(moved))
-                    best = max(best, other, key=lambda variation: variation.gain)
+                    flipped = self.following(VariationKind.TWO_KINDS, _centred(moved))
+                    best = max(best, flipped, key=lambda variation: variation.gain)
             if best is previous:
                 break
         return best
@@ -586,21 +591,21 @@ class GroupEquations:
         """
         sizes, axes = np.linalg.eigh(information)
         sizes = sizes.clip(0)
-        along = axes.T @ score
+        projected = axes.T @ score
         variance = SPREADS[:, None] ** 2
-        explained = (variance * along**2 / (1 + variance * sizes)).sum(1)
-        left = np.log1p(-np.minimum(explained / self.cost, 1 - 1e-12))
-        gains = -(np.log1p(variance * sizes).sum(1) + self.freedom * left) / 2
+        explained = (variance * projected**2 / (1 + variance * sizes)).sum(1)
+        log_ratio = np.log1p(-np.minimum(explained / self.cost, 1 - 1e-12))
+        gains = -(np.log1p(variance * sizes).sum(1) + self.freedom * log_ratio) / 2
         best = int(gains.argmax())
         squared = float(variance[best, 0])
-        deviations = -axes @ (squared * along / (1 + squared * sizes))
+        deviations = -axes @ (squared * projected / (1 + squared * sizes))
         return float(gains[best]), float(SPREADS[best]), deviations
 
 
 def _divisions(deviations: Array) -> Iterator[Array]:
     """Yield (V,) patterns of two kinds of views, which differ most in their (V, G) deviations."""
     centred = deviations - deviations.mean(0)
-    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
-    order = along.argsort(kind="stable").argsort()
-    for count in range(MIN_BLOCK, len(along) - MIN_BLOCK + 1):
+    projected = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    order = projected.argsort(kind="stable").argsort()
+    for count in range(MIN_BLOCK, len(projected) - MIN_BLOCK + 1):
         yield _centred(order >= count)
