@@ -107,7 +107,10 @@ def test_the_size_of_most_pictures_is_taken_and_strays_are_left_out(
     session = described(str(photos), str(others), *BOARD)
     assert len(session.frames) == 16
     assert (session.camera.width, session.camera.height) == recordings.SIZE
-    notice = "left out, pictures of another size than 640x480 px: my photos/a first.png (641x480), others/a first.png (480x640)."
+    notice = (
+        "left out, pictures of another size than 640x480 px: my photos/a first.png (641x480),"
+        " others/a first.png (480x640)."
+    )
     assert notice in capsys.readouterr().err
 
 
