@@ -23,9 +23,12 @@ from calib.fitting.guided_redetection import redetect_corners
 from calib.fitting.inputs import FitInputs, gather_inputs, recalibrate_bare
 from calib.fitting.provenance import provenance
 from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
+from calib.fitting.shape_choice import choose_shape
 from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting.unknown_numbers import with_initial_values
 from calib.fitting.view_noise import weigh_noisy_views
 from calib.progress import Progress, Silent, check_progress
+from calib.session.numbers import unknown_names
 from calib.session.session import MIN_FIT_VIEWS, Session, SessionSource
 from calib.threads import single_thread
 
@@ -71,6 +74,16 @@ def fit(
     views, rejected = start.views, start.rejected
     expectation = Expectation.of(session, start)
     nominal = expectation.nominal if expectation else _nominal_setup(session, start)
+    shape_log_odds: dict[str, float] | None = None
+    if nominal.cover.has_unknown_shape:
+        _check_enough(views, rejected)
+        choice = choose_shape(nominal, views, settings, progress)
+        nominal = choice.setup
+        shape_log_odds = dict(choice.log_odds)
+    if unknown_names(nominal.intrinsics, nominal.cover):
+        _check_enough(views, rejected)
+        with single_thread():
+            nominal = with_initial_values(nominal, views, progress)
     setup = nominal.with_tolerances(settings)
     grids: dict[str, float] = {}
     if settings.folds:
@@ -189,6 +202,7 @@ def fit(
         outcome=FitOutcome(
             grid_held_out_px=grids,
             intrinsics_from=start.intrinsics_from,
+            shape_log_odds=shape_log_odds,
             lens_held_out_px=start.lens_held_out_px,
             turned_boards=turned or None,
             redetections=redetections,
