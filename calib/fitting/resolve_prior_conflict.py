@@ -182,8 +182,7 @@ def _is_credible(resolved: ResolvedFit) -> bool:
     """True if the fit converged to numbers that keep to their tolerances."""
     joint = resolved.fitted.joint
     return not joint or (
-        joint.outcome is Outcome.CONVERGED
-        and not largest_prior_conflict(joint, _unknown(resolved))
+        joint.outcome is Outcome.CONVERGED and not largest_prior_conflict(joint, _unknown(resolved))
     )
 
 

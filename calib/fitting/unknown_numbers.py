@@ -22,7 +22,7 @@ from calib.optics.build import covered_path, pinhole_path
 from calib.progress import Progress, Silent
 from calib.session.cover import Cover
 from calib.session.numbers import camera_numbers, unknown_names
-from calib.session.parameter_names import number_of
+from calib.session.parameter_names import COVER, number_of
 from calib.session.shapes.registry import find_shape
 
 SPREAD = (0.0, -1.0, 1.0)
@@ -64,9 +64,7 @@ def with_initial_values(setup: Setup, views: Sequence[View], progress: Progress)
     return replace(setup, initial=max(fits, key=lambda fit: fit[0])[1])
 
 
-def _lens_of_views(
-    setup: Setup, views: Sequence[View], names: Sequence[str]
-) -> dict[str, float]:
+def _lens_of_views(setup: Setup, views: Sequence[View], names: Sequence[str]) -> dict[str, float]:
     """Return the unknown intrinsics as these views show them without the cover; empty if the views
     do not show them.
     """
@@ -111,8 +109,11 @@ def _has_room(cover: Cover, start: Mapping[str, float]) -> bool:
     check = find_shape(cover.shape).check_camera
     if not check:
         return True
+    inner = COVER.of("")
     values = {name: number.value for name, number in cover.numbers.items()} | dict(start)
-    return not check({number_of(name): values[name] for name in values if name.startswith("cover.")})
+    return not check(
+        {name.removeprefix(inner): v for name, v in values.items() if name.startswith(inner)}
+    )
 
 
 def _model(setup: Setup) -> CameraModel:

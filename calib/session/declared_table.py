@@ -25,8 +25,7 @@ def _camera_rows(camera: Camera) -> tuple[tuple[str, str], ...]:
     if not intrinsics:
         return (("intrinsics", "not declared: estimated from pictures"),)
     pinhole = [
-        (CAMERA.of(kind.key), _text(kind, getattr(intrinsics, kind.key), "px"))
-        for kind in PINHOLE
+        (CAMERA.of(kind.key), _text(kind, getattr(intrinsics, kind.key), "px")) for kind in PINHOLE
     ]
     coefficients = [
         (CAMERA.of(name), _text(COEFFICIENT, number))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-
 TANGENTIAL_NAMES = ("p1", "p2")
 """The names of the tangential coefficients; all others are radial, or as loose."""
 
@@ -106,7 +105,7 @@ UNKNOWN_FOCAL = WidePrior(
     1.0, 0.7, "", "of the picture's longer side: lenses of 24 degrees across and more"
 )
 UNKNOWN_CENTRE = WidePrior(
-    0.5, 0.1, "", "of the picture's longer side, about its middle: cameras that are cut off the middle"
+    0.5, 0.1, "", "of the picture's longer side, about its middle: pictures cut off the middle"
 )
 UNKNOWN_RADIAL = WidePrior(0.0, 0.5, "", "barrel distortion that a wide lens has, and pincushion")
 UNKNOWN_TANGENTIAL = WidePrior(0.0, 0.02, "", "a lens tilted by a degree")

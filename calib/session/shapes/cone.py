@@ -45,9 +45,7 @@ AXIS = (
         effect="cover_offset",
     ),
     Dimension(
-        Quantity(
-            "tilt_deg", ("x", "z"), low=-45, high=45, default=0.0, wide=UNKNOWN_TILT
-        ),
+        Quantity("tilt_deg", ("x", "z"), low=-45, high=45, default=0.0, wide=UNKNOWN_TILT),
         words="the cover's tilt",
         explanation=(
             "Degrees of its tilt, first about x (to the right), then about z (ahead): 0, 0 is"

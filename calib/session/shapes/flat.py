@@ -22,9 +22,7 @@ FLAT = Shape(
             effect="cover_offset",
         ),
         Dimension(
-            Quantity(
-                "tilt_deg", ("x", "y"), low=-45, high=45, default=0.0, wide=UNKNOWN_TILT
-            ),
+            Quantity("tilt_deg", ("x", "y"), low=-45, high=45, default=0.0, wide=UNKNOWN_TILT),
             words="the cover's tilt",
             explanation=(
                 "Degrees of its tilt, first about x (to the right), then about y (down): 0, 0 is"

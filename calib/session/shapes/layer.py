@@ -2,7 +2,13 @@
 
 from calib.session.schema import Quantity
 from calib.session.shapes.dimension import Dimension
-from calib.session.tolerances import INDEX, THICKNESS, UNKNOWN_INDEX, UNKNOWN_OUTSIDE, UNKNOWN_THICKNESS
+from calib.session.tolerances import (
+    INDEX,
+    THICKNESS,
+    UNKNOWN_INDEX,
+    UNKNOWN_OUTSIDE,
+    UNKNOWN_THICKNESS,
+)
 
 LAYER = (
     Dimension(
