@@ -90,13 +90,13 @@ def _starts(cover: Cover) -> Iterator[dict[str, float]]:
     choices = []
     for name, number in numbers.items():
         kind = number_of(name)
-        values = [number.value]
+        values: Sequence[float] = (number.value,)
         if kind == "inner_radius":
             values = [factor * number.value for factor in RADII]
         elif kind in ALONG:
             values = [number.value + place * number.sigma for place in SPREAD]
         elif name == cover.medium_name:
-            values = [*MEDIA]
+            values = MEDIA
         choices.append(values)
     for values in product(*choices):
         start = dict(zip(numbers, values, strict=True))

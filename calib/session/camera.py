@@ -120,8 +120,12 @@ def read_camera(section: Section) -> Camera:
     counts = f"one of the whole numbers {', '.join(map(str, COEFFICIENTS))}"
     width = section.integer("width", 1, 100_000)
     height = section.integer("height", 1, 100_000)
-    is_stated = not is_unknown(section.values.get("intrinsics", UNKNOWN))
-    intrinsics = _read_intrinsics(section, (width, height)) if is_stated else None
+    written = section.values.get("intrinsics")
+    intrinsics = (
+        _read_intrinsics(section, (width, height))
+        if "intrinsics" in section.values and not is_unknown(written)
+        else None
+    )
     lens = (
         section.choice("lens", LENSES, f"one of {', '.join(LENSES)}")
         if "lens" in section.values
@@ -144,7 +148,7 @@ def read_camera(section: Section) -> Camera:
             f"the pictures' own: {width}x{height} px are more than a sensor has, {MAX_PIXELS:,} at"
             " most",
         )
-    return Camera(
+    camera = Camera(
         width=width,
         height=height,
         model=section.text("model", "the camera's name", default=""),
@@ -157,6 +161,7 @@ def read_camera(section: Section) -> Camera:
         ),
         shutter=read_shutter(section),
     )
+    return replace(camera, intrinsics=unknown_intrinsics(camera)) if is_unknown(written) else camera
 
 
 def camera_to_yaml(camera: Camera) -> dict[str, object]:

@@ -13,6 +13,10 @@ from calib.errors import InputError, brief
 from calib.session.tolerances import WidePrior
 
 T = TypeVar("T", int, str)
+MAX_SIGMAS_OUTSIDE = 3.0
+"""Standard deviations by which an estimate may lie outside of the limits of its kind: the index of
+air comes out below 1 half of the time.
+"""
 UNKNOWN = "unknown"
 """The word for a number, or a shape, that nobody knows."""
 MAX_SIGMA = 1e100
@@ -220,7 +224,9 @@ class Section:
             return Number(self._limited_value(key, written, quantity) / per_si)
         pair = Section(written, self.file, self.key_path(key))
         pair.allow_only(("value", "sigma", "exact"), "key of a number with a sigma")
-        value = pair._limited_value("value", pair.get("value", quantity.expected), quantity)
+        uncertainty = _finite_number(pair.values.get("sigma")) or 0.0
+        slack = MAX_SIGMAS_OUTSIDE * max(0.0, uncertainty)
+        value = pair._limited_value("value", pair.get("value", quantity.expected), quantity, slack)
         exact = pair.values.get("exact", False)
         if not isinstance(exact, bool):
             raise pair.error("exact", exact, "true to hold the number, or drop the key")
@@ -240,12 +246,17 @@ class Section:
             )
         return Number(value / per_si, sigma / per_si, exact=not sigma)
 
-    def _limited_value(self, key: str, written: object, quantity: Quantity) -> float:
-        """Return a finite number within the quantity's limits, in the file's unit."""
+    def _limited_value(
+        self, key: str, written: object, quantity: Quantity, slack: float = 0.0
+    ) -> float:
+        """Return a finite number within the quantity's limits, in the file's unit. It may be
+        outside of them by `slack`, but a positive number stays positive.
+        """
         value = _finite_number(written)
         if value is None:
             raise self.error(key, written, quantity.expected)
-        if not quantity.low <= value <= quantity.high:
+        is_signed = quantity.low <= 0 or value > 0
+        if not (quantity.low - slack <= value <= quantity.high + slack and is_signed):
             metres = quantity.unit[0] == "millimetres" and 0 < value < quantity.low
             hint = f" ({value:g} m, if metres were meant, is {value * 1000:g})" if metres else ""
             raise self.error(key, written, quantity.expected + hint)

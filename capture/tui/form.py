@@ -13,7 +13,7 @@ from calib.session.board_section import KEYS
 from calib.session.camera import Camera, camera_to_yaml
 from calib.session.cover import Cover
 from calib.session.cover_section import LAYERS_KEY, cover_mappings
-from calib.session.schema import Quantity, Section
+from calib.session.schema import UNKNOWN, Quantity, Section, is_unknown
 from calib.session.session import session_from_mapping, session_to_yaml
 from calib.session.shapes.layer import LAYER
 from calib.session.shapes.registry import find_shape
@@ -36,6 +36,8 @@ EXAMPLE_BOARDS: Mapping[str, Mapping[str, object]] = {
 """Valid example values for each type of board: a single value is checked together with them."""
 DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
 """A number, with its sigma or without, and perhaps with a decimal comma."""
+UNKNOWN_KEY = "?"
+"""The key that writes UNKNOWN into a field of the cover, and the short way to write it."""
 LAYER_KEYS = tuple(kind.quantity.key for kind in LAYER)
 """The keys that have a number for each layer of glass."""
 NUMBERS = ("one", "two", "three")
@@ -60,7 +62,10 @@ HELP = {
     ),
     "tag_mm": "The side of one tag in millimetres, with its black border.",
     "spacing": "The gap between two tags, in sides of a tag: 0.3 on Kalibr's own.",
-    "shape": "The cover in front of the camera. none: there is none, only the lens is calibrated.",
+    "shape": (
+        "The cover in front of the camera. none: there is none, only the lens is calibrated;"
+        " unknown: the fit finds out."
+    ),
 }
 """The explanation of each value of the board, and of the shape, for someone who has never seen a
 session.yaml. A shape explains its own.
@@ -90,7 +95,10 @@ class FormTexts:
 def explain_field(key: str, kind: str, shape: str) -> str:
     """Return the explanation of a value, for a board of this type or a cover of this shape."""
     special = TAGS if kind == "aprilgrid" else {}
-    cover = {entry.quantity.key: entry.explanation for entry in find_shape(shape).keys}
+    cover = {
+        entry.quantity.key: f"{entry.explanation} {UNKNOWN_KEY} if you do not know."
+        for entry in find_shape(shape).keys
+    }
     return (HELP | special | cover).get(key, "")
 
 
@@ -185,7 +193,9 @@ def _layer_numbers(quantity: Quantity, text: str) -> list[object]:
         return []
     _check_point(f"cover.{quantity.key}", text)
     entries = _split_list(text)
-    if len(entries) < 2 or not all(map(DECIMAL_COMMA.fullmatch, entries)):
+    if len(entries) < 2 or not all(
+        DECIMAL_COMMA.fullmatch(entry) or _is_unknown(entry) for entry in entries
+    ):
         return []
     _check_points(f"cover.{quantity.key}", text, 0)
     return [_number(entry) for entry in entries]
@@ -202,6 +212,8 @@ def _to_yaml(quantity: Quantity, text: str) -> dict[str, object]:
     """
     if not text.strip() and quantity.default is not None:
         return {}
+    if quantity.wide and _is_unknown(text):
+        return {quantity.key: UNKNOWN}
     if not quantity.components:
         _check_point(f"cover.{quantity.key}", text)
         return {quantity.key: _number(text)}
@@ -271,6 +283,8 @@ def _number(text: str) -> object:
     """Return a number, `25 ± 10` (or `25 +- 10`) as a number with its sigma, 0 for an exact one, or
     the text itself, which the rules refuse.
     """
+    if _is_unknown(text):
+        return UNKNOWN
     value, pair, sigma = _join_sigmas(text.strip()).partition("±")
     try:
         if pair:
@@ -278,6 +292,10 @@ def _number(text: str) -> object:
         return int(value) if value.lstrip("+-").isdecimal() else float(value)
     except ValueError:
         return text.strip() or None
+
+
+def _is_unknown(text: str) -> bool:
+    return is_unknown(text) or text.strip() == UNKNOWN_KEY
 
 
 def _join_sigmas(text: str) -> str:
