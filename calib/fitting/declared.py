@@ -25,6 +25,10 @@ OPEN = 0.5
 """The standard deviation of an unknown number over that of its wide prior, above which the views do
 not tell the number.
 """
+UNUSUAL = 4.0
+"""Standard deviations of the wide prior from its mean, twice the stated range, from where on an
+estimate is not what such numbers are.
+"""
 MIN_CORRECTION = 3.0
 """Standard deviations of the estimate: a nearer declared value is as good as the estimate."""
 
@@ -89,6 +93,11 @@ class Comparison:
         if self.held or self.unknown:
             return False
         return abs(self.estimate - self.declared) > MIN_CORRECTION * self.sigma
+
+    @property
+    def is_unusual(self) -> bool:
+        """True if the number is unknown and its estimate is far outside of its stated range."""
+        return self.unknown and abs(self.estimate - self.declared) > UNUSUAL * self.tolerance
 
     @property
     def is_open(self) -> bool:

@@ -176,7 +176,9 @@ def fit(
     if joint and fitted.model:
         with single_thread():
             observations = Observations.of(views, session.board)
-            joint, scatter = count_views(fitted.model, observations, joint, pose_labels(views))
+            unknown = unknown_names(setup.intrinsics, setup.cover)
+            labels = pose_labels(views)
+            joint, scatter = count_views(fitted.model, observations, joint, labels, unknown)
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, joint)
     validation = None
     if settings.folds:

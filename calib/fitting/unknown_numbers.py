@@ -22,7 +22,7 @@ from calib.optics.build import covered_path, pinhole_path
 from calib.progress import Progress, Silent
 from calib.session.cover import Cover
 from calib.session.numbers import camera_numbers, unknown_names
-from calib.session.parameter_names import COVER, number_of
+from calib.session.parameter_names import CAMERA, COVER, number_of
 from calib.session.shapes.registry import find_shape
 
 SPREAD = (0.0, -1.0, 1.0)
@@ -47,7 +47,11 @@ def with_initial_values(setup: Setup, views: Sequence[View], progress: Progress)
     lens = _lens_of_views(setup, views, names)
     setup = replace(setup, initial=lens)
     observations = Observations.of(views, setup.board)
-    starts = [{**lens, **start} for start in _starts(setup.cover)]
+    starts = [
+        {**scaled, **start}
+        for start in _starts(setup.cover)
+        for scaled in _in_medium(lens, setup.cover, start)
+    ]
     advance = progress.task("Unknown numbers", len(starts))
     ranked: list[tuple[float, int]] = []
     for i, start in enumerate(starts):
@@ -80,6 +84,19 @@ def _lens_of_views(setup: Setup, views: Sequence[View], names: Sequence[str]) ->
         return {}
     values = {name: number.value for name, number in camera_numbers(lens).items()}
     return {name: values[name] for name in wanted if name in values}
+
+
+def _in_medium(
+    lens: Mapping[str, float], cover: Cover, start: Mapping[str, float]
+) -> Iterator[dict[str, float]]:
+    """Yield the intrinsics of the views, and those with the focal lengths that they have if a flat
+    window magnifies by the index of what is outside.
+    """
+    yield dict(lens)
+    medium = cover.medium
+    index = start.get(cover.medium_name, medium.value if medium else 1.0)
+    if index != 1.0 and not {*CAMERA.focal}.isdisjoint(lens):
+        yield {name: f / index if name in CAMERA.focal else f for name, f in lens.items()}
 
 
 def _starts(cover: Cover) -> Iterator[dict[str, float]]:

@@ -22,8 +22,19 @@ def unknown_shape(case: Case) -> Iterator[Reason]:
 
 
 def unknown_numbers(case: Case) -> Iterator[Reason]:
-    """Name the unknown numbers whose standard deviation is about that of their wide prior."""
-    numbers = [number for number in comparisons(case.calibration) if number.is_open]
+    """Name the unknown numbers that are far outside of their stated range, and those whose standard
+    deviation is about that of their wide prior.
+    """
+    compared = list(comparisons(case.calibration))
+    unusual = [number for number in compared if number.is_unusual]
+    if unusual:
+        listed = ", ".join(f"{number.name} ({number.estimated})" for number in unusual)
+        sentence = (
+            f"such numbers are hardly ever like this: {listed}. Unknown numbers make up for what"
+            " the model lacks: measure one of them, and write it in session.yaml."
+        )
+        yield Reason(sentence, case.next.fit(), tuple(number.name for number in unusual))
+    numbers = [number for number in compared if number.is_open and not number.is_unusual]
     if not numbers:
         return
     listed = ", ".join(f"{number.name} ({number.estimated})" for number in numbers)
