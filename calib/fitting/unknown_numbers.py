@@ -62,10 +62,10 @@ def with_initial_values(setup: Setup, views: Sequence[View], progress: Progress)
         joint = _rough_fit(replace(setup, initial=starts[i]), observations)
         if error < torch.inf and joint and joint.finite:
             found = {name: float(joint.values[name]) for name in names if name in joint.values}
-            fits.append((joint.log_marginal, found))
+            fits.append((joint.cost, found))
     if not fits:
         return replace(setup, initial=starts[min(ranked)[1]])
-    return replace(setup, initial=max(fits, key=lambda fit: fit[0])[1])
+    return replace(setup, initial=min(fits, key=lambda fit: fit[0])[1])
 
 
 def _lens_of_views(setup: Setup, views: Sequence[View], names: Sequence[str]) -> dict[str, float]:
@@ -89,14 +89,15 @@ def _lens_of_views(setup: Setup, views: Sequence[View], names: Sequence[str]) ->
 def _in_medium(
     lens: Mapping[str, float], cover: Cover, start: Mapping[str, float]
 ) -> Iterator[dict[str, float]]:
-    """Yield the intrinsics of the views, and those with the focal lengths that they have if a flat
-    window magnifies by the index of what is outside.
+    """Yield the intrinsics of the views, and those of a lens without distortion if a flat window
+    magnifies by the index of what is outside and distorts.
     """
     yield dict(lens)
     medium = cover.medium
     index = start.get(cover.medium_name, medium.value if medium else 1.0)
     if index != 1.0 and not {*CAMERA.focal}.isdisjoint(lens):
-        yield {name: f / index if name in CAMERA.focal else f for name, f in lens.items()}
+        focal = {name: lens[name] / index for name in CAMERA.focal if name in lens}
+        yield {name: 0.0 if name not in CAMERA.centre else lens[name] for name in lens} | focal
 
 
 def _starts(cover: Cover) -> Iterator[dict[str, float]]:
