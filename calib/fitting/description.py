@@ -149,9 +149,9 @@ def _row(number: Comparison) -> tuple[str, ...]:
 
 def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
     """Yield the row of a shape that the fit chose, with those that are as probable."""
-    chosen, *others = calibration.outcome.probable_shapes or ("",)
+    chosen, *rivals = calibration.outcome.probable_shapes or ("",)
     if chosen:
-        yield "cover.shape", " or ".join((chosen, *others)), UNKNOWN, "", ""
+        yield "cover.shape", " or ".join((chosen, *rivals)), UNKNOWN, "", ""
 
 
 def _note(number: Comparison) -> str:

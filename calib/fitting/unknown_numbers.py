@@ -61,8 +61,8 @@ def with_initial_values(setup: Setup, views: Sequence[View], progress: Progress)
     for error, i in sorted(ranked)[:MAX_FITS]:
         joint = _rough_fit(replace(setup, initial=starts[i]), observations)
         if error < torch.inf and joint and joint.finite:
-            found = {name: float(joint.values[name]) for name in names if name in joint.values}
-            fits.append((joint.cost, found))
+            estimates = {name: float(joint.values[name]) for name in names if name in joint.values}
+            fits.append((joint.cost, estimates))
     if not fits:
         return replace(setup, initial=starts[min(ranked)[1]])
     return replace(setup, initial=min(fits, key=lambda fit: fit[0])[1])
@@ -148,8 +148,8 @@ def _error_at(setup: Setup, observations: Observations) -> float:
     values = setup.initial_values(model.means)
     poses = refine_poses(model.path, values, observations, poses).blocks
     residual = residuals(model.path, values, observations, poses)
-    lost = (~torch.isfinite(residual.image)).any(-1).double().mean()
-    return residual.rms_px if float(lost) <= MAX_LOST_FRACTION else torch.inf
+    fraction = (~torch.isfinite(residual.image)).any(-1).double().mean()
+    return residual.rms_px if float(fraction) <= MAX_LOST_FRACTION else torch.inf
 
 
 def _rough_fit(setup: Setup, observations: Observations) -> JointFit | None:

@@ -10,10 +10,10 @@ from calib.verdict.verdict import Reason
 
 def unknown_shape(case: Case) -> Iterator[Reason]:
     """Name the shapes that are about as probable as the one that the fit chose."""
-    chosen, *others = case.calibration.outcome.probable_shapes or ("",)
-    if not others:
+    chosen, *rivals = case.calibration.outcome.probable_shapes or ("",)
+    if not rivals:
         return
-    listed = " or ".join(find_shape(name).words for name in (chosen, *others))
+    listed = " or ".join(find_shape(name).words for name in (chosen, *rivals))
     sentence = (
         f"these views do not tell whether the cover is {listed}; {find_shape(chosen).words} is"
         " taken. Look at it, and write cover.shape in session.yaml."
