@@ -16,7 +16,7 @@ def differing_views(case: Case) -> Iterator[Reason]:
     """Name what differs from view to view beside everything that all views share."""
     if not case.at_optimum:
         return
-    if differing := _differing(case.calibration):
+    if differing := find_differing(case.calibration):
         suspects = tuple(variation.group.name for variation in differing.variations)
         diagnosed = case.calibration.history.diagnosis is not None
         command = case.next.report() if diagnosed else case.next.diagnose()
@@ -24,7 +24,8 @@ def differing_views(case: Case) -> Iterator[Reason]:
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
-def _differing(calibration: Calibration) -> Differing | None:
+def find_differing(calibration: Calibration) -> Differing | None:
+    """Return what differs from view to view in a calibration; None if nothing does."""
     fitted = optimum_of(calibration)
     return Differing.of(
         fitted,
