@@ -17,7 +17,7 @@ from calib.corners.coded import find_coded_board, locate_live_corners
 from calib.corners.detection import NotFound
 from calib.corners.markers import THRESHOLD_WINDOWS, marker_cells
 from calib.corners.other_coding import other_coding
-from calib.corners.picture_scale import enlarge_corners, live_factor, reduce_picture
+from calib.corners.picture_scale import enlarge_corners, reduce_picture, reducing_factor
 from calib.corners.pose_requirements import find_pose_problem
 from calib.session.board import Board
 from calib.session.coding import Charuco
@@ -95,7 +95,7 @@ class CodedFinder:
 
     def _find(self, grey: NDArray[np.uint8]) -> NDArray[np.float64] | NotFound:
         """Return (count, 2) px in the full picture."""
-        factor = live_factor(grey)
+        factor = reducing_factor(grey)
         corners = self._read_markers(grey, factor, self._windows)
         if isinstance(corners, NotFound) or self._cell_px(corners) < MIN_CELL * factor:
             fine_corners = self._read_markers(grey, max(factor // 2, 1), THRESHOLD_WINDOWS)
@@ -139,7 +139,7 @@ class CodedFinder:
         start_s = time.monotonic()
         if start_s >= self._next_search_s:
             self._other_board = other_coding(
-                [reduce_picture(grey, live_factor(grey))], self._board
+                [reduce_picture(grey, reducing_factor(grey))], self._board
             ).rstrip(".")
             end_s = time.monotonic()
             self._next_search_s = end_s + REST_RATIO * (end_s - start_s)

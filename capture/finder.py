@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calib.corners.detect import half_window, is_regular, refine, shows_two
 from calib.corners.find import describe_two_boards
 from calib.corners.ordering import canonical_order
-from calib.corners.picture_scale import enlarge_corners, live_factor, reduce_picture
+from calib.corners.picture_scale import enlarge_corners, reduce_picture, reducing_factor
 from calib.corners.saddle_grid import SaddleGrid, find_grid
 from calib.session.board import Board
 from capture.exposure import measure_exposure
@@ -32,7 +32,7 @@ class Finder:
     def look(self, frame: Frame) -> LiveDetection:
         grey = grey_of(frame)
         height, width = grey.shape
-        factor = live_factor(grey)
+        factor = reducing_factor(grey)
         partial = LiveDetection(None, width, height, frame.time_s)
         for reduction in (
             factor,

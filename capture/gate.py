@@ -23,6 +23,9 @@ MIN_CONTRAST = 40.0  # grey levels: ten times the noise of a small sensor at a h
 # px/s: a motion of this speed skews a picture by 1 px in the 47 ms in which an imx219 reads its
 # rows; the poses absorb all but 0.02 px of that (median of 200)
 MAX_SPEED = 20.0
+# px/s, of a video that was taken already: nobody can hold the board still any more, and the poses
+# absorb all but some tenths of a pixel of the skew. Its blur is judged all the same
+MAX_PLAYED_SPEED = 200.0
 # px: the board moved this far while the shutter was open, and as far again while the rows were
 # read, whatever MAX_SPEED says
 MAX_STREAK = 2.0
@@ -148,22 +151,32 @@ def check_novelty(
 def check_motion(
     detection: LiveDetection, previous: LiveDetection | None, _views: Sequence[NDArray[np.float64]]
 ) -> str | None:
+    speed = measure_speed(detection, previous)
+    if speed is None:
+        return HOLD_STILL
+    return MOVING if speed > MAX_SPEED else None
+
+
+def measure_speed(detection: LiveDetection, previous: LiveDetection | None) -> float | None:
+    """Return the speed of the board's fastest corner, px/s; None if the frame before does not
+    tell.
+    """
     if (
         previous is None
         or previous.corners is None
         or not 0 < detection.time_s - previous.time_s < PAUSE_S
     ):
-        return HOLD_STILL
+        return None
     shared = np.isfinite(_corners(detection)[:, 0]) & np.isfinite(previous.corners[:, 0])
     if shared.sum() < MIN_AFFINE_CORNERS:
-        return HOLD_STILL
+        return None
     corners, earlier = _corners(detection)[shared], previous.corners[shared]
     terms = np.column_stack([corners - corners.mean(0), np.ones(len(corners))])
     smooth = (
         terms @ np.linalg.lstsq(terms, corners - earlier, rcond=None)[0]
     )  # an affine motion averages out the noise of single corners
     fastest = np.linalg.norm(smooth, axis=1).max() / (detection.time_s - previous.time_s)
-    return MOVING if fastest > MAX_SPEED else None
+    return float(fastest)
 
 
 def check_sharpness(

@@ -14,7 +14,18 @@ from numpy.typing import NDArray
 from calib.corners.detect import eight_bits
 from calib.io.images import read_grey
 from capture.frames import Frame
-from capture.gate import HOLD_STILL, KNOWN_VIEW, MOVING, FrameDecision, check_novelty, judge_frame
+from capture.gate import (
+    GOOD_VIEW,
+    HOLD_STILL,
+    KNOWN_VIEW,
+    MAX_PLAYED_SPEED,
+    MOVING,
+    FrameDecision,
+    check_novelty,
+    check_sharpness,
+    judge_frame,
+    measure_speed,
+)
 from capture.live_detection import LiveDetection, LiveFinder
 from capture.recorder import DROPPED, Recorder
 
@@ -38,6 +49,10 @@ class RecordingPlan:
     """The number of pictures of each view, as long as the board stays still."""
     every_s: float = 0.0
     """The minimum time in s from one view to the next."""
+    played: bool = False
+    """True for a video that was taken already. Of a view in which the board never stands still,
+    the frame with the slowest board is kept, once the board has left it.
+    """
 
 
 class ShutterButton:
@@ -74,6 +89,16 @@ class Step:
     """The number of views, with this one."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _MovingView:
+    """The slowest frame so far of a view in which the board moves."""
+
+    frame: Frame
+    detection: LiveDetection
+    speed: float
+    """px/s"""
+
+
 def refusal_reason(step: Step) -> str:
     """Return the reason why a visible board was not kept; empty if it was kept, or if the person
     only has to hold it still.
@@ -101,6 +126,7 @@ def record_views(
     previous: LiveDetection | None = None
     dropped_corners: list[NDArray[np.float64]] | None = None
     views, remaining, last_s = 0, 0, -math.inf
+    moving: _MovingView | None = None
     for frame in frames:
         recorder.check(frame)
         detection = finder.look(frame)
@@ -140,10 +166,73 @@ def record_views(
                     views, remaining, last_s = views + 1, plan.burst - 1, frame.time_s
                 elif detection.corners is not None:
                     decision = UNMEASURED
+            if picture:
+                moving = None
+            elif plan.played:
+                if moving and _has_left(moving, detection):
+                    step = _keep_moving(moving, finder, recorder, views, view_corners)
+                    moving = None
+                    if step:
+                        views, last_s = step.view, step.frame.time_s
+                        yield step
+                        if views == plan.views:
+                            return
+                if decision.sentence == MOVING and frame.time_s - last_s >= plan.every_s:
+                    moving = _slower(moving, frame, detection, previous)
         previous = detection
         yield Step(frame, detection, decision, picture, views)
         if views == plan.views and not remaining:
             return
+    if moving and (step := _keep_moving(moving, finder, recorder, views, view_corners)):
+        yield step
+
+
+def _keep_moving(
+    moving: _MovingView,
+    finder: LiveFinder,
+    recorder: Recorder,
+    views: int,
+    view_corners: list[NDArray[np.float64]],
+) -> Step | None:
+    """Keep a view in which the board moved; None if its corners cannot be measured, or the session
+    has the view.
+    """
+    if not _is_new(moving.detection, view_corners):
+        return None
+    corners = finder.refine(moving.frame, moving.detection)
+    if corners is None:
+        return None
+    picture = recorder.keep(moving.frame)
+    view_corners.append(corners)
+    decision = FrameDecision(True, GOOD_VIEW)
+    return Step(moving.frame, moving.detection, decision, picture, views + 1)
+
+
+def _has_left(moving: _MovingView, detection: LiveDetection) -> bool:
+    """True if the board is not in that view any more."""
+    return detection.corners is None or _is_new(detection, [_corners(moving.detection)])
+
+
+def _is_new(detection: LiveDetection, view_corners: list[NDArray[np.float64]]) -> bool:
+    return check_novelty(detection, None, view_corners) is None
+
+
+def _slower(
+    moving: _MovingView | None,
+    frame: Frame,
+    detection: LiveDetection,
+    previous: LiveDetection | None,
+) -> _MovingView | None:
+    """Return the frame with the slower board. One that is too fast, or streaked, is none."""
+    speed = measure_speed(detection, previous)
+    if speed is None or speed > MAX_PLAYED_SPEED or check_sharpness(detection, previous, ()):
+        return moving
+    return moving if moving and moving.speed <= speed else _MovingView(frame, detection, speed)
+
+
+def _corners(detection: LiveDetection) -> NDArray[np.float64]:
+    assert detection.corners is not None
+    return detection.corners
 
 
 def detect_in_pictures(pictures: Iterable[Path], finder: LiveFinder) -> list[NDArray[np.float64]]:

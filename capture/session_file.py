@@ -11,7 +11,7 @@ from calib.io.images import frames_folder
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.camera import Camera
-from calib.session.coding import AprilGrid, Charuco
+from calib.session.coding import AprilGrid, Charuco, Coding
 from calib.session.cover import Cover
 from calib.session.schema import Section
 from calib.session.session import FORMAT, PRIOR_KEY, session_from_mapping, session_to_yaml
@@ -117,11 +117,18 @@ def _describe(board: Board) -> str:
     match board.coding:
         case None:
             return f"{board} corners and {board.square * 1000:g} mm"
-        case Charuco(marker, dictionary, legacy_pattern):
+        case Charuco(marker, dictionary, legacy_pattern) as coding:
             pattern = " in the legacy pattern" if legacy_pattern else ""
+            pattern += _describe_numbering(coding)
             return (
                 f"{board}, {board.square * 1000:g} mm, with markers of {marker * 1000:g} mm of"
                 f" {dictionary}{pattern}"
             )
-        case AprilGrid(spacing):
-            return f"{board}, {board.square * 1000:g} mm, spacing {spacing:g}"
+        case AprilGrid(spacing) as coding:
+            numbering = _describe_numbering(coding)
+            return f"{board}, {board.square * 1000:g} mm, spacing {spacing:g}{numbering}"
+
+
+def _describe_numbering(coding: Coding) -> str:
+    first = f" from {coding.first_marker} on" if coding.first_marker else ""
+    return first + (", white on black" if coding.inverted else "")

@@ -17,12 +17,16 @@ from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.io.depth_image import depth_image_for
 from calib.io.files import make_folder, reading
-from calib.io.images import SIXTEEN_BIT, SUFFIXES, list_images, read_image
+from calib.io.images import SIXTEEN_BIT, SUFFIXES, TYPES, list_images, read_image
 from calib.io.output_folder import OutputFolder
 from calib.io.videos import VIDEOS, list_videos
 from calib.progress import Progress
 
-ENCODING = {".jpg": [cv2.IMWRITE_JPEG_QUALITY, 97], ".jpeg": [cv2.IMWRITE_JPEG_QUALITY, 97]}
+ENCODING = {
+    ".jpg": [cv2.IMWRITE_JPEG_QUALITY, 97],
+    ".jpeg": [cv2.IMWRITE_JPEG_QUALITY, 97],
+    ".webp": [cv2.IMWRITE_WEBP_QUALITY, 97],
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +110,8 @@ def _undistort_picture(path: Path, undistorter: Undistorter) -> Image:
 def _check_names(paths: Sequence[Path], folder: Path) -> None:
     if not paths:
         raise InputError(
-            "There are no pictures to undistort: name some, or a folder that holds png, jpg, tiff,"
-            " bmp or npy files, or videos."
+            f"There are no pictures to undistort: name some, or a folder that holds {TYPES} files,"
+            " or videos."
         )
     paths_by_name: dict[str, Path] = {}
     # unlike Path.resolve, realpath accepts a loop of links, which reading then reports
@@ -153,4 +157,6 @@ def _encode(image: Image, path: Path) -> bytes:
         buffer = BytesIO()
         np.save(buffer, image, allow_pickle=False)
         return buffer.getvalue()
-    return cv2.imencode(suffix, image, ENCODING.get(suffix, []))[1].tobytes()
+    # OpenCV's .pgm takes grey pixels alone, .ppm colours alone
+    encoder = ".pnm" if suffix in (".pgm", ".ppm") else suffix
+    return cv2.imencode(encoder, image, ENCODING.get(suffix, []))[1].tobytes()

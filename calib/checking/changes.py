@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.checking.cover_spin import CoverSpin
-from calib.checking.picture_mode import PictureMode
+from calib.checking.picture_mode import PictureMode, StretchedMode
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import DEGREES, BoardShape
 from calib.effects.cover_offset import CoverOffset
@@ -70,6 +70,11 @@ KINDS: Mapping[type[Effect], Words] = {
         " the calibration:",
         "",
     ),
+    StretchedMode: Words(
+        "the pictures come from another mode, which stretches them; the width of a pixel over its"
+        " height, in pixels of the calibration:",
+        "",
+    ),
 }
 """The kinds of changes with their wording, in the order of the ray path; those of the pictures
 themselves are last.
@@ -118,12 +123,8 @@ def size_of(change: Effect, vector: Array, covariance: Array, shift: Array) -> S
     """
     words = WORDS[change.name]
     if isinstance(change, PictureMode):
-        scale = math.exp(-vector[0] * change.effect_parameters[0].param.scale)
-        return Size(
-            scale,
-            scale * change.effect_parameters[0].param.scale * float(covariance[0, 0]) ** 0.5,
-            "",
-        )
+        ratio, unknown = change.size(vector)
+        return Size(ratio, ratio * unknown.param.scale * float(covariance[0, 0]) ** 0.5, "")
     scales = np.concatenate(
         [np.full(math.prod(u.param.shape), u.param.scale) for u in change.effect_parameters]
     )

@@ -21,7 +21,7 @@ from calib.checking.hypotheses import (
 )
 from calib.checking.naming import name_changes, probabilities, rms_shift
 from calib.checking.overdispersion import Overdispersion
-from calib.checking.picture_mode import PictureMode
+from calib.checking.picture_mode import PictureMode, StretchedMode
 from calib.checking.pictures import Pictures
 from calib.checking.posterior_predictive import PosteriorPredictive
 from calib.checking.prior import CalibrationPrior
@@ -49,7 +49,7 @@ BROKEN_RATIO = 3.0
 """The smallest added error over the corners' noise of a broken calibration, if that is more than
 BROKEN_PX.
 """
-OTHER_PICTURES = frozenset({TURNED, UNCOVERED, PictureMode.name})
+OTHER_PICTURES = frozenset({TURNED, UNCOVERED, PictureMode.name, StretchedMode.name})
 """Changes that move every pixel, and so have no small size."""
 NOISE_CHANGE = 1.3
 """The ratio of noise variances above which the ranking of changes may depend on it."""

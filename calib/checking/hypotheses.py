@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.checking.picture_mode import SCALES, PictureMode
+from calib.checking.picture_mode import PictureMode
 from calib.checking.posterior_predictive import PosteriorPredictive, prior_spread
 from calib.checking.prior import CalibrationPrior
 from calib.checking.refit import refit
@@ -87,10 +87,13 @@ def rank_hypotheses(
     variance = (sigma / prior.sigma) ** 2
     products = views.predictive.normalised_products() / variance
     if error > GROSS * 2**0.5 * prior.sigma:
-        fits = [_fit_change(prior, change, views, sigma) for change in changes]
-        candidates = [fit for fit in fits if fit and fit.name != PictureMode.name]
-        if mode := _fit_mode(prior, changes, views, sigma, error):
-            candidates.append(mode)
+        fits = [
+            _fit_mode(prior, change, views, sigma, error)
+            if isinstance(change, PictureMode)
+            else _fit_change(prior, change, views, sigma)
+            for change in changes
+        ]
+        candidates = [fit for fit in fits if fit]
         ranking = [_relative(candidate, products) for candidate in candidates]
     else:
         ranking = [_first_order(change, products, views.predictive) for change in changes]
@@ -212,21 +215,15 @@ def _bad_view(views: CheckedViews, view: int, gain: float, squares: float) -> Hy
 
 
 def _fit_mode(
-    prior: CalibrationPrior,
-    changes: Sequence[Effect],
-    views: CheckedViews,
-    sigma: float,
-    error: float,
+    prior: CalibrationPrior, mode: PictureMode, views: CheckedViews, sigma: float, error: float
 ) -> Hypothesis | None:
-    """Fit another picture mode, starting from the best of the usual scales."""
-    mode = next((change for change in changes if isinstance(change, PictureMode)), None)
-    if not mode:
-        return None
+    """Fit another picture mode, starting from the best of its usual scales."""
     path = prior.model.with_effect(mode).path
-    scale = mode.effect_parameters[0].param.name
     starts: list[tuple[float, dict[str, Tensor], Tensor]] = [(error, {}, views.poses)]
-    for factor in SCALES:
-        start = {scale: torch.tensor(np.log(factor), dtype=torch.float64)}
+    for factor, numbers in mode.starts():
+        start = {
+            name: torch.tensor(number, dtype=torch.float64) for name, number in numbers.items()
+        }
         values = {**prior.model.means, **prior.model.neutral_values(mode), **start}
         observations = views.observations
         pixels, _ = path.adjustments[0](observations.pixels, values, observations.exposure)

@@ -12,7 +12,7 @@ from calib.corners.view import RejectedPicture, View
 from calib.errors import InputError, NotEnoughDataError, OtherBoardError
 from calib.fitting.inputs import read_views
 from calib.io.files import reading
-from calib.io.images import image_size, list_images
+from calib.io.images import TYPES, image_size, list_images, most_frequent_size
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.session import Session, read_session
@@ -43,14 +43,13 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
     if is_session:
         session = read_session(paths[0])
         rejected: tuple[RejectedPicture, ...] = ()
-        sizes = {(session.camera.width, session.camera.height)}
+        size = session.camera.width, session.camera.height
     else:
-        session, sizes, rejected = _without_session(paths, calibration)
+        session, size, rejected = _without_session(paths, calibration)
     camera = calibration.camera
-    if other_sizes := sizes - {(camera.width, camera.height)}:
-        width, height = min(other_sizes)
+    if size != (camera.width, camera.height):
         words = (
-            f"the pictures come from another mode: {width}x{height} px where the calibration has"
+            f"the pictures come from another mode: {size[0]}x{size[1]} px where the calibration has"
             f" {camera.width}x{camera.height}"
         )
         return Pictures((), session.board, rejected, words, "other_mode")
@@ -78,20 +77,29 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
 
 def _without_session(
     paths: Sequence[Path], calibration: Calibration
-) -> tuple[Session, set[tuple[int, int]], tuple[RejectedPicture, ...]]:
-    """Return a session of these pictures, their sizes in px, and the damaged ones."""
+) -> tuple[Session, tuple[int, int], tuple[RejectedPicture, ...]]:
+    """Return a session of the pictures that have the size of most of them, this size in px, and the
+    others and the damaged ones.
+    """
     files = [file for path in paths for file in _files(path)]
-    readable: list[Path] = []
-    sizes: set[tuple[int, int]] = set()
+    sizes: dict[Path, tuple[int, int]] = {}
     rejected = []
     for file in files:
         try:
-            sizes.add(image_size(file))
-            readable.append(file)
+            sizes[file] = image_size(file)
         except InputError as error:
             rejected.append(RejectedPicture(file.name, str(error)))
-    if not readable:
+    if not sizes:
         raise InputError(f"No picture can be checked: {rejected[0].reason}")
+    width, height = size = most_frequent_size(sizes)
+    readable = [file for file in sizes if sizes[file] == size]
+    rejected += [
+        RejectedPicture(
+            file.name, f"is {sizes[file][0]}x{sizes[file][1]} px where most are {width}x{height}"
+        )
+        for file in sizes
+        if sizes[file] != size
+    ]
     session = Session(
         readable[0].parent,
         calibration.board,
@@ -101,7 +109,7 @@ def _without_session(
         None,
         None,
     )
-    return session, sizes, tuple(rejected)
+    return session, size, tuple(rejected)
 
 
 def _files(path: Path) -> Sequence[Path]:
@@ -116,7 +124,7 @@ def _files(path: Path) -> Sequence[Path]:
     files = list_images(folder)
     if not files:
         raise InputError(
-            f"{folder} has no pictures: give a session, a folder of png, jpg, tiff, bmp or npy"
-            " files, or the files themselves."
+            f"{folder} has no pictures: give a session, a folder of {TYPES} files,"
+            " or the files themselves."
         )
     return files

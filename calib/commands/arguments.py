@@ -118,6 +118,14 @@ def folder_of(calibration: Path) -> Path:
     return calibration if calibration.is_dir() else calibration.parent
 
 
+def add_camera(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--camera",
+        metavar="NAME",
+        help="the camera, if the pictures' names tell several; all: it is one camera",
+    )
+
+
 def add_output(parser: argparse.ArgumentParser, help_text: str, *, required: bool) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="DIR", required=required, help=help_text

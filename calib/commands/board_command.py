@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from calib.commands.arguments import add_output, add_overwrite, millimetres, quoted, whole_size
 from calib.errors import InputError
 from calib.io.numerals import whole_number
-from calib.session.coding import DICTIONARIES, SPACING_LIMITS, TYPES
+from calib.session.coding import DICTIONARIES, SPACING_LIMITS
 
 if TYPE_CHECKING:
     from calib.sheet.paper import Paper
@@ -36,7 +36,9 @@ BY_TYPE = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--type", choices=TYPES, default=TYPES[0], help="the kind of board")
+    parser.add_argument(
+        "--type", choices=tuple(BY_TYPE), default="checkerboard", help="the kind of board"
+    )
     parser.add_argument(
         "--columns",
         type=_count,

@@ -10,7 +10,17 @@ from calib.session.coding import DICTIONARIES, TYPES
 if TYPE_CHECKING:
     from calib.session.board import Board
 
-OPTIONS = ("type", "square_mm", "marker_mm", "dictionary", "legacy_pattern", "tag_mm", "spacing")
+OPTIONS = (
+    "type",
+    "square_mm",
+    "marker_mm",
+    "dictionary",
+    "legacy_pattern",
+    "tag_mm",
+    "spacing",
+    "first_marker",
+    "inverted",
+)
 """The names that session.yaml has for the options."""
 
 
@@ -24,7 +34,7 @@ def add_coding(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> Non
         "--dictionary",
         choices=tuple(DICTIONARIES),
         metavar="NAME",
-        help="dictionary of a charuco's markers, such as DICT_4X4_250",
+        help="dictionary of a charuco's or a gridboard's markers, such as DICT_4X4_250",
     )
     parser.add_argument(
         "--legacy-pattern",
@@ -36,13 +46,25 @@ def add_coding(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> Non
         "--tag-mm",
         type=millimetres,
         metavar="S",
-        help="side of an aprilgrid's tag, instead of --square-mm",
+        help="side of an aprilgrid's or a gridboard's tag, instead of --square-mm",
     )
     parser.add_argument(
         "--spacing",
         type=positive_number,
         metavar="PART",
-        help="gap between an aprilgrid's tags, as a fraction of a tag's side, such as 0.3",
+        help="gap between a grid's tags, as a fraction of a tag's side, such as 0.3",
+    )
+    parser.add_argument(
+        "--first-marker",
+        type=int,
+        metavar="N",
+        help="number of the board's first marker (default: 0)",
+    )
+    parser.add_argument(
+        "--inverted",
+        action="store_true",
+        default=None,
+        help="for boards that are printed white on black",
     )
 
 
@@ -57,7 +79,7 @@ def board_from_options(args: argparse.Namespace) -> "Board | None":
     if args.board is None or not options.keys() & {"square_mm", "tag_mm"}:
         raise InputError(
             "--board and --square-mm belong together: give both, such as --board 9x6 --square-mm"
-            " 25; an aprilgrid has --tag-mm instead."
+            " 25; an aprilgrid or a gridboard has --tag-mm instead."
         )
     columns, rows = args.board
     return read_board(Section({"columns": columns, "rows": rows, **options}, "The command line"))

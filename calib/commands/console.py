@@ -16,6 +16,7 @@ from rich.table import Table
 
 from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
+from calib.corners.copies import describe_still
 from calib.corners.view import RejectedPicture
 from calib.errors import brief, harmless
 from calib.fitting.board_turns import describe_turned
@@ -96,6 +97,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         *view_lines,
         *_lens(calibration),
         *_prior(calibration),
+        *describe_still(calibration.views),
         *_turned_boards(calibration),
         *_bend(calibration),
         *_scatter(calibration),
@@ -211,6 +213,12 @@ def print_evaluation(evaluation: Evaluation, *, wide: bool) -> None:
     table.add_row("all", str(total), f"{evaluation.rms_px:.3f} px", f"{evaluation.rmse_cm:.4f} cm")
     console.print(table)
     console.print(f"{evaluation.frames_used} views, their poses refitted.")
+    for view in evaluation.bad_views:
+        line = (
+            f"Does not fit: {view.file}: {view.rms_px:.3f} px, the other views"
+            f" {evaluation.other_views_rms_px:.3f} px."
+        )
+        console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
     _list_rejected(console, evaluation.rejected)
 
 

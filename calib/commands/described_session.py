@@ -34,7 +34,7 @@ def add_description(parser: argparse.ArgumentParser) -> None:
         "--board",
         type=whole_size,
         metavar="AxB",
-        help="inner corners, columns x rows, or an aprilgrid's tags (default: as found)",
+        help="inner corners, columns x rows, or a grid's tags (default: as found)",
     )
     board.add_argument("--square-mm", type=millimetres, metavar="S", help="side of a square")
     add_coding(board)
@@ -53,23 +53,31 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     Raises:
         InputError: the pictures need a description; the message has the command that gives it.
     """
-    from calib.importing.picture_session import check_replaceable, describe_pictures, find_pictures
+    from calib.importing.picture_session import (
+        check_replaceable,
+        choose_pictures,
+        describe_pictures,
+        find_pictures,
+    )
     from calib.session.session import read_session
 
     cover = cover_from_options(args)
     intrinsics = intrinsics_from_options(args)
-    is_described = bool(cover or intrinsics or args.board or _board_options(args))
+    is_described = bool(cover or intrinsics or args.board or args.camera or _board_options(args))
     path = args.session[0]
     if len(args.session) == 1 and not is_described and _is_session_or_missing(path):
         return read_session(path)
     source = find_pictures(args.session)
     if source.is_described and not is_described:
         return read_session(source.session)
+    source = choose_pictures(source, args.camera)
     check_replaceable(source)
     board = board_from_options(args) if args.board else _find_board(args, source, progress)
     assert board
     cover = cover or {"shape": "none"}
-    return read_session(describe_pictures(source, board, cover, intrinsics, progress))
+    for notice in describe_pictures(source, board, cover, intrinsics, progress):
+        print(harmless(f"calib: {notice}"), file=sys.stderr)
+    return read_session(source.session)
 
 
 def _is_session_or_missing(path: Path) -> bool:

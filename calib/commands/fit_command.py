@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_depths, add_output, add_overwrite, effects
+from calib.commands.arguments import add_camera, add_depths, add_output, add_overwrite, effects
 from calib.commands.described_session import add_description, session_of
 from calib.commands.effect_names import effects_help
 from calib.commands.fit_options import add_fit_options, settings_of
@@ -34,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "session", type=Path, nargs="+", metavar="SESSION", help="the session, pictures or a video"
     )
     add_description(parser)
+    add_camera(parser)
     add_output(parser, "folder for the results (default: SESSION/calibration)", required=False)
     add_overwrite(parser)
     add_fit_options(parser)
@@ -122,6 +123,8 @@ def run(args: argparse.Namespace) -> None:
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
     """Return the JSON object of the command contract."""
+    from calib.corners.copies import describe_still
+
     intrinsics = calibration.camera.intrinsics
     record = calibration.record()
     assert intrinsics
@@ -129,6 +132,7 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         "frames_used": len(calibration.views),
         "frames_rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "corners": sum(view.count for view in calibration.views),
+        "still_boards": describe_still(calibration.views),
         "second_look": record.get("second_look", []),
         "view_noise": record.get("view_noise", {}),
         "noise_px": calibration.noise_px,

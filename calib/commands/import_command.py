@@ -1,10 +1,11 @@
 """The command `calib import`."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_output, millimetres, whole_size
+from calib.commands.arguments import add_camera, add_output, millimetres, whole_size
 from calib.commands.board_options import add_coding, board_from_options
 from calib.errors import harmless
 
@@ -46,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         if name != "mrcal":
             required = name != "kalibr"
             pictured = name in ("ros", "images", "video")
-            tags = ", or an aprilgrid's tags" if pictured else ""
+            tags = ", or a grid's tags" if pictured else ""
             source.add_argument(
                 "--board",
                 type=whole_size,
@@ -71,6 +72,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             source.add_argument(
                 "--camera", metavar="camN", help="the camera, if camchain.yaml describes several"
             )
+        if name in ("images", "mrcal-corners"):
+            add_camera(source)
         if name == "mrcal-corners":
             source.add_argument(
                 "--size",
@@ -86,7 +89,10 @@ def run(args: argparse.Namespace) -> None:
     from calib.importing.session_draft import check_new, write_session
 
     check_new(args.output)
-    count = write_session(_draft(args), args.output)
+    draft = _draft(args)
+    count = write_session(draft, args.output)
+    for notice in draft.notices:
+        print(harmless(f"calib: {notice}"), file=sys.stderr)
     kind = "views" if args.source.startswith("mrcal") else "pictures"
     print(harmless(f"{args.output} has {count} {kind}: calibrate it with calib fit {args.output}"))
 
@@ -105,9 +111,9 @@ def _draft(args: argparse.Namespace) -> "SessionDraft":
         return from_kalibr(args.path, board, args.camera)
     assert board
     if args.source == "mrcal-corners":
-        return from_corners(args.path, board, args.size)
+        return from_corners(args.path, board, args.size, args.camera)
     if args.source == "ros":
         return from_ros_archive(args.path, board, args.camera)
     if args.source == "video":
         return from_video(args.path, board)
-    return from_pictures(args.path, board)
+    return from_pictures(args.path, board, camera=args.camera)

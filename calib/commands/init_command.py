@@ -30,16 +30,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--size",
         type=whole_size,
         metavar="WxH",
-        help="size of the pictures, px (default: that of the first one, or 1640x1232)",
+        help="size of the pictures, px (default: that of most of them, or 1640x1232)",
     )
     add_overwrite(parser)
 
 
 def run(args: argparse.Namespace) -> None:
     from calib.commands.printing import print_paths
+    from calib.importing.from_pictures import uniform_pictures
     from calib.io.file_set import FileSet
     from calib.io.files import reading
-    from calib.io.images import image_size, session_pictures
+    from calib.io.images import session_pictures
     from calib.session.board_section import EXAMPLES as BOARDS
     from calib.session.board_section import board_to_yaml
     from calib.session.commented import commented_session
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> None:
                 f"{folder / 'session.yaml'} is there already: correct it, or replace it with"
                 " --overwrite."
             )
-    width, height = args.size or (image_size(pictures[0]) if pictures else SIZE)
+    width, height = args.size or (uniform_pictures(folder, pictures).size if pictures else SIZE)
     board = board_from_options(args)
     described = board_to_yaml(board) if board else {**BOARDS[args.type or "checkerboard"]}
     camera: dict[str, object] = {"width": width, "height": height}

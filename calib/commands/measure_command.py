@@ -29,6 +29,9 @@ EXAMPLES = (
     "calib measure cam0/calibration points.csv --triangulate",
 )
 
+CLICK_NOISE_PX = 0.5
+"""px, per axis: a person points to the middle of a pixel, or to the next one."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
@@ -53,10 +56,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--poses", type=Path, metavar="FILE", help=poses)
     noise = (
-        "noise of the given pixels, per axis (default: that of the calibration's corners, which a"
-        " click seldom reaches)"
+        f"noise of the given pixels, per axis (default: {CLICK_NOISE_PX:g}, of a person's clicks; a"
+        " detector's corners have a tenth of it)"
     )
-    parser.add_argument("--noise", type=positive_number, metavar="PX", help=noise)
+    parser.add_argument(
+        "--noise", type=positive_number, metavar="PX", default=CLICK_NOISE_PX, help=noise
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

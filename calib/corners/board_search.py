@@ -3,26 +3,22 @@
 What a picture cannot tell is not guessed: the size of a square in mm.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.corners.board_size import shown_size
 from calib.corners.coded import (
     measure_marker_size,
     measure_spacing,
     refine_tag_outlines,
     select_board_markers,
 )
-from calib.corners.detect import CornerGrid, has_grid, largest_grid
-from calib.corners.detect_all import COMMON_SIZES
 from calib.corners.detection import NotFound
 from calib.corners.markers import Markers, marker_places, read_markers
 from calib.corners.other_coding import (
-    KALIBR,
     MARKER_FRACTIONS,
     MAX_COLUMNS,
     MIN_LINKED_FRACTION,
@@ -30,20 +26,15 @@ from calib.corners.other_coding import (
     most_frequent_family,
     smallest_dictionary,
 )
+from calib.corners.picture_scale import reduce_picture, reducing_factor
 from calib.session.board import Board
-from calib.session.board_section import board_to_yaml
+from calib.session.board_section import KALIBR, board_to_yaml
 from calib.session.coding import DICTIONARIES, AprilGrid, Charuco
 
-MAX_SIDE = 1280
+MAX_SIDE = 1920
 """px, the longer side of the pictures that are searched: the search takes seconds, not minutes."""
 MARKER_PICTURES = 4
 """Pictures that are searched for markers: a dictionary is either in all of them or in none."""
-MIN_AGREEMENT = 0.5
-"""Part of the pictures with any chessboard that must show the same size."""
-CLEAR_CORNERS = 20
-"""Corners of a chessboard that tiles or letters do not make by chance. A smaller one counts only if
-every picture shows it.
-"""
 CLEAR_FRACTION = 0.95
 """Part of the markers that no other layout explains as well."""
 SPACING_STEP = 0.05
@@ -83,7 +74,7 @@ class FoundBoard:
 
     @property
     def sentence(self) -> str:
-        """What was found, without a full stop."""
+        """The finding as a clause, without a full stop."""
         match self.board.coding:
             case Charuco(dictionary=dictionary):
                 return f"Found a {self.board} board with markers of {dictionary}"
@@ -123,48 +114,16 @@ def search_board(pictures: Sequence[Picture]) -> FoundBoard | None:
     A chessboard is searched for first, as it is found fastest. One picture of it then shows whether
     it has markers.
     """
-    small = [_reduce(picture) for picture in pictures]
-    grids = [largest_grid(picture) for picture in small]
-    grid_pictures = [picture for picture, grid in zip(small, grids, strict=True) if grid]
-    chessboard = _agreed_size(grids)
-    if chessboard and not _search_markers(grid_pictures[:1]):
-        return chessboard
-    return _search_markers(small[:MARKER_PICTURES]) or chessboard or _try_common_sizes(small)
-
-
-def _reduce(picture: Picture) -> Picture:
-    factor = MAX_SIDE / max(picture.shape)
-    if factor >= 1:
-        return picture
-    return np.asarray(
-        cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8
-    )
-
-
-def _agreed_size(grids: Sequence[CornerGrid | None]) -> FoundBoard | None:
-    """Return the chessboard that most of the pictures with any grid show."""
-    sizes = Counter(grid.size for grid in grids if grid)
-    if not sizes:
-        return None
-    (columns, rows), count = sizes.most_common(1)[0]
-    agree = count >= MIN_AGREEMENT * sizes.total() and count >= min(2, len(grids))
-    if agree and (columns * rows >= CLEAR_CORNERS or count == len(grids) > 2):
-        return FoundBoard(Board(columns, rows, 1.0), count, len(grids))
-    return None
-
-
-def _try_common_sizes(pictures: Sequence[Picture]) -> FoundBoard | None:
-    """Return the chessboard of a common size that at least half of the pictures show, where no grid
-    could be measured.
-    """
-    hits = {
-        size: sum(has_grid(picture, Board(*size, 1.0)) for picture in pictures)
-        for size in COMMON_SIZES
-    }
-    size = max(hits, key=lambda size: hits[size])
-    if hits[size] >= max(MIN_AGREEMENT * len(pictures), min(2, len(pictures))):
-        return FoundBoard(Board(*size, 1.0), hits[size], len(pictures))
-    return None
+    small = [reduce_picture(p, reducing_factor(p, MAX_SIDE)) for p in pictures]
+    chessboard = shown_size(pictures)
+    found = None
+    if chessboard:
+        shown = chessboard.pictures
+        board = Board(chessboard.columns, chessboard.rows, 1.0)
+        found = FoundBoard(board, len(shown), chessboard.searched)
+        if not _search_markers([small[shown[0]]]):
+            return found
+    return _search_markers(small[:MARKER_PICTURES]) or found
 
 
 def _search_markers(pictures: Sequence[Picture]) -> FoundBoard | None:

@@ -18,12 +18,14 @@ from calib.corners.markers import (
     THRESHOLD_WINDOWS,
     Markers,
     border_of,
+    marker_cells,
     marker_places,
     read_markers,
     read_small_markers,
 )
 from calib.corners.measure import MeasuredCorners, measure_corners
 from calib.corners.outlier_corners import CORNER_NOISE, remove_outlier_corners
+from calib.corners.tag_outline import edge_vectors, measure_outlines
 from calib.session.board import Board
 from calib.session.coding import AprilGrid, Charuco
 
@@ -74,7 +76,11 @@ def find_coded_board(
     located = locate_corners(grey, board)
     if isinstance(located, NotFound):
         return located
-    measured = _measure_consistent_corners(every_bit, _add_neighbours(located, board, grey), board)
+    measured = (
+        _measure_tags(every_bit, located, board, board.coding)
+        if isinstance(board.coding, AprilGrid) and not board.coding.crossings
+        else _measure_consistent_corners(every_bit, _add_neighbours(located, board, grey), board)
+    )
     if isinstance(board.coding, AprilGrid) and (
         problem := _describe_other_spacing(
             measured.corners, board, board.coding, MEASURED_SPACING_TOLERANCE
@@ -104,6 +110,8 @@ def locate_corners(
     """
     assert board.coding
     border = border_of(board.coding)
+    if board.coding.inverted:
+        grey = np.asarray(cv2.bitwise_not(grey), np.uint8)
     markers = (
         read_small_markers(grey, board.coding, windows)
         if enlarge
@@ -192,16 +200,65 @@ def _measure_consistent_corners(grey: NDArray, located: Floats, board: Board) ->
             )
 
 
+def _measure_tags(
+    grey: NDArray, located: Floats, board: Board, coding: AprilGrid
+) -> MeasuredCorners:
+    """Measure the corners of the tags of which all four are located, where the edges of their
+    outlines meet. Between two corners, an edge bends as the board around it does.
+    """
+    if coding.inverted:
+        grey = np.asarray(np.iinfo(grey.dtype).max - grey, grey.dtype)
+    order = np.arange(board.count).reshape(board.rows // 2, 2, board.columns // 2, 2)
+    clockwise = order.swapaxes(1, 2).reshape(-1, 4)[:, [0, 1, 3, 2]]  # (tags, 4)
+    complete = clockwise[np.isfinite(located[clockwise][..., 0]).all(1)]
+    corners = np.full((board.count, 2), np.nan)
+    covariances = np.full((board.count, 2, 2), np.nan)
+    blurs = np.full((board.count, 2), np.nan)
+    if not len(complete):
+        return MeasuredCorners(corners, covariances, blurs)
+    rough = located[complete]
+    following = np.roll(complete, -1, 1)
+    unit = 2 * board.half[0] / (board.columns - 1)
+    visible = np.isfinite(located[:, 0])
+    middles = (board.points()[complete] + board.points()[following]).reshape(-1, 2) / 2
+    bent = LocalMap.fit(
+        board.points()[visible] / unit, located[visible], middles / unit, CORNER_NOISE, cubic=True
+    )
+    straight = (rough + np.roll(rough, -1, 1)) / 2
+    _, normals = edge_vectors(rough)
+    bends = ((bent.pixels.reshape(straight.shape) - straight) * normals).sum(-1)
+    outlines = measure_outlines(grey, rough, marker_cells(coding), bends)
+    corners[complete] = outlines.corners
+    blocks = outlines.covariances.reshape(-1, 4, 2, 4, 2)
+    covariances[complete] = np.stack([blocks[:, k, :, k] for k in range(4)], 1)
+    # from each corner to the next: along the row, the column, the row, the column
+    before = np.roll(outlines.blurs, 1, 1)
+    along_row = np.where([True, False, True, False], outlines.blurs, before)
+    along_column = np.where([True, False, True, False], before, outlines.blurs)
+    blurs[complete] = np.stack([along_row, along_column], -1)
+    kept = np.isfinite(remove_outlier_corners(corners, board)[:, 0])
+    return MeasuredCorners(
+        np.where(kept[:, None], corners, np.nan),
+        np.where(kept[:, None, None], covariances, np.nan),
+        np.where(kept[:, None], blurs, np.nan),
+    )
+
+
 def select_board_markers(markers: Markers, board: Board) -> Markers | NotFound:
-    """Return the markers that lie as on the board, or the reason not to trust any of them."""
+    """Return the markers that lie as on the board, with numbers that count from its first marker,
+    or the reason not to trust any of them.
+    """
+    assert board.coding
+    first = board.coding.first_marker
+    markers = Markers(markers.numbers - first, markers.corners)
     places = marker_places(board)
     identified = markers.select((markers.numbers >= 0) & (markers.numbers < len(places)))
     foreign = len(markers.numbers) - len(identified.numbers)
     if foreign >= max(3, len(identified.numbers) / 5):
         return NotFound(
-            f"markers with numbers up to {markers.numbers.max()} are seen, where a {board} board"
-            f" has 0 to {len(places) - 1}: correct columns, rows or dictionary in session.yaml, or"
-            " show this board alone",
+            f"markers with numbers up to {markers.numbers.max() + first} are seen, where a {board}"
+            f" board has {first} to {first + len(places) - 1}: correct columns, rows, first_marker"
+            " or dictionary in session.yaml, or show this board alone",
             "other",
         )
     if not len(identified.numbers):
@@ -226,8 +283,8 @@ def select_board_markers(markers: Markers, board: Board) -> Markers | NotFound:
     repeated = _find_repeated_number(identified)
     if repeated is not None and len(groups[0]) > 1:
         return NotFound(
-            f"marker {repeated} of the {board} board is seen twice: show one board alone, with each"
-            " of its markers once"
+            f"marker {repeated + first} of the {board} board is seen twice: show one board alone,"
+            " with each of its markers once"
         )
     if len(groups[0]) < 2 or (len(groups) > 1 and len(groups[1]) > 1):
         reason = (
@@ -399,8 +456,11 @@ def _undisturbed_distance(board: Board) -> float:
     of the mean distance of two corners.
     """
     match board.coding:
-        case AprilGrid(spacing):
-            return min(spacing, 0.2) * board.square / (2 * board.half[0] / (board.columns - 1))
+        case AprilGrid(spacing) as coding:
+            tag_border = border_of(coding) / marker_cells(coding)
+            return (
+                min(spacing, tag_border) * board.square / (2 * board.half[0] / (board.columns - 1))
+            )
         case Charuco(marker):
             return (1 - marker / board.square) / 2
         case None:

@@ -3,11 +3,13 @@ corner.
 
 Corners come row by row, columns fastest. A corner of level k has the weight 2^-k; "-" for x and y,
 or for the level, or a negative level, marks a corner that is not visible. A picture with a single
-line of "-" shows no board. Three more columns may give each corner's covariance, "xx xy yy", px^2;
+line of "-" shows no board. Without the column `level` all corners count alike. The file may be
+packed by gzip. Three more columns may give each corner's covariance, "xx xy yy", px^2;
 mrcal itself reads only files without them.
 """
 
 import math
+import zlib
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
@@ -28,7 +30,8 @@ HIGHEST_LEVEL = 100
 0.
 """
 MAX_BYTES = 256 << 20
-"""A million corners take a quarter of it."""
+"""A million corners take a quarter of it, packed or not."""
+GZIP = b"\x1f\x8b"
 NO_COVARIANCE = (math.nan, math.nan, math.nan)
 
 
@@ -133,8 +136,11 @@ def _format_corner(xy: NDArray[np.float64], weight: float) -> str:
 
 
 def _read_rows(path: Path) -> list[_Row]:
+    data = read_file(path, MAX_BYTES)
+    if data.startswith(GZIP):
+        data = _unpack(path, data)
     try:
-        text = read_file(path, MAX_BYTES).decode()
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(
             f'{path} is not a UTF-8 text file: write a vnlog that starts with "{LEGEND}".'
@@ -162,6 +168,24 @@ def _read_rows(path: Path) -> list[_Row]:
             )
         rows.append(_row(dict(zip(legend, fields, strict=True)), number, where))
     return rows
+
+
+def _unpack(path: Path, data: bytes) -> bytes:
+    """Return the contents of a gzip file; InputError if it is damaged or too large."""
+    unpacker = zlib.decompressobj(wbits=16 + zlib.MAX_WBITS)
+    try:
+        text = unpacker.decompress(data, MAX_BYTES)
+    except zlib.error as error:
+        raise InputError(
+            f"{path} is a damaged gzip file ({brief(error)}): unpack it with gunzip, or copy it"
+            " again."
+        ) from error
+    if not unpacker.eof:
+        raise InputError(
+            f"{path} is a gzip file that is incomplete, or larger than {MAX_BYTES >> 20} MB when"
+            " unpacked: copy it again."
+        )
+    return text
 
 
 def _row(fields: dict[str, str], number: int, where: str) -> _Row:

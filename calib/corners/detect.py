@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from calib.corners.detection import Detection
 from calib.corners.measure import measure_corners
 from calib.corners.ordering import canonical_order
-from calib.corners.picture_scale import enlarge_corners, live_factor, reduce_picture
+from calib.corners.picture_scale import enlarge_corners, reduce_picture, reducing_factor
 from calib.corners.saddle_grid import SaddleGrid, find_grid
 from calib.session.board import Board
 
@@ -116,17 +116,6 @@ def largest_grid(grey: NDArray) -> CornerGrid | None:
     if grid.shape[0] > grid.shape[1]:
         grid = grid.swapaxes(0, 1)
     return CornerGrid((grid.shape[1], grid.shape[0]), grid.reshape(-1, 2))
-
-
-def has_grid(grey: NDArray, board: Board) -> bool:
-    """True if a quick search in a (H, W) uint8 picture finds this board."""
-    small, _ = _reduce(grey)
-    corners = _sector_corners(small, board, SECTOR_FLAGS)
-    return (
-        corners is not None
-        and is_inside(corners, small.shape)
-        and is_regular(refine(small, corners, board), board, small.shape)
-    )
 
 
 def eight_bits(grey: NDArray) -> NDArray[np.uint8]:
@@ -230,7 +219,7 @@ def _by_saddles(grey: NDArray[np.uint8], board: Board) -> LocatedBoard | None:
     """Search a reduced picture, and one of half its size, which shows boards that are out of
     focus.
     """
-    finest = live_factor(grey)
+    finest = reducing_factor(grey)
     for factor in (finest, min(2 * finest, *grey.shape)):
         grid = find_grid(reduce_picture(grey, factor), board)
         if grid and (corners := next(grid.board_positions(board), None)) is not None:

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners import detect as detector
-from calib.corners.detect import eight_bits, has_grid, largest_grid
+from calib.corners.board_size import shown_size
+from calib.corners.detect import eight_bits
 from calib.corners.detection import Detection, NotFound
 from calib.corners.find import CHECKERBOARD_ADVICE, find_board
 from calib.corners.other_coding import other_coding
@@ -45,24 +46,10 @@ SAMPLE_SIZE = 6
 """Pictures, spread over the session, that are searched first. If none shows the declared board,
 they are searched for other boards.
 """
-COMMON_SIZES = (
-    (11, 8),
-    (10, 7),
-    (9, 9),
-    (9, 7),
-    (9, 6),
-    (8, 8),
-    (8, 6),
-    (8, 5),
-    (7, 7),
-    (7, 6),
-    (7, 5),
-    (6, 5),
-    (6, 4),
-)
-"""Columns and rows of common boards, larger ones first: a part of a larger board can pass for a
-smaller one.
-"""
+
+
+class OtherSize(NotFound):
+    """The picture has another size than the camera's pictures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,11 +77,12 @@ def detect(
         board: the board.
         progress: called after each picture with the number of finished pictures, and the number of
             those that show the board.
-        size: width and height that every picture must have, px. None: any.
+        size: width and height of the camera's pictures, px. Those of another size are rejected.
+            None: any.
         min_views: pictures that must show the board, if there are so many.
 
     Raises:
-        InputError: a picture cannot be read, or has another size.
+        InputError: a picture cannot be read, or at least half of them have another size.
         NotEnoughDataError: hardly any picture shows the board.
         OtherBoardError: the pictures show another board, which the message names.
     """
@@ -108,6 +96,7 @@ def detect(
     stores = {folder: _Store(folder, board, size) for folder in {path.parent for path in paths}}
     results: dict[int, Detection | NotFound] = {}
     hits = 0
+    strays: dict[int, str] = {}
     try:
         for batch in (sample, remainder):
             for index, result in zip(
@@ -117,12 +106,21 @@ def detect(
                 hits += isinstance(result, Detection)
                 if progress is not None:
                     progress(len(results), hits)
+            strays = {i: r.reason for i, r in results.items() if isinstance(r, OtherSize)}
+            usable = len(paths) - len(strays)
+            if usable < min(min_views, len(paths)) or len(strays) >= min(usable, len(results)):
+                first = min(strays)
+                raise InputError(
+                    f"{paths[first]} {strays[first]}, and too few pictures have that size: correct"
+                    " camera.width and camera.height in session.yaml, or give the pictures of this"
+                    " camera mode."
+                )
             if batch is sample and not hits:
                 _refuse_other_board([paths[i] for i in sample], board)
     finally:
         for store in stores.values():
             store.save()
-    if hits < min(min_views, len(paths)) or hits < MIN_FRACTION * len(paths):
+    if hits < min(min_views, len(paths)) or hits < MIN_FRACTION * usable:
         if hits:
             _refuse_other_board(
                 [paths[i] for i in (*sample, *remainder) if isinstance(results[i], NotFound)][
@@ -174,41 +172,19 @@ def _in_threads(
 
 
 def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
-    """Raise OtherBoardError if at least half of the pictures show one board, and it is not the
-    declared one.
-    """
+    """Raise OtherBoardError if the pictures show one board, and it is not the declared one."""
     pictures = [eight_bits(read_grey(path)) for path in paths]
     if board.coding:
         if advice := other_coding(pictures, board):
             raise OtherBoardError(advice)
         return
-    size, count = _most_shown_size(pictures, board.square)
-    if (
-        2 * count >= len(paths)
-        and count >= min(2, len(paths))
-        and set(size) != {board.columns, board.rows}
-    ):
+    shown = shown_size(pictures)
+    if shown and {shown.columns, shown.rows} != {board.columns, board.rows}:
         raise OtherBoardError(
-            f"a board of {size[0]}x{size[1]} inner corners fits {count} of the {len(paths)}"
-            f" pictures that were tried, the declared {board} none of them: write board.columns:"
-            f" {size[0]}, board.rows: {size[1]} in session.yaml."
+            f"a board of {shown.columns}x{shown.rows} inner corners is seen in"
+            f" {len(shown.pictures)} pictures, the declared {board} in none of these: write"
+            f" board.columns: {shown.columns}, board.rows: {shown.rows} in session.yaml."
         )
-
-
-def _most_shown_size(
-    pictures: Sequence[NDArray[np.uint8]], square: float
-) -> tuple[tuple[int, int], int]:
-    """Return the columns and rows of the board that most pictures show, and the number of these
-    pictures. The common sizes are tried where no grid can be measured.
-    """
-    measured = Counter(grid.size for grid in map(largest_grid, pictures) if grid is not None)
-    if measured and 2 * max(measured.values()) >= len(pictures):
-        return measured.most_common(1)[0]
-    hits_by_size = {
-        size: sum(has_grid(picture, Board(*size, square)) for picture in pictures)
-        for size in COMMON_SIZES
-    }
-    return max(hits_by_size.items(), key=lambda entry: entry[1])
 
 
 class _Store:
@@ -246,7 +222,7 @@ class _Store:
         """Return the stored result, or decode the picture and search it. Safe in several threads.
 
         Raises:
-            InputError: the picture cannot be read, or has another size than requested.
+            InputError: the picture cannot be read.
         """
         try:
             digest = hashlib.sha256(read_file(path)).hexdigest()
@@ -254,23 +230,24 @@ class _Store:
             digest = ""  # read_grey below raises with the reason
         with suppress(ValueError, KeyError, TypeError, OverflowError):
             result, size = _from_entry(self._files[path.name], digest, self._board)
-            self._check(path, size)
-            return result
+            return self._wrong_size(size) or result
         grey = read_grey(path)
         height, width = grey.shape
-        self._check(path, (width, height))
+        if wrong := self._wrong_size((width, height)):
+            return wrong
         result = find_board(grey, self._board)
         self._files[path.name] = {"sha256": digest, "size": [width, height], **_to_entry(result)}
         self._changed = True
         return result
 
-    def _check(self, path: Path, size: tuple[int, int]) -> None:
-        if self._size and size != self._size:
-            raise InputError(
-                f"{path} is {size[0]}x{size[1]} px where camera.width and camera.height in"
-                f" session.yaml say {self._size[0]}x{self._size[1]}: correct them, or remove the"
-                " picture."
-            )
+    def _wrong_size(self, size: tuple[int, int]) -> OtherSize | None:
+        """Return why a picture of this size is rejected; None if it has that of the camera."""
+        if not self._size or size == self._size:
+            return None
+        return OtherSize(
+            f"is {size[0]}x{size[1]} px where the camera's pictures are"
+            f" {self._size[0]}x{self._size[1]}"
+        )
 
     def save(self) -> None:
         if self._changed and self._is_ours:

@@ -92,7 +92,8 @@ def remove_ink_spread(spread: InkSpread, outlines: Outlines) -> Outlines:
     outwards = np.linalg.solve(both_normals, np.ones((*both_normals.shape[:2], 2, 1)))[..., 0]
     flat = outwards.reshape(len(outwards), -1)
     covariance = spread.sigma**2 * flat[:, :, None] * flat[:, None, :]
-    return Outlines(outlines.corners - spread.px * outwards, outlines.covariances + covariance)
+    corners = outlines.corners - spread.px * outwards
+    return Outlines(corners, outlines.covariances + covariance, outlines.blurs)
 
 
 def _fit_spread(shifts: Floats, levers: Floats, variances: Floats) -> InkSpread:

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners.local_map import LocalMap
+from calib.corners.markers import border_of, marker_cells
 from calib.session.board import Board
 from calib.session.coding import AprilGrid, Charuco
 
 Floats = NDArray[np.float64]
 
-TAG_BORDER = 0.2  # of a tag's side: the width of its black border
 SMALL_SQUARE_FRACTION = 0.83  # of the small square's side, that an edge is measured on
 MAX_TAG_REACH = 0.4  # of a tag's side, that an edge is measured on
 TAG_CLEARANCE = 0.8  # of the distance between a tag's edge and its bits
@@ -130,9 +130,10 @@ def _step_and_clearance(board: Board) -> tuple[float, float]:
             return board.square, np.inf
         case Charuco(marker):
             return board.square, MARKER_CLEARANCE * (1 - marker / board.square) / 2
-        case AprilGrid(spacing):
+        case AprilGrid(spacing) as coding:
             reach = min(SMALL_SQUARE_FRACTION * spacing, MAX_TAG_REACH)
-            return 2 * reach * board.square, TAG_CLEARANCE * TAG_BORDER / (2 * reach)
+            tag_border = border_of(coding) / marker_cells(coding)  # of a tag's side
+            return 2 * reach * board.square, TAG_CLEARANCE * tag_border / (2 * reach)
 
 
 def edge_normals(steps: Floats) -> Floats:

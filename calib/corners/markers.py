@@ -14,9 +14,6 @@ from calib.session.coding import AprilGrid, Charuco, Coding
 
 Floats = NDArray[np.float64]
 
-BORDERS = {Charuco: 1, AprilGrid: 2}
-"""Cells of black around a marker's bits: Kalibr's tags have one more than other markers."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Markers:
@@ -120,7 +117,7 @@ def _merge_markers(markers: Markers, candidates: Markers) -> Markers:
 
 def border_of(coding: Coding) -> int:
     """Return how many cells of black surround a marker's bits."""
-    return BORDERS[type(coding)]
+    return coding.border
 
 
 def marker_cells(coding: Coding) -> int:
@@ -144,22 +141,19 @@ def black_cells(dictionary: str, number: int, border: int) -> NDArray[np.bool_]:
 @lru_cache(64)
 def marker_places(board: Board) -> Floats:
     """Return (markers, 4, 2) m, the corners of each marker on the board, in the order of
-    `Markers.corners`.
+    `Markers.corners`. The first is the board's first marker, whatever its number.
     """
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     match board.coding:
-        case AprilGrid(spacing):
+        case AprilGrid(spacing, numbered_from=numbered_from, rotation_deg=rotation_deg):
             columns, rows = board.columns // 2, board.rows // 2
-            column, row = np.meshgrid(
-                np.arange(columns), np.arange(rows)[::-1]
-            )  # numbered from the lower left
+            downwards = 1 if numbered_from == "upper_left" else -1
+            column, row = np.meshgrid(np.arange(columns), np.arange(rows)[::downwards])
             first = (
                 np.stack([column, row], -1).reshape(-1, 1, 2) * (1 + spacing) * board.square
                 - board.half
             )
-            return np.asarray(
-                first + square[[2, 3, 0, 1]] * board.square
-            )  # OpenCV has the family upside down
+            return np.asarray(first + np.roll(square, -rotation_deg // 90, 0) * board.square)
         case Charuco(marker, _, legacy_pattern):
             column, row = np.meshgrid(np.arange(board.columns + 1), np.arange(board.rows + 1))
             white = (column + row + (legacy_pattern and board.rows % 2 == 1)) % 2 == 1

@@ -4,17 +4,26 @@ its markers allow.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners.coded import select_board_markers
 from calib.corners.detection import NotFound
-from calib.corners.markers import Markers, border_of, read_markers
+from calib.corners.markers import Markers, border_of, marker_places, read_markers
 from calib.session.board import Board
-from calib.session.coding import DICTIONARIES, AprilGrid, Charuco
+from calib.session.board_section import KALIBR, board_to_yaml
+from calib.session.coding import (
+    DICTIONARIES,
+    FIRST_ROWS,
+    ROTATIONS_DEG,
+    AprilGrid,
+    Charuco,
+    Coding,
+)
 
-KALIBR = AprilGrid(0.3)
 FAMILIES = (
     *(
         (name, 1)
@@ -39,6 +48,8 @@ CLEAR_COUNT = 4 * MIN_MARKERS
 CHANCE_FRACTION = 0.3
 """Part of a family's count that markers of an absent family may reach by misreading."""
 MAX_COLUMNS = 40
+MAX_FIRST_MARKERS = 100
+"""First numbers that are tried."""
 MARKER_FRACTIONS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4)
 """Marker sizes to try, in parts of a square: markers are linked if their size is declared to a
 tenth.
@@ -52,14 +63,17 @@ def other_coding(pictures: Pictures, board: Board) -> str:
     coding = board.coding
     assert coding
     border = border_of(coding)
-    markers = [read_markers(picture, coding.dictionary, border) for picture in pictures]
-    if _fits(markers, board):
+    shown = [_negative(picture) for picture in pictures] if coding.inverted else pictures
+    markers = [read_markers(picture, coding.dictionary, border) for picture in shown]
+    if _fits(markers, board) and _has_own_numbers(markers, board):
         return ""
+    if advice := _describe_other_numbering(pictures, board):
+        return advice
     if advice := _describe_other_layout(markers, board):
         return advice
     mirrored_markers = [
         read_markers(np.ascontiguousarray(picture[:, ::-1]), coding.dictionary, border)
-        for picture in pictures
+        for picture in shown
     ]
     if _fits(mirrored_markers, board):
         return (
@@ -120,6 +134,128 @@ def most_frequent_family(pictures: Pictures) -> tuple[str, int, NDArray[np.int64
     return name, cells, numbers_by_family[name, cells]
 
 
+def _describe_other_numbering(pictures: Pictures, board: Board) -> str:
+    """Return a sentence if the markers lie as on the declared board, but with other numbers, with
+    another border, turned, or white on black.
+    """
+    assert board.coding
+    for inverted in (board.coding.inverted, not board.coding.inverted):
+        for border in _borders(board.coding):
+            shown = [_negative(picture) for picture in pictures] if inverted else pictures
+            markers = [read_markers(picture, board.coding.dictionary, border) for picture in shown]
+            if sum(len(picture.numbers) for picture in markers) < MIN_MARKERS * len(pictures) / 2:
+                continue
+            for numbering in _numberings(board.coding):
+                coding = replace(board.coding, inverted=inverted, **numbering)
+                if isinstance(coding, AprilGrid):
+                    coding = replace(coding, border=border)
+                for first in _possible_first_markers(markers, board):
+                    other = replace(board, coding=replace(coding, first_marker=first))
+                    if (
+                        other.coding != board.coding
+                        and _has_own_numbers(markers, other)
+                        and _fits(markers, other, MIN_LINKED_FRACTION)
+                    ):
+                        return _describe_keys(board, other, markers)
+    return ""
+
+
+def _has_own_numbers(markers: Sequence[Markers], board: Board) -> bool:
+    """True if the board has at least half of the numbers that were read: other numbers may lie as
+    on a taller board.
+    """
+    assert board.coding
+    first = board.coding.first_marker
+    numbers = np.concatenate([picture.numbers for picture in markers])
+    within = (numbers >= first) & (numbers < first + len(marker_places(board)))
+    return not len(numbers) or bool(2 * within.sum() >= len(numbers))
+
+
+def _negative(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.asarray(cv2.bitwise_not(picture), np.uint8)
+
+
+def _borders(coding: Coding) -> tuple[int, ...]:
+    """Return the borders in cells that a board of this type may have, the declared one first."""
+    is_open = isinstance(coding, AprilGrid) and coding.crossings
+    return (coding.border, 3 - coding.border) if is_open else (coding.border,)
+
+
+def _numberings(coding: Coding) -> list[dict[str, Any]]:
+    """Return the ways in which a board of this type may be numbered, the declared one first."""
+    if not (isinstance(coding, AprilGrid) and coding.crossings):
+        return [{}]
+    declared = {"numbered_from": coding.numbered_from, "rotation_deg": coding.rotation_deg}
+    ways = [
+        {"numbered_from": row, "rotation_deg": rotation}
+        for row in FIRST_ROWS
+        for rotation in ROTATIONS_DEG
+    ]
+    return sorted(ways, key=lambda way: way != declared)
+
+
+def _possible_first_markers(markers: Sequence[Markers], board: Board) -> list[int]:
+    """Return the first numbers with which the board would have most of the numbers that were read,
+    the declared one first, then from the highest on: a board that is seen whole has that one.
+    """
+    assert board.coding
+    numbers = np.sort(np.concatenate([picture.numbers for picture in markers]))
+    skipped = int((1 - MIN_LINKED_FRACTION) / 2 * len(numbers))
+    low = int(numbers[skipped])
+    high = int(numbers[len(numbers) - 1 - skipped])
+    declared = board.coding.first_marker
+    earliest = max(0, high + 1 - len(marker_places(board)))
+    lowest = int(numbers[0])
+    candidates = [declared, lowest, *range(low, max(earliest, low - MAX_FIRST_MARKERS) - 1, -1)]
+    return list(dict.fromkeys(candidates))
+
+
+def _describe_keys(board: Board, other: Board, markers: Sequence[Markers]) -> str:
+    """Return the sentence that says what to write for the keys in which another board differs."""
+    declared = board_to_yaml(board)
+    keys = board_to_yaml(other)
+    defaults = {
+        "first_marker": 0,
+        "inverted": False,
+        "border_cells": 2,
+        "numbered_from": "lower_left",
+        "tag_rotation_deg": 180,
+    }
+    changes = {
+        key: keys.get(key, default)
+        for key, default in defaults.items()
+        if keys.get(key, default) != declared.get(key, default)
+    }
+    assert other.coding
+    first = other.coding.first_marker
+    words = {
+        "first_marker": (
+            f"the markers have the numbers {first} to {_last_number(markers, other)}, where those"
+            f" of the declared {board} board begin at {declared.get('first_marker', 0)}"
+        ),
+        "inverted": "the board is printed white on black"
+        if changes.get("inverted")
+        else "the board is printed black on white",
+        "border_cells": "the tags have a black border of"
+        f" {'one cell' if changes.get('border_cells') == 1 else 'two cells'}",
+        "numbered_from": "the tags are numbered from the"
+        f" {str(changes.get('numbered_from')).replace('_', ' ')}",
+        "tag_rotation_deg": "the tags are turned otherwise than Kalibr's",
+    }
+    findings = " and ".join(words[key] for key in changes)
+    values = {key: str(value).lower() for key, value in changes.items()}
+    advice = ", ".join(f"board.{key}: {value}" for key, value in values.items())
+    return f"{findings}: write {advice} in session.yaml."
+
+
+def _last_number(markers: Sequence[Markers], board: Board) -> int:
+    """Return the highest number of the board that was read."""
+    assert board.coding
+    end = board.coding.first_marker + len(marker_places(board))
+    numbers = np.concatenate([picture.numbers for picture in markers])
+    return int(numbers[numbers < end].max())
+
+
 def _describe_other_layout(markers: Sequence[Markers], board: Board) -> str:
     """Return a sentence if the markers can be read, but lie as on a board with another layout."""
     if isinstance(board.coding, Charuco):
@@ -158,7 +294,9 @@ def _fits(markers: Sequence[Markers], board: Board, min_linked: float = 0.0) -> 
     """True if in most pictures enough of the markers, and at least this part, lie as on this board,
     or on one with more rows.
     """
-    count = 1 + max(int(picture.numbers.max(initial=0)) for picture in markers)
+    highest = max(int(picture.numbers.max(initial=0)) for picture in markers)
+    assert board.coding
+    count = max(1, 1 + highest - board.coding.first_marker)
     taller = replace(board, rows=board.rows + 2 * count)
     matches = 0
     for picture in markers:

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 MAX_LIVE_SIDE = 960  # px, the longer side of the picture that is searched
 
 
-def live_factor(grey: NDArray[np.uint8]) -> int:
-    """Return the smallest factor that reduces a picture to at most MAX_LIVE_SIDE px."""
+def reducing_factor(grey: NDArray[np.uint8], side: int = MAX_LIVE_SIDE) -> int:
+    """Return the smallest whole factor that reduces a (H, W) picture to at most `side` px."""
     height, width = grey.shape
-    return int(min(-(-max(height, width) // MAX_LIVE_SIDE), height, width))
+    return int(min(-(-max(height, width) // side), height, width))
 
 
 def reduce_picture(picture: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:

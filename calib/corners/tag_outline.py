@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erf
 
 from calib.corners.patch_fit import MAD_TO_SIGMA
 from calib.corners.patch_noise import noise_inflation, split_chunks
@@ -39,6 +38,10 @@ OUTLIER_THRESHOLD = 3.0  # standard deviations of a pixel's noise, from which on
 MIN_CONTRAST = 10.0  # grey levels of 255, between white and black
 MIN_NOISE = 0.29  # grey levels: that of rounding
 PLACE, TILT, LOG_BLUR, DARK, WHITE, LIGHT = range(6)
+# erf to 1.5e-7, formula 7.1.26 of M. Abramowitz and I. A. Stegun, Handbook of Mathematical
+# Functions (1964): capture runs without scipy
+ERF_ARGUMENT = 0.3275911
+ERF_COEFFICIENTS = (1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592, 0.0)
 SIDES = 4
 
 
@@ -51,6 +54,10 @@ class Outlines:
     covariances: Floats
     """(T, 8, 8) px^2 of x and y of the four corners, NaN where `corners` is NaN. Neighbouring
     corners are correlated: they share an edge.
+    """
+    blurs: Floats
+    """(T, 4) px, the blur across the edge from each corner to the next; NaN where `corners` is
+    NaN.
     """
 
 
@@ -75,11 +82,13 @@ def measure_outlines(
     inflation = _noise_inflation(edges) if edges else 1.0
     corners = np.full((len(rough), SIDES, 2), np.nan)
     covariances = np.full((len(rough), 2 * SIDES, 2 * SIDES), np.nan)
+    blurs = np.full((len(rough), SIDES), np.nan)
     for index, tag in enumerate(tags):
         if tag:
             corners[index] = tag.corners
+            blurs[index] = np.exp([edge.parameters[LOG_BLUR] for edge in tag.edges])
             covariances[index] = inflation * tag.unit_covariance()
-    return Outlines(corners, covariances)
+    return Outlines(corners, covariances, blurs)
 
 
 def edge_vectors(corners: Floats) -> tuple[Floats, Floats]:
@@ -281,7 +290,7 @@ def _residuals(
     """
     blur = np.exp(parameters[LOG_BLUR])
     blurs_away = (distance - parameters[PLACE] - parameters[TILT] * axial) / blur
-    side = (1 + erf(blurs_away / 2**0.5)) / 2
+    side = (1 + _erf(blurs_away / 2**0.5)) / 2
     contrast = parameters[WHITE] - parameters[DARK]
     light_factor = 1 + parameters[LIGHT] * axial
     even_light = parameters[DARK] + contrast * side
@@ -299,6 +308,12 @@ def _residuals(
         ]
     )
     return light - light_factor * even_light, jacobian
+
+
+def _erf(x: Floats) -> Floats:
+    """Return the error function."""
+    t = 1 / (1 + ERF_ARGUMENT * np.abs(x))
+    return np.asarray(np.sign(x) * (1 - np.polyval(ERF_COEFFICIENTS, t) * np.exp(-(x**2))))
 
 
 def _cost(residuals: Floats, threshold: float) -> float:

@@ -139,7 +139,7 @@ class Diagnosis:
     formulas: tuple[ClosedForm, ...] = ()
     """The closed forms nearest to an accepted free field, the best first."""
     differing: Differing | None = None
-    """What differs from view to view beside the accepted effects, if anything does."""
+    """Numbers that differ from view to view beside the accepted effects; None if none do."""
     given_held_out_px: float | None = None
     """The error of the calibration as it was given, on views that no fit has seen, as `calib
     evaluate` measures it. None without such views. `base_quality` is that of the same calibration

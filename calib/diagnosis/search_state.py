@@ -107,7 +107,7 @@ class Evaluations:
 
     @property
     def differing(self) -> Differing | None:
-        """What differs from view to view beside the model."""
+        """Numbers that differ from view to view beside the model; None if none do."""
         if not self._differing:
             problem = self.problem
             fitted = FittedModel(self.fit.model, problem.observations, self.fit.joint)

@@ -105,6 +105,8 @@ class FitOutcome:
     """The views whose corners were renumbered, because the board is turned there; None if there are
     none.
     """
+    mixed_settings: tuple[str, ...] = ()
+    """Sentences on differences between the pictures that one calibration cannot have."""
     redetections: tuple[Redetection, ...] | None = None
     view_noise: Mapping[str, float] | None = None
     """The noise of each noisy view over that of the median view, by file."""

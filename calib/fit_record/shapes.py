@@ -40,6 +40,7 @@ RECORD: Mapping[str, Shape] = {
     "lens_held_out_px": table(number),
     "view_scatter": positive,
     "turned_boards": many(text),
+    "mixed_settings": many(text),
     "second_look": many(record({"file": text, "found": count, "refused": count, "dropped": count})),
     "view_noise": table(positive),
     "made_by": table(text),

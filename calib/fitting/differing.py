@@ -1,4 +1,4 @@
-"""What differs from view to view in a session, in plain words, and what to do about it."""
+"""Names for numbers that differ from view to view, in plain words, with advice."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from calib.fitting.declared import PREFIXES
 from calib.inference.fitted_model import FittedModel
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.inference.score_test import tuned_score_tests
-from calib.inference.view_variation import MIN_GAIN, TWO, Kind, Variation, find_variations
+from calib.inference.view_variation import MIN_GAIN, TWO, Variation, VariationKind, find_variations
 
 SHARED: tuple[type[Effect], ...] = (
     LensEffect,
@@ -30,7 +30,7 @@ SHARED: tuple[type[Effect], ...] = (
     BoardScale,
     FreeField,
 )
-"""What all views share, and what therefore differs in none."""
+"""Causes that all views share."""
 EVIDENCE_SCALE = 3.0
 """A difference of this much in log evidence counts as 1 for the probabilities of names: the noise
 is not quite normal, the shared causes are linearised, and a lens does not stay in its plane when it
@@ -49,15 +49,15 @@ WORDS: Mapping[str, str] = {
     "board_scale": "the print of the board",
     "rolling_shutter": "the motion of the board while a picture is read out",
 }
-VERBS: Mapping[Kind, str] = {
-    Kind.EACH: "differs in every view",
-    Kind.DRIFT: "drifts with time",
-    Kind.WARM_UP: "settles in the first views",
-    Kind.STEP: "changes at",
-    Kind.ALTERNATING: "alternates from view to view",
-    Kind.TWO_KINDS: "has two values",
-    Kind.NEARNESS: "follows the distance of the board",
-    Kind.TILT: "follows the tilt of the board",
+VERBS: Mapping[VariationKind, str] = {
+    VariationKind.EACH: "differs in every view",
+    VariationKind.DRIFT: "drifts with time",
+    VariationKind.WARM_UP: "settles in the first views",
+    VariationKind.STEP: "changes at",
+    VariationKind.ALTERNATING: "alternates from view to view",
+    VariationKind.TWO_KINDS: "has two values",
+    VariationKind.NEARNESS: "follows the distance of the board",
+    VariationKind.TILT: "follows the tilt of the board",
 }
 TWO_OF_THEM: Mapping[str, str] = {
     "focal": "two focus settings or two cameras",
@@ -83,7 +83,7 @@ ADVICE: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Differing:
-    """What differs from view to view: the numbers that may be the ones, the most probable first."""
+    """The numbers that may differ from view to view, the most probable first."""
 
     variations: tuple[Variation, ...]
     """The most probable kind of each group of numbers."""
@@ -129,7 +129,7 @@ class Differing:
         views share, with these odds: then the effect imitates it.
         """
         first = self.first
-        same = (first.group.name, first.kind) == ("focal", Kind.DRIFT)
+        same = (first.group.name, first.kind) == ("focal", VariationKind.DRIFT)
         if same and effect == FocalDrift.name:
             return False
         return first.plain_gain > log_odds + MIN_GAIN
@@ -139,7 +139,7 @@ class Differing:
         return {
             "number": self.first.group.name if self.named else "",
             "kind": str(self.first.kind),
-            "size": size_of(self.first),
+            "size": describe_size(self.first),
             "members": {
                 variation.group.name: probability
                 for variation, probability in zip(self.variations, self.probabilities, strict=True)
@@ -150,36 +150,37 @@ class Differing:
     def __str__(self) -> str:
         first = self.first
         if self.named:
-            return f"{described(first, self.names)}: {advice(first, self.names)}."
-        others = " or ".join(WORDS[variation.group.name] for variation in self.variations[1:])
+            return f"{describe_variation(first, self.names)}: {advice(first, self.names)}."
+        rivals = " or ".join(WORDS[variation.group.name] for variation in self.variations[1:])
+        likely = describe_variation(first, self.names)
         return (
-            f"something differs from view to view: most likely {described(first, self.names)}, else"
-            f" {others}. If it is the first, {advice(first, self.names)}."
+            f"something differs from view to view: most likely {likely}, else {rivals}. If it is"
+            f" the first, {advice(first, self.names)}."
         )
 
 
-def described(variation: Variation, names: Sequence[str]) -> str:
+def describe_variation(variation: Variation, names: Sequence[str]) -> str:
     """Return what differs, how, and by how much, as a clause."""
     verb = VERBS[variation.kind]
-    if variation.kind is Kind.STEP:
+    if variation.kind is VariationKind.STEP:
         verb += f" {names[_first_after_step(variation)]}"
     clause = f"{WORDS[variation.group.name]} {verb}"
     if variation.kind in TWO and variation.group.name in TWO_OF_THEM:
         clause += f" ({TWO_OF_THEM[variation.group.name]})"
-    size = size_of(variation)
+    size = describe_size(variation)
     return f"{clause}, by {size}" if size else clause
 
 
-def size_of(variation: Variation) -> str:
+def describe_size(variation: Variation) -> str:
     """Return the root mean square of the deviations of the number that deviates most, over its
     tolerance; an empty text for a motion and for a whole lens.
     """
     if variation.group.name in ("lens", "rolling_shutter"):
         return ""
     rms = np.sqrt((variation.deviations**2).mean(0))
-    most = int(rms.argmax())
-    number = variation.group.numbers[most]
-    size = number.sigma * float(rms[most])
+    index = int(rms.argmax())
+    number = variation.group.numbers[index]
+    size = number.sigma * float(rms[index])
     if number.relative or number.param is STRETCH.param:
         return f"{100 * size:.2g} %"
     unit, factor = PREFIXES.get(number.param.unit, (number.param.unit, 1.0))
@@ -189,13 +190,13 @@ def size_of(variation: Variation) -> str:
 def advice(variation: Variation, names: Sequence[str]) -> str:
     """Return what to do, as a clause."""
     name = variation.group.name
-    if variation.kind is Kind.STEP and name.startswith(("cover", "focal", "principal")):
+    if variation.kind is VariationKind.STEP and name.startswith(("cover", "focal", "principal")):
         return f"calibrate from {names[_first_after_step(variation)]} on, or record again"
     if variation.kind in TWO and name in TWO_OF_THEM:
         return "keep the pictures of each kind in a session of its own"
-    if variation.kind is Kind.NEARNESS:
+    if variation.kind is VariationKind.NEARNESS:
         return "the lens focuses by itself: lock the focus, and record again"
-    if variation.kind is Kind.TILT:
+    if variation.kind is VariationKind.TILT:
         return "it bends by its own weight: support it, or take a stiffer one"
     return ADVICE[name]
 

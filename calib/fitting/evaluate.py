@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -14,6 +15,7 @@ from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import Residuals, residuals
+from calib.estimation.robust import outlier_mask
 from calib.fitting.inputs import read_views
 from calib.fitting.with_initial_pose import with_initial_pose
 from calib.optics.board_target import with_blocks
@@ -23,6 +25,8 @@ from calib.progress import Progress, Silent, check_progress
 from calib.session.session import Session, SessionSource
 from calib.threads import single_thread
 
+MIN_VIEWS = 4
+"""The fewest views of which one can be told from the others."""
 FIRST_BAND_END = 0.125
 """m: the end of the first depth band. Each further band ends at twice the distance."""
 
@@ -36,6 +40,14 @@ class Band:
     rms_px: float
     rmse_cm: float
     corners: int
+
+
+@dataclass(frozen=True, slots=True)
+class BadView:
+    """A view whose error is far from that of the others."""
+
+    file: str
+    rms_px: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +68,10 @@ class Evaluation:
     rejected: tuple[RejectedPicture, ...]
     """Pictures in which no board with enough corners was found. No view is dropped for its error.
     """
+    bad_views: tuple[BadView, ...] = ()
+    """The views with outlying errors, the worst first; they count in `rms_px` all the same."""
+    other_views_rms_px: float | None = None
+    """The error of the views without the bad ones; None if there are none."""
 
 
 def evaluate(
@@ -115,6 +131,15 @@ def evaluate(
         observations.corners, values, poses[observations.view], observations.exposure
     )
     distance = path.distance(points)
+    errors = residual.view_errors(observations)
+    outlying = outlier_mask(errors) if len(views) >= MIN_VIEWS else np.zeros(len(views), bool)
+    bad_views = [
+        BadView(view.name, float(error))
+        for view, error, is_bad in zip(views, errors, outlying, strict=True)
+        if is_bad and np.isfinite(error)
+    ]
+    good_rows = torch.from_numpy(~outlying)[observations.view]
+    other_views = Residuals(residual.image[good_rows], residual.board[good_rows])
     return Evaluation(
         rms_px=residual.rms_px,
         rmse_cm=residual.rmse_cm,
@@ -123,6 +148,8 @@ def evaluate(
         near_m=float(distance.min()),
         far_m=float(distance.max()),
         rejected=(*rejected, *unusable, *poseless),
+        bad_views=tuple(sorted(bad_views, key=lambda view: -view.rms_px)),
+        other_views_rms_px=other_views.rms_px if bad_views else None,
     )
 
 

@@ -21,6 +21,7 @@ from calib.fitting.fit_result import added_effects, count_views
 from calib.fitting.fleet_expectation import Expectation
 from calib.fitting.guided_redetection import redetect_corners
 from calib.fitting.inputs import FitInputs, gather_inputs, recalibrate_bare
+from calib.fitting.picture_settings import describe_mixed_settings
 from calib.fitting.provenance import provenance
 from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
 from calib.fitting.stages import Fitted, Setup, fit_stages
@@ -191,6 +192,7 @@ def fit(
             intrinsics_from=start.intrinsics_from,
             lens_held_out_px=start.lens_held_out_px,
             turned_boards=turned or None,
+            mixed_settings=describe_mixed_settings(session, views),
             redetections=redetections,
             view_noise=noise_ratios,
             cross_validation=validation,

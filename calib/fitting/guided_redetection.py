@@ -30,6 +30,7 @@ from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Progress
 from calib.session.board import Board
+from calib.session.coding import AprilGrid
 
 Floats = NDArray[np.float64]
 
@@ -84,6 +85,8 @@ def redetect_corners(
         frames: the pictures of the views, and possibly more.
         size: width and height of a picture, px.
     """
+    if isinstance(board.coding, AprilGrid) and not board.coding.crossings:
+        return tuple(views), ()  # a corner without its tag's outline cannot be measured
     paths = {path.name: path for path in frames}
     updated, redetections = list(views), []
     wanted_corners = {

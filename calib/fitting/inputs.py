@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.corners.copies import join_still_poses, split_copies
 from calib.corners.corners_file import read_corners
 from calib.corners.detect_all import MIN_VIEWS, detect
 from calib.corners.pose_requirements import split_usable_views
@@ -15,6 +16,7 @@ from calib.fit_record.request import IntrinsicsSource
 from calib.intrinsics.calibrate import BareFit, calibrate_bare
 from calib.io.frames_table import NAME as FRAMES_TABLE
 from calib.io.frames_table import FrameRecord, read_frame_records
+from calib.io.images import TYPES, list_unread
 from calib.progress import Progress
 from calib.session.camera import Intrinsics
 from calib.session.fleet_prior import nominal_intrinsics
@@ -57,7 +59,8 @@ class FitInputs:
 def read_views(
     session: Session, progress: Progress, *, min_views: int = MIN_VIEWS
 ) -> tuple[tuple[View, ...], tuple[RejectedPicture, ...]]:
-    """Return the session's views and the rejected pictures.
+    """Return the session's views and the rejected pictures. A picture that is there twice counts
+    once, and pictures of a board that stands still have one pose id.
 
     Corners come from the corners file, or are detected in the pictures, at least `min_views` of
     them showing the board. Times and pose ids come from frames.csv.
@@ -77,12 +80,22 @@ def read_views(
             size=size,
             min_views=min_views,
         )
-        views, rejected = detection.views, detection.rejected
-    return (
-        tuple(
-            _with_record(view, records.get(Path(view.name).name, FrameRecord())) for view in views
-        ),
-        rejected,
+        views = detection.views
+        rejected = (*detection.rejected, *_unread(session))
+    views, copies = split_copies(views)
+    recorded = [
+        _with_record(view, records.get(Path(view.name).name, FrameRecord())) for view in views
+    ]
+    return join_still_poses(recorded), (*rejected, *copies)
+
+
+def _unread(session: Session) -> tuple[RejectedPicture, ...]:
+    """Return the files beside the session's pictures whose type is not read."""
+    folders = dict.fromkeys(frame.parent for frame in session.frames)
+    return tuple(
+        RejectedPicture(path.name, f"its type is not read: save it as {TYPES}")
+        for folder in folders
+        for path in list_unread(folder)
     )
 
 

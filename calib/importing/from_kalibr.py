@@ -10,22 +10,25 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.importing.from_pictures import read_contents
+from calib.importing.from_pictures import read_contents, uniform_pictures, unread_notices
 from calib.importing.session_draft import SessionDraft
 from calib.io.files import reading
 from calib.io.images import list_images
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.board_section import SPACING as SPACING_OF_TAGS
+from calib.session.board_section import board_to_yaml, read_board
 from calib.session.camera import Camera
 from calib.session.coding import AprilGrid
 from calib.session.schema import Quantity, Section
 
 CAMERA = re.compile("cam[0-9]+")
-TAG = Quantity("tagSize", low=5e-5, high=100.0)
+TAG = Quantity("tagSize", low=5e-5, high=1e6)
 TAG_SPACING = Quantity("tagSpacing", low=SPACING_OF_TAGS.low, high=SPACING_OF_TAGS.high)
-COLUMN_SPACING = Quantity("colSpacingMeters", low=1e-4, high=100.0)
-ROW_SPACING = Quantity("rowSpacingMeters", low=1e-4, high=100.0)
+COLUMN_SPACING = Quantity("colSpacingMeters", low=1e-4, high=1e6)
+LARGEST_CELL = 3.0
+"""m: no board has larger tags or squares, so a larger number is in another unit."""
+ROW_SPACING = Quantity("rowSpacingMeters", low=1e-4, high=1e6)
 
 
 def from_kalibr(folder: Path, board: Board | None, camera: str | None) -> SessionDraft:
@@ -65,9 +68,9 @@ def from_kalibr(folder: Path, board: Board | None, camera: str | None) -> Sessio
     with reading(folder):
         paths = next(
             (
-                pictures
+                found
                 for name in places
-                if (folder / name).is_dir() and (pictures := list_images(folder / name))
+                if (folder / name).is_dir() and (found := list_images(folder / name))
             ),
             (),
         )
@@ -76,7 +79,16 @@ def from_kalibr(folder: Path, board: Board | None, camera: str | None) -> Sessio
             f"{folder} has no pictures in {camera_name}/: unpack Kalibr's bag there"
             " (kalibr_bagextractor)."
         )
-    return SessionDraft(folder, board, chosen_camera, frames=read_contents(paths))
+    pictures = uniform_pictures(paths[0].parent, paths)
+    camera_size = (chosen_camera.width, chosen_camera.height)
+    if pictures.size != camera_size:
+        raise InputError(
+            f"{chain.file}: {camera_name}.resolution is {list(camera_size)} where its pictures are"
+            f" {pictures.size[0]}x{pictures.size[1]} px: give the pictures that Kalibr was given."
+        )
+    frames = read_contents(pictures.paths)
+    notices = (*unread_notices(paths[0].parent), *pictures.notices)
+    return SessionDraft(folder, board, chosen_camera, frames=frames, notices=notices)
 
 
 def _camera(section: Section) -> Camera:
@@ -100,9 +112,13 @@ def _board(folder: Path, files: Iterable[Section]) -> Board:
         columns = section.integer("tagCols", 2, 500)
         rows = section.integer("tagRows", 2, 500)
         spacing = section.read(TAG_SPACING)[TAG_SPACING.key].value
-        return Board(
-            2 * columns, 2 * rows, section.read(TAG)[TAG.key].value, coding=AprilGrid(spacing)
-        )
+        first = section.integer("codeOffset", 0, 586) if "codeOffset" in section.values else 0
+        coding = AprilGrid(spacing, first_marker=first)
+        board = Board(2 * columns, 2 * rows, _metres(section, TAG), coding=coding)
+        try:
+            return read_board(Section(board_to_yaml(board), section.file, "the target"))
+        except InputError as error:
+            raise InputError(str(error).replace("first_marker", "codeOffset")) from error
     if kind != "checkerboard":
         raise InputError(
             f"{section.file}: target_type is {kind}, which calib cannot detect: take pictures of a"
@@ -111,11 +127,22 @@ def _board(folder: Path, files: Iterable[Section]) -> Board:
         )
     columns = section.integer("targetCols", 3, 1000)
     rows = section.integer("targetRows", 3, 1000)
-    column_spacing = section.read(COLUMN_SPACING)[COLUMN_SPACING.key].value
-    row_spacing = section.read(ROW_SPACING)[ROW_SPACING.key].value
+    column_spacing = _metres(section, COLUMN_SPACING)
+    row_spacing = _metres(section, ROW_SPACING)
     if column_spacing != row_spacing:
         raise InputError(
             f"{section.file}: colSpacingMeters is {column_spacing:g} and rowSpacingMeters"
             f" {row_spacing:g}: only square fields can be used."
         )
     return Board(columns, rows, column_spacing)
+
+
+def _metres(section: Section, quantity: Quantity) -> float:
+    """Return a length in m; InputError if it can only be in another unit."""
+    length = float(section.read(quantity)[quantity.key].value)
+    if length > LARGEST_CELL:
+        raise InputError(
+            f"{section.file}: {quantity.key} is {length:g}, and Kalibr's unit is the metre: write"
+            f" {length / 1000:g} if {length:g} mm is meant."
+        )
+    return length

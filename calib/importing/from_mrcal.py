@@ -20,6 +20,7 @@ from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError, brief
 from calib.importing.session_draft import SessionDraft
 from calib.io.arrays import decode_npz
+from calib.io.camera_names import choose_camera
 from calib.io.files import read_file
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -28,12 +29,21 @@ MAX_BYTES = 256 << 20
 """The file of a thousand views has ten million."""
 
 
-def from_corners(path: Path, board: Board, size: tuple[int, int]) -> SessionDraft:
-    """Import corners that mrgingham or another detector wrote; `size` is the pictures' width and
-    height, px.
+def from_corners(
+    path: Path, board: Board, size: tuple[int, int], camera: str | None = None
+) -> SessionDraft:
+    """Import corners that mrgingham or another detector wrote.
+
+    Args:
+        path: the corners file.
+        board: the board.
+        size: the pictures' width and height, px.
+        camera: the camera of a pair to import, as the pictures' names say it.
     """
     try:
-        return SessionDraft(path, board, Camera(*size), views=read_corners(path, board))
+        views = {view.name: view for view in read_corners(path, board)}
+        chosen = choose_camera(tuple(views), camera)
+        return SessionDraft(path, board, Camera(*size), views=tuple(views[name] for name in chosen))
     except InputError as error:
         raise InputError(
             str(error).replace("correct board in session.yaml", "correct --board")

@@ -1,30 +1,113 @@
 """Import a plain folder of pictures of a board."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from calib.errors import InputError
+from calib.errors import InputError, brief
 from calib.importing.session_draft import SessionDraft
+from calib.io.camera_names import choose_camera
+from calib.io.exif import camera_settings, describe_differences, list_names
 from calib.io.files import read_file, reading
-from calib.io.images import image_size, list_images
+from calib.io.images import TYPES, list_images, list_unread, most_frequent_size, stated_size
 from calib.session.board import Board
 from calib.session.camera import Camera
 
 
-def from_pictures(folder: Path, board: Board, model: str = "") -> SessionDraft:
-    """Import all pictures of a folder; the first one determines their size. `model` is the camera's
-    name.
+@dataclass(frozen=True, slots=True)
+class UniformPictures:
+    """The pictures of the size that most of them have."""
+
+    paths: tuple[Path, ...]
+    size: tuple[int, int]
+    """Width and height, px."""
+    stray_notices: tuple[str, ...]
+    """A sentence on the pictures of other sizes, if there are any."""
+    difference_notices: tuple[str, ...]
+    """Sentences on pictures of different cameras, lenses or settings."""
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        return (*self.stray_notices, *self.difference_notices)
+
+
+def from_pictures(
+    folder: Path, board: Board, model: str = "", camera: str | None = None
+) -> SessionDraft:
+    """Import the pictures of a folder that have the size of most of them.
+
+    Args:
+        folder: the folder.
+        board: the board that they show.
+        model: the camera's name.
+        camera: the camera of a pair to import, as the pictures' names say it.
     """
     with reading(folder):
         if not folder.is_dir():
             raise InputError(f"{folder} is not a folder: give the folder that holds the pictures.")
-    paths = list_images(folder)
+    unread = describe_unread(folder)
+    paths = choose_camera(list_images(folder), camera)
     if not paths:
+        exception = f", only {unread}" if unread else ""
+        raise InputError(f"{folder} has no pictures{exception}: give a folder of {TYPES} files.")
+    pictures = uniform_pictures(folder, paths)
+    return SessionDraft(
+        folder,
+        board,
+        Camera(*pictures.size, model),
+        frames=read_contents(pictures.paths),
+        notices=(*unread_notices(folder), *pictures.notices),
+    )
+
+
+def describe_unread(folder: Path) -> str:
+    """Return words on the files of a folder that are no pictures to calib; "" if there are none."""
+    names = [brief(path.name) for path in list_unread(folder)]
+    return f"files that are not read as pictures: {list_names(names)}" if names else ""
+
+
+def unread_notices(folder: Path) -> tuple[str, ...]:
+    """Return a sentence on the files of a folder that are no pictures to calib, if any."""
+    unread = describe_unread(folder)
+    return (f"left out, {unread}. Save them as {TYPES}.",) if unread else ()
+
+
+def uniform_pictures(folder: Path, paths: Sequence[Path]) -> UniformPictures:
+    """Return those of a folder's pictures that have the size of most of them.
+
+    Raises:
+        InputError: one is damaged, or no size is that of more than half of them.
+    """
+    sizes = {}
+    settings = {}
+    for path in paths:
+        data = read_file(path)
+        sizes[path] = stated_size(path, data)
+        settings[path] = camera_settings(data)
+    width, height = size = most_frequent_size(sizes)
+    uniform = tuple(path for path in paths if sizes[path] == size)
+    strays = [path for path in paths if sizes[path] != size]
+    if 2 * len(uniform) <= len(paths) and strays:
+        size_names = sorted({f"{w}x{h}" for w, h in sizes.values()})
         raise InputError(
-            f"{folder} has no pictures: give a folder of png, jpg, tiff, bmp or npy files."
+            f"{folder} has pictures of {len(size_names)} sizes, {', '.join(size_names[:6])} px,"
+            " none of them that of most: put those of one camera mode into a folder of their own."
         )
-    width, height = image_size(paths[0])
-    return SessionDraft(folder, board, Camera(width, height, model), frames=read_contents(paths))
+    stray_notices = []
+    if strays:
+        stray_names = [
+            f"{brief(_name(path, folder))} ({'x'.join(map(str, sizes[path]))})" for path in strays
+        ]
+        stray_words = list_names(stray_names)
+        stray_notices.append(
+            f"left out, pictures of another size than {width}x{height} px: {stray_words}."
+        )
+    differences = describe_differences({_name(path, folder): settings[path] for path in uniform})
+    return UniformPictures(uniform, size, tuple(stray_notices), differences)
+
+
+def _name(path: Path, folder: Path) -> str:
+    return str(path.relative_to(folder) if path.is_relative_to(folder) else path)
 
 
 def read_contents(paths: Sequence[Path]) -> Iterator[tuple[str, bytes]]:

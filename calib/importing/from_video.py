@@ -29,7 +29,7 @@ class VideoFrame:
     """A frame of a video."""
 
     number: int
-    """Its place in the video, from 0 on."""
+    """The place in the video, from 0 on."""
     time_s: float
     """s from the beginning of the video."""
     pixels: Picture

@@ -7,7 +7,7 @@ video, or of some pictures of a folder, a session folder is made that holds them
 import os
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import has_magic
 from pathlib import Path
 
@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from calib.corners.detect import eight_bits
 from calib.errors import InputError
-from calib.importing.from_pictures import read_contents
+from calib.importing.from_pictures import describe_unread, read_contents, uniform_pictures
 from calib.importing.from_video import from_video, sharpest_frames
+from calib.io.camera_names import ALL, choose_camera
 from calib.io.files import make_folder, reading
-from calib.io.images import SUFFIXES, image_size, list_images, read_grey, session_pictures
+from calib.io.images import SUFFIXES, TYPES, list_images, read_grey, session_pictures
 from calib.io.output_folder import LEDGER, OutputFolder
 from calib.io.videos import VIDEOS, list_videos
 from calib.progress import Progress
@@ -37,9 +38,9 @@ EXAMPLE = "--board 9x6 --square-mm 25"
 
 COMMAND = "The command line"
 FOCAL_SIGMA = 0.4
-"""Of the picture's width: the sigma of a focal length that nobody knows."""
+"""The sigma of a focal length that nobody knows, over the picture's width."""
 CENTRE_SIGMA = 0.05
-"""Of the picture's width: the sigma of a principal point that nobody knows."""
+"""The sigma of a principal point that nobody knows, over the picture's width."""
 COEFFICIENT_SIGMAS = (0.3, 0.3, 0.01, 0.01)
 """The sigmas of k1, k2, p1 and p2 of a lens that nobody knows."""
 
@@ -123,8 +124,8 @@ def _matches(path: Path) -> Sequence[Path]:
 def _picture(path: Path) -> Path:
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(
-            f"{path} is neither a picture nor a video: give png, jpg, tiff, bmp or npy files, a"
-            f" folder of them, or a video ({', '.join(VIDEOS)})."
+            f"{path} is neither a picture nor a video: give {TYPES} files, a folder of them,"
+            f" or a video ({', '.join(VIDEOS)})."
         )
     return path
 
@@ -149,11 +150,32 @@ def _in_folder(folder: Path, words: str) -> NamedPictures:
                 f"{folder} has no pictures, but a video: calib fit {shlex.quote(str(videos[0]))}"
                 f" {EXAMPLE} makes a session of it."
             )
+        unread = describe_unread(folder)
+        exception = f", only {unread}" if unread else ""
         raise InputError(
-            f"{folder} has no session.yaml and no pictures: record some by capture"
-            f" {shlex.quote(str(folder))}, or put png, jpg, tiff, bmp or npy files there."
+            f"{folder} has no session.yaml and no pictures{exception}: record some by capture"
+            f" {shlex.quote(str(folder))}, or put {TYPES} files there."
         )
     return NamedPictures(folder, pictures, words=words)
+
+
+def choose_pictures(source: NamedPictures, camera: str | None) -> NamedPictures:
+    """Return the source with the pictures of one camera, which get a session of its name.
+
+    Args:
+        camera: its name, as `choose_camera` takes it.
+
+    Raises:
+        InputError: the pictures' names are of several cameras and none is chosen.
+    """
+    pictures = choose_camera(source.pictures, camera)
+    if camera is None:
+        return source
+    words = f"{source.words} --camera {shlex.quote(camera)}"
+    if camera == ALL:
+        return replace(source, words=words)
+    folder = source.session if source.in_place else source.session.parent
+    return replace(source, session=folder / camera, pictures=pictures, words=words)
 
 
 def sample(source: NamedPictures, count: int, progress: Progress) -> list[NDArray[np.uint8]]:
@@ -185,10 +207,12 @@ def describe_pictures(
     cover: Mapping[str, object],
     intrinsics: Mapping[str, object] | None,
     progress: Progress,
-) -> Path:
-    """Write the session.yaml, and copies of pictures that lie elsewhere; return the folder.
+) -> tuple[str, ...]:
+    """Write the session.yaml, and copies of pictures that lie elsewhere and have the size of most;
+    return sentences on those that are not copied.
 
-    A file that calib wrote there before, and nobody changed, is replaced.
+    A file that calib wrote there before, and nobody changed, is replaced. Pictures of other sizes
+    that lie in the session already stay there, and a fit rejects them by name.
 
     Args:
         cover: the section `cover` of session.yaml.
@@ -196,13 +220,17 @@ def describe_pictures(
             a camera behind a cover gets those that say that its lens is not known.
     """
     check_replaceable(source)
+    notices: tuple[str, ...] = ()
     if source.video:
         draft = from_video(source.video, board, progress=progress)
         size = draft.camera.width, draft.camera.height
         frames = draft.frames
     else:
-        size = image_size(source.pictures[0])
-        frames = _contents(source.pictures)
+        folder = source.session if source.in_place else source.session.parent
+        uniform = uniform_pictures(folder, source.pictures)
+        size = uniform.size
+        frames = _contents(uniform.paths)
+        notices = () if source.in_place else uniform.stray_notices
     camera: dict[str, object] = {"width": size[0], "height": size[1]}
     remarks = [f"Written by calib fit, from {source.words}."]
     if intrinsics:
@@ -217,7 +245,7 @@ def describe_pictures(
     if not source.in_place:
         _copy(source.session, frames)
     _output(source).write(DESCRIPTION, text)
-    return source.session
+    return notices
 
 
 def unknown_intrinsics(width: int, height: int) -> dict[str, object]:

@@ -41,6 +41,8 @@ class SessionDraft:
     """File names and contents. They are read one by one while they are written."""
     remarks: tuple[str, ...] = ()
     """Comment lines for session.yaml: what the source knows and a session does not state."""
+    notices: tuple[str, ...] = ()
+    """Sentences to print: what is left out, and what is odd about the source."""
 
 
 def check_new(folder: Path) -> None:

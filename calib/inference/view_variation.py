@@ -1,5 +1,5 @@
-"""Which numbers differ from view to view, and how: random effects over the views, at the optimum of
-a fit, without a further fit.
+"""Numbers that differ from view to view: random effects over the views, at the optimum of a fit,
+without a further fit.
 
 A lens that refocuses, a sensor that warms up, or a cover that slips gives every view numbers of its
 own, or two kinds of views, or a drift. For each group of numbers, the deviations are normal, with
@@ -74,28 +74,28 @@ MIN_BLOCK = 3
 Array = NDArray[np.float64]
 
 
-class Kind(StrEnum):
-    """How numbers differ from view to view."""
+class VariationKind(StrEnum):
+    """The way in which numbers differ from view to view."""
 
     EACH = "each view"
     """Every view has its own."""
     DRIFT = "drift"
-    """They change with time, evenly."""
+    """An even change with time."""
     WARM_UP = "warm-up"
-    """They settle in the first views."""
+    """A change that settles in the first views."""
     STEP = "step"
-    """They are others from one view on."""
+    """A change at one view."""
     ALTERNATING = "alternating"
     TWO_KINDS = "two kinds"
     """Some views have these, and some have those."""
     NEARNESS = "nearness"
-    """They follow the nearness of the board."""
+    """A change with the nearness of the board."""
     TILT = "tilt"
-    """They follow the tilt of the board."""
+    """A change with the tilt of the board."""
 
 
-TIME = (Kind.DRIFT, Kind.WARM_UP, Kind.STEP)
-TWO = (Kind.ALTERNATING, Kind.TWO_KINDS)
+TIME = (VariationKind.DRIFT, VariationKind.WARM_UP, VariationKind.STEP)
+TWO = (VariationKind.ALTERNATING, VariationKind.TWO_KINDS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ class Group:
     name: str
     numbers: tuple[EffectParameter, ...]
     """Each with the values that it is added to, and its tolerance; none for the board's motion."""
-    kinds: tuple[Kind, ...]
+    kinds: tuple[VariationKind, ...]
     """The ways in which they can differ."""
 
 
@@ -114,7 +114,7 @@ class Variation:
     """A way in which a group of numbers may differ from view to view."""
 
     group: Group
-    kind: Kind
+    kind: VariationKind
     gain: float
     """The increase of the log evidence, less the logarithm of the number of variants tried."""
     scales: Array
@@ -148,13 +148,13 @@ def groups_of(context: EffectContext) -> tuple[Group, ...]:
     scale = tuple(replace(number, shifts=(number.param.name,)) for number in (STRETCH, SHEAR))
     rolling = not context.path.shutter and (not context.shutter or context.shutter.rolling)
     return (
-        Group("focal", (focal,), (Kind.EACH, *TIME, *TWO, Kind.NEARNESS)),
-        Group("principal_point", centre, (Kind.EACH, *TIME, *TWO)),
-        Group("lens", (focal, *centre, radial), (Kind.STEP, *TWO)),
+        Group("focal", (focal,), (VariationKind.EACH, *TIME, *TWO, VariationKind.NEARNESS)),
+        Group("principal_point", centre, (VariationKind.EACH, *TIME, *TWO)),
+        Group("lens", (focal, *centre, radial), (VariationKind.STEP, *TWO)),
         *_cover_groups(context),
-        Group("board_flex", bend, (Kind.EACH, *TIME, *TWO, Kind.TILT)),
+        Group("board_flex", bend, (VariationKind.EACH, *TIME, *TWO, VariationKind.TILT)),
         Group("board_scale", scale, (*TIME, *TWO)),
-        *([Group("rolling_shutter", (), (Kind.EACH,))] if rolling else []),
+        *([Group("rolling_shutter", (), (VariationKind.EACH,))] if rolling else []),
     )
 
 
@@ -177,9 +177,9 @@ def find_variations(
 ) -> list[Variation]:
     """Return what differs from view to view, the most probable first.
 
-    Numbers that differ must explain more than such a discrepancy does, or much beside it: if a
-    model lacks something in single views, any numbers of single views imitate it. Their gains are
-    those over the model with the discrepancy.
+    If a model lacks something in single views, any numbers of single views imitate it. So the gain
+    of a variation is its increase of the log evidence over a model with a discrepancy of no cause
+    (calib.inference.model_discrepancy), whose heights are chosen again beside the variation.
 
     Args:
         fitted: a model at its optimum.
@@ -193,30 +193,35 @@ def find_variations(
     rows = VariationRows.of(fitted.with_neutral(shared), context)
     alone = VariationEquations.of(rows)
     discrepancy = rows.discrepancy(alone.solution)
-    beside = VariationEquations.of(rows, discrepancy)
-    without = alone.log_evidence + possible_gain(beside.log_evidence - alone.log_evidence)
-    found = []
+    with_discrepancy = VariationEquations.of(rows, discrepancy)
+    without = alone.log_evidence + possible_gain(with_discrepancy.log_evidence - alone.log_evidence)
+    candidates = []
     variations = zip(
-        alone.variations(groups, patterns), beside.variations(groups, patterns), plain, strict=True
+        alone.variations(groups, patterns),
+        with_discrepancy.variations(groups, patterns),
+        plain,
+        strict=True,
     )
     for index, (first, second, plain_gain) in enumerate(
         sorted(variations, key=lambda pair: -pair[0].gain)
     ):
-        certain = beside.log_evidence + second.gain
+        evidence_with_discrepancy = with_discrepancy.log_evidence + second.gain
         if index < MAX_REFINED and first.gain > MIN_GAIN:
-            certain = max(certain, alone.log_evidence_beside(first, rows))
+            evidence_with_discrepancy = max(
+                evidence_with_discrepancy, alone.log_evidence_beside(first)
+            )
         evidence = alone.log_evidence + first.gain
-        evidence += possible_gain(certain - evidence)
-        found.append(replace(first, gain=evidence - without, plain_gain=plain_gain))
-    found = [
+        evidence += possible_gain(evidence_with_discrepancy - evidence)
+        candidates.append(replace(first, gain=evidence - without, plain_gain=plain_gain))
+    candidates = [
         variation
-        for variation in found
+        for variation in candidates
         if variation.gain > MIN_GAIN and variation.largest < MAX_DEVIATION
     ]
-    return sorted(found, key=lambda variation: -variation.gain)
+    return sorted(candidates, key=lambda variation: -variation.gain)
 
 
-def board_patterns(fitted: FittedModel) -> Mapping[Kind, Sequence[Array]]:
+def board_patterns(fitted: FittedModel) -> Mapping[VariationKind, Sequence[Array]]:
     """Return the (V,) patterns of these views: the nearness of the boards' middles, and the tilt of
     their normals towards the picture's y and towards its x.
     """
@@ -224,20 +229,22 @@ def board_patterns(fitted: FittedModel) -> Mapping[Kind, Sequence[Array]]:
     near = 1 / fitted.model.path.distance(poses[:, 3:6]).numpy()
     normals = rotation.matrix(poses[:, :3])[:, :, 2].numpy()
     return {
-        Kind.NEARNESS: [_centred(near)],
-        Kind.TILT: [_centred(normals[:, 1]), _centred(normals[:, 0])],
+        VariationKind.NEARNESS: [_centred(near)],
+        VariationKind.TILT: [_centred(normals[:, 1]), _centred(normals[:, 0])],
     }
 
 
-def time_patterns(count: int) -> Mapping[Kind, Sequence[Array]]:
+def time_patterns(count: int) -> Mapping[VariationKind, Sequence[Array]]:
     """Return the (V,) patterns that any sequence of so many views may follow."""
     view = np.arange(count)
     steps = range(MIN_BLOCK, count - MIN_BLOCK + 1)
     return {
-        Kind.DRIFT: [_centred(view)],
-        Kind.WARM_UP: [_centred(np.exp(-view / (fraction * count))) for fraction in WARM_UPS],
-        Kind.STEP: [_centred(view >= first) for first in steps],
-        Kind.ALTERNATING: [_centred(view % 2)],
+        VariationKind.DRIFT: [_centred(view)],
+        VariationKind.WARM_UP: [
+            _centred(np.exp(-view / (fraction * count))) for fraction in WARM_UPS
+        ],
+        VariationKind.STEP: [_centred(view >= first) for first in steps],
+        VariationKind.ALTERNATING: [_centred(view % 2)],
     }
 
 
@@ -283,8 +290,8 @@ class VariationRows:
         parameters = Parameters.of(full.path, values, full.priors.with_sigmas(held))
         estimated = Parameters.of(base.path, values, base.priors)
         blocks = block_columns(full.path.view_blocks)
-        own = np.concatenate([np.r_[blocks[block]] for block in base.path.view_blocks])
-        moving = np.arange(0) if base.path.shutter else np.r_[blocks[MOTION]]
+        own_columns = np.concatenate([np.r_[blocks[block]] for block in base.path.view_blocks])
+        motion_columns = np.arange(0) if base.path.shutter else np.r_[blocks[MOTION]]
         columns = parameters.entries(estimated.slices())
         own_precision = view_precision(base.path, fitted.joint.poses)
         poses = full.pad_poses(fitted.joint.poses)
@@ -293,20 +300,20 @@ class VariationRows:
         )
         views = []
         for view, pose in zip(equations, fitted.joint.poses.numpy(), strict=True):
-            block = view.jacobian_block[:, own]
-            known = block @ (pose * (own_precision.numpy() > 0))
-            known += view.jacobian_shared[:, columns] @ fitted.deviation
-            others = view.jacobian_block[:, moving], view.jacobian_shared
-            views.append(np.column_stack([block, *others, view.residual - known]))
+            block = view.jacobian_block[:, own_columns]
+            at_prior_means = block @ (pose * (own_precision.numpy() > 0))
+            at_prior_means += view.jacobian_shared[:, columns] @ fitted.deviation
+            columns_left = view.jacobian_block[:, motion_columns], view.jacobian_shared
+            views.append(np.column_stack([block, *columns_left, view.residual - at_prior_means]))
         scales = [1.0] * parameters.amplitudes + parameters.scales.tolist()
         return VariationRows(
             views=tuple(views),
             own_precision=own_precision,
             precision=estimated.prior_precision(fitted.joint.smoothness),
-            shared=len(moving) + columns,
-            motion=len(moving),
+            shared=len(motion_columns) + columns,
+            motion=len(motion_columns),
             entries={
-                name: (len(moving) + place.start, scales[place.start], float(values[name]))
+                name: (len(motion_columns) + place.start, scales[place.start], float(values[name]))
                 for name, place in parameters.slices().items()
                 if not values[name].ndim
             },
@@ -330,6 +337,8 @@ class VariationRows:
         columns = np.zeros((count, len(group.numbers)))
         for index, number in enumerate(group.numbers):
             for name in number.shifts:
+                if name not in self.entries:  # a print that is not sheared
+                    continue
                 column, scale, value = self.entries[name]
                 change = value if number.relative else 1.0
                 columns[column, index] = number.sigma * change / scale
@@ -342,14 +351,14 @@ class VariationRows:
         Args:
             variation: numbers that differ beside it: of each view's own, or as estimated.
         """
-        each = variation is not None and not variation.pattern.size
+        has_own = variation is not None and not variation.pattern.size
         views = []
         for index, rows in enumerate(self.views):
-            block, others = rows[:, : self.own], rows[:, self.own :]
-            residual = others[:, -1] + others[:, self.shared] @ solution
+            block, columns_left = rows[:, : self.own], rows[:, self.own :]
+            residual = columns_left[:, -1] + columns_left[:, self.shared] @ solution
             if variation:
-                differing = others @ self.columns(variation.group)
-                if each:
+                differing = columns_left @ self.columns(variation.group)
+                if has_own:
                     block = np.column_stack([block, differing * variation.scales])
                 else:
                     residual = residual + differing @ variation.deviations[index]
@@ -368,7 +377,7 @@ class VariationEquations:
     products: Array
     """(V, n + 1, n + 1) inner products of each view's n columns and its residual."""
     log_determinant: float
-    """That of all that was eliminated."""
+    """The log determinant of all that was eliminated."""
 
     @staticmethod
     def of(rows: VariationRows, discrepancy: Discrepancy | None = None) -> VariationEquations:
@@ -390,32 +399,32 @@ class VariationEquations:
         return sum(len(view) for view in self.rows.views) - self.rows.own * len(self.products)
 
     def variations(
-        self, groups: Sequence[Group], patterns: Mapping[Kind, Sequence[Array]]
+        self, groups: Sequence[Group], patterns: Mapping[VariationKind, Sequence[Array]]
     ) -> list[Variation]:
         """Return the most probable variation of every kind of every group."""
         return [
             variation for group in groups for variation in self.group(group).variations(patterns)
         ]
 
-    def log_evidence_beside(self, variation: Variation, rows: VariationRows) -> float:
+    def log_evidence_beside(self, variation: Variation) -> float:
         """Return the log evidence with a variation and with the most probable discrepancy beside
         it.
         """
-        discrepancy = rows.discrepancy(self.solution_with(variation), variation)
-        beside = VariationEquations.of(rows, discrepancy)
-        return beside.log_evidence + beside.group(variation.group).gain(variation)
+        discrepancy = self.rows.discrepancy(self.solution_with(variation), variation)
+        equations = VariationEquations.of(self.rows, discrepancy)
+        return equations.log_evidence + equations.group(variation.group).gain(variation)
 
     def group(self, group: Group) -> GroupEquations:
         """Return the equations of the deviations of one group's numbers."""
         columns = self.rows.columns(group)
         moved = self.products @ columns  # (V, n + 1, G)
-        own = columns.T @ moved
-        count, size = own.shape[:2]
+        diagonal = columns.T @ moved
+        count, size = diagonal.shape[:2]
         response = self._response(moved)
         information = -response.T @ response
         for view in range(count):
             place = slice(view * size, (view + 1) * size)
-            information[place, place] += own[view]
+            information[place, place] += diagonal[view]
         score = moved[:, -1].ravel() - response.T @ self._whitened
         return GroupEquations(group, information, score, self._cost, self.freedom, size)
 
@@ -496,7 +505,7 @@ class GroupEquations:
     cost: float
     """The sum of squares without any deviation."""
     freedom: int
-    """Its degrees of freedom."""
+    """The degrees of freedom of that sum."""
     size: int
     """The number of the group's numbers."""
 
@@ -505,23 +514,23 @@ class GroupEquations:
         """The number of views."""
         return len(self.score) // self.size
 
-    def variations(self, patterns: Mapping[Kind, Sequence[Array]]) -> Iterator[Variation]:
+    def variations(self, patterns: Mapping[VariationKind, Sequence[Array]]) -> Iterator[Variation]:
         """Yield the most probable variation of each possible kind.
 
         Args:
             patterns: the (V,) patterns that depend on the poses of the board.
         """
-        each = self.in_every_view()
-        if Kind.EACH in self.group.kinds:
-            yield each
+        in_every_view = self.in_every_view()
+        if VariationKind.EACH in self.group.kinds:
+            yield in_every_view
         patterns = {**time_patterns(self.count), **patterns}
         for kind in self.group.kinds:
             followed = [self.following(kind, pattern) for pattern in patterns.get(kind, ())]
             if followed:
                 best = max(followed, key=lambda variation: variation.gain)
                 yield replace(best, gain=best.gain - float(np.log(len(followed))))
-        if Kind.TWO_KINDS in self.group.kinds:
-            best = self.in_two_kinds(each.deviations)
+        if VariationKind.TWO_KINDS in self.group.kinds:
+            best = self.in_two_kinds(in_every_view.deviations)
             yield replace(best, gain=best.gain - (self.count - 1) * float(np.log(2)))
 
     def in_every_view(self) -> Variation:
@@ -532,7 +541,7 @@ class GroupEquations:
         fitted = [(*self._of_each(side), side) for side in sides]
         gain, spread, deviations, side = max(fitted, key=lambda fit: fit[0])
         sizes = (np.tile(side, self.count) * deviations).reshape(self.count, -1)
-        return Variation(self.group, Kind.EACH, gain, spread * side, sizes, np.zeros(0))
+        return Variation(self.group, VariationKind.EACH, gain, spread * side, sizes, np.zeros(0))
 
     def _of_each(self, side: Array) -> tuple[float, float, Array]:
         sides = np.tile(side, self.count)
@@ -551,7 +560,9 @@ class GroupEquations:
         """Return the variation of two kinds of views, from a start: (V, G) deviations of each
         view's own, which differ most between the kinds.
         """
-        divisions = (self.following(Kind.TWO_KINDS, pattern) for pattern in _divisions(deviations))
+        divisions = (
+            self.following(VariationKind.TWO_KINDS, pattern) for pattern in _divisions(deviations)
+        )
         best = max(divisions, key=lambda variation: variation.gain)
         for _ in range(MAX_PASSES):
             previous = best
@@ -559,13 +570,13 @@ class GroupEquations:
                 moved = best.pattern > 0
                 moved[view] = not moved[view]
                 if min(moved.sum(), (~moved).sum()) >= MIN_BLOCK:
-                    other = self.following(Kind.TWO_KINDS, _centred(moved))
-                    best = max(best, other, key=lambda variation: variation.gain)
+                    flipped = self.following(VariationKind.TWO_KINDS, _centred(moved))
+                    best = max(best, flipped, key=lambda variation: variation.gain)
             if best is previous:
                 break
         return best
 
-    def following(self, kind: Kind, pattern: Array) -> Variation:
+    def following(self, kind: VariationKind, pattern: Array) -> Variation:
         """Return the variation whose deviations follow a (V,) pattern."""
         views = np.kron(pattern[:, None], np.eye(self.size))  # (V G, G)
         gain, spread, sizes = self._largest_gain(
@@ -580,21 +591,21 @@ class GroupEquations:
         """
         sizes, axes = np.linalg.eigh(information)
         sizes = sizes.clip(0)
-        along = axes.T @ score
+        projected = axes.T @ score
         variance = SPREADS[:, None] ** 2
-        explained = (variance * along**2 / (1 + variance * sizes)).sum(1)
-        left = np.log1p(-np.minimum(explained / self.cost, 1 - 1e-12))
-        gains = -(np.log1p(variance * sizes).sum(1) + self.freedom * left) / 2
+        explained = (variance * projected**2 / (1 + variance * sizes)).sum(1)
+        log_ratio = np.log1p(-np.minimum(explained / self.cost, 1 - 1e-12))
+        gains = -(np.log1p(variance * sizes).sum(1) + self.freedom * log_ratio) / 2
         best = int(gains.argmax())
         squared = float(variance[best, 0])
-        deviations = -axes @ (squared * along / (1 + squared * sizes))
+        deviations = -axes @ (squared * projected / (1 + squared * sizes))
         return float(gains[best]), float(SPREADS[best]), deviations
 
 
 def _divisions(deviations: Array) -> Iterator[Array]:
     """Yield (V,) patterns of two kinds of views, which differ most in their (V, G) deviations."""
     centred = deviations - deviations.mean(0)
-    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
-    order = along.argsort(kind="stable").argsort()
-    for count in range(MIN_BLOCK, len(along) - MIN_BLOCK + 1):
+    projected = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    order = projected.argsort(kind="stable").argsort()
+    for count in range(MIN_BLOCK, len(projected) - MIN_BLOCK + 1):
         yield _centred(order >= count)

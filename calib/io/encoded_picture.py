@@ -5,6 +5,7 @@ may hold a picture of 4 GB.
 import re
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -22,6 +23,11 @@ JPEG = b"\xff\xd8\xff"
 PNG = b"\x89PNG\r\n\x1a\n"
 BMP = b"BM"
 EXR = b"v/1\x01"
+WEBP = b"RIFF"
+PNM = (b"P5", b"P6")
+"""Grey and coloured pixels of a portable anymap, in bytes."""
+PNM_TEXT = (b"P2", b"P3")
+"""The same in decimal numbers."""
 FRAME_MARKERS = frozenset((*range(0xC0, 0xD0),)) - {0xC4, 0xC8, 0xCC}
 """The JPEG markers of a frame header, which holds the picture's size."""
 _JPEG_MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
@@ -29,6 +35,7 @@ _JPEG_MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
 
 If 0xff is repeated, the last one counts.
 """
+_PNM_HEADER = re.compile(rb"P[2356]" + 3 * rb"(?:\s|#[^\n]*\n)+([0-9]{1,9})" + rb"\s")
 TIFF_TYPES = {1: "B", 3: "H", 4: "I", 16: "Q"}
 """The types of whole numbers in a TIFF's directory, and their codes for `struct`."""
 WIDTH, HEIGHT, BITS, SAMPLES = 256, 257, 258, 277
@@ -36,25 +43,31 @@ TILE_WIDTH, TILE_HEIGHT = 322, 323
 """Tags of a TIFF's directory."""
 
 
+@dataclass(frozen=True, slots=True)
+class PictureHeader:
+    """The size of an encoded picture, by its header."""
+
+    width: int
+    """px"""
+    height: int
+    """px"""
+    decoded_bytes: int
+    """The bytes of the decoded pixels, or of the largest piece that is decoded at once."""
+
+
 class TooLargeError(ValueError):
     """The error of a picture that takes more than MAX_DECODED_BYTES."""
 
 
 def decode_picture(data: bytes, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
-    """Return the pixels of a PNG, JPEG, BMP, TIFF or OpenEXR file, as OpenCV decodes them.
+    """Return the pixels of a PNG, JPEG, BMP, TIFF, WebP, PNM or OpenEXR file, as OpenCV decodes
+    them.
 
     Raises:
         TooLargeError: the pixels take more than MAX_DECODED_BYTES. No memory was allocated for
         them. ValueError: the file is of another type, or damaged.
     """
-    kind = next((magic for magic in NEEDED_BYTES if data.startswith(magic)), None)
-    if kind is None:
-        raise ValueError("not a picture of a known kind")
-    try:
-        needed = NEEDED_BYTES[kind](data)
-    except (struct.error, KeyError, IndexError, OverflowError) as error:
-        raise ValueError("the header is damaged") from error
-    if needed > MAX_DECODED_BYTES:
+    if read_header(data).decoded_bytes > MAX_DECODED_BYTES:
         raise TooLargeError(f"more than {MAX_DECODED_BYTES >> 30} GB when decoded")
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
@@ -63,6 +76,24 @@ def decode_picture(data: bytes, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[An
     if pixels is None:
         raise ValueError("OpenCV cannot decode it")
     return pixels
+
+
+def read_header(data: bytes) -> PictureHeader:
+    """Return the size that a picture's header states; ValueError if there is none."""
+    kind = next((magic for magic in HEADERS if data.startswith(magic)), None)
+    if kind is None:
+        raise ValueError("not a picture of a known kind")
+    try:
+        return HEADERS[kind](data)
+    except (struct.error, KeyError, IndexError, OverflowError) as error:
+        raise ValueError("the header is damaged") from error
+
+
+def pnm_bytes(data: bytes) -> int:
+    """Return the bytes of a whole portable anymap; ValueError if its header is damaged."""
+    fields = _pnm_fields(data)
+    size = int(fields[1]) * int(fields[2]) * (3 if data.startswith(b"P6") else 1)
+    return fields.end() + size * (1 if int(fields[3]) < 256 else 2)
 
 
 def jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
@@ -75,30 +106,29 @@ def jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
         at = match.end() + int.from_bytes(data[match.end() : match.end() + 2], "big")
 
 
-def _jpeg_bytes(data: bytes) -> int:
+def _jpeg_header(data: bytes) -> PictureHeader:
     for marker, content_start in jpeg_segments(data):
         if marker in FRAME_MARKERS:
             bits, height, width, channels = struct.unpack_from(">BHHB", data, content_start + 2)
-            return int(height * width * channels * _whole_bytes(bits))
+            return PictureHeader(width, height, height * width * channels * _whole_bytes(bits))
     raise ValueError("a JPEG without a frame")
 
 
-def _png_bytes(data: bytes) -> int:
+def _png_header(data: bytes) -> PictureHeader:
     width, height, bits, colour = struct.unpack_from(">IIBB", data, 16)
     channels = {0: 1, 2: 3, 3: 4, 4: 4, 6: 4}[colour]
-    return int(width * height * channels * _whole_bytes(bits))
+    return PictureHeader(width, height, width * height * channels * _whole_bytes(bits))
 
 
-def _bmp_bytes(data: bytes) -> int:
+def _bmp_header(data: bytes) -> PictureHeader:
     (header,) = struct.unpack_from("<I", data, 14)
     width, height, _, bits = struct.unpack_from("<HHHH" if header == 12 else "<iiHH", data, 18)
-    return int(abs(width) * abs(height) * (4 if bits == 32 else 3))
+    decoded_bytes = abs(width) * abs(height) * (4 if bits == 32 else 3)
+    return PictureHeader(abs(width), abs(height), decoded_bytes)
 
 
-def _exr_bytes(data: bytes) -> int:
-    """Return the bytes of the decoded picture. The header is a list of attributes: name, type,
-    length, content.
-    """
+def _exr_header(data: bytes) -> PictureHeader:
+    """Read a list of attributes: name, type, length, content."""
     at, channels, box = 8, 0, (0, 0, 0, 0)
     while data[at]:
         name, kind = data[at : at + 512].split(b"\0")[:2]
@@ -111,11 +141,47 @@ def _exr_bytes(data: bytes) -> int:
         elif name == b"dataWindow":
             box = struct.unpack("<4i", content)
     x_min, y_min, x_max, y_max = box
-    return (x_max - x_min + 1) * (y_max - y_min + 1) * max(channels, 4) * 4
+    width = x_max - x_min + 1
+    height = y_max - y_min + 1
+    return PictureHeader(width, height, width * height * max(channels, 4) * 4)
 
 
-def _tiff_bytes(data: bytes) -> int:
-    """Return the bytes of the file's first picture, or of one tile of it if a tile is larger."""
+def _webp_header(data: bytes) -> PictureHeader:
+    """Read the first chunk, which is of one of three kinds."""
+    if data[8:12] != b"WEBP":
+        raise ValueError("a RIFF file of another kind")
+    kind = data[12:16]
+    if kind == b"VP8X":
+        width = 1 + int.from_bytes(data[24:27], "little")
+        height = 1 + int.from_bytes(data[27:30], "little")
+    elif kind == b"VP8L":
+        (bits,) = struct.unpack_from("<I", data, 21)
+        width = 1 + (bits & 0x3FFF)
+        height = 1 + (bits >> 14 & 0x3FFF)
+    else:
+        width, height = struct.unpack_from("<HH", data, 26)
+        width &= 0x3FFF
+        height &= 0x3FFF
+    return PictureHeader(width, height, width * height * 4)
+
+
+def _pnm_header(data: bytes) -> PictureHeader:
+    fields = _pnm_fields(data)
+    width = int(fields[1])
+    height = int(fields[2])
+    return PictureHeader(width, height, width * height * 6)
+
+
+def _pnm_fields(data: bytes) -> re.Match[bytes]:
+    """Return the width, the height and the largest value; the match ends where the pixels begin."""
+    fields = _PNM_HEADER.match(data)
+    if fields is None:
+        raise ValueError("the header is damaged")
+    return fields
+
+
+def _tiff_header(data: bytes) -> PictureHeader:
+    """Read the file's first picture. Its bytes are those of one tile of it if a tile is larger."""
     order = "<" if data.startswith(b"II") else ">"
     large = data[2:4] in (b"+\0", b"\0+")
     count_format, entry_format = ("Q", "HHQ8s") if large else ("H", "HHI4s")
@@ -140,23 +206,24 @@ def _tiff_bytes(data: bytes) -> int:
     width, height = tags[WIDTH], tags[HEIGHT]
     tile = tags[TILE_WIDTH] * tags[TILE_HEIGHT]
     channels = max(tags[SAMPLES], 3 if tags[BITS] <= 8 else 1)  # a palette becomes colours
-    return int(max(width * height, tile) * channels * _whole_bytes(tags[BITS]))
+    decoded_bytes = max(width * height, tile) * channels * _whole_bytes(tags[BITS])
+    return PictureHeader(width, height, decoded_bytes)
 
 
 def _whole_bytes(bits: int) -> int:
     return max(1, -(-bits // 8))
 
 
-NEEDED_BYTES: Mapping[bytes, Callable[[bytes], int]] = {
-    JPEG: _jpeg_bytes,
-    PNG: _png_bytes,
-    BMP: _bmp_bytes,
-    EXR: _exr_bytes,
-    b"II*\0": _tiff_bytes,
-    b"MM\0*": _tiff_bytes,
-    b"II+\0": _tiff_bytes,
-    b"MM\0+": _tiff_bytes,
+HEADERS: Mapping[bytes, Callable[[bytes], PictureHeader]] = {
+    JPEG: _jpeg_header,
+    PNG: _png_header,
+    BMP: _bmp_header,
+    EXR: _exr_header,
+    WEBP: _webp_header,
+    **dict.fromkeys((*PNM, *PNM_TEXT), _pnm_header),
+    b"II*\0": _tiff_header,
+    b"MM\0*": _tiff_header,
+    b"II+\0": _tiff_header,
+    b"MM\0+": _tiff_header,
 }
-"""For the first bytes of each type of file, the function that returns the bytes of the decoded
-picture.
-"""
+"""For the first bytes of each type of file, the function that reads its header."""

@@ -6,7 +6,8 @@ before it is decoded.
 
 import re
 import zlib
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import cv2
@@ -19,15 +20,32 @@ from calib.io.encoded_picture import (
     BMP,
     JPEG,
     PNG,
+    PNM,
+    WEBP,
     TooLargeError,
     decode_picture,
     jpeg_segments,
+    pnm_bytes,
+    read_header,
 )
 from calib.io.files import read_file
+from calib.io.videos import VIDEOS
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy")
-SIXTEEN_BIT = (".png", ".tif", ".tiff", ".npy")
+SUFFIXES = (
+    *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy"),
+    *(".pgm", ".ppm", ".pnm", ".webp"),
+)
+SIXTEEN_BIT = (".png", ".tif", ".tiff", ".npy", ".pgm", ".ppm", ".pnm")
 """The suffixes of files that can hold uint16."""
+TYPES = "png, jpg, tiff, bmp, webp, pgm, ppm or npy"
+"""The types of picture files, in the words of messages."""
+OTHER_PICTURES = (
+    *(".heic", ".heif", ".avif", ".gif", ".jp2", ".jxl", ".exr", ".hdr", ".pbm", ".raw"),
+    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw"),
+    *VIDEOS,
+    *(".webm", ".mpg", ".mts", ".3gp", ".bag"),
+)
+"""Suffixes of pictures and videos that are not read as pictures."""
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -66,6 +84,15 @@ def session_pictures(session: Path) -> tuple[Path, ...]:
     return list_images(folder) if folder.is_dir() else ()
 
 
+def list_unread(folder: Path) -> tuple[Path, ...]:
+    """Return the pictures and videos of a folder that `list_images` leaves out for their type."""
+    try:
+        paths = [p for p in folder.iterdir() if p.suffix.lower() in OTHER_PICTURES]
+    except OSError:  # list_images says it
+        return ()
+    return tuple(sorted((p for p in paths if not p.name.startswith(".")), key=_natural_key))
+
+
 def read_image(path: Path) -> Image:
     """Return (H, W) grey or (H, W, 3) BGR pixels, uint8 or uint16, as stored: not rotated by EXIF,
     and without an alpha channel.
@@ -87,8 +114,7 @@ def read_image(path: Path) -> Image:
         raise InputError(f"{path} is {error}: give a smaller picture, or remove it.") from error
     except ValueError as error:
         raise InputError(
-            f"{path} is not an image, or a damaged one: replace it by a png, jpg, tiff, bmp or npy"
-            " file, or remove it."
+            f"{path} is not an image, or a damaged one: replace it by a {TYPES} file, or remove it."
         ) from error
 
 
@@ -102,6 +128,25 @@ def image_size(path: Path) -> tuple[int, int]:
     """Return width and height, px; InputError as in `read_image`."""
     height, width = read_image(path).shape[:2]
     return width, height
+
+
+def stated_size(path: Path, data: bytes) -> tuple[int, int]:
+    """Return the width and height that a picture's header states, px; InputError as in
+    `read_image`.
+    """
+    if path.suffix.lower() == ".npy":
+        height, width = _check_pixels(path, _decode_npy(path, data)).shape[:2]
+        return width, height
+    try:
+        header = read_header(data)
+    except ValueError:  # the decoder says what is wrong, or reads it all the same
+        return image_size(path)
+    return header.width, header.height
+
+
+def most_frequent_size(sizes: Mapping[Path, tuple[int, int]]) -> tuple[int, int]:
+    """Return the width and height that most pictures have; of equally frequent ones, the larger."""
+    return max(Counter(sizes.values()).items(), key=lambda entry: (entry[1], entry[0]))[0]
 
 
 def _natural_key(path: Path) -> tuple[list[str | int], str]:
@@ -165,10 +210,23 @@ def _bmp_is_complete(data: bytes) -> bool:
     return len(data) >= int.from_bytes(data[2:6], "little")
 
 
+def _webp_is_complete(data: bytes) -> bool:
+    return len(data) >= 8 + int.from_bytes(data[4:8], "little")
+
+
+def _pnm_is_complete(data: bytes) -> bool:
+    try:
+        return len(data) >= pnm_bytes(data)
+    except ValueError:
+        return False
+
+
 COMPLETENESS_CHECKS: dict[bytes, Callable[[bytes], bool]] = {
     JPEG: _jpeg_is_complete,
     PNG: _png_is_complete,
     BMP: _bmp_is_complete,
+    WEBP: _webp_is_complete,
+    **dict.fromkeys(PNM, _pnm_is_complete),
 }
 """For the first bytes of each type of file, the function that checks that a file is complete.
 

@@ -58,10 +58,11 @@ def read_yaml(path: Path) -> dict[str, object]:
 
 
 def _load(text: str) -> object:
-    """Return the content of a YAML text; ValueError if it is nested too deeply, or its aliases
-    repeat too much.
+    """Return the content of a YAML text, with the version in its first line passed over;
+    ValueError if it is nested too deeply, or its aliases repeat too much.
     """
-    loader = _Loader(text)
+    # OpenCV's FileStorage writes "%YAML:1.0", which YAML does not know
+    loader = _Loader(re.sub(r"\A%YAML", "#", text))
     try:
         node = loader.get_single_node()
         if node is None:

@@ -68,8 +68,9 @@ class Board:
 
     def __str__(self) -> str:
         match self.coding:
-            case AprilGrid():
-                return f"{self.columns // 2}x{self.rows // 2} AprilGrid"
+            case AprilGrid(crossings=crossings):
+                kind = "AprilGrid" if crossings else "GridBoard"
+                return f"{self.columns // 2}x{self.rows // 2} {kind}"
             case Charuco():
                 return f"{self.columns}x{self.rows} ChArUco"
             case None:

@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 
 from calib.errors import InputError, harmless, wrong_type
-from calib.io.images import SUFFIXES, image_size, list_images, session_pictures
+from calib.io.images import SUFFIXES, TYPES, image_size, list_images, session_pictures
 from calib.io.videos import VIDEOS
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
@@ -183,8 +183,8 @@ def _read(path: Path, bare_of: Session | None) -> Session:
             else "put"
         )
         raise InputError(
-            f"{path} has no pictures: {hint} png, jpg, tiff, bmp or npy files in {path / 'frames'},"
-            f" or record some by capture {shlex.quote(str(path))}"
+            f"{path} has no pictures: {hint} {TYPES} files in {path / 'frames'}, or record some by"
+            f" capture {shlex.quote(str(path))}"
         )
     session = Session(path, board, camera, cover, frames, corners, None)
     if bare_of:

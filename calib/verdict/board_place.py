@@ -1,32 +1,66 @@
-"""Check: the distance of the boards is plausible. Squares given in centimetres put them inside the
-cover, squares given in metres put them too far away.
+"""Checks: the board has a plausible size at a plausible distance, and its size is known. Squares
+given in centimetres put the boards inside the cover, squares given in metres put them too far away.
 """
 
 from collections.abc import Iterator
 
 import numpy as np
 
+from calib.session.board import Board
+from calib.session.coding import AprilGrid
 from calib.verdict.case import Case
-from calib.verdict.thresholds import FAR_AWAY, INSIDE, SMALL_COVER
+from calib.verdict.thresholds import (
+    FAR_AWAY,
+    INSIDE,
+    LARGEST_BOARD,
+    SMALL_COVER,
+    SMALLEST_BOARD,
+    UNSURE_SQUARE,
+)
 from calib.verdict.verdict import Reason, Trust
 
 
 def board_place(case: Case) -> Iterator[Reason]:
+    """Check the distance of the boards before a cover."""
     if not case.calibration.model()[0].cover:
         return
     glass = float(np.median(np.linalg.norm(case.rays.origin.stacked().numpy(), axis=-1)))
     board = float(np.median(np.linalg.norm(case.corners, axis=-1)))
+    key = _key(case.calibration.board)
     distances = (
         f"half of the corners would be nearer than {board:.3g} m, where the cover's outer face is"
         f" at {glass:.3g} m"
     )
-    suspects = ("board.square_mm",)
     if board < INSIDE * glass:
         sentence = (
-            f"{distances}: the board would stand inside of the cover or touch it. Check"
-            " board.square_mm."
+            f"{distances}: the board would stand inside of the cover or touch it. Check {key}."
         )
-        yield Reason(sentence, case.next.fit(), suspects, Trust.DO_NOT_USE)
+        yield Reason(sentence, case.next.fit(), (key,), Trust.DO_NOT_USE)
     elif board > FAR_AWAY * max(glass, SMALL_COVER):
-        sentence = f"{distances}: the board would be as large as a house. Check board.square_mm."
-        yield Reason(sentence, case.next.fit(), suspects, Trust.DO_NOT_USE)
+        sentence = f"{distances}: the board would be as large as a house. Check {key}."
+        yield Reason(sentence, case.next.fit(), (key,), Trust.DO_NOT_USE)
+
+
+def board_size(case: Case) -> Iterator[Reason]:
+    """Check that the declared size is in the right unit, and that it is known."""
+    board = case.calibration.board
+    key = _key(board)
+    width = 2 * max(board.half)
+    if not SMALLEST_BOARD <= width <= LARGEST_BOARD:
+        sentence = (
+            f"the board would be {width:.3g} m wide, with {board.cell}s of {board.square:.3g} m:"
+            f" check {key}, whose unit is the millimetre."
+        )
+        yield Reason(sentence, case.next.fit(), (key,))
+    if board.square_sigma is not None and board.relative_sigma > UNSURE_SQUARE:
+        sentence = (
+            f"{key} is known to {100 * board.relative_sigma:.2g} % only"
+            f" ({1e3 * board.square:.4g} ± {1e3 * board.square_sigma:.2g} mm), and so is every"
+            " length and every distance that this calibration gives: measure it over many"
+            f" {board.cell}s."
+        )
+        yield Reason(sentence, case.next.fit(), (key,))
+
+
+def _key(board: Board) -> str:
+    return "board.tag_mm" if isinstance(board.coding, AprilGrid) else "board.square_mm"

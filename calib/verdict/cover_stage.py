@@ -21,12 +21,19 @@ def worse_than_none(case: Case) -> Iterator[Reason]:
         return
     cover = case.rms_px["cover"]
     bare = case.rms_px["pinhole"]
-    if _all_held(case) and cover > WORSE_THAN_BARE * bare:
-        sentence = (
-            f"the cover as it is described makes the error larger than no cover at all, {cover:.3f}"
-            f" for {bare:.3f} px: check its numbers in session.yaml, their signs too."
-        )
-        yield Reason(sentence, case.next.fit(), _suspects(case))
+    if taken_through_cover(case) or not cover > WORSE_THAN_BARE * bare:
+        return
+    subject = (
+        "the cover as it is described"
+        if _all_held(case)
+        else "the smooth cover, even with the numbers that the fit found,"
+    )
+    sentence = (
+        f"{subject} makes the error larger than no cover at all, {cover:.3f} for {bare:.3f} px:"
+        " check its numbers in session.yaml, their signs too, and that the pictures were taken"
+        " through it."
+    )
+    yield Reason(sentence, case.next.fit(), _suspects(case))
 
 
 def cover_stage(case: Case) -> Iterator[Reason]:

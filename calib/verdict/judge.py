@@ -15,7 +15,7 @@ from calib.fit_record.request import Settings
 from calib.fitting.evaluate import Evaluation
 from calib.threads import single_thread
 from calib.verdict.bare_pictures import bare_pictures
-from calib.verdict.board_place import board_place
+from calib.verdict.board_place import board_place, board_size
 from calib.verdict.case import Case
 from calib.verdict.confirmation import contradicted_numbers, unconfirmed_numbers
 from calib.verdict.convergence import not_converged, not_finite
@@ -27,6 +27,7 @@ from calib.verdict.differing_views import differing_views
 from calib.verdict.fleet_prior import fleet_prior
 from calib.verdict.held_out import held_out, overfits
 from calib.verdict.medium import medium
+from calib.verdict.mixed_settings import mixed_settings
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.orientation import orientation
 from calib.verdict.other_medium import other_medium
@@ -42,8 +43,10 @@ Check = Callable[[Case], Iterable[Reason]]
 CHECKS: tuple[Check, ...] = (
     principal_point,
     board_place,
+    board_size,
     unseen_row,
     extra_rows,
+    mixed_settings,
     bare_pictures,
     orientation,
     medium,

@@ -6,6 +6,15 @@ that its sigma says: with that error beside it, sigma would be 4 % larger. Flat 
 that are hardly known use up the steps 0.01 to 0.13 before the end.
 """
 
+SMALLEST_BOARD = 1e-3
+"""m, the width of a board: the smallest targets of microscopes have as much."""
+LARGEST_BOARD = 10.0
+"""m: no board is as wide, so its size is in another unit than declared."""
+UNSURE_SQUARE = 0.01
+"""Relative standard deviation of the squares' declared side: a ruler over several squares tells
+them to some permille, and a length that is off by more than a per cent is no measurement.
+"""
+
 WORSE_THAN_BARE = 1.5
 """Cover stage over pinhole stage: a cover that is described well lowers the error, and one of thin
 glass hardly changes it.

@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> None:
                     narrator.report_picture(recorder.keep(frame), view)
             else:
                 finder = make_finder(board)
-                plan = RecordingPlan(views or 0, args.burst, args.every)
+                plan = RecordingPlan(views or 0, args.burst, args.every, played=not source.live)
                 for step in record_views(
                     reader, finder, recorder, plan, detect_in_pictures(recorder.pictures, finder)
                 ):

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from calib.errors import InputError
 from calib.io.files import reading
 from calib.io.frames_table import FIXED, NAME, read_table, recorded_time
-from calib.io.images import list_images, read_image
+from calib.io.images import TYPES, list_images, read_image
 from calib.io.numerals import whole_number
 from calib.session.schema import Quantity, Section
 from calib.session.shutter import Shutter
@@ -58,8 +58,7 @@ class FolderSource:
             self._pictures = list_images(inner if inner.is_dir() else self._folder)
         if not self._pictures:
             raise InputError(
-                f"{self._folder} has no pictures: name a session, or a folder of png, jpg, tiff,"
-                " bmp or npy files."
+                f"{self._folder} has no pictures: name a session, or a folder of {TYPES} files."
             )
         table = (self._folder.parent if self._folder.name == "frames" else self._folder) / NAME
         rows = {row["file"]: row for row in read_table(table)}

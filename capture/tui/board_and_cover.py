@@ -17,6 +17,7 @@ BOARDS = {
     "checkerboard": {"columns": "9", "rows": "6"},
     "charuco": {"columns": "9", "rows": "6", "dictionary": "DICT_4X4_250", "legacy_pattern": "no"},
     "aprilgrid": {"columns": "6", "rows": "6", "spacing": "0.3"},
+    "gridboard": {"columns": "6", "rows": "4", "spacing": "0.3", "dictionary": "DICT_4X4_250"},
 }
 """The initial texts of the form, for each type of board."""
 
@@ -40,6 +41,8 @@ class BoardAndCover(Vertical):
         super().__init__()
         self._outer: tuple[Mapping[str, object], ...] = ()
         """The covers outside of this one, as session.yaml has them."""
+        self._unusual: Mapping[str, object] = {}
+        """The board's keys without a field, as session.yaml has them."""
 
     def compose(self) -> ComposeResult:
         yield Row(
@@ -87,7 +90,7 @@ class BoardAndCover(Vertical):
         board = {key: texts.get(key, "") for key in BOARD[self.kind]}
         cover = {key: texts.get(key, "") for key in _keys(self.shape)}
         outer = self._outer if cover else ()
-        return FormTexts(board, self.shape, cover, self.kind, outer)
+        return FormTexts(board, self.shape, cover, self.kind, outer, self._unusual)
 
     async def show(self, typed: FormTexts) -> None:
         await self._show_fields("#board", BOARD[typed.kind], typed.board)
@@ -95,6 +98,7 @@ class BoardAndCover(Vertical):
         self.query_one("#kind", Select).value = typed.kind
         self.query_one("#shape", Select).value = typed.shape
         self._show_outer(typed.outer)
+        self._unusual = typed.unusual
 
     async def reshape(self) -> None:
         """Show the fields of the chosen type and shape, if they are not on the screen yet."""

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.io.files import read_file
+from calib.session.board_section import UNUSUAL
 from calib.session.shapes.registry import shape_names
 from capture.tui.form import BOARD, FormTexts
 
@@ -50,6 +51,7 @@ def load_draft(session: Path) -> Draft | None:
             _check_texts(document["typed"]["cover"]),
             document["typed"]["kind"],
             _check_covers(document["typed"].get("outer", [])),
+            _check_unusual(document["typed"].get("unusual", {})),
         )
         source, like, bare = document["source"], document["like"], document.get("bare")
     except (InputError, ValueError, LookupError, TypeError, RecursionError):
@@ -85,3 +87,12 @@ def _check_covers(covers: Sequence[Mapping[str, object]]) -> tuple[Mapping[str, 
     if not all(cover["shape"] in shape_names() for cover in covers):
         raise TypeError("not covers")
     return tuple(covers)
+
+
+def _check_unusual(keys: object) -> dict[str, object]:
+    """Return the keys of a board; ValueError if they are something else. Their values are read by
+    the rules of session.yaml.
+    """
+    if not isinstance(keys, dict) or not set(keys) <= set(UNUSUAL):
+        raise ValueError("not keys of a board")
+    return keys

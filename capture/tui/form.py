@@ -5,11 +5,11 @@ Pure.
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from calib.errors import InputError, brief
 from calib.session.board import Board
-from calib.session.board_section import EXPLANATIONS, KEYS, explain_keys
+from calib.session.board_section import EXPLANATIONS, KEYS, UNUSUAL, explain_keys
 from calib.session.camera import Camera, camera_to_yaml
 from calib.session.cover import Cover
 from calib.session.cover_section import LAYERS_KEY, cover_mappings
@@ -20,8 +20,10 @@ from calib.session.shapes.registry import find_shape
 from calib.session.typed_number import join_sigmas, typed_number
 from capture.session_file import Setup
 
-BOARD = {kind: tuple(key for key in keys if key != "type") for kind, keys in KEYS.items()}
-"""The keys that a person types for each type of board."""
+BOARD = {
+    kind: tuple(key for key in keys if key not in ("type", *UNUSUAL)) for kind, keys in KEYS.items()
+}
+"""The keys that a person types for each type of board. Unusual ones come from a session."""
 FORM_NAME = "The set-up"
 EXAMPLE_BOARDS: Mapping[str, Mapping[str, object]] = {
     "checkerboard": {"columns": 3, "rows": 3, "square_mm": 1},
@@ -33,6 +35,13 @@ EXAMPLE_BOARDS: Mapping[str, Mapping[str, object]] = {
         "dictionary": "DICT_APRILTAG_36h10",
     },
     "aprilgrid": {"columns": 2, "rows": 2, "tag_mm": 1, "spacing": 0.3},
+    "gridboard": {
+        "columns": 2,
+        "rows": 2,
+        "tag_mm": 1,
+        "spacing": 0.3,
+        "dictionary": "DICT_APRILTAG_36h10",
+    },
 }
 """Valid example values for each type of board: a single value is checked together with them."""
 DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
@@ -45,8 +54,8 @@ ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 NO_COVER = "none: there is none, only the lens is calibrated."
 HELP = EXPLANATIONS | {
     "kind": (
-        "What is printed on it. charuco and aprilgrid have markers: they may reach out of the"
-        " picture, and be held any way up."
+        "What is printed on it. charuco, aprilgrid and gridboard have markers: they may reach out"
+        " of the picture, and be held any way up."
     ),
     "shape": f"The cover in front of the camera. {NO_COVER}",
 }
@@ -67,6 +76,8 @@ class FormTexts:
     kind: str = "checkerboard"
     outer: tuple[Mapping[str, object], ...] = ()
     """Further covers outside of this one, as session.yaml has them. The form keeps them."""
+    unusual: Mapping[str, object] = field(default_factory=dict)
+    """The board's keys without a field, as session.yaml has them. The form keeps them."""
 
 
 def explain_field(key: str, kind: str, shape: str) -> str:
@@ -107,7 +118,9 @@ def read_form(texts: FormTexts, camera: Camera | None = None) -> Setup:
     """
     for key, text in texts.board.items():
         _check_point(f"board.{key}", text)
-    board = {"type": texts.kind, **{key: _value(key, text) for key, text in texts.board.items()}}
+    typed_board = {key: _value(key, text) for key, text in texts.board.items()}
+    unusual = {key: texts.unusual[key] for key in texts.unusual if key in KEYS[texts.kind]}
+    board = {"type": texts.kind, **typed_board, **unusual}
     cover = _cover_to_yaml(texts)
     covers = [cover, *texts.outer] if texts.outer else cover
     return session_from_mapping(_mapping(board, covers, camera), FORM_NAME)
@@ -124,7 +137,8 @@ def write_form(board: Board, cover: Cover) -> FormTexts:
         texts |= {key: _text([layer[key] for layer in layers]) for key in LAYER_KEYS}
     kind = str(written.get("type", "checkerboard"))
     typed_board = {key: _text(written[key]) for key in BOARD[kind]}
-    return FormTexts(typed_board, cover.shape, texts, kind, tuple(outer))
+    unusual = {key: value for key, value in written.items() if key in UNUSUAL}
+    return FormTexts(typed_board, cover.shape, texts, kind, tuple(outer), unusual)
 
 
 def _mapping(

@@ -319,8 +319,6 @@ def test_the_command_prints_a_table(folder: Path, capsys: pytest.CaptureFixture[
                 str(folder / "plane.csv"),
                 "--depth",
                 "0.6",
-                "--noise",
-                "0.5",
             ]
         )
         == 0
@@ -337,7 +335,18 @@ def test_the_command_prints_a_table(folder: Path, capsys: pytest.CaptureFixture[
         "p",
         "q",
     ], "each in one line of 80 columns, the depth as it was given"
-    assert "Pixel noise 0.500 px per axis" in out
+    assert "Pixel noise 0.500 px per axis" in out, "that of a person's clicks"
+
+
+def test_stated_noise_takes_the_place_of_a_click_s(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plane = (folder / "calibration", folder / "plane.csv", "--depth", "0.6")
+    click: dict[str, Any] = said(capsys, *plane)
+    stated: dict[str, Any] = said(capsys, *plane, "--noise", "0.05")
+    assert click["noise_px"] == 0.5
+    assert stated["noise_px"] == 0.05
+    assert stated["points"][0]["sigma_m"][0] < click["points"][0]["sigma_m"][0] / 2
 
 
 def test_pixels_outside_the_picture_are_refused_as_data(

@@ -77,3 +77,33 @@ def test_pictures_that_were_set_aside_are_not_taken_again_from_a_folder(tmp_path
         (frame,) = photographs("0000.jpg")
         (step,) = record_views([replace(frame, name="")], finder, recorder, RecordingPlan(None), [])
         assert step.picture
+
+
+def moving_board(*, pause: bool) -> list[Frame]:
+    """A video at 15 frames a second of a board that moves by 90 px/s, and rests in its middle if
+    asked for.
+    """
+    picture = np.asarray(read_image(FIXTURE / "frames" / "0000.jpg"), np.uint8)
+    shifts = [6 * k for k in range(-15, 1)] + [0] * (4 * pause) + [6 * k for k in range(1, 16)]
+    return [
+        Frame(np.roll(picture, shift, 1), k, k / 15, metadata={"shift": shift})
+        for k, shift in enumerate(shifts)
+    ]
+
+
+def test_a_board_that_never_rests_is_kept_from_a_video_alone(tmp_path: Path) -> None:
+    """From a camera, the person is asked to hold it still; a video is as it is. Where the board
+    rests, that frame is taken.
+    """
+    for played, pause, kept in ((False, False, 0), (True, False, 1), (True, True, 1)):
+        folder = tmp_path / f"{played} {pause}"
+        plan = RecordingPlan(None, played=played)
+        with Recorder(folder, BOARD) as recorder:
+            steps = list(
+                record_views(moving_board(pause=pause), make_finder(BOARD), recorder, plan, [])
+            )
+            assert len(recorder.pictures) >= kept
+            assert bool(recorder.pictures) == bool(kept)
+        shifts = [step.frame.metadata["shift"] for step in steps if step.picture]
+        assert len(shifts) == len(set(shifts))
+        assert (0 in shifts) or not pause

@@ -48,6 +48,30 @@ def test_pictures_of_twice_the_zoom_come_from_another_mode(cameras: Made) -> Non
     assert change.sigma < 0.01
 
 
+@pytest.mark.parametrize(
+    ("across", "down"),
+    [
+        (1, 4 / 3),
+        pytest.param(0.75, 1, marks=pytest.mark.slow),
+        pytest.param(2, 1.1, marks=pytest.mark.slow),
+    ],
+)
+def test_stretched_pictures_are_named_with_the_figure(
+    cameras: Made, across: float, down: float
+) -> None:
+    made, checker = cameras["flat"]
+    later = Later.drawn(made, None, 103, 3)
+    result = checker.check(Pictures(zoomed(later.views(), across, down), made.board))
+    (change,) = result.changes
+    assert (result.status, change.name) == (CheckStatus.BROKEN, "stretched_mode")
+    assert change.value is not None
+    assert change.sigma is not None
+    assert abs(change.value - down / across) < 5 * change.sigma
+    assert change.sigma < 0.01
+    assert result.statistics
+    assert result.statistics.noise_ratio < 1.5
+
+
 def test_mirrored_pictures_are_reported(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 104, 3)

@@ -65,7 +65,8 @@ def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> 
         "written",
     }
     calibrated = {"camera", "cover", "board", "calibration"}
-    assert set(document) == contract | calibrated | {"second_look", "view_noise", "lens"}
+    details = {"still_boards", "second_look", "view_noise", "lens"}
+    assert set(document) == contract | calibrated | details
     assert document["frames_used"] == 6
     assert document["frames_rejected"] == []
     assert document["corners"] == 6 * 81

@@ -250,5 +250,5 @@ def test_the_examples_of_init_can_be_used(tmp_path: Path) -> None:
         section = re.compile(r"^board:\n(  .*\n)+", re.MULTILINE)
         file.write_text(section.sub(f"{board}\n", head))
         assert read_session(folder).board.coding
-    assert len(boards) == 2
+    assert len(boards) == 3
     assert main(["init", str(folder)]) == 2

@@ -23,12 +23,12 @@ def views(kind: Kind) -> list[NDArray[np.uint8]]:
 
 
 def test_a_checkerboard_is_found_with_its_size() -> None:
-    pictures = recordings.pictures()
-    pictures[2] = np.full_like(pictures[2], 90)
+    pictures = list(recordings.pictures())
+    pictures[1] = np.full_like(pictures[1], 90)
     found = search_board(pictures)
     assert found
     assert (found.kind, found.board.columns, found.board.rows) == ("checkerboard", 7, 6)
-    assert (found.pictures, found.searched) == (7, 8)
+    assert (found.pictures, found.searched) == (3, 4)
     assert found.options == "--board 7x6 --square-mm 25"
 
 
@@ -42,11 +42,11 @@ def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
     assert found
     assert (found.board.columns, found.board.rows) == (declared.columns, declared.rows)
     match declared.coding, found.board.coding:
-        case Charuco() as told, Charuco() as seen:
+        case Charuco() as printed, Charuco() as coding:
             # a marker of a size is measured to a hundredth of a square or two
-            assert seen.marker == pytest.approx(told.marker / declared.square, abs=0.03)
-            assert seen.legacy_pattern == told.legacy_pattern
-            assert seen.dictionary.rpartition("_")[0] == told.dictionary.rpartition("_")[0]
+            assert coding.marker == pytest.approx(printed.marker / declared.square, abs=0.03)
+            assert coding.legacy_pattern == printed.legacy_pattern
+            assert coding.dictionary.rpartition("_")[0] == printed.dictionary.rpartition("_")[0]
         case AprilGrid(spacing), AprilGrid(found_spacing):
             assert found_spacing == spacing
             assert not found.is_vague

@@ -233,7 +233,7 @@ def test_a_wrongly_declared_board_is_named(tmp_path: Path, declared: Board) -> N
     with pytest.raises(
         NotEnoughDataError,
         match=(
-            r"board of 9x6 .* fits 4 of the 4 .* declared .*columns: 9, board.rows: 6 in"
+            r"board of 9x6 .* in 3 pictures, the declared .*columns: 9, board.rows: 6 in"
             r" session.yaml"
         ),
     ):

@@ -1,6 +1,7 @@
 """Held-out quality through the command and its pieces."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,8 @@ def test_json_keeps_the_contract(
         "by_depth",
         "near_m",
         "far_m",
+        "bad_views",
+        "other_views_rms_px",
         "verdict",
         "written",
     ]
@@ -51,6 +54,26 @@ def test_json_keeps_the_contract(
     assert answer["rms_px"] < 0.17  # noise alone leaves 0.14
     squares = sum(band["corners"] * band["rms_px"] ** 2 for band in answer["by_depth"]) / (6 * 81)
     assert squares**0.5 == pytest.approx(answer["rms_px"], rel=1e-9)
+
+
+def test_a_bad_view_is_named_and_the_others_judged_by_themselves(
+    fitted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = scene(12, views=6, noise=0.1, depths=(0.45, 1.2))
+    view = made.views[3]
+    bent = view.corners + [0, 4.0] * (made.board.points()[:, :1] / made.board.half[0]) ** 2
+    views = (*made.views[:3], replace(view, corners=bent), *made.views[4:])
+    folder = write_session(tmp_path, made, views)
+    assert main(["evaluate", str(fitted / "calibration"), str(folder), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    (bad,) = answer["bad_views"]
+    assert bad["file"] == view.name
+    assert bad["rms_px"] > 5 * answer["other_views_rms_px"]
+    assert answer["other_views_rms_px"] < 0.17 < answer["rms_px"]
+    assert f"{view.name} ({bad['rms_px']:.3f} px) does not fit" in answer["verdict"]["reasons"][0]
+    assert not any("model lacks" in reason for reason in answer["verdict"]["reasons"])
+    assert main(["evaluate", str(fitted / "calibration"), str(folder)]) == 0
+    assert f"Does not fit: {view.name}: {bad['rms_px']:.3f} px" in capsys.readouterr().out
 
 
 def test_the_table_names_every_band(fitted: Path, capsys: pytest.CaptureFixture[str]) -> None:

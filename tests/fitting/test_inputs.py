@@ -173,7 +173,11 @@ def test_a_bare_camera_seen_from_one_angle_is_refused(made: Scene, tmp_path: Pat
     (folder / "session.yaml").write_text(yaml.safe_dump({**document, "cover": {"shape": "none"}}))
     rng = np.random.default_rng(0)
     same = tuple(
-        View(f"{i}.png", made.views[0].corners + rng.normal(0, 0.05, (81, 2)), made.views[0].weight)
+        View(
+            f"{i}.png",
+            made.views[0].corners + 2 * i + rng.normal(0, 0.05, (81, 2)),
+            made.views[0].weight,
+        )
         for i in range(6)
     )
     from calib.corners.corners_file import write_corners
@@ -282,3 +286,49 @@ def test_the_fits_of_a_session_are_distinguished(tmp_path: Path) -> None:
         "Joint fit, without 1 view",
         "Joint fit, uneven glass, without 1 view",
     ]
+
+
+def test_copies_strays_and_foreign_files_of_a_session_are_listed(tmp_path: Path) -> None:
+    folder = write_good_session(tmp_path)
+    frames = sorted((folder / "frames").glob("0*"))
+    (folder / "frames" / "copy.png").write_bytes(frames[0].read_bytes())
+    (folder / "frames" / "IMG_1.HEIC").write_bytes(b"\0" * 20)
+    height, width = cv2.imread(str(frames[0])).shape[:2]  # type: ignore[union-attr]
+    stray = np.zeros((height + 1, width + 1), np.uint8)
+    cv2.imwrite(str(folder / "frames" / "stray.png"), stray)
+    for _ in range(2):  # found, then stored
+        views, rejected = read_views(read_session(folder), Silent())
+        assert [view.name for view in views] == [path.name for path in frames]
+        reasons = {picture.name: picture.reason for picture in rejected}
+        assert reasons.keys() == {"copy.png", "stray.png", "IMG_1.HEIC"}
+        assert reasons["copy.png"].startswith(f"a copy of {frames[0].name}")
+        assert f"is {width + 1}x{height + 1} px where" in reasons["stray.png"]
+        assert "type is not read" in reasons["IMG_1.HEIC"]
+    for number in range(4):
+        cv2.imwrite(str(folder / "frames" / f"stray{number}.png"), stray)
+    with pytest.raises(
+        InputError, match=r"stray0?\.png is .*, and too few pictures have that size: correct"
+    ):
+        read_views(read_session(folder), Silent())
+
+
+def test_pictures_of_two_states_are_told(made: Scene, tmp_path: Path) -> None:
+    """By their names and by frames.csv; a picture that was not used says nothing."""
+    names = [f"{side}-{i}.png" for side in ("left", "right") for i in range(3)]
+    views = tuple(replace(v, name=n) for v, n in zip(made.views, names, strict=True))
+    folder = write_session(tmp_path, made, views)
+    rows = [f"{name},,,,{position}" for name, position in zip(names, "111123", strict=True)]
+    (folder / "frames.csv").write_text(
+        "\n".join(["file,time_s,sequence,view,lens_position", *rows, "gone.png,,,,7"]) + "\n"
+    )
+    calibration = fitted(folder)
+    by_name, by_position = calibration.outcome.mixed_settings
+    assert "fall into left* and right*, as those of 2 cameras do" in by_name
+    assert "lens position that their files state: 1 in 4 of them, 2 in right-1.png, 3 in" in (
+        by_position
+    )
+    path = calibration.save(tmp_path / "out")
+    assert Calibration.load(path).outcome.mixed_settings == (by_name, by_position)
+    reasons = judge(calibration).reasons
+    assert [reason.sentence for reason in reasons][:2] == [by_name, by_position]
+    assert reasons[0].word is Trust.CARE

@@ -77,6 +77,15 @@ def write_pictures(folder: Path) -> Path:
     return folder
 
 
+def write_pair(folder: Path) -> Path:
+    """Pictures of a stereo pair, left-00.png and right-00.png and so on."""
+    folder.mkdir()
+    for i, picture in enumerate(pictures()):
+        cv2.imwrite(str(folder / f"left-{i:02d}.png"), picture)
+        cv2.imwrite(str(folder / f"right-{i:02d}.png"), picture[:, ::-1])
+    return folder
+
+
 def cameramodel(path: Path, **changed: object) -> Path:
     """A .cameramodel as mrcal writes it: two cameras in the solve, of which this is the second; one
     corner is an outlier.

@@ -296,12 +296,37 @@ REFUSED = (
     Refused("images none", "images", lambda folder: folder, "has no pictures"),
     Refused("images damaged", "images", spoiled(cut), "/p/shot 3.png is truncated or damaged"),
     Refused(
-        "images of two sizes",
+        "images half of another size",
         "images",
         spoiled(
-            lambda folder: cv2.imwrite(str(folder / "shot 9.png"), np.zeros((48, 64), np.uint8))
+            lambda folder: [
+                cv2.imwrite(str(folder / f"small {i}.png"), np.zeros((48, 64), np.uint8))
+                for i in range(8)
+            ]
         ),
-        "/p/shot 9.png is 64x48 px",
+        "pictures of 2 sizes, 640x480, 64x48 px",
+    ),
+    Refused(
+        "images of two cameras",
+        "images",
+        lambda folder: recordings.write_pair(folder / "p"),
+        "fall into left* and right*, as those of 2 cameras do: choose one with --camera left",
+    ),
+    Refused(
+        "images of a camera that is not there",
+        "images",
+        lambda folder: recordings.write_pair(folder / "p"),
+        "no picture is called as of a camera cam2: name one of left, right",
+        (*BOARD, "--camera", "cam2"),
+    ),
+    Refused(
+        "kalibr in millimetres",
+        "kalibr",
+        lambda folder: recordings.kalibr(
+            folder / "k", target=TARGET.replace("0.025", "25").replace("0.025", "25")
+        ),
+        "colSpacingMeters is 25, and Kalibr's unit is the metre: write 0.025 if 25 mm is meant",
+        (),
     ),
 )
 

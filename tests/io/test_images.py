@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.errors import InputError
-from calib.io.images import SUFFIXES, image_size, list_images, read_grey, read_image
+from calib.io.images import SUFFIXES, image_size, list_images, read_grey, read_image, stated_size
 
-LOSSLESS = (".png", ".tif", ".tiff", ".bmp", ".npy")
+LOSSLESS = (".png", ".tif", ".tiff", ".bmp", ".npy", ".pnm")
 
 
 def noise(*shape: int, dtype: type = np.uint8) -> NDArray:
@@ -34,7 +34,7 @@ def test_pixels_come_as_stored(suffix: str, shape: tuple[int, ...], tmp_path: Pa
     assert read_grey(path).shape == (48, 64)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".tiff", ".npy"])
+@pytest.mark.parametrize("suffix", [".png", ".tiff", ".npy", ".pgm"])
 def test_sixteen_bits_are_kept(suffix: str, tmp_path: Path) -> None:
     pixels = noise(48, 64, dtype=np.uint16)
     grey = read_grey(save(tmp_path / f"a{suffix}", pixels))
@@ -65,12 +65,34 @@ def test_grey_of_colour_weighs_green_most(tmp_path: Path) -> None:
     assert channels == [23, 117, 60]  # BT.601: 0.114, 0.587, 0.299
 
 
+def test_the_header_states_the_size(tmp_path: Path) -> None:
+    for suffix in (*SUFFIXES, ".exr"):
+        shape = (48, 65) if suffix == ".pgm" else (48, 65, 3)
+        pixels = noise(*shape).astype(np.float32) if suffix == ".exr" else noise(*shape)
+        if suffix == ".exr" and not cv2.haveImageWriter("a.exr"):
+            continue
+        path = save(tmp_path / f"a{suffix}", pixels)
+        assert stated_size(path, path.read_bytes()) == (65, 48), suffix
+    for quality in (50, 101):  # the two kinds of WebP
+        data = cv2.imencode(".webp", noise(48, 65, 3), [cv2.IMWRITE_WEBP_QUALITY, quality])[1]
+        assert stated_size(tmp_path / "a.webp", data.tobytes()) == (65, 48)
+
+
+def test_an_anymap_in_numbers_and_with_a_comment(tmp_path: Path) -> None:
+    path = tmp_path / "a.pgm"
+    path.write_text("P2 # by hand\n3 2\n255\n1 2 3\n4 5 6\n")
+    assert read_image(path).tolist() == [[1, 2, 3], [4, 5, 6]]
+    path.write_text("P2\n3 2\n255\n1 2 3\n4")
+    with pytest.raises(InputError, match="not an image"):
+        read_image(path)
+
+
 @pytest.mark.parametrize("keep", [0.02, 0.5, 0.99])
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_truncated_picture_is_refused_in_silence(
     suffix: str, keep: float, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    path = save(tmp_path / f"a{suffix}", noise(48, 64, 3))
+    path = save(tmp_path / f"a{suffix}", noise(48, 64, *(() if suffix == ".pgm" else (3,))))
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * keep)])
     says = (

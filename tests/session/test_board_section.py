@@ -63,7 +63,7 @@ def test_an_aprilgrid_s_corners_are_its_tags() -> None:
 WRONG: list[tuple[dict[str, object], str]] = [
     (
         {**CHARUCO, "type": "charucos"},
-        'board.type is the text "charucos": write charuco, or checkerboard, charuco or aprilgrid',
+        'is the text "charucos": write charuco, or checkerboard, charuco, aprilgrid or gridboard',
     ),
     ({**CHARUCO, "marker_mm": 20.0}, "board.marker_mm is 20.0: write less than square_mm"),
     ({**CHARUCO, "marker_mm": 25}, "board.marker_mm is 25: write less than square_mm"),

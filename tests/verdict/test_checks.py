@@ -15,13 +15,13 @@ from calib.estimation.relief_heights import height_spread
 from calib.fit_record.history import DiagnosisRecord, History
 from calib.fit_record.outcome import CrossValidation
 from calib.fit_record.request import FitRequest, Settings
-from calib.fitting.evaluate import Evaluation
+from calib.fitting.evaluate import BadView, Evaluation
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import AprilGrid, Charuco, Coding
 from calib.session.freeing import AUTO
 from calib.session.schema import Number
-from calib.verdict.board_place import board_place
+from calib.verdict.board_place import board_place, board_size
 from calib.verdict.case import Case
 from calib.verdict.convergence import not_converged, not_finite
 from calib.verdict.cover_stage import cover_stage, worse_than_none
@@ -144,6 +144,12 @@ def test_a_cover_that_is_worse_than_none(good: Calibration) -> None:
     (reason,) = asked(worse_than_none, with_stages(good, 1.0, 1.01 * WORSE_THAN_BARE, 1.0))
     assert "larger than no cover at all" in reason.sentence
     assert not asked(worse_than_none, with_stages(good, 1.0, 0.99 * WORSE_THAN_BARE, 1.0))
+
+
+def test_a_cover_that_is_worse_than_none_with_every_number_estimated(freed: Calibration) -> None:
+    (reason,) = asked(worse_than_none, with_stages(freed, 1.0, 2.71, 1.0))
+    assert "even with the numbers that the fit found, makes the error larger" in reason.sentence
+    assert not asked(worse_than_none, with_stages(freed, 1.0, 0.99 * WORSE_THAN_BARE, 1.0))
 
 
 def test_an_unevenness_that_explains_too_much_with_every_number_held(
@@ -284,6 +290,37 @@ def test_an_evaluation_is_judged_too(good: Calibration) -> None:
     assert worse.next == f"{DIAGNOSE} --holdout 'other views'"
     (near,) = asked(held_out, good, evaluation=evaluated(last, 0.1, 1.0))
     assert "0.1 to 1 m away" in near.sentence
+
+
+def test_bad_views_are_named_beside_the_error_of_the_others(good: Calibration) -> None:
+    last = good.stages[-1].rms_px
+    bad = (BadView("07.png", 5.0), BadView("02.png", 3.0))
+    evaluation = replace(
+        evaluated(10 * last, 0.4, 1.0), bad_views=bad, other_views_rms_px=1.1 * last
+    )
+    (reason,) = asked(held_out, good, evaluation=evaluation)
+    assert "07.png (5.000 px), 02.png (3.000 px) do not fit the calibration" in reason.sentence
+    worse = replace(evaluation, other_views_rms_px=2 * last)
+    assert len(asked(held_out, good, evaluation=worse)) == 2
+
+
+@pytest.mark.parametrize(
+    ("board", "says"),
+    [
+        (Board(9, 9, 0.02, 0.01), "board.square_mm is known to 50 % only (20 ± 10 mm), and so is"),
+        (Board(9, 9, 0.02, 0.0005), "is known to 2.5 % only"),
+        (Board(9, 9, 0.02, 0.00019), ""),
+        (Board(9, 9, 0.02, 0.0), ""),
+        (Board(9, 9, 25.0), "200 m wide, with squares of 25 m: check board.square_mm, whose unit"),
+        (Board(8, 6, 5e-5), "0.00035 m wide"),
+        (Board(12, 12, 40.0, coding=AprilGrid(0.3)), "check board.tag_mm, whose unit is the mill"),
+        (Board(9, 9, 0.5), ""),
+    ],
+)
+def test_the_board_s_size(good: Calibration, board: Board, says: str) -> None:
+    reasons = asked(board_size, replace(good, board=board))
+    assert len(reasons) == bool(says)
+    assert all(says in reason.sentence and reason.word is Trust.CARE for reason in reasons)
 
 
 def test_empty_regions_of_the_picture_are_named(good: Calibration) -> None:

@@ -5,6 +5,8 @@ from dataclasses import replace
 import pytest
 
 from calib.errors import InputError
+from calib.session.board import Board
+from calib.session.coding import AprilGrid, Charuco, Coding, grid_board
 from calib.session.cover import Cover
 from calib.session.schema import Number
 from calib.session.shapes.registry import SHAPES
@@ -123,6 +125,22 @@ def test_values_that_do_not_go_together() -> None:
     typed = write_form(SETUP[0], SETUP[2])
     with pytest.raises(InputError, match="puts the camera outside the cone"):
         read_form(replace(typed, cover={**typed.cover, "axis_offset_mm": "0, -300"}))
+
+
+@pytest.mark.parametrize(
+    "coding",
+    [
+        Charuco(0.015, "DICT_4X4_250", first_marker=17, inverted=True),
+        AprilGrid(0.3, first_marker=5, border=1, numbered_from="upper_left"),
+        grid_board(0.3, "DICT_4X4_250", first_marker=9),
+    ],
+    ids=lambda coding: type(coding).__name__,
+)
+def test_keys_without_a_field_are_kept(coding: Coding) -> None:
+    board = Board(8, 6, 0.02, coding=coding)
+    texts = write_form(board, Cover("none", {}))
+    assert read_form(texts)[0] == board
+    assert not {"first_marker", "inverted"} & texts.board.keys()
 
 
 def test_every_number_is_explained() -> None:

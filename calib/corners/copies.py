@@ -1,0 +1,85 @@
+"""Recognise pictures of a board that did not move. They tell nothing new of the camera: counted as
+views of their own, they would make a calibration surer than it is, and held-out views would be
+views that were fitted.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.corners.view import RejectedPicture, View
+
+STILL_PX = 0.5
+"""px, root mean square distance of the corners in two pictures of a board that did not move: the
+noise of corners makes 0.1 to 0.2, and a hand moves a board by more.
+"""
+MIN_COMMON = 0.5
+"""Part of the corners of either view that both must show."""
+
+
+def split_copies(views: Sequence[View]) -> tuple[tuple[View, ...], tuple[RejectedPicture, ...]]:
+    """Return the views, each picture once, and the copies: their corners are the same to the last
+    bit.
+    """
+    originals: dict[tuple[bytes, bytes], View] = {}
+    copies = []
+    for view in views:
+        first = originals.setdefault((view.corners.tobytes(), view.weight.tobytes()), view)
+        if first is not view:
+            reason = f"a copy of {first.name}, which counts once"
+            copies.append(RejectedPicture(view.name, reason))
+    return tuple(originals.values()), tuple(copies)
+
+
+def join_still_poses(views: Sequence[View]) -> tuple[View, ...]:
+    """Return the views with one pose id for those in which the board stands still, the name of the
+    first of them unless it has an id.
+    """
+    if not views:
+        return ()
+    joined: list[View] = []
+    corners = np.full((len(views), *views[0].corners.shape), np.nan)  # of each pose's first view
+    first_views: list[int] = []
+    for index, view in enumerate(views):
+        visible = np.where(view.seen[:, None], view.corners, np.nan)
+        same = _find_still(corners[: len(first_views)], visible)
+        if same is None:
+            corners[len(first_views)] = visible
+            first_views.append(index)
+            joined.append(view)
+            continue
+        first = joined[first_views[same]]
+        pose_id = first.pose_id if first.pose_id is not None else first.name
+        joined[first_views[same]] = replace(first, pose_id=pose_id)
+        joined.append(replace(view, pose_id=pose_id))
+    return tuple(joined)
+
+
+def describe_still(views: Sequence[View]) -> tuple[str, ...]:
+    """Return a sentence on the views that `join_still_poses` joined, none if there are none."""
+    names = {view.name for view in views}
+    joined = [view.name for view in views if view.pose_id in names and view.pose_id != view.name]
+    if not joined:
+        return ()
+    several = len(joined) > 1
+    return (
+        f"In {len(joined)} picture{'s' * several} the board stands still where an earlier one"
+        f" shows it ({', '.join(joined[:10])}{' ...' * (len(joined) > 10)}):"
+        f" {'they count' if several else 'it counts'} as one view with that.",
+    )
+
+
+def _find_still(poses: NDArray[np.float64], corners: NDArray[np.float64]) -> int | None:
+    """Return the index of the first of (P, N, 2) px views whose corners lie where the (N, 2) px of
+    this one lie; None if there is none.
+    """
+    squares = ((poses - corners) ** 2).sum(-1)  # (P, N), NaN where either is not visible
+    common = np.isfinite(squares)
+    mean_squares = np.where(common, squares, 0.0).sum(1) / np.maximum(common.sum(1), 1)
+    needed = MIN_COMMON * np.maximum(
+        np.isfinite(poses[..., 0]).sum(1), np.isfinite(corners[:, 0]).sum()
+    )
+    still = (mean_squares < STILL_PX**2) & (common.sum(1) >= np.maximum(needed, 1))
+    return int(np.argmax(still)) if still.any() else None
