@@ -29,6 +29,7 @@ the time.
 import argparse
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import cycle
 
 import numpy as np
 from rich.console import Console
@@ -50,7 +51,7 @@ from calib.verdict.verdict import Trust
 from fixtures.calibrated import calibrated
 from fixtures.map_errors import error_over_sigma
 from fixtures.synthetic import COVERS, Scene
-from fixtures.view_variation import CAUSES, CLEAN, SIZES, Cause, varied_session
+from fixtures.view_variation import CAUSES, CLEAN, SIZES, VIEWS, Cause, varied_session
 
 SCENES = ("thin-cone", "dome", "cylinder", "wet-flat")
 FAR = 2.5
@@ -156,12 +157,14 @@ class Outcome:
         )
 
 
-def outcome(scene_name: str, cause_name: str, size: str, seed: int, fit_only: bool) -> Outcome:
+def outcome(
+    scene_name: str, cause_name: str, size: str, seed: int, views: int, fit_only: bool
+) -> Outcome:
     """Calibrate and diagnose one session."""
     cause = CAUSE_OF[cause_name]
     scene_seed = len(CAUSE_OF) * seed + list(CAUSE_OF).index(cause_name)
     with single_thread():
-        session = varied_session(scene_name, cause, scene_seed, SIZES[size])
+        session = varied_session(scene_name, cause, scene_seed, SIZES[size], views)
         result = Outcome(scene_name, cause, size, seed, session.visible)
         try:
             calibration = calibrated(session.scene, session.setup, Settings())
@@ -179,16 +182,18 @@ def outcome(scene_name: str, cause_name: str, size: str, seed: int, fit_only: bo
         )
 
 
-def drawn(options: argparse.Namespace, size: str) -> list[tuple[str, str, str, int, bool]]:
+Arguments = tuple[str, str, str, int, int, bool]
+
+
+def drawn(options: argparse.Namespace, size: str) -> list[Arguments]:
     """Return the arguments of all sessions with a cause."""
-    rows = []
+    rows: list[Arguments] = []
     for index, cause in enumerate(CAUSES):
         scenes = [name for name in options.scenes if cause.possible(COVERS[name][0])]
         if cause.name in options.causes and scenes:
-            rows += [
-                (scenes[(index + seed) % len(scenes)], cause.name, size, seed, options.fit_only)
-                for seed in range(options.first, options.first + options.sessions)
-            ]
+            for seed in range(options.first, options.first + options.sessions):
+                scene_name = scenes[(index + seed) % len(scenes)]
+                rows.append((scene_name, cause.name, size, seed, options.views, options.fit_only))
     return rows
 
 
@@ -253,22 +258,27 @@ def share(flags: Iterable[bool]) -> str:
 
 def with_causes(options: argparse.Namespace, size: str, pool: Workers, console: Console) -> None:
     """Print what becomes of sessions with causes of one size."""
-    outcomes = list(pool.each(outcome, drawn(options, size), size))
+    outcomes = []
+    for item in pool.each(outcome, drawn(options, size), size):
+        outcomes.append(item)
+        if item.wrong or item.too_sure:
+            console.print(f"{'wrong' if item.wrong else 'too sure'}: {item}")
     visible = [item for item in outcomes if item.visible]
     console.print(table_of(outcomes, size))
     console.print(summary(visible, f"{len(visible)} visible causes of size {size}"))
     if hidden := [item for item in outcomes if not item.visible]:
         console.print(summary(hidden, f"{len(hidden)} that are not visible"))
-    for item in outcomes:
-        if item.wrong or item.too_sure:
-            console.print(f"{'wrong' if item.wrong else 'too sure'}: {item}")
 
 
 def without_causes(options: argparse.Namespace, pool: Workers, console: Console) -> None:
     """Print the alarms of clean sessions."""
     rows = [
-        (options.scenes[seed % len(options.scenes)], CLEAN.name, "ten", seed, options.fit_only)
-        for seed in range(options.first, options.first + options.clean)
+        (scene_name, CLEAN.name, "ten", seed, options.views, options.fit_only)
+        for scene_name, seed in zip(
+            cycle(options.scenes),
+            range(options.first, options.first + options.clean),
+            strict=False,
+        )
     ]
     outcomes = list(pool.each(outcome, rows, CLEAN.name))
     alarms = [item for item in outcomes if item.statement.text]
@@ -288,6 +298,7 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, default=4, help="of each cause and size")
     parser.add_argument("--first", type=int, default=3000, help="the number of the first session")
     parser.add_argument("--clean", type=int, default=60, help="sessions without any cause")
+    parser.add_argument("--views", type=int, default=VIEWS, help="of each session")
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES)
     parser.add_argument("--sizes", nargs="+", choices=tuple(SIZES), default=tuple(SIZES))
     names = tuple(cause.name for cause in CAUSES)
