@@ -22,14 +22,12 @@ Of the others, each table has a row for each cause:
     map        map error over predicted sigma, root mean square over the depths: the median and the
                largest, before and after the loop
 
-With `--fit-only` there is no loop: what differs is what the verdict on the fit says, in a tenth of
-the time.
+With `--fit-only` there is no loop: what differs is what the verdict on the fit says.
 """
 
 import argparse
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import cycle
 
 import numpy as np
 from rich.console import Console
@@ -229,10 +227,11 @@ def table_of(outcomes: Sequence[Outcome], size: str) -> Table:
 
 
 def summary(outcomes: Sequence[Outcome], title: str) -> str:
-    """Return the shares of sessions, as a sentence."""
+    """Return the shares of sessions, a line each."""
     named = [item for item in outcomes if item.cause.group]
-    sentences = [
-        f"{title}: a wrong name alone in {share(bool(item.wrong) for item in outcomes)}",
+    lines = [
+        f"{title}:",
+        f"a wrong name alone in {share(bool(item.wrong) for item in outcomes)}",
         f"the right group first or in the family in {share(item.right for item in named)}",
     ]
     for words, grades in (
@@ -240,14 +239,15 @@ def summary(outcomes: Sequence[Outcome], title: str) -> str:
         ("after", [item.diagnosed for item in outcomes if item.diagnosed]),
     ):
         if grades:
-            sentences += [
+            lines += [
                 f"{words} the loop trusted with a map error above {FAR:g} sigma in"
-                f" {share(grade.too_sure for grade in grades)}, and a map error of at most"
-                f" {FAR:g} sigma in {share(grade.ratio <= FAR for grade in grades)}"
+                f" {share(grade.too_sure for grade in grades)}",
+                f"{words} the loop a map error of at most {FAR:g} sigma in"
+                f" {share(grade.ratio <= FAR for grade in grades)}",
             ]
     if refused := sum(item.last is None for item in outcomes):
-        sentences.append(f"{refused} refused")
-    return "; ".join(sentences) + "."
+        lines.append(f"{refused} refused")
+    return "\n    ".join(lines)
 
 
 def share(flags: Iterable[bool]) -> str:
@@ -265,21 +265,17 @@ def with_causes(options: argparse.Namespace, size: str, pool: Workers, console: 
             console.print(f"{'wrong' if item.wrong else 'too sure'}: {item}")
     visible = [item for item in outcomes if item.visible]
     console.print(table_of(outcomes, size))
-    console.print(summary(visible, f"{len(visible)} visible causes of size {size}"))
+    console.print(summary(visible, f"{len(visible)} sessions with visible causes of size {size}"))
     if hidden := [item for item in outcomes if not item.visible]:
-        console.print(summary(hidden, f"{len(hidden)} that are not visible"))
+        console.print(summary(hidden, f"{len(hidden)} with causes that are not visible"))
 
 
 def without_causes(options: argparse.Namespace, pool: Workers, console: Console) -> None:
     """Print the alarms of clean sessions."""
-    rows = [
-        (scene_name, CLEAN.name, "ten", seed, options.views, options.fit_only)
-        for scene_name, seed in zip(
-            cycle(options.scenes),
-            range(options.first, options.first + options.clean),
-            strict=False,
-        )
-    ]
+    rows = []
+    for seed in range(options.first, options.first + options.clean):
+        scene_name = options.scenes[seed % len(options.scenes)]
+        rows.append((scene_name, CLEAN.name, "ten", seed, options.views, options.fit_only))
     outcomes = list(pool.each(outcome, rows, CLEAN.name))
     alarms = [item for item in outcomes if item.statement.text]
     ratios = [item.last.ratio <= FAR for item in outcomes if item.last]

@@ -266,6 +266,7 @@ def test_the_benchmark_names_what_alternates_and_nothing_in_a_clean_session() ->
     result = subprocess.run(
         command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True
     )
-    assert "1 visible causes of size ten: a wrong name alone in 0 of 1" in result.stdout
+    assert "1 sessions with visible causes of size ten" in result.stdout
+    assert "a wrong name alone in 0 of 1" in result.stdout
     assert "the right group first or in the family in 1 of 1" in result.stdout
     assert "1 clean sessions: 0 alarms" in result.stdout
