@@ -45,7 +45,7 @@ from calib.progress import Silent
 from calib.threads import single_thread
 from calib.verdict.differing_views import find_differing
 from calib.verdict.judge import judge
-from calib.verdict.verdict import Trust
+from calib.verdict.verdict import Trust, Verdict
 from fixtures.calibrated import calibrated
 from fixtures.map_errors import error_over_sigma
 from fixtures.synthetic import COVERS, Scene
@@ -68,9 +68,8 @@ class Grade:
     """The map error over predicted sigma."""
 
     @staticmethod
-    def of(made: Scene, calibration: Calibration) -> "Grade":
-        trusted = judge(calibration).word is Trust.TRUSTED
-        return Grade(trusted, error_over_sigma(made, calibration))
+    def of(made: Scene, calibration: Calibration, verdict: Verdict) -> "Grade":
+        return Grade(verdict.word is Trust.TRUSTED, error_over_sigma(made, calibration))
 
     @property
     def too_sure(self) -> bool:
@@ -166,17 +165,19 @@ def outcome(
         result = Outcome(scene_name, cause, size, seed, session.visible)
         try:
             calibration = calibrated(session.scene, session.setup, Settings())
-            statement = Statement.of(find_differing(calibration))
-            result = replace(result, fitted=Grade.of(session.scene, calibration))
+            verdict = judge(calibration)
+            result = replace(result, fitted=Grade.of(session.scene, calibration, verdict))
             if fit_only:
-                return replace(result, statement=statement)
+                differing = find_differing(calibration)
+                read = str(differing) in [reason.sentence for reason in verdict.reasons]
+                return replace(result, statement=Statement.of(differing if read else None))
             extended, diagnosis = diagnose(calibration, Silent())
         except RefracalError:
             return result
         return replace(
             result,
             statement=Statement.of(diagnosis.differing, diagnosis),
-            diagnosed=Grade.of(session.scene, extended),
+            diagnosed=Grade.of(session.scene, extended, judge(extended)),
         )
 
 

@@ -170,6 +170,7 @@ def test_views_that_gave_the_intrinsics_count_once(calibration: Calibration) -> 
 def test_the_record_comes_back_equal(calibration: Calibration, tmp_path: Path) -> None:
     outcome = replace(
         calibration.outcome,
+        shape_log_odds={"cone": 0.0, "dome": -12.5},
         lens_held_out_px={"0": 1.0, "12": 0.25},
         view_scatter=1.25,
         turned_boards=("0001.png",),

@@ -110,9 +110,10 @@ def test_the_covers_of_the_measuring_page_are_read() -> None:
             "a flat window of 3 layers",
             "a flat window",
             "a dome and a flat window",
+            "a dome",
         )
     ]
-    assert [cover.layers for cover in covers] == [1, 1, 1, 3, 1, 1]
+    assert [cover.layers for cover in covers] == [1, 1, 1, 3, 1, 1, 1]
     for dimension in dimensions():
         assert f"`{dimension.quantity.key}" in page, dimension.quantity.key
 

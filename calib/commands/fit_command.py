@@ -146,4 +146,8 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
             "coefficients": len(intrinsics.distortion),
             "held_out_px": record.get("lens_held_out_px", {}),
         },
-    } | {key: record[key] for key in ("cross_validation", "fleet_prior") if key in record}
+    } | {
+        key: record[key]
+        for key in ("cross_validation", "fleet_prior", "shape_log_odds")
+        if key in record
+    }

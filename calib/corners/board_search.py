@@ -24,12 +24,13 @@ from calib.corners.other_coding import (
     MIN_LINKED_FRACTION,
     MIN_MARKERS,
     most_frequent_family,
+    negative,
     smallest_dictionary,
 )
 from calib.corners.picture_scale import reduce_picture, reducing_factor
 from calib.session.board import Board
-from calib.session.board_section import KALIBR, board_to_yaml
-from calib.session.coding import DICTIONARIES, AprilGrid, Charuco
+from calib.session.board_section import EXAMPLES, KALIBR, board_to_yaml
+from calib.session.coding import DICTIONARIES, AprilGrid, Charuco, Coding, grid_board
 
 MAX_SIDE = 1920
 """px, the longer side of the pictures that are searched: the search takes seconds, not minutes."""
@@ -41,9 +42,6 @@ SPACING_STEP = 0.05
 """Gaps of AprilGrids are whole multiples of this, in sides of a tag, as their makers offer them."""
 SPACING_ERROR = 0.02
 """The largest error of a measured gap."""
-
-EXAMPLE_SIDES = {"checkerboard": 25.0, "charuco": 25.0, "aprilgrid": 30.0}
-"""mm, the side of a square or a tag in an example."""
 
 Picture = NDArray[np.uint8]
 
@@ -78,6 +76,8 @@ class FoundBoard:
         match self.board.coding:
             case Charuco(dictionary=dictionary):
                 return f"Found a {self.board} board with markers of {dictionary}"
+            case AprilGrid(dictionary=dictionary, crossings=False):
+                return f"Found a {self.board} with markers of {dictionary}"
             case AprilGrid():
                 return f"Found a {self.board}"
             case None:
@@ -87,7 +87,8 @@ class FoundBoard:
     def options(self) -> str:
         """The options of a command line that describe the board, with an example of its size."""
         words = []
-        for key, value in self.to_yaml(EXAMPLE_SIDES[self.kind]).items():
+        side_mm = float(str(EXAMPLES[self.kind][self.side_key]))
+        for key, value in self.to_yaml(side_mm).items():
             if key in ("columns", "rows") or value is False:
                 continue
             option = f"--{key.replace('_', '-')}"
@@ -127,20 +128,38 @@ def search_board(pictures: Sequence[Picture]) -> FoundBoard | None:
 
 
 def _search_markers(pictures: Sequence[Picture]) -> FoundBoard | None:
+    """Return the board with markers that the (H, W) pictures show, be it white on black."""
+    if found := _search_dark_markers(pictures):
+        return found
+    found = _search_dark_markers([negative(picture) for picture in pictures])
+    if not (found and found.board.coding):
+        return None
+    coding = replace(found.board.coding, inverted=True)
+    return replace(found, board=replace(found.board, coding=coding))
+
+
+def _search_dark_markers(pictures: Sequence[Picture]) -> FoundBoard | None:
     name, border, numbers = most_frequent_family(pictures)
     if len(numbers) <= MIN_MARKERS * max(1.0, len(pictures) / 2):
         return None
     dictionary = smallest_dictionary(name, numbers)
     markers = [read_markers(picture, dictionary, border) for picture in pictures]
-    if (dictionary, border) == (KALIBR.dictionary, 2):
-        return _find_aprilgrid(pictures, markers)
-    return _find_charuco(markers, dictionary) if border == 1 else None
+    if (dictionary, border) == (KALIBR.dictionary, KALIBR.border):
+        return _find_grid(pictures, markers, KALIBR)
+    if border == 1 and (found := _find_charuco(markers, dictionary)):
+        return found
+    # Tags of this dictionary may have small squares between them, which another type has.
+    if border == 1 and dictionary != KALIBR.dictionary:
+        return _find_grid(pictures, markers, grid_board(KALIBR.spacing, dictionary))
+    return None
 
 
-def _find_aprilgrid(pictures: Sequence[Picture], markers: Sequence[Markers]) -> FoundBoard | None:
-    candidates = [Board(2 * columns, 2, 1.0, coding=KALIBR) for columns in range(2, MAX_COLUMNS)]
+def _find_grid(
+    pictures: Sequence[Picture], markers: Sequence[Markers], example: AprilGrid
+) -> FoundBoard | None:
+    candidates = [Board(2 * columns, 2, 1.0, coding=example) for columns in range(2, MAX_COLUMNS)]
     board = _best_layout(markers, candidates)
-    if not board:
+    if not board or not isinstance(board.coding, AprilGrid):
         return None
     gaps = []
     for picture, read in zip(pictures, markers, strict=True):
@@ -153,7 +172,8 @@ def _find_aprilgrid(pictures: Sequence[Picture], markers: Sequence[Markers]) -> 
     gap = float(np.median(gaps))
     nearest = round(SPACING_STEP * round(gap / SPACING_STEP), 2)
     sure = abs(gap - nearest) <= SPACING_ERROR
-    coding = AprilGrid(nearest if sure else round(gap, 2))
+    spacing = nearest if sure else round(gap, 2)
+    coding = replace(board.coding, spacing=spacing, dictionary=_sufficient_dictionary(board))
     return FoundBoard(replace(board, coding=coding), len(gaps), len(pictures), not sure)
 
 
@@ -176,27 +196,35 @@ def _find_charuco(markers: Sequence[Markers], dictionary: str) -> FoundBoard | N
     if not sizes:
         return None
     marker = round(float(np.median(sizes)) * board.coding.marker, 2)
+    coding = replace(board.coding, marker=marker, dictionary=_sufficient_dictionary(board))
+    return FoundBoard(replace(board, coding=coding), len(sizes), len(markers))
+
+
+def _sufficient_dictionary(board: Board) -> str:
+    """Return the first dictionary that begins as the board's does and has all of its markers."""
+    assert board.coding
+    dictionary = board.coding.dictionary
     series = dictionary.rpartition("_")[0]
-    needed = len(marker_places(board))
-    dictionary = next(
+    needed = board.coding.first_marker + len(marker_places(board))
+    return next(
         name
         for name, count in (*DICTIONARIES.items(), (dictionary, needed))
         if name.rpartition("_")[0] == series and count >= needed
     )
-    coding = replace(board.coding, marker=marker, dictionary=dictionary)
-    return FoundBoard(replace(board, coding=coding), len(sizes), len(markers))
 
 
 def _best_layout(markers: Sequence[Markers], candidates: Sequence[Board]) -> Board | None:
-    """Return the candidate on which most of the markers lie, with as many rows as the markers need;
-    None if they lie on none of them.
+    """Return the candidate on which most of the markers lie, with the first marker and as many rows
+    as the markers need; None if they lie on none of them.
 
     A candidate's own rows say whether their number is odd, which the first square of a legacy
     ChArUco board depends on.
     """
     richest = max(markers, key=lambda read: len(read.numbers))
     best, highest = None, int(MIN_LINKED_FRACTION * len(richest.numbers))
-    for candidate in candidates:
+    lowest = min(int(read.numbers.min()) for read in markers if len(read.numbers))
+    firsts = dict.fromkeys((0, lowest, int(richest.numbers.min())))
+    for candidate in (_from_marker(first, board) for first in firsts for board in candidates):
         linked = len(_on_board([richest], candidate))
         if linked > highest:
             best, highest = candidate, linked
@@ -207,17 +235,32 @@ def _best_layout(markers: Sequence[Markers], candidates: Sequence[Board]) -> Boa
     numbers = _on_board(markers, best)
     if len(numbers) < MIN_LINKED_FRACTION * sum(len(read.numbers) for read in markers):
         return None
+    assert best.coding
+    is_grid = isinstance(best.coding, AprilGrid)
+    # Charuco boards have the same places in every other row.
+    period = best.columns // 2 if is_grid else best.columns + 1
+    unseen = int(numbers.min()) // period * period
+    if unseen > (1 + numbers.max()) / 2:
+        best = _from_marker(best.coding.first_marker + unseen, best)
+        numbers = numbers - unseen
     legacy = isinstance(best.coding, Charuco) and best.coding.legacy_pattern
-    step = 2 if legacy or isinstance(best.coding, AprilGrid) else 1
+    step = 2 if legacy or is_grid else 1
     rows = best.rows if legacy else 2
     while len(marker_places(replace(best, rows=rows))) <= numbers.max():
         rows += step
     return replace(best, rows=rows)
 
 
+def _from_marker(first: int, board: Board) -> Board:
+    """Return the board with this number of its first marker."""
+    assert board.coding
+    coding: Coding = replace(board.coding, first_marker=first)
+    return replace(board, coding=coding)
+
+
 def _on_board(markers: Sequence[Markers], board: Board) -> NDArray[np.int64]:
-    """Return the (N,) numbers of the markers that lie as on this board, or on one with more
-    rows.
+    """Return the (N,) numbers of the markers that lie as on this board, or on one with more rows,
+    counted from its first marker.
     """
     count = 1 + max(int(read.numbers.max(initial=0)) for read in markers)
     taller = replace(board, rows=board.rows + 2 * (1 + 2 * count // board.columns))

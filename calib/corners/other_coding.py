@@ -63,7 +63,7 @@ def other_coding(pictures: Pictures, board: Board) -> str:
     coding = board.coding
     assert coding
     border = border_of(coding)
-    shown = [_negative(picture) for picture in pictures] if coding.inverted else pictures
+    shown = [negative(picture) for picture in pictures] if coding.inverted else pictures
     markers = [read_markers(picture, coding.dictionary, border) for picture in shown]
     if _fits(markers, board) and _has_own_numbers(markers, board):
         return ""
@@ -141,7 +141,7 @@ def _describe_other_numbering(pictures: Pictures, board: Board) -> str:
     assert board.coding
     for inverted in (board.coding.inverted, not board.coding.inverted):
         for border in _borders(board.coding):
-            shown = [_negative(picture) for picture in pictures] if inverted else pictures
+            shown = [negative(picture) for picture in pictures] if inverted else pictures
             markers = [read_markers(picture, board.coding.dictionary, border) for picture in shown]
             if sum(len(picture.numbers) for picture in markers) < MIN_MARKERS * len(pictures) / 2:
                 continue
@@ -171,7 +171,8 @@ def _has_own_numbers(markers: Sequence[Markers], board: Board) -> bool:
     return not len(numbers) or bool(2 * within.sum() >= len(numbers))
 
 
-def _negative(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def negative(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the (H, W) picture with light and dark exchanged."""
     return np.asarray(cv2.bitwise_not(picture), np.uint8)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -9,6 +10,8 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.surface_prior import Smoothness
 from calib.fit_record.request import IntrinsicsSource
 
+MIN_SHAPE_LOG_ODDS = math.log(100)
+"""The log odds below which a shape is as probable as the chosen one."""
 OVERFIT_RATIO = 1.25
 """Ratio of held-out to fitted error above which a fit overfits. The fitted poses explain a smaller
 ratio.
@@ -99,6 +102,10 @@ class FitOutcome:
     grid_held_out_px: Mapping[str, float] | None = None
     """The held-out error of each tried grid; empty if the request names the grid."""
     intrinsics_from: IntrinsicsSource | None = None
+    shape_log_odds: Mapping[str, float] | None = None
+    """The logarithm of the odds of each shape of the cover against the most probable one, which the
+    fit chose; None if the session states the shape.
+    """
     lens_held_out_px: Mapping[str, float] | None = None
     """The held-out error of each tried lens model; empty if there was no choice."""
     turned_boards: tuple[str, ...] | None = None
@@ -120,3 +127,12 @@ class FitOutcome:
     """
     joint: JointOutcome | None = None
     """None if no joint fit was made: a camera without a cover, or the paper's method."""
+
+    @property
+    def probable_shapes(self) -> tuple[str, ...]:
+        """The shapes that the views hardly tell apart, the most probable first; empty if the
+        session states the shape.
+        """
+        odds = self.shape_log_odds or {}
+        ranked = sorted(odds, key=lambda name: -odds[name])
+        return tuple(name for name in ranked if odds[name] > -MIN_SHAPE_LOG_ODDS)

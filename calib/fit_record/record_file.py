@@ -43,6 +43,7 @@ def record_to_yaml(request: FitRequest, outcome: FitOutcome, history: History) -
         "exact_hit": settings and settings.exact_hit,
         "flat_board": settings and settings.flat_board,
         "intrinsics_from": outcome.intrinsics_from,
+        "shape_log_odds": outcome.shape_log_odds,
         "lens_held_out_px": outcome.lens_held_out_px,
         "view_scatter": outcome.view_scatter,
         "turned_boards": outcome.turned_boards and list(outcome.turned_boards),
@@ -74,6 +75,7 @@ def record_from_yaml(entries: Mapping[str, Any]) -> tuple[FitRequest, FitOutcome
     outcome = FitOutcome(
         grid_held_out_px=entries.get("grid_held_out_px"),
         intrinsics_from=entries.get("intrinsics_from"),
+        shape_log_odds=entries.get("shape_log_odds"),
         lens_held_out_px=entries.get("lens_held_out_px"),
         view_scatter=entries.get("view_scatter"),
         turned_boards=_optional(entries, "turned_boards", tuple),

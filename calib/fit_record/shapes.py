@@ -37,6 +37,7 @@ RECORD: Mapping[str, Shape] = {
     "exact_hit": flag,
     "flat_board": flag,
     "intrinsics_from": choice("session.yaml", "bare", "prior", "views"),
+    "shape_log_odds": table(number),
     "lens_held_out_px": table(number),
     "view_scatter": positive,
     "turned_boards": many(text),

@@ -15,12 +15,20 @@ from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
 from calib.session.deviation import independent_deviation, normalised_deviation
 from calib.session.parameter_names import CAMERA
-from calib.session.schema import Number, Quantity
+from calib.session.schema import UNKNOWN, Number, Quantity
 
 UNITS = {"millimetres": "mm", "degrees": "deg"}
 """Abbreviation of a unit that is shown after a number."""
 PREFIXES = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
 """The unit that people read instead of an SI unit, and how many of it make one SI unit."""
+OPEN = 0.5
+"""The standard deviation of an unknown number over that of its wide prior, above which the views do
+not tell the number.
+"""
+UNUSUAL = 4.0
+"""Standard deviations of the wide prior from its mean, twice the stated range, from where on an
+estimate is not what such numbers are.
+"""
 MIN_CORRECTION = 3.0
 """Standard deviations of the estimate: a nearer declared value is as good as the estimate."""
 
@@ -52,6 +60,8 @@ class Comparison:
     source: str = DECLARED
     per_si: float = 1.0
     """Factor from the SI unit to `unit`."""
+    unknown: bool = False
+    """True if nobody knows the number: `declared` and `tolerance` are its wide prior."""
 
     @property
     def held(self) -> bool:
@@ -73,12 +83,26 @@ class Comparison:
     @property
     def contradicted(self) -> bool:
         """True if the views and the declared value contradict each other."""
+        if self.unknown:
+            return False
         return self.doubted or self.normalised_deviation > CONFLICT_THRESHOLD
 
     @property
     def corrected(self) -> bool:
         """True if the views distinguish the estimate from the declared value."""
-        return not self.held and abs(self.estimate - self.declared) > MIN_CORRECTION * self.sigma
+        if self.held or self.unknown:
+            return False
+        return abs(self.estimate - self.declared) > MIN_CORRECTION * self.sigma
+
+    @property
+    def is_unusual(self) -> bool:
+        """True if the number is unknown and its estimate is far outside of its stated range."""
+        return self.unknown and abs(self.estimate - self.declared) > UNUSUAL * self.tolerance
+
+    @property
+    def is_open(self) -> bool:
+        """True if the number is unknown and the views do not tell it."""
+        return self.unknown and self.sigma > OPEN * self.tolerance
 
     def __str__(self) -> str:
         if self.source == VIEWS:
@@ -88,6 +112,8 @@ class Comparison:
     @property
     def stated(self) -> str:
         """Return the declared value with tolerance and unit, as text."""
+        if self.unknown:
+            return UNKNOWN
         tolerance = f" ± {self.tolerance:.2g}" if self.tolerance else ""
         return f"{self.declared:.6g}{tolerance} {self.unit}".rstrip()
 
@@ -99,6 +125,8 @@ class Comparison:
     @property
     def summed(self) -> str:
         """Return the estimate as the sum of declared value and increment, as text."""
+        if self.unknown:
+            return f"{self.name} {self.estimated}"
         if self.sigma > 0:
             number = to_digit_of(self.estimate, self.sigma)
         else:
@@ -165,6 +193,7 @@ class _Scalar:
             doubted=number.doubted,
             source=number.source,
             per_si=number.per_si,
+            unknown=number.unknown,
         )
 
 
@@ -197,6 +226,7 @@ def _declared(calibration: Calibration) -> Iterator[Comparison]:
             doubted=name in declared.doubted,
             source=source,
             per_si=per_si,
+            unknown=prior.unknown,
         )
 
     priors, estimates = declared.cover.numbers, cover.numbers

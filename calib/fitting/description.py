@@ -20,6 +20,7 @@ from calib.fitting.declared import (
 )
 from calib.session.lens import OPENCV
 from calib.session.parameter_names import CAMERA
+from calib.session.schema import UNKNOWN
 from calib.table import Table, TableSection
 
 COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "difference")
@@ -43,7 +44,11 @@ def describe(calibration: CalibrationSource) -> Table:
     of_effects = list(effect_comparisons(calibration))
     sections = (
         _section("camera", _camera_title(calibration), of_camera),
-        _section("cover", _cover_title(calibration), of_cover),
+        TableSection(
+            "cover",
+            _cover_title(calibration),
+            (*_shape_rows(calibration), *map(_row, of_cover)),
+        ),
         TableSection(
             "effects",
             _effects_title(calibration),
@@ -85,7 +90,7 @@ def calibrated_numbers(calibration: Calibration) -> dict[str, object]:
         "cover": {
             _session_key(calibration, name): {
                 **_value_and_sigma(numbers[name]),
-                "declared": numbers[name].declared,
+                "declared": UNKNOWN if numbers[name].unknown else numbers[name].declared,
                 "tolerance": numbers[name].tolerance,
                 "unit": numbers[name].unit,
             }
@@ -138,14 +143,23 @@ def _row(number: Comparison) -> tuple[str, ...]:
     if number.source == VIEWS:
         return number.name, number.estimated, "", "", ""
     declared = number.stated if number.source == DECLARED else f"{number.stated} (bare/)"
-    deviation = "" if number.held else f"{number.normalised_deviation:.1f} sigma"
+    deviation = "" if number.held or number.unknown else f"{number.normalised_deviation:.1f} sigma"
     return number.name, number.estimated, declared, _note(number), deviation
+
+
+def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
+    """Yield the row of a shape that the fit chose, with those that are as probable."""
+    chosen, *rivals = calibration.outcome.probable_shapes or ("",)
+    if chosen:
+        yield "cover.shape", " or ".join((chosen, *rivals)), UNKNOWN, "", ""
 
 
 def _note(number: Comparison) -> str:
     if number.held:
         return "held"
     words = "corrected" if number.corrected else ""
+    if number.is_open:
+        words = "not told"
     if number.contradicted:
         words = "contradicted"
     effect = f"by {number.effect}" if number.effect else ""

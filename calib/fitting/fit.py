@@ -24,9 +24,12 @@ from calib.fitting.inputs import FitInputs, gather_inputs, recalibrate_bare
 from calib.fitting.picture_settings import describe_mixed_settings
 from calib.fitting.provenance import provenance
 from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
+from calib.fitting.shape_choice import choose_shape
 from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting.unknown_numbers import with_initial_values
 from calib.fitting.view_noise import weigh_noisy_views
 from calib.progress import Progress, Silent, check_progress
+from calib.session.numbers import unknown_names
 from calib.session.session import MIN_FIT_VIEWS, Session, SessionSource
 from calib.threads import single_thread
 
@@ -72,6 +75,16 @@ def fit(
     views, rejected = start.views, start.rejected
     expectation = Expectation.of(session, start)
     nominal = expectation.nominal if expectation else _nominal_setup(session, start)
+    shape_log_odds: dict[str, float] | None = None
+    if nominal.cover.has_unknown_shape:
+        _check_enough(views, rejected)
+        choice = choose_shape(nominal, views, settings, progress)
+        nominal = choice.setup
+        shape_log_odds = dict(choice.log_odds)
+    if unknown_names(nominal.intrinsics, nominal.cover):
+        _check_enough(views, rejected)
+        with single_thread():
+            nominal = with_initial_values(nominal, views, progress)
     setup = nominal.with_tolerances(settings)
     grids: dict[str, float] = {}
     if settings.folds:
@@ -164,7 +177,9 @@ def fit(
     if joint and fitted.model:
         with single_thread():
             observations = Observations.of(views, session.board)
-            joint, scatter = count_views(fitted.model, observations, joint, pose_labels(views))
+            unknown = unknown_names(setup.intrinsics, setup.cover)
+            labels = pose_labels(views)
+            joint, scatter = count_views(fitted.model, observations, joint, labels, unknown)
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, joint)
     validation = None
     if settings.folds:
@@ -190,6 +205,7 @@ def fit(
         outcome=FitOutcome(
             grid_held_out_px=grids,
             intrinsics_from=start.intrinsics_from,
+            shape_log_odds=shape_log_odds,
             lens_held_out_px=start.lens_held_out_px,
             turned_boards=turned or None,
             mixed_settings=describe_mixed_settings(session, views),

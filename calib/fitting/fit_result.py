@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from calib.calibration import AddedEffect, Calibration, Stage
@@ -19,6 +20,7 @@ from calib.estimation.stated_priors import with_estimates
 from calib.fit_record.outcome import JointOutcome
 from calib.inference.fitted_model import FittedModel
 from calib.inference.view_scatter import ViewScatter
+from calib.session.numbers import unknown_names
 
 EFFECTS_STAGE = "cover+rbf+effects"
 
@@ -29,18 +31,50 @@ def with_fit(
     """Return the calibration with the parameters and effects of another joint fit, and the
     record of that fit.
     """
-    reported, scatter = count_views(model, observations, joint, pose_labels(calibration.views))
+    declared = calibration.declared
+    unknown = unknown_names(declared.intrinsics, declared.cover)
+    labels = pose_labels(calibration.views)
+    reported, scatter = count_views(model, observations, joint, labels, unknown)
     estimated = with_estimate(calibration, model, reported, observations)
     outcome = replace(calibration.outcome, joint=JointOutcome.of(joint), view_scatter=scatter)
     return replace(estimated, outcome=outcome)
 
 
 def count_views(
-    model: CameraModel, observations: Observations, joint: JointFit, labels: NDArray[np.int64]
+    model: CameraModel,
+    observations: Observations,
+    joint: JointFit,
+    labels: NDArray[np.int64],
+    unknown: Sequence[str] = (),
 ) -> tuple[JointFit, float]:
-    """Return the fit with a covariance that counts views, and the scatter of the views."""
+    """Return the fit with a covariance that counts views, and the scatter of the views.
+
+    Args:
+        unknown: the names of the unknown numbers. None becomes less certain than its wide prior:
+            the prior is no measurement that scatters with the views.
+    """
     scatter = ViewScatter.of(FittedModel(model, observations, joint), labels)
-    return scatter.widen(joint), scatter.ratio
+    return _limited_by_priors(scatter.widen(joint), unknown), scatter.ratio
+
+
+def _limited_by_priors(joint: JointFit, names: Sequence[str]) -> JointFit:
+    """Return the fit with a covariance in which none of these numbers is less certain than its
+    prior: each that is gets an observation that makes it as certain, and whatever depends on it
+    follows.
+    """
+    if not joint.finite:
+        return joint
+    covariance = joint.covariance.clone()
+    slices = joint.parameters.slices()
+    for param in joint.parameters.free:
+        if param.name in names:
+            at = slices[param.name].start
+            limit = (float(joint.parameters.priors.sigmas[param.name]) / param.scale) ** 2
+            variance = float(covariance[at, at])
+            if variance > limit:
+                column = covariance[:, at].clone()
+                covariance -= torch.outer(column, column) * (variance - limit) / variance**2
+    return replace(joint, covariance=covariance)
 
 
 def with_estimate(

@@ -30,6 +30,7 @@ from calib.fit_record.request import EVEN_GRID, Settings
 from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.progress import Progress
 from calib.session.freeing import AUTO
+from calib.session.numbers import unknown_names
 from calib.session.tolerances import GLASS_FIGURE
 
 MIN_LOG_EVIDENCE_GAIN = 10.0
@@ -89,7 +90,7 @@ def resolve_prior_conflict(
     observations = Observations.of(views, setup.board)
     resolved = ResolvedFit(fitted, setup, setup)
     may_hold = AUTO in settings.free and setup != nominal
-    if _is_credible(fitted):
+    if _is_credible(resolved):
         return resolved
     if not may_hold:
         return _widen_conflicting_priors(resolved, observations, views, settings, progress)
@@ -129,11 +130,11 @@ def resolve_prior_conflict(
             fitted, resolved = again, replace(resolved, fitted=again)
     if log_evidence(exact) > log_evidence(fitted):
         return held
-    if _is_credible(fitted) or not _is_clearly_better(fitted, exact):
+    if _is_credible(resolved) or not _is_clearly_better(fitted, exact):
         return resolved
     widened = _widen_conflicting_priors(resolved, observations, views, settings, progress)
     is_better = log_evidence(widened.fitted) > log_evidence(fitted)
-    return widened if is_better and _is_credible(widened.fitted) else resolved
+    return widened if is_better and _is_credible(widened) else resolved
 
 
 def _widen_conflicting_priors(
@@ -153,7 +154,7 @@ def _widen_conflicting_priors(
         and len(resolved.doubted) < MAX_CONFLICTS
         and at_noise(resolved, views)
     ):
-        name = largest_prior_conflict(joint, resolved.doubted)
+        name = largest_prior_conflict(joint, (*resolved.doubted, *_unknown(resolved)))
         if not name:
             break
         intrinsics, cover = widen_prior(
@@ -177,10 +178,17 @@ def _widen_conflicting_priors(
     return resolved
 
 
-def _is_credible(fitted: Fitted) -> bool:
+def _is_credible(resolved: ResolvedFit) -> bool:
     """True if the fit converged to numbers that keep to their tolerances."""
-    joint = fitted.joint
-    return not joint or (joint.outcome is Outcome.CONVERGED and not largest_prior_conflict(joint))
+    joint = resolved.fitted.joint
+    return not joint or (
+        joint.outcome is Outcome.CONVERGED and not largest_prior_conflict(joint, _unknown(resolved))
+    )
+
+
+def _unknown(resolved: ResolvedFit) -> tuple[str, ...]:
+    """Return the names of the unknown numbers, which contradict nothing that was declared."""
+    return unknown_names(resolved.setup.intrinsics, resolved.setup.cover)
 
 
 def _is_clearly_better(fitted: Fitted, exact: Fitted) -> bool:

@@ -4,8 +4,8 @@ the cover's relief.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import compress
 
 import numpy as np
@@ -16,7 +16,7 @@ from torch import Tensor
 from calib.calibration import Stage
 from calib.effects.board_shape import DEGREES, BoardShape
 from calib.effects.effect import Effect
-from calib.errors import NotEnoughDataError
+from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.gradient_fit import descend
 from calib.estimation.joint_fit import FIRST_SIGMA, GOOD_GLASS, ROUNDS, JointFit, Start
@@ -40,6 +40,7 @@ from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import AUTO as AUTO_SURFACE
 from calib.session.cover import EVEN, Cover
 from calib.session.freeing import AUTO, free_parameters
+from calib.session.numbers import numbers_of
 
 MAX_LOST_FRACTION = 0.2
 """If the rays of a larger fraction of corners fail, the described cover cannot be right."""
@@ -63,20 +64,36 @@ class Setup:
     cover: Cover
     intrinsics_are_final: bool = False
     """True if no joint fit must estimate these intrinsics again (`FitInputs`)."""
+    initial: Mapping[str, float] = field(default_factory=dict)
+    """The values of unknown numbers with which a fit starts, in SI units or px, by their names in
+    the ray path; other numbers start at the means of their priors.
+    """
 
     def with_tolerances(self, settings: Settings) -> Setup:
         """Return the setup with a tolerance for each declared number that the settings estimate.
 
         Raises:
-            InputError: the cover has no number of such a name.
+            InputError: the cover has no number of such a name, or the method needs a number that is
+                unknown.
         """
         if settings.method == "paper":
+            for name, number in numbers_of(self.intrinsics, self.cover).items():
+                if number.unknown:
+                    raise InputError(
+                        f"--method paper holds every number, and {name} is unknown: write its value"
+                        " in session.yaml, or leave out --method."
+                    )
             return self
         names = settings.free
         if self.cover.shape == "none":  # stated intrinsics are held unless they have a tolerance
             names = tuple(name for name in names if name != AUTO)
         intrinsics, cover = free_parameters(self.intrinsics, self.cover, names)
         return replace(self, intrinsics=intrinsics, cover=cover)
+
+    def initial_values(self, values: Values) -> dict[str, Tensor]:
+        """Return the values of a path with those of `initial` in their place."""
+        initial = {name: torch.tensor(v, dtype=torch.float64) for name, v in self.initial.items()}
+        return {name: initial.get(name, value) for name, value in values.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +146,8 @@ def fit_stages(
         InputError: no ray of the camera leaves the cover.
         NotEnoughDataError: the corners cannot be seen through the cover.
     """
-    path, values = pinhole_path(setup.intrinsics)
+    path, means = pinhole_path(setup.intrinsics)
+    values = setup.initial_values(means)
     poses = pinhole_poses(path, values, observations)
     residual = residuals(path, values, observations, poses)
     stages: tuple[Stage, ...] = (_stage(PINHOLE_STAGE, residual),)
@@ -139,11 +157,12 @@ def fit_stages(
         return Fitted(path, values, poses, stages, residual)
     job = _Job(setup, observations, settings, progress, purpose, (), labels, decided)
     if is_bare:
-        model = job.model(path, values)
-        start = earlier.joint.start if earlier and earlier.joint else None
+        model = job.model(path, means)
+        start = earlier.joint.start if earlier and earlier.joint else job.initial(values)
         joint = model.fit(observations, earlier.poses if earlier else poses, start, ROUNDS)
         return job.finish(model, joint)
-    path, values = covered_path(setup.intrinsics, setup.cover)
+    path, means = covered_path(setup.intrinsics, setup.cover)
+    values = setup.initial_values(means)
     poses = refine_poses(path, values, observations, poses).blocks
     residual = residuals(path, values, observations, poses)
     _check_cover(residual)
@@ -161,7 +180,7 @@ def fit_stages(
         return Fitted(
             path, values, poses, (*stages, _stage(COVER_STAGE, residual)), residual, relief
         )
-    return _fit_cover(replace(job, stages=stages), job.model(path, values), poses, earlier)
+    return _fit_cover(replace(job, stages=stages), job.model(path, means), poses, earlier)
 
 
 def _stage(name: str, residual: Residuals) -> Stage:
@@ -185,6 +204,12 @@ class _Job:
     def surface(self) -> str:
         """Whether the outer surface is even, as the session or the grid says it."""
         return EVEN if self.settings.is_even else self.setup.cover.covers[-1].surface
+
+    def initial(self, values: Values) -> Start | None:
+        """Return the start of a fit with unknown numbers, from the initial values of its path; None
+        if all numbers are known.
+        """
+        return Start(dict(values), FIRST_SIGMA, None) if self.setup.initial else None
 
     @property
     def decides_bend(self) -> bool:
@@ -256,8 +281,10 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
 
     What the numbers explain is explained by them first: the fit of even glass is the start.
     """
-    start = earlier.joint.start if earlier and earlier.joint else None
-    poses = earlier.poses if earlier and start else poses
+    start = job.initial(job.setup.initial_values(even.means))
+    if earlier and earlier.joint:
+        start = earlier.joint.start
+        poses = earlier.poses
     was_uneven = earlier is not None and earlier.relief is not None
     is_known = job.setup.cover.glass is not None
     if was_uneven or is_known:
@@ -277,7 +304,7 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
     if job.surface == AUTO_SURFACE and log_odds < MIN_LOG_ODDS:
         return bent
     # A relief of a flat board is fitted roughly, for the error that the bend removes.
-    flat = _with_relief(job, even, _relief(job, even.path, even.means))
+    flat = _with_relief(job, even, _relief(job, even.path, job.setup.initial_values(even.means)))
     rough = job.fit(flat, smooth.poses, start, ROUNDS[:1])
     residual = residuals(flat.path, rough.values, job.observations, rough.poses)
     stages = (*job.stages, _stage(COVER_STAGE, residual), bent.stages[-1])
@@ -317,7 +344,7 @@ def _fit_uneven(
     if earlier and earlier.relief:
         model = _with_relief(job, even, earlier.relief)
         return job.finish(model, job.fit(model, poses, start), earlier.relief)
-    relief = _relief(job, even.path, even.means)
+    relief = _relief(job, even.path, job.setup.initial_values(even.means))
     model = _with_relief(job, even, relief)
     joint = job.fit(model, poses, start, ROUNDS[:1])
     for is_last in (False, True):

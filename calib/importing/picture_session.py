@@ -28,6 +28,7 @@ from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.board_section import board_to_yaml
 from calib.session.commented import commented_session
+from calib.session.schema import UNKNOWN
 from calib.session.session import session_from_mapping
 from calib.session.shapes.none import NONE
 
@@ -37,12 +38,6 @@ EXAMPLE = "--board 9x6 --square-mm 25"
 
 
 COMMAND = "The command line"
-FOCAL_SIGMA = 0.4
-"""The sigma of a focal length that nobody knows, over the picture's width."""
-CENTRE_SIGMA = 0.05
-"""The sigma of a principal point that nobody knows, over the picture's width."""
-COEFFICIENT_SIGMAS = (0.3, 0.3, 0.01, 0.01)
-"""The sigmas of k1, k2, p1 and p2 of a lens that nobody knows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +231,7 @@ def describe_pictures(
     if intrinsics:
         camera["intrinsics"] = intrinsics
     elif cover["shape"] != NONE.name and not (source.session / "bare").is_dir():
-        camera["intrinsics"] = unknown_intrinsics(*size)
+        camera["intrinsics"] = UNKNOWN
         remarks.append(
             "The lens is not known: its intrinsics below only say so, and are estimated."
         )
@@ -246,22 +241,6 @@ def describe_pictures(
         _copy(source.session, frames)
     _output(source).write(DESCRIPTION, text)
     return notices
-
-
-def unknown_intrinsics(width: int, height: int) -> dict[str, object]:
-    """Return intrinsics that say that the lens is not known: a field of view about 53 degrees wide,
-    from 30 to 90 within a sigma or two, and distortion as lenses without a fisheye have it.
-    """
-    focal = {"value": float(width), "sigma": FOCAL_SIGMA * width}
-    centre = [{"value": (side - 1) / 2, "sigma": CENTRE_SIGMA * width} for side in (width, height)]
-    coefficients = [{"value": 0.0, "sigma": sigma} for sigma in COEFFICIENT_SIGMAS]
-    return {
-        "fx": focal,
-        "fy": focal,
-        "cx": centre[0],
-        "cy": centre[1],
-        "distortion": coefficients,
-    }
 
 
 def _output(source: NamedPictures) -> OutputFolder:

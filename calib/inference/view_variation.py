@@ -64,7 +64,7 @@ WARM_UPS = (1 / 16, 1 / 8, 1 / 4)
 """Time constants of an exponential approach, as fractions of the session."""
 MAX_PASSES = 5
 """The largest number of passes over the views that move one view to the other kind."""
-MAX_REFINED = 6
+MAX_REFINED = 4
 """The number of variations that the heights of a discrepancy are chosen beside."""
 MIN_GAIN = 7.0
 """The smallest gain in log evidence that is reported: some sixty variations are tried."""

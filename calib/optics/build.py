@@ -63,9 +63,11 @@ def _lens(intrinsics: Intrinsics) -> Lens:
 
 
 def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, Tensor]]:
-    """Return the path of the camera behind its perfect, smooth cover, and its values."""
+    """Return the path of the camera behind its perfect, smooth cover, and its values. A cover of
+    unknown shape is as none.
+    """
     path, values = pinhole_path(intrinsics)
-    if cover.shape == "none":
+    if not find_shape(cover.shape).surface:
         return path, values
     covers = []
     for place, single in enumerate(cover.covers, 1):

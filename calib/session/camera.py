@@ -1,14 +1,30 @@
 """The bare camera as a session describes it: its size, and its intrinsics if they are given."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.session.lens import AUTO, COEFFICIENTS, COUNTS, MODELS, NAMES, OPENCV, SPLINED
+from calib.session.lens import (
+    AUTO,
+    COEFFICIENTS,
+    COUNTS,
+    FISHEYE,
+    MODELS,
+    NAMES,
+    OPENCV,
+    SPLINED,
+)
 from calib.session.lens_spline import LensSpline, read_spline, spline_to_yaml
-from calib.session.schema import Number, Quantity, Section
+from calib.session.schema import UNKNOWN, Number, Quantity, Section, is_unknown
 from calib.session.shutter import EXAMPLE as SHUTTER_EXAMPLE
 from calib.session.shutter import Shutter, read_shutter, shutter_to_yaml
+from calib.session.tolerances import (
+    TANGENTIAL_NAMES,
+    UNKNOWN_CENTRE,
+    UNKNOWN_FOCAL,
+    UNKNOWN_RADIAL,
+    UNKNOWN_TANGENTIAL,
+)
 
 MAX_PIXELS = 2**28
 """Pixels of a picture: the largest sensors have as many, and the map of such a picture takes 2.4
@@ -21,7 +37,12 @@ PINHOLE = (
     Quantity("cx"),
     Quantity("cy"),
 )
-COEFFICIENT = Quantity("distortion")
+COEFFICIENT = Quantity("distortion", wide=UNKNOWN_RADIAL)
+TANGENTIAL_COEFFICIENT = replace(COEFFICIENT, wide=UNKNOWN_TANGENTIAL)
+UNKNOWN_COEFFICIENTS = 5
+"""The number of OpenCV's coefficients of a lens that nobody knows, behind a cover: more could
+imitate the cover.
+"""
 CORRELATION = Quantity("correlations", low=-1, high=1)
 LENSES = (AUTO, *MODELS)
 EXPLANATIONS = {
@@ -75,6 +96,11 @@ class Intrinsics:
         return NAMES[self.model][: len(self.distortion)]
 
     @property
+    def is_unknown(self) -> bool:
+        """True if no number of it is known."""
+        return all(n.unknown for n in (self.fx, self.fy, self.cx, self.cy, *self.distortion))
+
+    @property
     def distorts(self) -> bool:
         """True if a coefficient may differ from zero, or the model is no pinhole even without
         coefficients.
@@ -113,8 +139,11 @@ def read_camera(section: Section) -> Camera:
     counts = f"one of the whole numbers {', '.join(map(str, COEFFICIENTS))}"
     width = section.integer("width", 1, 100_000)
     height = section.integer("height", 1, 100_000)
+    written = section.values.get("intrinsics")
     intrinsics = (
-        _read_intrinsics(section, (width, height)) if "intrinsics" in section.values else None
+        _read_intrinsics(section, (width, height))
+        if "intrinsics" in section.values and not is_unknown(written)
+        else None
     )
     lens = (
         section.choice("lens", LENSES, f"one of {', '.join(LENSES)}")
@@ -138,7 +167,7 @@ def read_camera(section: Section) -> Camera:
             f"the pictures' own: {width}x{height} px are more than a sensor has, {MAX_PIXELS:,} at"
             " most",
         )
-    return Camera(
+    camera = Camera(
         width=width,
         height=height,
         model=section.text("model", "the camera's name", default=""),
@@ -151,6 +180,7 @@ def read_camera(section: Section) -> Camera:
         ),
         shutter=read_shutter(section),
     )
+    return replace(camera, intrinsics=unknown_intrinsics(camera)) if is_unknown(written) else camera
 
 
 def camera_to_yaml(camera: Camera) -> dict[str, object]:
@@ -191,12 +221,16 @@ def _read_intrinsics(camera: Section, size: tuple[int, int]) -> Intrinsics:
         if "model" in section.values
         else OPENCV
     )
-    pinhole = {quantity.key: section.read(quantity)[quantity.key] for quantity in PINHOLE}
+    pinhole = {
+        quantity.key: section.read(quantity)[quantity.key] for quantity in _pinhole_within(size)
+    }
     expected = (
         f"a list of {', '.join(map(str, COUNTS[model]))} numbers in"
         f" {'OpenCV' if model == OPENCV else 'cv2.fisheye'}'s order"
     )
     coefficients = section.values.get("distortion", [])
+    if is_unknown(coefficients):
+        coefficients = [UNKNOWN] * _count_unknown(model)
     if not isinstance(coefficients, list) or len(coefficients) not in COUNTS[model]:
         raise section.error("distortion", coefficients, expected)
     if model != SPLINED and "spline" in section.values:
@@ -205,8 +239,8 @@ def _read_intrinsics(camera: Section, size: tuple[int, int]) -> Intrinsics:
         )
     spline = read_spline(section, size) if model == SPLINED else None
     distortion = tuple(
-        section.number(f"distortion[{i}]", entry, COEFFICIENT)
-        for i, entry in enumerate(coefficients)
+        section.number(f"distortion[{i}]", entry, _coefficient(name))
+        for i, (name, entry) in enumerate(zip(NAMES[model], coefficients, strict=False))
     )
     return Intrinsics(
         fx=pinhole["fx"],
@@ -217,6 +251,65 @@ def _read_intrinsics(camera: Section, size: tuple[int, int]) -> Intrinsics:
         correlations=_read_correlations(section, 3 + len(coefficients)),
         model=model,
         spline=spline,
+    )
+
+
+def without_unknown(camera: Camera) -> Camera:
+    """Return the camera without intrinsics of which no number is known."""
+    stated = camera.intrinsics
+    if not (stated and stated.is_unknown):
+        return camera
+    lens = camera.lens if stated.model == OPENCV else stated.model
+    return replace(camera, intrinsics=None, lens=lens)
+
+
+def unknown_intrinsics(camera: Camera) -> Intrinsics:
+    """Return intrinsics of which no number is known, for the lens that the camera states, or else
+    one of OpenCV's.
+    """
+    model = FISHEYE if camera.lens == FISHEYE else OPENCV
+    count = camera.lens_coefficients
+    if count is None:
+        count = _count_unknown(model)
+    fx, fy, cx, cy = _pinhole_within((camera.width, camera.height))
+    return Intrinsics(
+        fx=fx.unknown_numbers[fx.key],
+        fy=fy.unknown_numbers[fy.key],
+        cx=cx.unknown_numbers[cx.key],
+        cy=cy.unknown_numbers[cy.key],
+        distortion=tuple(
+            _coefficient(name).unknown_numbers[COEFFICIENT.key] for name in NAMES[model][:count]
+        ),
+        model=model,
+    )
+
+
+def _count_unknown(model: str) -> int:
+    """Return the number of coefficients of an unknown lens of this model."""
+    return UNKNOWN_COEFFICIENTS if model == OPENCV else COUNTS[model][-1]
+
+
+def _coefficient(name: str) -> Quantity:
+    return TANGENTIAL_COEFFICIENT if name in TANGENTIAL_NAMES else COEFFICIENT
+
+
+def _pinhole_within(size: tuple[int, int]) -> tuple[Quantity, ...]:
+    """Return the pinhole's numbers with their priors for pictures of this width and height, px."""
+    longer = max(size)
+    focal = replace(
+        UNKNOWN_FOCAL, mean=UNKNOWN_FOCAL.mean * longer, sigma=UNKNOWN_FOCAL.sigma * longer
+    )
+    centres = [
+        replace(
+            UNKNOWN_CENTRE,
+            mean=UNKNOWN_CENTRE.mean * (length - 1),
+            sigma=UNKNOWN_CENTRE.sigma * longer,
+        )
+        for length in size
+    ]
+    priors = (focal, focal, *centres)
+    return tuple(
+        replace(quantity, wide=prior) for quantity, prior in zip(PINHOLE, priors, strict=True)
     )
 
 

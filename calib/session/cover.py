@@ -44,6 +44,23 @@ class Cover:
     """The next cover outwards; None: this one is the outermost."""
 
     @property
+    def has_unknown_shape(self) -> bool:
+        """True if nobody knows the shape."""
+        return not find_shape(self.shape).is_known
+
+    def as_shape(self, name: str) -> "Cover":
+        """Return a cover of unknown shape as one of this shape, whose size and place are
+        unknown.
+        """
+        shape = find_shape(name)
+        if not shape.has_glass:
+            return Cover(name, {})
+        placement: dict[str, Number] = {}
+        for dimension in shape.dimensions:
+            placement |= dimension.quantity.unknown_numbers
+        return replace(self, shape=name, parameters={**placement, **self.parameters})
+
+    @property
     def covers(self) -> tuple["Cover", ...]:
         """All covers, from the camera outwards, with this one as the first."""
         return (self, *(self.outer.covers if self.outer else ()))

@@ -7,11 +7,11 @@ from calib.errors import InputError
 from calib.session.cover import AUTO, SURFACES, Cover
 from calib.session.glass import glass_to_yaml, read_glass
 from calib.session.parameter_names import INDEX, THICKNESS, layer_number
-from calib.session.schema import Number, Quantity, Section
+from calib.session.schema import UNKNOWN, Number, Quantity, Section, is_unknown
 from calib.session.shapes.dimension import Dimension
 from calib.session.shapes.layer import LAYER, OUTSIDE
 from calib.session.shapes.none import NONE
-from calib.session.shapes.registry import find_shape, shape_names
+from calib.session.shapes.registry import find_shape, stated_shape_names
 from calib.session.shapes.shape import Shape
 
 KEY = "cover"
@@ -22,8 +22,14 @@ SURFACE_KEY = "surface"
 SURFACE_EXPLANATION = "Whether the glass is even: auto, even or uneven."
 MAX_LAYERS = 8
 """Layers of glass that a cover may have. A window has one to five."""
+RADIUS = "inner_radius"
+"""The name of the number that is a round cover's size."""
+MAX_DOUBLINGS = 24
+"""Doublings of an unknown radius, up to the largest that a session may state."""
 MAX_COVERS = 4
 """Covers that a camera may look through."""
+ALONE = (NONE.name, UNKNOWN)
+"""The shapes that no other cover may stand beside."""
 CORRELATION = Quantity(CORRELATIONS, low=-1, high=1)
 PAIRS = (
     "two names and a number from -1 to 1 for each pair of numbers, such as [[cover.thickness,"
@@ -41,6 +47,8 @@ def cover_sections(document: Section, example: str) -> list[Section]:
     is missing.
     """
     written = document.values.get(KEY)
+    if is_unknown(written):
+        return [Section({"shape": UNKNOWN}, document.file, document.key_path(KEY))]
     if not isinstance(written, list):
         return [document.section(KEY, example)]
     entries = [entry for entry in written if isinstance(entry, Mapping)]
@@ -57,7 +65,7 @@ def read_cover(section: Section, *outer: Section) -> Cover:
     The first section holds what is known of all covers together: correlations, and the prior of
     the glass.
     """
-    names = [name for name in shape_names() if name != NONE.name or not outer]
+    names = [name for name in stated_shape_names() if name not in ALONE or not outer]
     cover = _read_single(section, names, (CORRELATIONS, GLASS_KEY))
     covers = [_read_single(entry, names, ()) for entry in outer]
     chain: Cover | None = None
@@ -102,6 +110,7 @@ def _read_single(section: Section, shapes: Sequence[str], common_keys: Sequence[
         name: number for quantity in quantities for name, number in section.read(quantity).items()
     }
     parameters |= _read_layers(section) if layered else {}
+    parameters = _with_room(shape, parameters)
     _refuse_camera_outside(section, shape, parameters)
     surface = AUTO
     if SURFACE_KEY in section.values:
@@ -170,6 +179,22 @@ def _read_correlations(section: Section) -> tuple[tuple[str, str, float], ...]:
             case _:
                 raise section.error(f"{CORRELATIONS}[{index}]", entry, PAIRS)
     return tuple(correlations)
+
+
+def _with_room(shape: Shape, parameters: Mapping[str, Number]) -> dict[str, Number]:
+    """Return the numbers with an unknown radius that leaves room for the camera where the other
+    numbers place it.
+    """
+    numbers = dict(parameters)
+    radius = numbers.get(RADIUS)
+    if not (shape.check_camera and radius and radius.unknown):
+        return numbers
+    for _ in range(MAX_DOUBLINGS):
+        if not shape.check_camera({name: number.value for name, number in numbers.items()}):
+            break
+        radius = replace(radius, value=2 * radius.value, sigma=2 * radius.sigma)
+        numbers[RADIUS] = radius
+    return numbers
 
 
 def _refuse_camera_outside(

@@ -4,7 +4,7 @@ from calib.session.board import Board
 from calib.session.camera import COEFFICIENT, PINHOLE, Camera
 from calib.session.cover import Cover
 from calib.session.parameter_names import CAMERA
-from calib.session.schema import Number, Quantity
+from calib.session.schema import UNKNOWN, Number, Quantity
 from calib.table import Table, TableSection
 
 
@@ -25,8 +25,7 @@ def _camera_rows(camera: Camera) -> tuple[tuple[str, str], ...]:
     if not intrinsics:
         return (("intrinsics", "not declared: estimated from pictures"),)
     pinhole = [
-        (CAMERA.of(kind.key), f"{_text(kind, getattr(intrinsics, kind.key))} px")
-        for kind in PINHOLE
+        (CAMERA.of(kind.key), _text(kind, getattr(intrinsics, kind.key), "px")) for kind in PINHOLE
     ]
     coefficients = [
         (CAMERA.of(name), _text(COEFFICIENT, number))
@@ -39,14 +38,16 @@ def _camera_rows(camera: Camera) -> tuple[tuple[str, str], ...]:
 def _cover_rows(cover: Cover) -> tuple[tuple[str, str], ...]:
     numbers = cover.numbers
     return tuple(
-        (name, f"{_text(kind.quantity, numbers[name])} {kind.quantity.unit[0]}".rstrip())
+        (name, _text(kind.quantity, numbers[name], kind.quantity.unit[0]))
         for name, kind in cover.dimensions.items()
     )
 
 
-def _text(quantity: Quantity, number: Number) -> str:
+def _text(quantity: Quantity, number: Number, unit: str = "") -> str:
     per_si = quantity.unit[1]
+    if number.unknown:
+        return UNKNOWN
     if number.exact:
-        return f"{number.value * per_si:.6g} (exact)"
+        return f"{number.value * per_si:.6g} (exact) {unit}".rstrip()
     sigma = f" ± {number.sigma * per_si:.2g}" if number.sigma else ""
-    return f"{number.value * per_si:.6g}{sigma}"
+    return f"{number.value * per_si:.6g}{sigma} {unit}".rstrip()

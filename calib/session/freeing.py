@@ -18,10 +18,10 @@ from calib.session.tolerances import (
     PRINCIPAL_POINT,
     RADIAL,
     TANGENTIAL,
+    TANGENTIAL_NAMES,
 )
 
 INTRINSICS = "intrinsics"
-TANGENTIAL_NAMES = ("p1", "p2")
 ALL = "all"
 """Every number that has a tolerance, except those that the session calls exact."""
 AUTO = "auto"

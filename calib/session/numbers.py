@@ -32,6 +32,12 @@ def camera_numbers(intrinsics: Intrinsics) -> dict[str, Number]:
     }
 
 
+def unknown_names(intrinsics: Intrinsics, cover: Cover) -> tuple[str, ...]:
+    """Return the names of the unknown numbers."""
+    numbers = numbers_of(intrinsics, cover)
+    return tuple(name for name, number in numbers.items() if number.unknown)
+
+
 def replace_numbers(
     intrinsics: Intrinsics, cover: Cover, numbers: Mapping[str, Number]
 ) -> tuple[Intrinsics, Cover]:

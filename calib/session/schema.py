@@ -10,8 +10,15 @@ from difflib import get_close_matches
 from typing import TypeVar
 
 from calib.errors import InputError, brief
+from calib.session.tolerances import WidePrior
 
 T = TypeVar("T", int, str)
+MAX_SIGMAS_OUTSIDE = 3.0
+"""Standard deviations by which an estimate may lie outside of the limits of its kind: the index of
+air comes out below 1 half of the time.
+"""
+UNKNOWN = "unknown"
+"""The word for a number, or a shape, that nobody knows."""
 MAX_SIGMA = 1e100
 """The largest sigma; its reciprocal is the smallest. A fit squares both."""
 
@@ -27,6 +34,13 @@ class Number:
     """True if the fit holds the number fixed even where all numbers are freed with the tolerances
     of their kinds (session/tolerances.py).
     """
+    unknown: bool = False
+    """True if nobody knows the number: value and sigma are the wide prior of its kind."""
+
+    @staticmethod
+    def of_prior(prior: WidePrior) -> "Number":
+        """Return the number that nobody knows, with the wide prior of its kind."""
+        return Number(prior.mean, prior.sigma, unknown=True)
 
 
 UNITS = {"_mm": ("millimetres", 1000.0), "_deg": ("degrees", 180 / math.pi)}
@@ -47,7 +61,9 @@ class Quantity:
     """
     high: float = math.inf
     default: float | None = None
-    """None: the key is required."""
+    """None: the key is required, or the number is unknown where the key is missing."""
+    wide: WidePrior | None = None
+    """The prior of each number if it is unknown, in SI units. None: it has to be known."""
 
     @property
     def stem(self) -> str:
@@ -70,10 +86,18 @@ class Quantity:
     def expected(self) -> str:
         """The phrase that says what to write for one of its numbers."""
         limits = f" from {self.low:g} to {self.high:g}" if self.low > -math.inf else ""
-        return f"a number{limits}{f' in {self.unit[0]}' if self.unit[0] else ''}"
+        unit = f" in {self.unit[0]}" if self.unit[0] else ""
+        return f"a number{limits}{unit}{f', or {UNKNOWN}' if self.wide else ''}"
+
+    @property
+    def unknown_numbers(self) -> dict[str, Number]:
+        """The numbers by name if none is known; empty if they have to be known."""
+        return dict.fromkeys(self.names, Number.of_prior(self.wide)) if self.wide else {}
 
     def to_yaml(self, number: Number) -> object:
         """Return the YAML value that is read as this number."""
+        if number.unknown:
+            return UNKNOWN
         value = self._shortest(number.value)
         if number.exact:
             return {"value": value, "exact": True}
@@ -176,6 +200,8 @@ class Section:
         key, names = quantity.key, quantity.names
         if key not in self.values and quantity.default is not None:
             return dict.fromkeys(names, Number(quantity.default / quantity.unit[1]))
+        if quantity.wide and is_unknown(self.values.get(key, UNKNOWN)):
+            return quantity.unknown_numbers
         if not quantity.components:
             return {names[0]: self.number(key, self.get(key, quantity.expected), quantity)}
         expected = f"[{', '.join(quantity.components)}], each {quantity.expected}"
@@ -188,15 +214,19 @@ class Section:
         }
 
     def number(self, key: str, written: object, quantity: Quantity) -> Number:
-        """Return a number in SI units, written plainly, as {value:, sigma:} or as {value:, exact:
-        true}.
+        """Return a number in SI units, written plainly, as {value:, sigma:}, as {value:, exact:
+        true} or as unknown.
         """
+        if quantity.wide and is_unknown(written):
+            return Number.of_prior(quantity.wide)
         per_si = quantity.unit[1]
         if not isinstance(written, Mapping):
             return Number(self._limited_value(key, written, quantity) / per_si)
         pair = Section(written, self.file, self.key_path(key))
         pair.allow_only(("value", "sigma", "exact"), "key of a number with a sigma")
-        value = pair._limited_value("value", pair.get("value", quantity.expected), quantity)
+        uncertainty = _finite_number(pair.values.get("sigma")) or 0.0
+        slack = MAX_SIGMAS_OUTSIDE * max(0.0, uncertainty)
+        value = pair._limited_value("value", pair.get("value", quantity.expected), quantity, slack)
         exact = pair.values.get("exact", False)
         if not isinstance(exact, bool):
             raise pair.error("exact", exact, "true to hold the number, or drop the key")
@@ -216,16 +246,26 @@ class Section:
             )
         return Number(value / per_si, sigma / per_si, exact=not sigma)
 
-    def _limited_value(self, key: str, written: object, quantity: Quantity) -> float:
-        """Return a finite number within the quantity's limits, in the file's unit."""
+    def _limited_value(
+        self, key: str, written: object, quantity: Quantity, slack: float = 0.0
+    ) -> float:
+        """Return a finite number within the quantity's limits, in the file's unit. It may be
+        outside of them by `slack`, but a positive number stays positive.
+        """
         value = _finite_number(written)
         if value is None:
             raise self.error(key, written, quantity.expected)
-        if not quantity.low <= value <= quantity.high:
+        is_signed = quantity.low <= 0 or value > 0
+        if not (quantity.low - slack <= value <= quantity.high + slack and is_signed):
             metres = quantity.unit[0] == "millimetres" and 0 < value < quantity.low
             hint = f" ({value:g} m, if metres were meant, is {value * 1000:g})" if metres else ""
             raise self.error(key, written, quantity.expected + hint)
         return value
+
+
+def is_unknown(written: object) -> bool:
+    """Return True for the word that stands for a number that nobody knows."""
+    return isinstance(written, str) and written.strip().lower() == UNKNOWN
 
 
 def _finite_number(value: object) -> float | None:

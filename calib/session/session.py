@@ -14,11 +14,19 @@ from calib.io.videos import VIDEOS
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.board_section import board_to_yaml, read_board
-from calib.session.camera import Camera, Intrinsics, camera_to_yaml, read_camera
+from calib.session.camera import (
+    Camera,
+    Intrinsics,
+    camera_to_yaml,
+    read_camera,
+    unknown_intrinsics,
+    without_unknown,
+)
 from calib.session.cover import Cover
 from calib.session.cover_section import cover_sections, cover_to_yaml, read_cover
 from calib.session.declared_table import declared_table
 from calib.session.fleet_prior import FleetPrior, check_compatible, read_fleet_prior
+from calib.session.lens import SPLINED
 from calib.session.numbers import check_correlations
 from calib.session.schema import Number, Section
 
@@ -174,6 +182,7 @@ def _read(path: Path, bare_of: Session | None) -> Session:
         ("format", "board", "camera", "cover", "corners", *(() if bare_of else (PRIOR_KEY,)))
     )
     board, camera, cover = _read_setup(section)
+    camera = without_unknown(camera)
     corners = _read_corners_path(section, path)
     frames = session_pictures(path)
     if not frames and not corners:
@@ -193,12 +202,14 @@ def _read(path: Path, bare_of: Session | None) -> Session:
     session = replace(
         session, bare=_read_bare(session), prior=_read_prior(section, path, camera, cover)
     )
-    if not (camera.intrinsics or session.bare or session.prior or cover.shape == "none"):
+    if camera.intrinsics or session.bare or session.prior or cover.shape == "none":
+        return session
+    if camera.lens == SPLINED:
         raise InputError(
-            f"{file}: camera.intrinsics is missing: write {{fx: ..., fy: ..., cx: ..., cy: ...,"
-            f" distortion: [...]}}, or put pictures taken without the cover in {path / 'bare'}."
+            f"{file}: camera.lens is {SPLINED}, which pictures through a cover do not tell: put"
+            f" pictures taken without the cover in {path / 'bare'}, or drop the key."
         )
-    return session
+    return replace(session, camera=replace(camera, intrinsics=unknown_intrinsics(camera)))
 
 
 def _command(path: Path) -> str:

@@ -9,6 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+TANGENTIAL_NAMES = ("p1", "p2")
+"""The names of the tangential coefficients; all others are radial, or as loose."""
+
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
@@ -19,6 +22,19 @@ class Tolerance:
     unit: str
     scale: float
     """The size of a typical change; the solver divides by it."""
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class WidePrior:
+    """The prior of a number that nobody knows: what such numbers are in cameras and covers."""
+
+    mean: float
+    sigma: float
+    """The standard deviation. The stated range is that of two of them, within the number's
+    limits.
+    """
+    unit: str
     reason: str
 
 
@@ -53,6 +69,23 @@ INDEX = Tolerance(
     "acrylic 1.49, borosilicate 1.47, soda-lime 1.52; whoever does not know which is off by as"
     " much",
 )
+UNKNOWN_RADIUS = WidePrior(
+    0.06, 0.06, "m", "tubes and domes of cameras, from the size of a lens to that of a football"
+)
+UNKNOWN_SLOPE = WidePrior(0.0, 0.3, "", "cones of up to 60 degrees across, narrowing either way")
+UNKNOWN_OFFSET = WidePrior(
+    0.0, 0.03, "m", "a camera anywhere within a cover of the size of two hands"
+)
+UNKNOWN_DISTANCE = WidePrior(
+    0.03, 0.03, "m", "from a window on the lens to one a hand's breadth in front of it"
+)
+UNKNOWN_TILT = WidePrior(0.0, 0.2, "rad", "a window or a tube that leans by up to 23 degrees")
+UNKNOWN_THICKNESS = WidePrior(
+    0.005, 0.005, "m", "from a filter's glass to a port for deep water, 15 mm"
+)
+UNKNOWN_INDEX = WidePrior(1.52, 0.08, "", "plastics and glass, from 1.36 to 1.68")
+UNKNOWN_OUTSIDE = WidePrior(1.17, 0.17, "", "air, 1, or water, 1.34")
+
 GLASS_FIGURE = Tolerance(
     1e-5, "m", 1e-5, "what cheap windows are uneven by over a centimetre: some ten micrometres"
 )
@@ -67,6 +100,15 @@ RADIAL = Tolerance(
 TANGENTIAL = Tolerance(0.01, "", 1e-3, "a lens tilted by half a degree")
 THIN_PRISM = Tolerance(3e-3, "", 1e-3, "lens elements that are wedges by some minutes of arc")
 SENSOR_TILT = Tolerance(0.02, "rad", 1e-3, "sensors are glued in to about a degree")
+
+UNKNOWN_FOCAL = WidePrior(
+    1.0, 0.7, "", "of the picture's longer side: lenses of 24 degrees across and more"
+)
+UNKNOWN_CENTRE = WidePrior(
+    0.5, 0.1, "", "of the picture's longer side, about its middle: pictures cut off the middle"
+)
+UNKNOWN_RADIAL = WidePrior(0.0, 0.5, "", "barrel distortion that a wide lens has, and pincushion")
+UNKNOWN_TANGENTIAL = WidePrior(0.0, 0.02, "", "a lens tilted by a degree")
 
 ENTRANCE_PUPIL = Tolerance(
     5e-3,

@@ -25,6 +25,7 @@ from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import ScoreTest, score_tests
 from calib.optics.rays import Rays
+from calib.session.numbers import unknown_names
 from calib.verdict.next_commands import NextCommands
 
 Array = NDArray[np.float64]
@@ -127,6 +128,14 @@ class Case:
         return float(
             np.sqrt(gradient @ np.linalg.solve(jacobian.T @ jacobian + precision, gradient))
         )
+
+    @property
+    def has_unknown(self) -> bool:
+        """True if the session leaves a number of camera or cover unknown, so that it describes no
+        camera to compare the pictures with.
+        """
+        declared = self.calibration.declared
+        return bool(unknown_names(declared.intrinsics, declared.cover))
 
     @property
     def corrected(self) -> tuple[str, ...]:

@@ -78,6 +78,8 @@ def unconfirmed_numbers(case: Case) -> Iterator[Reason]:
         listed = f"{', '.join(shown[:-1])} and {shown[-1]}" if len(shown) > 1 else shown[0]
         verb = "are" if len(shown) > 1 else "is"
         subject = f"{listed} {verb} taken as {dominant[0].source}"
+        if any(number.unknown for number in dominant):
+            subject = f"{' and '.join(number.name for number in dominant)} {verb} unknown"
     else:
         subject = "the lens is taken as declared"
     size = (

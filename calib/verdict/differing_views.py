@@ -9,14 +9,20 @@ from calib.calibration import Calibration
 from calib.fitting.differing import Differing
 from calib.inference.effect_context import effect_context
 from calib.verdict.case import Case, optimum_of
+from calib.verdict.residual import likely_scores
 from calib.verdict.verdict import Reason
 
 
 def differing_views(case: Case) -> Iterator[Reason]:
-    """Name what differs from view to view beside everything that all views share."""
+    """Name what differs from view to view beside everything that all views share, unless an effect
+    that they share is more probable: it has to be found first.
+    """
     if not case.at_optimum:
         return
-    if differing := find_differing(case.calibration):
+    shared = (test for test in likely_scores(case) if not test.effect.per_view)
+    largest = max((test.chi2 / 2 for test in shared), default=0.0)
+    differing = find_differing(case.calibration)
+    if differing and differing.first.plain_gain > largest:
         suspects = tuple(variation.group.name for variation in differing.variations)
         diagnosed = case.calibration.history.diagnosis is not None
         command = case.next.report() if diagnosed else case.next.diagnose()

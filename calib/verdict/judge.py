@@ -36,6 +36,7 @@ from calib.verdict.residual import residual
 from calib.verdict.square_pixels import square_pixels
 from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, uncertain_maps
 from calib.verdict.unevenness import unevenness
+from calib.verdict.unknown_numbers import unknown_numbers, unknown_shape
 from calib.verdict.unseen_row import extra_rows, unseen_row
 from calib.verdict.verdict import Reason, Verdict
 
@@ -58,6 +59,8 @@ CHECKS: tuple[Check, ...] = (
     cover_stage,
     fleet_prior,
     declared_numbers,
+    unknown_shape,
+    unknown_numbers,
     unconfirmed_numbers,
     square_pixels,
     unevenness,

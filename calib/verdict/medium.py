@@ -20,7 +20,9 @@ def medium(case: Case) -> Iterator[Reason]:
     cover, bare_error = case.rms_px.get("cover", 0.0), case.rms_px["pinhole"]
     declared = case.calibration.declared
     stated = declared.cover.medium
-    if not stated or cover <= max(OTHER_MEDIUM * bare_error, case.left_px):  # it is right
+    if not stated or case.has_unknown:
+        return
+    if cover <= max(OTHER_MEDIUM * bare_error, case.left_px):  # it is right
         return
     index = stated.value
     name = "air" if index > HALFWAY else "water"

@@ -56,7 +56,7 @@ def orientation(case: Case) -> Iterator[Reason]:
     numbers.
     """
     errors_px = case.rms_px
-    if not {"cover", "cover+rbf"} <= errors_px.keys():
+    if not {"cover", "cover+rbf"} <= errors_px.keys() or case.has_unknown:
         return
     if not (errors_px["cover"] > ASKING_ORIENTATION * errors_px["cover+rbf"] and case.corrected):
         return

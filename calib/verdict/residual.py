@@ -69,9 +69,14 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
     """Return the few significant effects with the fraction by which each would lower the error;
     effects with parameters of single views only if no other is significant.
     """
+    return [(test.effect, gain) for test, gain in likely_scores(case).items()]
+
+
+def likely_scores(case: Case) -> dict[ScoreTest, float]:
+    """Return the score tests of these effects, with the same fractions."""
     scores = case.scores
     if not scores:
-        return []
+        return {}
     dispersion = scores[0].cost / max(
         1, 2 * len(case.observations.pixels) - case.calibration.poses.size
     )
@@ -98,7 +103,7 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
     likely = sorted(
         shared or candidates, key=lambda test: -gains[test]
     )  # parameters of every view can imitate much
-    return [(test.effect, gains[test]) for test in likely[:MOST_NAMED]]
+    return {test: gains[test] for test in likely[:MOST_NAMED]}
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

@@ -14,6 +14,7 @@ from calib.calibration import Calibration
 from calib.corners.view import pose_labels
 from calib.inference.calibration_model import base_model
 from calib.intrinsics.advice import TILT
+from calib.session.numbers import unknown_names
 from calib.session.parameter_names import CAMERA
 from calib.session.session import MIN_FIT_VIEWS
 from calib.verdict.case import Case
@@ -34,6 +35,8 @@ def too_few_views(case: Case) -> Iterator[Reason]:
         if calibration.outcome.intrinsics_from == "views"
         else 0
     )
+    declared = calibration.declared
+    lens_unknowns += len(unknown_names(declared.intrinsics, declared.cover))
     unknowns = lens_unknowns + (FIGURE_UNKNOWNS if calibration.relief else 0)
     required = math.ceil(unknowns / TELLS)
     poses = int(pose_labels(calibration.views).max()) + 1

@@ -4,12 +4,14 @@ from collections.abc import Mapping, Sequence
 
 from textual.app import ComposeResult
 from textual.containers import Grid, Vertical
+from textual.events import Key
 from textual.suggester import SuggestFromList
 from textual.widgets import Input, Select, Static
 
 from calib.session.coding import DICTIONARIES
-from calib.session.shapes.registry import find_shape, shape_names
-from capture.tui.form import BOARD, FormTexts
+from calib.session.schema import UNKNOWN
+from calib.session.shapes.registry import find_shape, stated_shape_names
+from capture.tui.form import BOARD, UNKNOWN_KEY, FormTexts
 from capture.tui.page import Field
 from capture.tui.row import Row
 
@@ -28,6 +30,18 @@ def _initial_texts(shape: str) -> dict[str, str]:
 
 
 EMPTY_FORM = FormTexts(BOARDS["checkerboard"], "cone", _initial_texts("cone"))
+
+
+class NumberField(Field):
+    """A field for a number that a person may not know."""
+
+    async def on_key(self, event: Key) -> None:
+        if event.character == UNKNOWN_KEY:
+            event.stop()
+            event.prevent_default()
+            self.replace(UNKNOWN, *self.selection)
+        else:
+            await super().on_key(event)
 
 
 class BoardAndCover(Vertical):
@@ -56,7 +70,7 @@ class BoardAndCover(Vertical):
             ),
         )
         yield Grid(id="board")
-        shapes = [(shape, shape) for shape in shape_names()]
+        shapes = [(shape, shape) for shape in stated_shape_names()]
         yield Row(
             "cover shape",
             Select(shapes, value=EMPTY_FORM.shape, allow_blank=False, id="shape", compact=True),
@@ -128,7 +142,8 @@ class BoardAndCover(Vertical):
         grid = self.query_one(place, Grid)
         async with self.batch():
             await grid.remove_children()
-            await grid.mount_all(Row(key, _field(key, texts.get(key, ""))) for key in keys)
+            create = _field if place == "#board" else _number_field
+            await grid.mount_all(Row(key, create(key, texts.get(key, ""))) for key in keys)
 
 
 def _keys(shape: str) -> list[str]:
@@ -138,3 +153,7 @@ def _keys(shape: str) -> list[str]:
 def _field(key: str, text: str) -> Field:
     suggested = SuggestFromList(DICTIONARIES, case_sensitive=False) if key == "dictionary" else None
     return Field(text, name=key, suggester=suggested, compact=True)
+
+
+def _number_field(key: str, text: str) -> Field:
+    return NumberField(text, name=key, compact=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 from calib.errors import InputError
 from calib.io.files import read_file
 from calib.session.board_section import UNUSUAL
-from calib.session.shapes.registry import shape_names
+from calib.session.shapes.registry import stated_shape_names
 from capture.tui.form import BOARD, FormTexts
 
 MAX_BYTES = 1 << 16
@@ -57,7 +57,7 @@ def load_draft(session: Path) -> Draft | None:
     except (InputError, ValueError, LookupError, TypeError, RecursionError):
         return None
     is_valid = (
-        texts.shape in shape_names()
+        texts.shape in stated_shape_names()
         and texts.kind in BOARD
         and isinstance(source, str)
         and isinstance(like, str)
@@ -84,7 +84,7 @@ def _check_texts(texts: Mapping[str, str]) -> dict[str, str]:
 
 
 def _check_covers(covers: Sequence[Mapping[str, object]]) -> tuple[Mapping[str, object], ...]:
-    if not all(cover["shape"] in shape_names() for cover in covers):
+    if not all(cover["shape"] in stated_shape_names() for cover in covers):
         raise TypeError("not covers")
     return tuple(covers)
 

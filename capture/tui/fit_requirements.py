@@ -4,6 +4,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.io.images import frames_folder, list_images
+from calib.session.schema import UNKNOWN
 from calib.session.session import MIN_FIT_VIEWS, read_session
 from capture.session_file import Setup, read_setup
 from capture.tui.camera import Task
@@ -14,7 +15,7 @@ def no_lens_advice(session: Path) -> str:
     return (
         "The lens is not known yet. In the set-up, choose record now: without the cover, and name"
         " those pictures as the source; or name a session that knows it beside like; or write"
-        f" camera.intrinsics into {session / 'session.yaml'}."
+        f" camera.intrinsics into {session / 'session.yaml'}, {UNKNOWN} if nobody knows them."
     )
 
 

@@ -13,7 +13,7 @@ from calib.session.board_section import EXPLANATIONS, KEYS, UNUSUAL, explain_key
 from calib.session.camera import Camera, camera_to_yaml
 from calib.session.cover import Cover
 from calib.session.cover_section import LAYERS_KEY, cover_mappings
-from calib.session.schema import Quantity, Section
+from calib.session.schema import UNKNOWN, Quantity, Section, is_unknown
 from calib.session.session import session_from_mapping, session_to_yaml
 from calib.session.shapes.layer import LAYER
 from calib.session.shapes.registry import find_shape
@@ -46,12 +46,14 @@ EXAMPLE_BOARDS: Mapping[str, Mapping[str, object]] = {
 """Valid example values for each type of board: a single value is checked together with them."""
 DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
 """A number, with its sigma or without, and perhaps with a decimal comma."""
+UNKNOWN_KEY = "?"
+"""The key that writes UNKNOWN into a field of the cover, and the short way to write it."""
 LAYER_KEYS = tuple(kind.quantity.key for kind in LAYER)
 """The keys that have a number for each layer of glass."""
 NUMBERS = ("one", "two", "three")
 ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 
-NO_COVER = "none: there is none, only the lens is calibrated."
+NO_COVER = "none: there is none, only the lens is calibrated; unknown: the fit finds out."
 HELP = EXPLANATIONS | {
     "kind": (
         "What is printed on it. charuco, aprilgrid and gridboard have markers: they may reach out"
@@ -83,7 +85,10 @@ class FormTexts:
 def explain_field(key: str, kind: str, shape: str) -> str:
     """Return the explanation of a value, for a board of this type or a cover of this shape."""
     board = explain_keys(kind)
-    cover = {entry.quantity.key: entry.explanation for entry in find_shape(shape).keys}
+    cover = {
+        entry.quantity.key: f"{entry.explanation} {UNKNOWN_KEY} if you do not know."
+        for entry in find_shape(shape).keys
+    }
     words = find_shape(shape).words
     chosen = {"shape": f"The cover in front of the camera: {words}. {NO_COVER}"} if cover else {}
     return (HELP | board | cover | chosen).get(key, "")
@@ -183,10 +188,12 @@ def _layer_numbers(quantity: Quantity, text: str) -> list[object]:
         return []
     _check_point(f"cover.{quantity.key}", text)
     entries = _split_list(text)
-    if len(entries) < 2 or not all(map(DECIMAL_COMMA.fullmatch, entries)):
+    if len(entries) < 2 or not all(
+        DECIMAL_COMMA.fullmatch(entry) or _is_unknown(entry) for entry in entries
+    ):
         return []
     _check_points(f"cover.{quantity.key}", text, 0)
-    return [typed_number(entry) for entry in entries]
+    return [_typed(entry) for entry in entries]
 
 
 def _quantity(key: str, shape: str) -> Quantity | None:
@@ -200,9 +207,11 @@ def _to_yaml(quantity: Quantity, text: str) -> dict[str, object]:
     """
     if not text.strip() and quantity.default is not None:
         return {}
+    if quantity.wide and _is_unknown(text):
+        return {quantity.key: UNKNOWN}
     if not quantity.components:
         _check_point(f"cover.{quantity.key}", text)
-        return {quantity.key: typed_number(text)}
+        return {quantity.key: _typed(text)}
     _check_points(f"cover.{quantity.key}", text, len(quantity.components))
     if len(_split_list(text)) != len(quantity.components):
         first, *names_after_first = quantity.components
@@ -212,7 +221,7 @@ def _to_yaml(quantity: Quantity, text: str) -> dict[str, object]:
             f" {', '.join((first, *names_after_first[:-1]))} and {names_after_first[-1]}, such as"
             f" {', '.join('0' for _ in quantity.components)}."
         )
-    return {quantity.key: [typed_number(component) for component in _split_list(text)]}
+    return {quantity.key: [_typed(component) for component in _split_list(text)]}
 
 
 def _check_point(key: str, text: str) -> None:
@@ -259,10 +268,17 @@ def _with_points(numbers: list[str]) -> str:
 def _value(key: str, text: str) -> object:
     """Return a value of a board."""
     return (
-        ANSWERS.get(text.strip().lower(), text.strip())
-        if key == "legacy_pattern"
-        else typed_number(text)
+        ANSWERS.get(text.strip().lower(), text.strip()) if key == "legacy_pattern" else _typed(text)
     )
+
+
+def _typed(text: str) -> object:
+    """Return the number or the text of a field, in which `UNKNOWN_KEY` means that nobody knows."""
+    return UNKNOWN if _is_unknown(text) else typed_number(text)
+
+
+def _is_unknown(text: str) -> bool:
+    return is_unknown(text) or text.strip() == UNKNOWN_KEY
 
 
 def _text(value: object) -> str:

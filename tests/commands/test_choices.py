@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from calib.calibration import Calibration
 from calib.cli import main
@@ -271,3 +272,25 @@ def test_diagnose_shows_the_figure_of_evaluate_under_its_name(
     assert diagnosed["calibration"] == str(tmp_path / "better" / "calibration.yaml")
     assert evaluated["calibration"] == str(out / "calibration.yaml")
     assert set(diagnosed["camera"]) == set(evaluated["camera"])
+
+
+def test_unknown_numbers_are_said_in_the_table_the_json_and_the_calibration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = write_session(tmp_path, scene(8, views=12, noise=0.05, amplitude=0.0))
+    file = copy / "session.yaml"
+    document = yaml.safe_load(file.read_text())
+    document["cover"]["inner_radius_mm"] = "unknown"
+    del document["cover"]["thickness_mm"]
+    file.write_text(yaml.safe_dump(document))
+    printed = fit(copy, tmp_path / "out", "--effects", "none", capsys=capsys)
+    for name in ("cover.inner_radius", "cover.thickness"):
+        assert re.search(rf"^  {name} +\S+ ± \S+ mm +unknown", printed, re.MULTILINE), printed
+    written = yaml.safe_load((tmp_path / "out" / "calibration.yaml").read_text())
+    assert written["declared"]["cover"]["inner_radius_mm"] == "unknown"
+    assert written["declared"]["cover"]["thickness_mm"] == "unknown"
+    calibration = Calibration.load(tmp_path / "out")
+    assert calibration.declared.cover.parameters["inner_radius"].unknown
+    for name, true in (("inner_radius", 0.04195), ("thickness", 0.003)):
+        number = calibration.cover.parameters[name]
+        assert abs(number.value - true) < 2.5 * number.sigma

@@ -94,6 +94,63 @@ def test_pictures_of_several_folders_keep_apart(photos: Path) -> None:
     assert session.path == Path("session")
 
 
+def write_stray(folder: Path, size: tuple[int, int] = (641, 480)) -> None:
+    cv2.imwrite(str(folder / "a first.png"), np.zeros(size[::-1], np.uint8))
+
+
+def test_the_size_of_most_pictures_is_taken_and_strays_are_left_out(
+    photos: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_stray(photos)
+    others = recordings.write_pictures(Path("others"))
+    write_stray(others, (480, 640))
+    session = described(str(photos), str(others), *BOARD)
+    assert len(session.frames) == 16
+    assert (session.camera.width, session.camera.height) == recordings.SIZE
+    notice = (
+        "left out, pictures of another size than 640x480 px: my photos/a first.png (641x480),"
+        " others/a first.png (480x640)."
+    )
+    assert notice in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_strays_and_copies_of_a_folder_are_named_by_the_fit(
+    photos: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_stray(photos)
+    shutil.copy(photos / "shot 3.png", photos / "shot 3 copy.png")
+    (photos / "IMG_1.HEIC").write_bytes(b"\0")
+    assert main(["fit", str(photos), *BOARD]) == 0
+    assert read_session(photos).camera.width == 640
+    printed = capsys.readouterr().out
+    assert "8 views with" in printed
+    for words in ("a first.png: is 641x480 px", "a copy of shot 3", "IMG_1.HEIC: its type"):
+        assert words in printed
+
+
+def test_a_camera_of_a_pair_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = recordings.write_pair(Path("pair"))
+    with pytest.raises(InputError, match="choose one with --camera left, or --camera all"):
+        described("pair", *BOARD)
+    right = described("pair", *BOARD, "--camera", "right")
+    assert right.path == folder / "right"
+    assert [path.name for path in right.frames] == [f"right-{k:02d}.png" for k in range(8)]
+    with pytest.raises(InputError, match="calib fit pair --camera left --board 7x6 --square-mm 25"):
+        described("pair", "--camera", "left")
+    assert described("pair", *BOARD, "--camera", "left").path == folder / "left"
+    assert described("pair", *BOARD, "--camera", "all").frames == list_images(folder)
+
+
+def test_pictures_of_no_common_size_are_refused(photos: Path) -> None:
+    for path in list_images(photos)[:4]:
+        cv2.imwrite(str(path), np.zeros((100, 200), np.uint8))
+    with pytest.raises(InputError, match="pictures of 2 sizes, 200x100, 640x480 px"):
+        described(str(photos), *BOARD)
+    assert not (photos / "session.yaml").exists()
+
+
 def test_the_sharpest_frames_of_a_video_are_a_session(film: Path) -> None:
     session = described(str(film), *BOARD)
     assert session.path == film.with_suffix("")
@@ -151,6 +208,7 @@ def test_a_cover_is_described_by_options(photos: Path) -> None:
     [
         (["nowhere"], "nowhere is not a folder"),
         (["empty"], "has no session.yaml and no pictures: record some by capture empty"),
+        (["phone"], "no pictures, only files that are not read as pictures: IMG_1.HEIC: record"),
         (["none/*.jpg"], "No picture matches none/*.jpg"),
         (["text.txt", *BOARD], "text.txt is neither a picture nor a video"),
         (["text.avi", *BOARD], "text.avi is not a video that can be read"),
@@ -172,6 +230,8 @@ def test_a_refusal_names_what_would_do(
 ) -> None:
     assert photos.is_dir()
     Path("empty").mkdir()
+    Path("phone").mkdir()
+    Path("phone/IMG_1.HEIC").touch()
     Path("films").mkdir()
     Path("films/a.mp4").touch()
     for name in ("text.txt", "text.avi"):

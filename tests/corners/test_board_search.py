@@ -8,9 +8,11 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.corners.board_search import search_board
+from calib.session.board_section import board_to_yaml
 from calib.session.coding import AprilGrid, Charuco
 from fixtures.coded_boards import KINDS, Kind, poses
 from fixtures.coded_pictures import Lens
+from tests.corners import test_other_makers
 from tests.importing import recordings
 
 LENS = Lens(width=640, height=480, focal=640.0)
@@ -52,6 +54,33 @@ def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
             assert not found.is_vague
         case pair:
             raise AssertionError(pair)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "charuco from 100, inverted",
+        "aprilgrid from 40",
+        "gridboard from 30",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("charuco from 17", "aprilgrid inverted", "gridboard inverted")
+        ),
+    ],
+)
+def test_the_first_marker_and_a_negative_print_are_found(name: str) -> None:
+    declared = test_other_makers.BOARDS[name]
+    found = search_board([picture for picture, _ in test_other_makers.views(declared)])
+    assert found
+    printed = found.to_yaml(1000 * declared.square)
+    expected = board_to_yaml(declared)
+    dictionary = str(expected.pop("dictionary", ""))
+    assert str(printed.pop("dictionary", "")).rpartition("_")[0] == dictionary.rpartition("_")[0]
+    if marker_mm := expected.pop("marker_mm", None):
+        assert printed.pop("marker_mm") == pytest.approx(marker_mm, rel=0.05)
+    assert printed == expected
+    assert ("--first-marker" in found.options) == ("from" in name)
+    assert ("--inverted" in found.options) == ("inverted" in name)
 
 
 def test_what_was_found_describes_the_board() -> None:

@@ -20,7 +20,6 @@ from calib.estimation.priors import Priors
 from calib.fitting.differing import Differing
 from calib.inference.fitted_model import FittedModel
 from calib.inference.view_variation import (
-    Variation,
     VariationEquations,
     VariationKind,
     VariationRows,
@@ -98,8 +97,8 @@ def dense_log_evidence(rows: VariationRows, added: Array | None = None) -> float
     covariance = np.eye(count) + shared @ np.linalg.solve(rows.precision, shared.T)
     for view, end in zip(rows.views, ends.tolist(), strict=True):
         place = slice(end - len(view), end)
-        own = FLAT * view[:, : rows.own] / np.linalg.norm(view[:, : rows.own], axis=0)
-        covariance[place, place] += own @ own.T
+        block = FLAT * view[:, : rows.own] / np.linalg.norm(view[:, : rows.own], axis=0)
+        covariance[place, place] += block @ block.T
     if added is not None:
         covariance += added @ added.T
     residual = stacked[:, -1]
@@ -115,15 +114,16 @@ def test_the_gain_is_that_of_dense_algebra(kind: VariationKind) -> None:
     made = replace(made, views=made.views[:5], poses=made.poses[:5])
     made = refocused(made, np.random.default_rng(0).normal(0, 0.04, 5))
     rows = VariationRows.of(optimum(made), context_of(made))
-    (group,) = (group for group in groups_of(context_of(made)) if group.name == "focal")
+    group = groups_of(context_of(made))[0]
+    assert group.name == "focal"
     equations = VariationEquations.of(rows).group(group)
-    found: Variation = (
+    variation = (
         equations.in_every_view()
         if kind is VariationKind.EACH
         else equations.following(kind, time_patterns(5)[kind][0])
     )
-    assert found.gain > 1
-    columns = rows.columns(group) * found.scales
+    assert variation.gain > 1
+    columns = rows.columns(group) * variation.scales
     by_view = [view[:, rows.own :] @ columns for view in rows.views]
     if kind is VariationKind.EACH:
         added = np.zeros((sum(map(len, by_view)), 5))
@@ -133,20 +133,20 @@ def test_the_gain_is_that_of_dense_algebra(kind: VariationKind) -> None:
             first += len(column)
     else:
         added = np.concatenate(
-            [size * column for size, column in zip(found.pattern, by_view, strict=True)]
+            [size * column for size, column in zip(variation.pattern, by_view, strict=True)]
         )
     gain = dense_log_evidence(rows, added) - dense_log_evidence(rows)
-    assert found.gain == pytest.approx(gain, abs=1e-3)
+    assert variation.gain == pytest.approx(gain, abs=1e-3)
 
 
 def test_deviations_are_those_that_the_views_have() -> None:
     sizes = np.random.default_rng(1).normal(0, 0.01, VIEWS)
     made = refocused(session(4, "wet-flat", noise=0.02), sizes)
     fitted = optimum(made)
-    found = find_variations(fitted, context_of(made))
-    assert (found[0].group.name, found[0].kind) == ("focal", VariationKind.EACH)
-    (number,) = found[0].group.numbers
-    estimated = number.sigma * found[0].deviations[:, 0]
+    variation = find_variations(fitted, context_of(made))[0]
+    assert (variation.group.name, variation.kind) == ("focal", VariationKind.EACH)
+    (number,) = variation.group.numbers
+    estimated = number.sigma * variation.deviations[:, 0]
     wanted = sizes - sizes.mean()
     assert np.corrcoef(estimated, wanted)[0, 1] > 0.99
     assert estimated.std() == pytest.approx(wanted.std(), rel=0.1)
@@ -196,9 +196,9 @@ def test_two_cameras_in_one_session_are_a_lens_of_two_kinds() -> None:
         focal = {name: made.values[name] * (1 + 0.01 * size) for name in CAMERA.focal}
         return focal | {name: made.values[name] + 8 * size for name in CAMERA.centre}
 
-    found = find_variations(optimum(varied(made, change)), context_of(made))
-    assert (found[0].group.name, found[0].kind) == ("lens", VariationKind.TWO_KINDS)
-    assert abs(np.corrcoef(found[0].pattern, second)[0, 1]) > 0.85  # a view or two tell little
+    first = find_variations(optimum(varied(made, change)), context_of(made))[0]
+    assert (first.group.name, first.kind) == ("lens", VariationKind.TWO_KINDS)
+    assert abs(np.corrcoef(first.pattern, second)[0, 1]) > 0.85  # a view or two tell little
 
 
 def test_a_print_without_a_shear_may_have_one_in_single_views() -> None:

@@ -131,7 +131,7 @@ def test_the_command_asks_for_the_same_fit(settings: Settings) -> None:
     ((program, verb, *words),) = commands(request, History(), Path("/out"))
     assert (program, verb) == ("calib", "fit")
     args = parser.parse_args(words)
-    assert (args.session, args.output) == (Path("/there/my session"), Path("/out"))
+    assert (args.session, args.output) == ([Path("/there/my session")], Path("/out"))
     assert (args.depth, args.effects) == ([0.5, 1 / 3], ("board_shape", "focal"))
     assert (
         Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds)

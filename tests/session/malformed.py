@@ -248,8 +248,23 @@ MALFORMED: tuple[Malformed, ...] = (
     Malformed("shape missing", _yaml("  shape: cone\n", ""), ("cover.shape is missing", "dome")),
     Malformed(
         "key missing",
-        _yaml("  inner_radius_mm: 41.95\n", ""),
-        ("cover.inner_radius_mm is missing", "millimetres"),
+        _yaml("square_mm: 20.0", ""),
+        ("board.square_mm is missing", "millimetres"),
+    ),
+    Malformed(
+        "neither number nor unknown",
+        _yaml("inner_radius_mm: 41.95", "inner_radius_mm: unknwon"),
+        ('cover.inner_radius_mm is the text "unknwon"', "in millimetres, or unknown"),
+    ),
+    Malformed(
+        "unknown where it must be known",
+        _yaml("square_mm: 20.0", "square_mm: unknown"),
+        ('board.square_mm is the text "unknown"', "write a number"),
+    ),
+    Malformed(
+        "unknown beside another cover",
+        _yaml("cover:\n" + CONE, "cover: [{shape: unknown}, {shape: flat}]\n"),
+        ("cover[0].shape", "cone, cylinder, flat, dome"),
     ),
     Malformed("section missing", _yaml(BOARD + "\n", ""), ("board is missing", "square_mm: 25.0")),
     Malformed(
@@ -472,7 +487,9 @@ MALFORMED: tuple[Malformed, ...] = (
         ("camera.intrinsics.correlations is a list of 8", "positive definite"),
     ),
     Malformed(
-        "no intrinsics, no bare", _yaml(INTRINSICS, ""), ("camera.intrinsics is missing", "bare")
+        "splined lens, no bare",
+        _yaml(INTRINSICS, "  lens: splined\n"),
+        ("camera.lens is splined", "bare"),
     ),
     Malformed("bare is empty", _bare(None), ("bare has neither pictures nor a session.yaml",)),
     Malformed("bare has a cover", _bare(SESSION), ("cover.shape is cone: write none",)),

@@ -255,3 +255,63 @@ def test_damaged_bare_picture_is_found(folder: Path) -> None:
     np.save(folder / "bare" / "0.npy", checkerboard(50, 30)[:100])
     with pytest.raises(RefracalError, match=r"0\.npy is 320x100 px"):
         check_images(read_session(folder))
+
+
+@pytest.mark.parametrize("written", ["inner_radius_mm: unknown", "inner_radius_mm: Unknown", ""])
+def test_unknown_and_missing_numbers_are_a_wide_prior(folder: Path, written: str) -> None:
+    (folder / "session.yaml").write_text(SESSION.replace("inner_radius_mm: 41.95", written))
+    radius = read_session(folder).cover.parameters["inner_radius"]
+    assert radius == Number(0.06, 0.06, unknown=True)
+    session = read_session(folder)
+    again = session_to_yaml(session.board, session.camera, session.cover)
+    assert session_from_mapping(again, "here")[2] == session.cover
+    assert yaml.safe_load(yaml.safe_dump(again))["cover"]["inner_radius_mm"] == "unknown"
+
+
+def test_lists_may_have_an_unknown_number_or_be_unknown(folder: Path) -> None:
+    for written, expected in (("[0.0, unknown]", [False, True]), ("unknown", [True, True])):
+        (folder / "session.yaml").write_text(SESSION.replace("[0.0, -30.0]", written))
+        parameters = read_session(folder).cover.parameters
+        assert [parameters[f"axis_offset.{axis}"].unknown for axis in "xz"] == expected
+
+
+@pytest.mark.parametrize("offset", [-80.0, 700.0])
+def test_unknown_radius_leaves_room_for_the_camera(folder: Path, offset: float) -> None:
+    text = SESSION.replace("inner_radius_mm: 41.95", "inner_radius_mm: unknown")
+    (folder / "session.yaml").write_text(text.replace("-30.0", str(offset)))
+    assert read_session(folder).cover.parameters["inner_radius"].value > abs(offset) / 1000
+
+
+@pytest.mark.parametrize("written", ["  intrinsics: unknown\n", ""])
+def test_unknown_intrinsics_are_within_the_picture(folder: Path, written: str) -> None:
+    (folder / "session.yaml").write_text(SESSION.replace(INTRINSICS, written))
+    intrinsics = read_session(folder).camera.intrinsics
+    assert intrinsics
+    assert intrinsics.is_unknown
+    assert (intrinsics.cx.value, intrinsics.cy.value) == (159.5, 119.5)
+    assert intrinsics.fx == Number(320.0, 224.0, unknown=True)
+
+
+def test_shape_may_be_unknown_with_glass_that_is_known(folder: Path) -> None:
+    glass = "  shape: unknown\n  thickness_mm: 3.0\n"
+    (folder / "session.yaml").write_text(SESSION.replace(CONE, glass))
+    cover = read_session(folder).cover
+    assert cover.has_unknown_shape
+    assert cover.parameters["thickness"] == Number(0.003)
+    assert cover.parameters["refractive_index"].unknown
+    for shape in shape_names():
+        assert cover.as_shape(shape).shape == shape
+    assert cover.as_shape("dome").parameters["centre.z"].unknown
+    (folder / "session.yaml").write_text(SESSION.replace("cover:\n" + CONE, "cover: unknown\n"))
+    assert read_session(folder).cover.has_unknown_shape
+
+
+def test_estimate_may_lie_outside_of_the_limits_by_its_sigma(folder: Path) -> None:
+    """The index of air comes out below 1 half of the time; a radius stays positive."""
+    glass = "  outside_index: {value: 0.9999, sigma: 0.0001}\n"
+    (folder / "session.yaml").write_text(SESSION + glass)
+    assert read_session(folder).cover.parameters["outside_index"].value < 1
+    for wrong in ("  outside_index: 0.9999\n", "  outside_index: {value: 0.9, sigma: 0.01}\n"):
+        (folder / "session.yaml").write_text(SESSION + wrong)
+        with pytest.raises(RefracalError, match="from 1 to 3"):
+            read_session(folder)

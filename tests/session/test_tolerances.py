@@ -8,7 +8,7 @@ from pathlib import Path
 
 from calib.session import tolerances
 from calib.session.shapes.registry import dimensions
-from calib.session.tolerances import Tolerance
+from calib.session.tolerances import Tolerance, WidePrior
 
 PAGE = (Path(__file__).parents[2] / "docs" / "tolerances.md").read_text(encoding="utf-8")
 TABLE = {name: value for name, value in vars(tolerances).items() if isinstance(value, Tolerance)}
@@ -21,6 +21,11 @@ def test_the_page_has_the_table() -> None:
     for name, kind in TABLE.items():
         factor, unit = WRITTEN[kind.unit]
         expected.append((name, f"{kind.sigma * factor:.3g}{unit}", kind.reason))
+    for name, prior in vars(tolerances).items():
+        if isinstance(prior, WidePrior):
+            factor, unit = WRITTEN[prior.unit]
+            stated = f"{prior.mean * factor:.3g} ± {prior.sigma * factor:.3g}{unit}"
+            expected.append((name, stated, prior.reason))
     assert rows == expected
 
 
@@ -32,3 +37,4 @@ def test_every_number_of_a_cover_has_one_tolerance_or_none() -> None:
             assert kinds.setdefault(name, kind) == kind
     assert {name for name, (tolerance, *_) in kinds.items() if not tolerance} == {"outside_index"}
     assert all(option for tolerance, option, _ in kinds.values() if tolerance)
+    assert all(dimension.quantity.wide for dimension in dimensions())

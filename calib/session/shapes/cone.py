@@ -5,10 +5,19 @@ import math
 from calib.session.schema import Quantity
 from calib.session.shapes.dimension import Dimension
 from calib.session.shapes.shape import CameraOutside, ChartAxis, Numbers, Shape, check_round
-from calib.session.tolerances import COVER_TILT, OFFSET, RADIUS, RADIUS_SLOPE
+from calib.session.tolerances import (
+    COVER_TILT,
+    OFFSET,
+    RADIUS,
+    RADIUS_SLOPE,
+    UNKNOWN_OFFSET,
+    UNKNOWN_RADIUS,
+    UNKNOWN_SLOPE,
+    UNKNOWN_TILT,
+)
 
 INNER_RADIUS = Dimension(
-    Quantity("inner_radius_mm", low=0.05, high=1e5),
+    Quantity("inner_radius_mm", low=0.05, high=1e5, wide=UNKNOWN_RADIUS),
     words="the cover's inner radius",
     explanation="Millimetres from the cover's axis to its inner face, at the height of the lens.",
     tolerance=RADIUS,
@@ -16,7 +25,7 @@ INNER_RADIUS = Dimension(
     effect="cover_radius",
 )
 SLOPE = Dimension(
-    Quantity("radius_slope", low=-2, high=2),
+    Quantity("radius_slope", low=-2, high=2, wide=UNKNOWN_SLOPE),
     words="the cover's slope",
     explanation="By how much the radius grows downwards: -0.1 is 1 mm narrower every 10 mm.",
     tolerance=RADIUS_SLOPE,
@@ -25,7 +34,7 @@ SLOPE = Dimension(
 )
 AXIS = (
     Dimension(
-        Quantity("axis_offset_mm", ("x", "z"), low=-1e5, high=1e5),
+        Quantity("axis_offset_mm", ("x", "z"), low=-1e5, high=1e5, wide=UNKNOWN_OFFSET),
         words="where the cover's axis is (axis_offset_mm)",
         explanation=(
             "From the lens to the cover's axis in mm: x to the right in the picture, z ahead; 0,"
@@ -36,7 +45,7 @@ AXIS = (
         effect="cover_offset",
     ),
     Dimension(
-        Quantity("tilt_deg", ("x", "z"), low=-45, high=45, default=0.0),
+        Quantity("tilt_deg", ("x", "z"), low=-45, high=45, default=0.0, wide=UNKNOWN_TILT),
         words="the cover's tilt",
         explanation=(
             "Degrees of its tilt, first about x (to the right), then about z (ahead): 0, 0 is"

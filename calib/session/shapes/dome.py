@@ -7,7 +7,7 @@ from calib.session.schema import Quantity
 from calib.session.shapes.cone import INNER_RADIUS
 from calib.session.shapes.dimension import Dimension
 from calib.session.shapes.shape import CameraOutside, ChartAxis, Numbers, Shape, check_round
-from calib.session.tolerances import OFFSET
+from calib.session.tolerances import OFFSET, UNKNOWN_OFFSET
 
 
 def check_in_dome(numbers: Numbers) -> CameraOutside | None:
@@ -25,7 +25,7 @@ DOME = Shape(
             explanation="Millimetres from the dome's centre to its inner face.",
         ),
         Dimension(
-            Quantity("centre_mm", ("x", "y", "z"), low=-1e5, high=1e5),
+            Quantity("centre_mm", ("x", "y", "z"), low=-1e5, high=1e5, wide=UNKNOWN_OFFSET),
             words="where the dome's centre is (centre_mm)",
             explanation="x, y, z in mm from the lens to the dome's centre.",
             tolerance=OFFSET,

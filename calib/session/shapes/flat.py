@@ -7,14 +7,14 @@ axis stays.
 from calib.session.schema import Quantity
 from calib.session.shapes.dimension import Dimension
 from calib.session.shapes.shape import ChartAxis, Shape
-from calib.session.tolerances import COVER_TILT, DISTANCE
+from calib.session.tolerances import COVER_TILT, DISTANCE, UNKNOWN_DISTANCE, UNKNOWN_TILT
 
 FLAT = Shape(
     "flat",
     "a flat window",
     (
         Dimension(
-            Quantity("distance_mm", low=0.05, high=1e5),
+            Quantity("distance_mm", low=0.05, high=1e5, wide=UNKNOWN_DISTANCE),
             words="how far the glass is from the pinhole (distance_mm)",
             explanation="Millimetres from the lens to the window's inner face.",
             tolerance=DISTANCE,
@@ -22,7 +22,7 @@ FLAT = Shape(
             effect="cover_offset",
         ),
         Dimension(
-            Quantity("tilt_deg", ("x", "y"), low=-45, high=45, default=0.0),
+            Quantity("tilt_deg", ("x", "y"), low=-45, high=45, default=0.0, wide=UNKNOWN_TILT),
             words="the cover's tilt",
             explanation=(
                 "Degrees of its tilt, first about x (to the right), then about y (down): 0, 0 is"

@@ -2,11 +2,17 @@
 
 from calib.session.schema import Quantity
 from calib.session.shapes.dimension import Dimension
-from calib.session.tolerances import INDEX, THICKNESS
+from calib.session.tolerances import (
+    INDEX,
+    THICKNESS,
+    UNKNOWN_INDEX,
+    UNKNOWN_OUTSIDE,
+    UNKNOWN_THICKNESS,
+)
 
 LAYER = (
     Dimension(
-        Quantity("thickness_mm", low=0.05, high=1e4),
+        Quantity("thickness_mm", low=0.05, high=1e4, wide=UNKNOWN_THICKNESS),
         words="the glass's thickness",
         explanation=(
             "Thickness of the glass in millimetres; of laminated glass that of each layer, from the"
@@ -17,7 +23,7 @@ LAYER = (
         effect="thickness",
     ),
     Dimension(
-        Quantity("refractive_index", low=1, high=3),
+        Quantity("refractive_index", low=1, high=3, wide=UNKNOWN_INDEX),
         words="the glass's refractive index",
         explanation=(
             "Of the glass: about 1.5; acrylic 1.49, polycarbonate 1.58; of laminated glass that of"
@@ -30,7 +36,7 @@ LAYER = (
     ),
 )
 OUTSIDE = Dimension(
-    Quantity("outside_index", low=1, high=3, default=1.0),
+    Quantity("outside_index", low=1, high=3, default=1.0, wide=UNKNOWN_OUTSIDE),
     words="the index of what is outside",
     explanation="Of what is outside: 1 in air, 1.333 in water.",
 )

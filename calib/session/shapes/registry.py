@@ -10,6 +10,7 @@ from calib.session.shapes.flat import FLAT
 from calib.session.shapes.layer import LAYER, OUTSIDE
 from calib.session.shapes.none import NONE
 from calib.session.shapes.shape import Shape
+from calib.session.shapes.unknown import UNKNOWN_SHAPE
 
 SHAPES: tuple[Shape, ...] = (NONE, CONE, CYLINDER, FLAT, DOME)
 """Every shape that a session may name, in the order in which a form offers them.
@@ -20,12 +21,18 @@ everywhere.
 
 
 def shape_names() -> tuple[str, ...]:
+    """Return the names of the shapes that a cover may have."""
     return tuple(shape.name for shape in SHAPES)
+
+
+def stated_shape_names() -> tuple[str, ...]:
+    """Return the names that a session may state: those of all shapes, and unknown."""
+    return (*shape_names(), UNKNOWN_SHAPE.name)
 
 
 def find_shape(name: str) -> Shape:
     """Return the shape of this name; raise LookupError if there is none."""
-    for shape in SHAPES:
+    for shape in (*SHAPES, UNKNOWN_SHAPE):
         if shape.name == name:
             return shape
     raise LookupError(f"{name!r} is not a shape of calib.session.shapes.registry.SHAPES")

@@ -75,12 +75,14 @@ class Shape:
     """
     example: Mapping[str, object] = field(default_factory=dict)
     """An example of its keys in session.yaml, without the shape's name."""
+    is_known: bool = True
+    """False for the shape that nobody knows: only its glass has numbers."""
     port: str = ""
     """The port of Calibmar and COLMAP's underwater fork that is exactly this shape, if any."""
 
     @property
     def has_glass(self) -> bool:
-        return bool(self.surface)
+        return bool(self.surface) or not self.is_known
 
     @property
     def keys(self) -> tuple[Dimension, ...]:

@@ -162,3 +162,36 @@ def test_no_cover_has_no_numbers() -> None:
     assert read_form(FormTexts({"columns": "9", "rows": "6", "square_mm": "25"}, "none", {}))[
         2
     ] == Cover("none", {})
+
+
+def test_unknown_is_an_answer_for_numbers_of_the_cover() -> None:
+    texts = FormTexts(
+        {"columns": "9", "rows": "6", "square_mm": "25"},
+        "dome",
+        {
+            "inner_radius_mm": "?",
+            "centre_mm": "0, 0, unknown",
+            "thickness_mm": "3, ?",
+            "refractive_index": "1.5, 1.49",
+            "outside_index": "",
+        },
+    )
+    cover = read_form(texts)[2]
+    unknown = [name for name, number in cover.parameters.items() if number.unknown]
+    assert unknown == ["inner_radius", "centre.z", "layer2.thickness"]
+    assert read_form(write_form(SETUP[0], cover))[2] == cover
+    assert (
+        read_form(replace(texts, cover={**texts.cover, "centre_mm": "unknown"}))[2]
+        .parameters["centre.x"]
+        .unknown
+    )
+    assert find_problem("square_mm", "?", "dome") is not None
+    assert find_problem("inner_radius_mm", "", "dome") is not None
+
+
+def test_shape_may_be_unknown() -> None:
+    glass = {"thickness_mm": "3", "refractive_index": "?", "outside_index": ""}
+    texts = FormTexts({"columns": "9", "rows": "6", "square_mm": "25"}, "unknown", glass)
+    cover = read_form(texts)[2]
+    assert cover.has_unknown_shape
+    assert write_form(SETUP[0], cover).shape == "unknown"

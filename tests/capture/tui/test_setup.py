@@ -118,3 +118,20 @@ async def _fields(session: Path) -> None:
 def test_random_keys(tmp_path: Path) -> None:
     """The same 60 steps every time; `python -m tests.fuzz.keys` takes 10,000."""
     assert asyncio.run(walk(tmp_path / "session", 60, 3)) >= 1
+
+
+def test_a_key_writes_unknown_into_a_field_of_the_cover_alone(tmp_path: Path) -> None:
+    drive(_unknown(tmp_path / "session"))
+
+
+async def _unknown(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        fields = {field.name: field for field in pilot.app.screen.query(Input)}
+        fields["axis_offset_mm"].focus()
+        await pilot.press("home", *"0, ", "question_mark")
+        await until(pilot, lambda: fields["axis_offset_mm"].value == "0, unknown")
+        await see(pilot, "? if you do not know")
+        fields["columns"].focus()
+        await pilot.press("question_mark")
+        await until(pilot, lambda: "?" in fields["columns"].value)

@@ -1,0 +1,45 @@
+"""Checks: what nobody knew, and these views do not tell."""
+
+from collections.abc import Iterator
+
+from calib.fitting.declared import comparisons
+from calib.session.shapes.registry import find_shape
+from calib.verdict.case import Case
+from calib.verdict.verdict import Reason
+
+
+def unknown_shape(case: Case) -> Iterator[Reason]:
+    """Name the shapes that are about as probable as the one that the fit chose."""
+    chosen, *rivals = case.calibration.outcome.probable_shapes or ("",)
+    if not rivals:
+        return
+    listed = " or ".join(find_shape(name).words for name in (chosen, *rivals))
+    sentence = (
+        f"these views do not tell whether the cover is {listed}; {find_shape(chosen).words} is"
+        " taken. Look at it, and write cover.shape in session.yaml."
+    )
+    yield Reason(sentence, case.next.fit(), ("cover.shape",))
+
+
+def unknown_numbers(case: Case) -> Iterator[Reason]:
+    """Name the unknown numbers that are far outside of their stated range, and those whose standard
+    deviation is about that of their wide prior.
+    """
+    compared = list(comparisons(case.calibration))
+    unusual = [number for number in compared if number.is_unusual]
+    if unusual:
+        listed = ", ".join(f"{number.name} ({number.estimated})" for number in unusual)
+        sentence = (
+            f"such numbers are hardly ever like this: {listed}. Unknown numbers make up for what"
+            " the model lacks: measure one of them, and write it in session.yaml."
+        )
+        yield Reason(sentence, case.next.fit(), tuple(number.name for number in unusual))
+    numbers = [number for number in compared if number.is_open and not number.is_unusual]
+    if not numbers:
+        return
+    listed = ", ".join(f"{number.name} ({number.estimated})" for number in numbers)
+    sentence = (
+        f"these views do not tell what nobody knew: {listed}. The maps' sigma counts it; to know"
+        " it, measure it and write it in session.yaml, or take views near and tilted."
+    )
+    yield Reason(sentence, case.next.capture(), tuple(number.name for number in numbers))

@@ -1,0 +1,160 @@
+"""Unknown numbers end near the truth, with a standard deviation that says how near; an unknown
+shape is the one that the pictures were taken through.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+
+from calib.calibration import Calibration
+from calib.errors import InputError
+from calib.fit_record.outcome import MIN_SHAPE_LOG_ODDS
+from calib.fit_record.request import EVEN_GRID, Settings
+from calib.fitting.declared import comparisons
+from calib.fitting.description import calibrated_numbers, describe
+from calib.fitting.shape_choice import choose_shape
+from calib.fitting.stages import Setup
+from calib.fitting.unknown_numbers import with_initial_values
+from calib.progress import Silent
+from calib.session.camera import Intrinsics, unknown_intrinsics
+from calib.session.cover import Cover
+from calib.session.numbers import numbers_of
+from calib.session.schema import Number
+from calib.verdict.judge import judge
+from fixtures.calibrated import CAMERA, calibrated, with_outcome
+from fixtures.synthetic import COVERS, INTRINSICS, Scene, bare_views, scene
+
+SETTINGS = Settings(grid=EVEN_GRID, flat_board=True)
+MAX_DEVIATION = 2.5
+"""Standard deviations of an estimate from the truth."""
+
+
+def unknown_cover(cover: Cover, keys: Sequence[str]) -> Cover:
+    """Return the cover with every number of these keys unknown."""
+    parameters = dict(cover.parameters)
+    for name, kind in cover.kinds.items():
+        if kind.quantity.key in keys:
+            parameters[name] = kind.quantity.unknown_numbers[name]
+    return replace(cover, parameters=parameters)
+
+
+def made(cover: str, views: int = 10) -> Scene:
+    return scene(0, views=views, amplitude=0.0, noise=0.1, cover=COVERS[cover][0])
+
+
+def calibrate(scene_made: Scene, intrinsics: Intrinsics, cover: Cover) -> Calibration:
+    nominal = Setup(scene_made.board, CAMERA, intrinsics, cover)
+    nominal = with_initial_values(nominal, scene_made.views, Silent())
+    return calibrated(scene_made, nominal, SETTINGS)
+
+
+ALL_OF_A_DOME = ("inner_radius_mm", "centre_mm", "thickness_mm", "refractive_index")
+ALL_OF_A_CONE = ("inner_radius_mm", "radius_slope", "axis_offset_mm", "tilt_deg", "thickness_mm")
+
+
+@pytest.mark.parametrize(
+    ("cover", "keys", "lens_is_known"),
+    [
+        ("thick-cone", ("inner_radius_mm",), True),
+        ("thick-cone", ALL_OF_A_CONE, True),
+        ("thick-cone", (), False),
+        ("cylinder", ("thickness_mm", "refractive_index"), True),
+        ("wet-flat", ("distance_mm", "tilt_deg", "outside_index"), True),
+        ("wet-flat", ("distance_mm",), False),
+        ("wet-dome", ALL_OF_A_DOME, True),
+        ("wet-dome", ("centre_mm",), False),
+    ],
+)
+def test_unknown_numbers_end_near_the_truth(
+    cover: str, keys: Sequence[str], lens_is_known: bool
+) -> None:
+    intrinsics = INTRINSICS if lens_is_known else unknown_intrinsics(CAMERA)
+    calibration = calibrate(made(cover), intrinsics, unknown_cover(COVERS[cover][0], keys))
+    truth = numbers_of(INTRINSICS, COVERS[cover][0])
+    unknown = [number for number in comparisons(calibration) if number.unknown]
+    assert unknown
+    for number in unknown:
+        true = truth.get(number.name, Number(0.0)).value * number.per_si
+        deviation = abs(number.estimate - true) / number.sigma
+        assert deviation < MAX_DEVIATION, f"{number}: {true:g} is true"
+        assert number.sigma < 1.001 * number.tolerance, f"{number.name} became less certain"
+
+
+def test_number_that_the_views_do_not_tell_keeps_its_wide_sigma_and_the_verdict_says_so() -> None:
+    """Water on both sides of thin glass: its thickness hardly bends a ray."""
+    cover = unknown_cover(COVERS["wet-dome"][0], ("thickness_mm",))
+    calibration = calibrate(made("wet-dome"), INTRINSICS, cover)
+    thickness = {number.name: number for number in comparisons(calibration)}["cover.thickness"]
+    assert thickness.is_open
+    assert thickness.sigma > 0.9 * thickness.tolerance
+    verdict = judge(calibration)
+    assert "cover.thickness" in verdict.suspects
+    assert any("do not tell what nobody knew" in sentence for sentence in verdict.sentences)
+
+
+def test_verdict_is_silent_about_an_unknown_number_that_the_views_tell() -> None:
+    cover = unknown_cover(COVERS["thick-cone"][0], ("thickness_mm",))
+    calibration = calibrate(made("thick-cone"), INTRINSICS, cover)
+    assert "cover.thickness" not in judge(calibration).suspects
+    rows = {row[0]: row for section in describe(calibration).sections for row in section.rows}
+    assert rows["cover.thickness"][2:] == ("unknown", "", "")
+    written = calibrated_numbers(calibration)["cover"]
+    assert isinstance(written, dict)
+    assert written["thickness_mm"]["declared"] == "unknown"
+
+
+def test_paper_method_asks_for_the_value() -> None:
+    cover = unknown_cover(COVERS["thick-cone"][0], ("thickness_mm",))
+    setup = Setup(made("thick-cone", views=3).board, CAMERA, INTRINSICS, cover)
+    with pytest.raises(InputError, match=r"cover\.thickness is unknown: write its value"):
+        setup.with_tolerances(Settings(method="paper"))
+
+
+def shapeless(index: float) -> Cover:
+    """Return a cover of unknown shape and glass in a medium of this index."""
+    glass = {
+        name: number
+        for name, number in unknown_cover(
+            COVERS["wet-flat"][0], ("thickness_mm", "refractive_index")
+        ).parameters.items()
+        if name in ("thickness", "refractive_index")
+    }
+    return Cover("unknown", {**glass, "outside_index": Number(index)})
+
+
+@pytest.mark.parametrize(
+    ("cover", "shape"),
+    [
+        ("wet-dome", "dome"),
+        pytest.param("wet-flat", "flat", marks=pytest.mark.slow),
+        pytest.param("thick-cone", "cone", marks=pytest.mark.slow),
+        pytest.param("cylinder", "cylinder", marks=pytest.mark.slow),
+    ],
+)
+def test_unknown_shape_is_the_true_one_or_as_probable(cover: str, shape: str) -> None:
+    scene_made = made(cover)
+    medium = COVERS[cover][0].parameters["outside_index"].value
+    setup = Setup(scene_made.board, CAMERA, INTRINSICS, shapeless(medium))
+    choice = choose_shape(setup, scene_made.views, SETTINGS, Silent())
+    chosen = choice.setup.cover.shape
+    assert choice.log_odds[chosen] == 0 == max(choice.log_odds.values())
+    assert choice.log_odds[shape] > -MIN_SHAPE_LOG_ODDS
+    # Ten views hardly tell this cone's slope; everything else is told.
+    probable = {name for name, odds in choice.log_odds.items() if odds > -MIN_SHAPE_LOG_ODDS}
+    assert probable <= ({"cone", "cylinder"} if shape in ("cone", "cylinder") else {shape})
+
+
+def test_no_cover_is_a_shape_too_and_what_is_as_probable_is_named() -> None:
+    views = bare_views(2, 8, 0.1)
+    setup = Setup(made("dome", views=3).board, CAMERA, INTRINSICS, shapeless(1.0))
+    choice = choose_shape(setup, views, SETTINGS, Silent())
+    assert choice.setup.cover.shape == "none"
+    calibration = calibrate(made("dome"), INTRINSICS, COVERS["dome"][0])
+    equal = with_outcome(calibration, shape_log_odds={"none": -1.0, "dome": 0.0, "cone": -80.0})
+    assert equal.outcome.probable_shapes == ("dome", "none")
+    assert any("whether the cover is a dome or no cover" in s for s in judge(equal).sentences)
+    rows = {row[0]: row for section in describe(equal).sections for row in section.rows}
+    assert rows["cover.shape"] == ("cover.shape", "dome or none", "unknown", "", "")
+    certain = with_outcome(calibration, shape_log_odds={"none": -90.0, "dome": 0.0})
+    assert "cover.shape" not in judge(certain).suspects
