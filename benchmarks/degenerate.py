@@ -17,7 +17,6 @@ from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -27,7 +26,7 @@ from calib.errors import RefracalError
 from calib.threads import single_thread
 from calib.verdict.judge import judge
 from fixtures.degenerate import KINDS, WRONG, Shown, bare_session, calibration_of, covered_session
-from fixtures.map_errors import errors
+from fixtures.map_errors import error_over_sigma
 
 
 @dataclass(frozen=True)
@@ -62,8 +61,7 @@ def bare_errors(shown: Shown, result: Calibration) -> float:
 def covered_errors(shown: Shown, result: Calibration) -> float:
     """The maps' error over their sigma."""
     assert shown.scene
-    ratios = [np.mean(error**2) / np.mean(sigma**2) for error, sigma in errors(shown.scene, result)]
-    return float(np.sqrt(np.mean(ratios)))
+    return error_over_sigma(shown.scene, result)
 
 
 def outcome(kind: str, seed: int, covered: bool) -> Outcome:

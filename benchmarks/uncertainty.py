@@ -57,7 +57,7 @@ from calib.threads import single_thread
 from calib.verdict.judge import judge
 from calib.verdict.verdict import Trust
 from fixtures.calibrated import CAMERA, GLASS, calibrate, calibrated
-from fixtures.map_errors import DEPTHS, errors
+from fixtures.map_errors import DEPTHS, error_over_sigma, errors
 from fixtures.synthetic import COVERS, INTRINSICS, measured, misdeclared, scene
 from fixtures.view_variation import VARIATIONS
 
@@ -112,15 +112,16 @@ def outcome(
         made = scene(
             seed, views, amplitude=amplitude, noise=NOISE, depths=SCENE_DEPTHS, cover=cover
         )
-        made = VARIATIONS[variation].applied(made, np.random.default_rng([seed, 1]))
+        cause = VARIATIONS[variation]
+        made = cause.applied(made, cause.deviations(made, np.random.default_rng([seed, 1])))
         setup = Setup(made.board, CAMERA, *declaration(declared, cover, seed))
         result = calibrated(made, setup, Settings(free=(free,)))
-        ratios = [np.mean(error**2) / np.mean(sigma**2) for error, sigma in errors(made, result)]
+        ratio = error_over_sigma(made, result)
         verdict = judge(result)
     rows = [row for row in comparisons(result) if kind_of(row.name)]
     true = numbers_of(INTRINSICS, cover)
     return Outcome(
-        ratio=float(np.sqrt(np.mean(ratios))),
+        ratio=ratio,
         deviations=tuple(
             (kind_of(row.name), (row.estimate - true[row.name].value * row.per_si) / row.sigma)
             for row in rows

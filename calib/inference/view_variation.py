@@ -284,7 +284,7 @@ class VariationRows:
     def of(fitted: FittedModel, context: EffectContext) -> VariationRows:
         """Linearise around a fit."""
         base = fitted.model
-        full = base.with_effects(_probes(base, context))
+        full = _with_shear(base.with_effects(_probes(base, context)))
         values = {**full.means, **fitted.joint.values}
         held = {
             param.name: 1.0
@@ -493,6 +493,21 @@ def _probes(model: CameraModel, context: EffectContext) -> list[Effect]:
     if not model.path.shutter:
         probes.append(RollingShutter())
     return [probe for probe in probes if probe.name not in present]
+
+
+def _with_shear(model: CameraModel) -> CameraModel:
+    """Return the model with a shear in its print: of zero, if it had none."""
+    prints = [
+        replace(print_, sheared=True) if isinstance(print_, BoardScale) else print_
+        for print_ in model.path.target.prints
+    ]
+    target = replace(model.path.target, prints=tuple(prints))
+    zero = torch.zeros((), dtype=torch.float64)
+    return replace(
+        model,
+        path=replace(model.path, target=target),
+        means={SHEAR.param.name: zero, **model.means},
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ def differing_views(case: Case) -> Iterator[Reason]:
         return
     shared = (test for test in likely_scores(case) if not test.effect.per_view)
     largest = max((test.chi2 / 2 for test in shared), default=0.0)
-    differing = _differing(case.calibration)
+    differing = find_differing(case.calibration)
     if differing and differing.first.plain_gain > largest:
         suspects = tuple(variation.group.name for variation in differing.variations)
         diagnosed = case.calibration.history.diagnosis is not None
@@ -30,7 +30,8 @@ def differing_views(case: Case) -> Iterator[Reason]:
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
-def _differing(calibration: Calibration) -> Differing | None:
+def find_differing(calibration: Calibration) -> Differing | None:
+    """Return what differs from view to view in a calibration; None if nothing does."""
     fitted = optimum_of(calibration)
     return Differing.of(
         fitted,

@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from calib.corners.view import View
+from calib.effects.board_scale import BoardScale
 from calib.effects.effect import EffectContext
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.priors import Priors
@@ -204,6 +205,14 @@ def test_two_cameras_in_one_session_are_a_lens_of_two_kinds() -> None:
     first = find_variations(optimum(varied(made, change)), context_of(made))[0]
     assert (first.group.name, first.kind) == ("lens", VariationKind.TWO_KINDS)
     assert abs(np.corrcoef(first.pattern, second)[0, 1]) > 0.85  # a view or two tell little
+
+
+def test_a_print_without_a_shear_may_have_one_in_single_views() -> None:
+    made = session(4, "dome")
+    rows = VariationRows.of(optimum(made).with_neutral([BoardScale()]), context_of(made))
+    (group,) = (group for group in groups_of(context_of(made)) if group.name == "board_scale")
+    moved = np.concatenate([view[:, rows.own :] for view in rows.views]) @ rows.columns(group)
+    assert (np.linalg.norm(moved, axis=0) > 1).all()  # over the noise
 
 
 def test_a_global_shutter_s_board_does_not_move() -> None:

@@ -1,0 +1,272 @@
+"""The simulated sessions in which something differs from view to view, against formulas that the
+simulation does not use, and one of them from its corners to its name.
+"""
+
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from calib.optics.build import covered_path
+from calib.optics.exposure import MIDDLE
+from calib.optics.projection import project
+from calib.session.numbers import numbers_of, replace_numbers
+from calib.session.parameter_names import CAMERA
+from fixtures.synthetic import COVERS, HEIGHT, INTRINSICS, Scene, scene
+from fixtures.view_variation import (
+    CAUSES,
+    CLEAN,
+    MOVE,
+    SIZES,
+    TURN,
+    VARIATIONS,
+    Cause,
+    Pattern,
+    varied_session,
+)
+
+Array = NDArray[np.float64]
+VIEWS = 5
+each_cause = pytest.mark.parametrize("cause", CAUSES, ids=lambda cause: cause.name)
+
+
+def cause_of(name: str) -> Cause:
+    (cause,) = (cause for cause in CAUSES if cause.name == name)
+    return cause
+
+
+@cache
+def made_behind(cover: str) -> Scene:
+    return scene(4, VIEWS, amplitude=0.0, depths=(0.4, 1.2), cover=COVERS[cover][0])
+
+
+def drawn(cause: Cause, made: Scene) -> Array:
+    return cause.deviations(made, np.random.default_rng(1))
+
+
+def corners(made: Scene) -> Array:
+    """Return the (V, N, 2) px of all corners."""
+    return np.stack([view.corners for view in made.views])
+
+
+def pixels(made: Scene, points: Array) -> Array:
+    """Return the (N, 2) px of (N, 3) m points in the camera frame."""
+    return project(made.path, made.values, torch.from_numpy(points), MIDDLE).numpy()
+
+
+def placed(made: Scene, view: int, points: Array) -> Array:
+    """Return the (N, 3) m of points in the board frame, in that of the camera."""
+    pose = made.poses[view].numpy()
+    return np.asarray(Rotation.from_rotvec(pose[:3]).apply(points) + pose[3:])
+
+
+@each_cause
+def test_a_cause_moves_corners(cause: Cause) -> None:
+    made = made_behind("cylinder")
+    deviations = drawn(cause, made)
+    assert np.array_equal(deviations, drawn(cause, made))
+    moved = corners(cause.applied(made, deviations))
+    assert np.abs(moved - corners(made)).max() > 0.05
+
+
+@pytest.mark.parametrize("name", ["focal/each", "board_flex/tilt", "vibration/each"])
+def test_a_cause_leaves_the_noise_as_it_is(name: str) -> None:
+    made = made_behind("cylinder")
+    noise = np.random.default_rng(5).normal(0, 0.1, corners(made).shape)
+    views = (
+        replace(view, corners=view.corners + error)
+        for view, error in zip(made.views, noise, strict=True)
+    )
+    noisy = replace(made, views=tuple(views))
+    cause = cause_of(name)
+    deviations = drawn(cause, made)
+    moved = corners(cause.applied(made, deviations))
+    assert np.abs(corners(cause.applied(noisy, deviations)) - moved - noise).max() < 1e-9
+
+
+def with_height(made: Scene, height: Array | float) -> Array:
+    """Return (N, 3) m, the corners in the board frame with a height."""
+    points = made.board.points()
+    return np.column_stack([points, np.broadcast_to(height, len(points))])
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["principal_point/each", "cover_tilt/drift", "cover_offset/step", "thickness/alternating"],
+)
+def test_numbers_of_camera_and_cover_are_those_of_the_path(name: str) -> None:
+    made = made_behind("thick-cone")
+    cause = cause_of(name)
+    deviations = drawn(cause, made)
+    moved = corners(cause.applied(made, deviations))
+    true = numbers_of(INTRINSICS, made.cover)
+    for view in range(VIEWS):
+        numbers = {
+            name: replace(true[name], value=true[name].value + deviation)
+            for name, deviation in zip(cause.numbers(made), deviations[view], strict=True)
+        }
+        assert numbers
+        path, values = covered_path(*replace_numbers(INTRINSICS, made.cover, {**true, **numbers}))
+        points = torch.from_numpy(placed(made, view, with_height(made, 0.0)))
+        assert np.abs(project(path, values, points, MIDDLE).numpy() - moved[view]).max() < 1e-6
+
+
+def test_a_focal_length_scales_the_picture() -> None:
+    """A direction of light keeps its distance from the principal point, in focal lengths."""
+    made = made_behind("dome")
+    cause = cause_of("focal/each")
+    deviations = drawn(cause, made)
+    moved = corners(cause.applied(made, deviations))
+    centre = np.array([float(made.values[name]) for name in CAMERA.centre])
+    outward = (corners(made) - centre) * (1 + deviations[:, :, None])
+    assert np.abs(centre + outward - moved).max() < 1e-6
+
+
+def test_a_board_bends_and_a_turned_one_bends_the_other_way() -> None:
+    made = made_behind("wet-flat")
+    u, v = (made.board.points() / made.board.half).T
+    bend = np.stack([1 - u**2, u * v, 1 - v**2])
+    cubic = np.stack(
+        [
+            (5 * u**3 - 3 * u) / 2,
+            (3 * u**2 - 1) * v / 2,
+            u * (3 * v**2 - 1) / 2,
+            (5 * v**3 - 3 * v) / 2,
+        ]
+    )
+    turned = cause_of("half-turn/some")
+    for cause, terms in ((cause_of("board_flex/tilt"), bend), (turned, cubic)):
+        deviations = drawn(cause, made)
+        moved = corners(cause.applied(made, deviations))
+        for view in range(VIEWS):
+            points = with_height(made, deviations[view] @ terms)
+            assert np.abs(pixels(made, placed(made, view, points)) - moved[view]).max() < 1e-5
+    assert len(np.unique(np.abs(drawn(turned, made)).round(12), axis=0)) == 1
+
+
+def test_a_print_is_stretched_and_sheared() -> None:
+    made = made_behind("dome")
+    cause = cause_of("board_scale/alternating")
+    deviations = drawn(cause, made)
+    moved = corners(cause.applied(made, deviations))
+    x, y = made.board.points().T
+    for view, (stretch, shear) in enumerate(deviations):
+        print_x, print_y = x + stretch / 2 * x + shear / 2 * y, y - stretch / 2 * y + shear / 2 * x
+        points = np.column_stack([print_x, print_y, np.zeros(len(x))])
+        assert np.abs(pixels(made, placed(made, view, points)) - moved[view]).max() < 1e-5
+
+
+def test_a_board_moves_while_its_lines_are_read() -> None:
+    """At the time of its own line, each corner is where the moved board has it."""
+    made = made_behind("cylinder")
+    cause = cause_of("rolling_shutter/each")
+    deviations = drawn(cause, made)
+    assert cause.numbers(made) == (*TURN, *MOVE)
+    moved = corners(cause.applied(made, deviations))
+    for view in range(VIEWS):
+        line = (moved[view, :, 1] + 0.5) / HEIGHT - 0.5
+        turn, move = np.split(line[:, None] * deviations[view], 2, axis=1)
+        pose = made.poses[view].numpy()
+        turned = Rotation.from_rotvec(turn) * Rotation.from_rotvec(pose[:3])
+        points = turned.apply(with_height(made, 0.0)) + pose[3:] + move
+        assert np.abs(pixels(made, points) - moved[view]).max() < 1e-3
+
+
+def test_causes_without_a_name_move_corners_where_they_say() -> None:
+    made = made_behind("thin-cone")
+    lines = cause_of("vibration/each")
+    shift = corners(lines.applied(made, drawn(lines, made))) - corners(made)
+    assert not shift[..., 1].any()
+    edge = cause_of("edge-pull/near")
+    shift = np.linalg.norm(corners(edge.applied(made, drawn(edge, made))) - corners(made), axis=-1)
+    depth = made.poses[:, 5].numpy()
+    assert shift[depth.argmax()].max() == 0
+    assert shift[depth.argmin()].max() > 0.1
+    field = cause_of("smooth-field/each")
+    shift = (corners(field.applied(made, drawn(field, made))) - corners(made)).reshape(
+        VIEWS, 9, 9, 2
+    )
+    assert np.abs(np.diff(shift, 3, axis=1)).max() < np.abs(shift).max()
+
+
+TWO_VALUES = (Pattern.STEP, Pattern.ALTERNATING, Pattern.BLOCKS, Pattern.SOME)
+AT_THE_END = (Pattern.STEP, Pattern.WARM_UP)
+ABOUT_THE_MEAN = (
+    Pattern.EACH,
+    Pattern.DRIFT,
+    Pattern.ALTERNATING,
+    Pattern.BLOCKS,
+    Pattern.NEARNESS,
+    Pattern.TILT,
+)
+
+
+@pytest.mark.parametrize("pattern", Pattern)
+def test_patterns_are_what_their_names_say(pattern: Pattern) -> None:
+    """The scene's own numbers are the mean, or those at the end."""
+    count = 200
+    poses = torch.from_numpy(np.random.default_rng(2).uniform(0.4, 1.2, (count, 6)))
+    made = replace(made_behind("dome"), poses=poses)
+    deviations = drawn(Cause("", pattern, dict.fromkeys(CAMERA.centre, 3.0), ""), made)
+    assert deviations.shape == (count, 2)
+    values = np.unique(deviations.round(9), axis=0)
+    assert (len(values) == 2) == (pattern in TWO_VALUES)
+    independent = np.linalg.matrix_rank(deviations, tol=1e-6) == 2
+    assert independent == (pattern in (Pattern.EACH, Pattern.HEAVY_TAILED))
+    sizes = np.abs(deviations)
+    if pattern in AT_THE_END:
+        assert sizes[-1].max() < 0.02 * sizes[0].max()
+    if pattern in ABOUT_THE_MEAN:
+        assert np.abs(deviations.mean(0)).max() < 0.2 * sizes.max()
+        assert 2 < np.sqrt((deviations**2).mean()) < 4
+    if pattern is Pattern.HEAVY_TAILED:
+        assert sizes.max() > 2 * np.sort(sizes.max(1))[-2]
+
+
+def test_a_session_can_be_drawn_again_and_a_small_cause_may_not_be_visible() -> None:
+    cause = cause_of("board_flex/alternating")
+    first, second = (varied_session("dome", cause, 7, SIZES["ten"], 6) for _ in range(2))
+    assert np.array_equal(corners(first.scene), corners(second.scene))
+    assert first.setup == second.setup
+    assert first.visible
+    smaller = varied_session("dome", cause, 7, SIZES["three"], 6)
+    assert smaller.residual_px == pytest.approx(SIZES["three"] * first.residual_px, rel=0.05)
+    clean = varied_session("dome", CLEAN, 7, views=6)
+    assert np.array_equal(clean.scene.poses, first.scene.poses)
+    assert not clean.visible
+
+
+def test_covers_have_the_causes_of_their_numbers() -> None:
+    dome, window = COVERS["dome"][0], COVERS["wet-flat"][0]
+    assert not cause_of("cover_tilt/step").possible(dome)
+    assert cause_of("cover_tilt/step").possible(window)
+    assert not cause_of("cover_radius/step").possible(window)
+    for cause in CAUSES:
+        assert any(cause.possible(COVERS[name][0]) for name in ("thin-cone", "cylinder"))
+
+
+def test_causes_have_names_of_their_own() -> None:
+    assert len({cause.name for cause in CAUSES}) == len(CAUSES) > 30
+    assert VARIATIONS["clean"] is CLEAN
+
+
+def test_the_benchmark_names_what_alternates_and_nothing_in_a_clean_session() -> None:
+    command = [
+        *(sys.executable, "-m", "benchmarks.varies", "--fit-only", "--sizes", "ten"),
+        *("--sessions", "1", "--clean", "1", "--scenes", "wet-flat", "--views", "12"),
+        *("--causes", "board_flex/alternating"),
+    ]
+    result = subprocess.run(
+        command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True
+    )
+    assert "1 sessions with visible causes of size ten" in result.stdout
+    assert "a wrong name alone in 0 of 1" in result.stdout
+    assert "the right group first or in the family in 1 of 1" in result.stdout
+    assert "1 clean sessions: 0 alarms" in result.stdout
