@@ -68,6 +68,8 @@ MAX_REFINED = 4
 """The number of variations that the heights of a discrepancy are chosen beside."""
 MIN_GAIN = 7.0
 """The smallest gain in log evidence that is reported: some sixty variations are tried."""
+MIN_VIEWS = 8
+"""The fewest views of which it is asked."""
 MIN_BLOCK = 3
 """The fewest views before and after a step, or of one kind."""
 
@@ -185,6 +187,8 @@ def find_variations(
         fitted: a model at its optimum.
         shared: further effects that all views share, which explain what they can.
     """
+    if len(fitted.observations.names) < MIN_VIEWS:
+        return []
     groups, patterns = groups_of(context), board_patterns(fitted)
     alone = VariationEquations.of(VariationRows.of(fitted, context))
     plain = [variation.gain for variation in alone.variations(groups, patterns)]

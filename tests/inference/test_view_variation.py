@@ -158,6 +158,12 @@ def test_nothing_differs_in_a_clean_session(cover: str) -> None:
     assert not find_variations(optimum(made), context_of(made))
 
 
+def test_few_views_are_not_asked() -> None:
+    made = session(3, "dome")
+    made = replace(made, views=made.views[:5], poses=made.poses[:5])
+    assert not find_variations(optimum(made), context_of(made))
+
+
 FIRST = 12
 PATTERNS: dict[str, tuple[Array, VariationKind]] = {
     "step": (np.where(np.arange(VIEWS) < FIRST, -0.01, 0.0), VariationKind.STEP),

@@ -39,7 +39,7 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> Reported:
 
 
 @pytest.fixture(scope="session")
-def few(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
+def small_calibration(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
     """12 views, no pictures."""
     return calibrated(
         scene(7, views=12, amplitude=1e-5, noise=0.05), tmp_path_factory.mktemp("few")

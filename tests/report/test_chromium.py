@@ -190,7 +190,7 @@ def on_a_phone(html: str, folder: Path) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def pages(
-    reported: Reported, few: Calibration, tmp_path_factory: pytest.TempPathFactory
+    reported: Reported, small_calibration: Calibration, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, str]:
     """Return the pages of a fit, of a diagnosed calibration whose session is gone, and of a camera
     without a cover.
@@ -206,7 +206,7 @@ def pages(
         }
         for name in ("cover_offset", "board_shape")
     ]
-    fitted = with_requested(few, ("cover_offset", "board_shape"), Silent())
+    fitted = with_requested(small_calibration, ("cover_offset", "board_shape"), Silent())
     run = DiagnosisRun("/" + 30 * "far", "/held out")
     diagnosed = replace(
         fitted,

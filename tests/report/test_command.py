@@ -70,12 +70,12 @@ def test_a_report_that_can_not_be_written_costs_nothing_else(
 
 @pytest.mark.usefixtures("without_figures")
 def test_report_opens_a_browser_where_there_is_a_screen(
-    few: Calibration,
+    small_calibration: Calibration,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    few.save(tmp_path)
+    small_calibration.save(tmp_path)
     opened: list[str] = []
     monkeypatch.setattr(webbrowser, "open", opened.append)
     for name in ("SSH_CONNECTION", "SSH_TTY"):
@@ -268,10 +268,10 @@ def test_a_plain_camera_calibration_has_a_report(tmp_path: Path) -> None:
 
 
 def test_a_calibration_without_views_has_no_report(
-    few: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_calibration: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     nothing = np.zeros((0, 6))
-    replace(few, views=(), poses=nothing, stages=()).save(tmp_path)
+    replace(small_calibration, views=(), poses=nothing, stages=()).save(tmp_path)
     assert main(["report", "--no-open", str(tmp_path)]) == 3
     assert "has no views to report on" in capsys.readouterr().err
     assert not (tmp_path / "report.html").exists()
@@ -288,13 +288,13 @@ def test_a_calibration_without_views_has_no_report(
     ids=["behind the camera", "in the pinhole", "outside the picture", "all in one place"],
 )
 def test_poses_and_corners_that_do_not_go_with_the_camera(
-    few: Calibration,
+    small_calibration: Calibration,
     changed: tuple[str, Callable[[NDArray[np.float64]], NDArray[np.float64]], str],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     name, change, says = changed
-    few.save(tmp_path)
+    small_calibration.save(tmp_path)
     with np.load(tmp_path / "calibration.npz") as file:
         array = file[name]
     rewrite_npz(tmp_path, **{name: change(array)})

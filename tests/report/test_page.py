@@ -81,12 +81,14 @@ def made_of(calibration: Calibration, session: str) -> Calibration:
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_the_title_names_the_camera_or_none(few: Calibration, tmp_path: Path) -> None:
+def test_the_title_names_the_camera_or_none(small_calibration: Calibration, tmp_path: Path) -> None:
     for model, title in (
         ("Pi <2>", "Calibration of Pi &lt;2&gt;"),
         ("", "Calibration of a camera"),
     ):
-        with_model = replace(few, camera=replace(few.camera, model=model))
+        with_model = replace(
+            small_calibration, camera=replace(small_calibration.camera, model=model)
+        )
         assert f"<title>{title}</title>" in report_in(tmp_path, with_model).read_text()
 
 
@@ -99,11 +101,11 @@ def test_the_worst_view_comes_first(reported: Reported) -> None:
     assert errors[0] > errors[-1]
 
 
-def test_text_from_files_is_text(few: Calibration, tmp_path: Path) -> None:
+def test_text_from_files_is_text(small_calibration: Calibration, tmp_path: Path) -> None:
     hostile = replace(
-        few,
-        camera=replace(few.camera, model=HOSTILE),
-        views=(replace(few.views[0], name=HOSTILE), *few.views[1:]),
+        small_calibration,
+        camera=replace(small_calibration.camera, model=HOSTILE),
+        views=(replace(small_calibration.views[0], name=HOSTILE), *small_calibration.views[1:]),
         rejected=(RejectedPicture(HOSTILE, HOSTILE),),
         request=FitRequest(provenance=Provenance(session=HOSTILE, packages={HOSTILE: HOSTILE})),
         gauge=HOSTILE,
@@ -114,18 +116,18 @@ def test_text_from_files_is_text(few: Calibration, tmp_path: Path) -> None:
 
 
 def test_a_calibration_opened_elsewhere_shows_its_errors_without_pictures(
-    few: Calibration, tmp_path: Path
+    small_calibration: Calibration, tmp_path: Path
 ) -> None:
-    gone = made_of(few, str(tmp_path / "gone" / "session"))
+    gone = made_of(small_calibration, str(tmp_path / "gone" / "session"))
     html = report_in(tmp_path, gone).read_text()
     assert "<img" not in html
     assert "only lines and corners are drawn" in html
-    assert html.count('<div class="shot"') == len(few.views)
+    assert html.count('<div class="shot"') == len(small_calibration.views)
     assert "pictures were not found" in html
 
 
 def test_a_session_that_moved_with_its_calibration_is_found(
-    few: Calibration, reported: Reported, tmp_path: Path
+    small_calibration: Calibration, reported: Reported, tmp_path: Path
 ) -> None:
     """Pictures that can not be read any more, or are another camera's, are left out."""
     (tmp_path / "frames").mkdir()
@@ -133,10 +135,10 @@ def test_a_session_that_moved_with_its_calibration_is_found(
     picture = (reported.session / "frames" / reported.calibration.views[0].name).read_bytes()
     other_picture = cv2.imencode(".jpg", np.zeros((480, 640), np.uint8))[1].tobytes()
     for view, data in zip(
-        few.views, (picture, b"", b"no picture", other_picture, picture), strict=False
+        small_calibration.views, (picture, b"", b"no picture", other_picture, picture), strict=False
     ):
         (tmp_path / "frames" / view.name).write_bytes(data)
-    moved = made_of(few, "/nowhere/session")
+    moved = made_of(small_calibration, "/nowhere/session")
     assert (
         report_in(tmp_path / "calibration", moved)
         .read_text()
@@ -146,25 +148,31 @@ def test_a_session_that_moved_with_its_calibration_is_found(
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_effects_have_a_row_each(reported: Reported, few: Calibration, tmp_path: Path) -> None:
+def test_effects_have_a_row_each(
+    reported: Reported, small_calibration: Calibration, tmp_path: Path
+) -> None:
     rows = [
         EffectRow("board_shape", 0.59, 0.17, "x -1.04 ± 0.02 mm"),
         EffectRow("focal", 0.17, 0.16, ""),
     ]
-    html = report_in(tmp_path, few, effects=rows).read_text()
+    html = report_in(tmp_path, small_calibration, effects=rows).read_text()
     words = text(html[html.index('<section id="effects"') :])
     assert "board_shape 0.590 px 0.170 px-71 %x -1.04 ± 0.02 mm" in words
     assert 'id="effects"' not in reported.html
 
 
-def test_depths_are_those_asked_for(few: Calibration, tmp_path: Path) -> None:
-    html = report_in(tmp_path, few, (5.0, 0.3, 0.9, 2.0)).read_text()
+def test_depths_are_those_asked_for(small_calibration: Calibration, tmp_path: Path) -> None:
+    html = report_in(tmp_path, small_calibration, (5.0, 0.3, 0.9, 2.0)).read_text()
     assert re.findall(r"at ([\d.]+) m: [\d.]+ to", html) == ["0.3", "5"]
     assert re.findall(r"at ([\d.]+) m: [\d.]+ px at the corners", html) == ["0.3", "0.9", "2"]
 
 
-def test_a_report_without_covariance_has_no_sigmas(few: Calibration, tmp_path: Path) -> None:
-    html = report_in(tmp_path, replace(few, covariance=np.zeros((0, 0))), (0.7,)).read_text()
+def test_a_report_without_covariance_has_no_sigmas(
+    small_calibration: Calibration, tmp_path: Path
+) -> None:
+    html = report_in(
+        tmp_path, replace(small_calibration, covariance=np.zeros((0, 0))), (0.7,)
+    ).read_text()
     assert 'id="sigma"' not in html
     assert "standard deviation:" not in html
     assert "does not predict" in html
@@ -172,15 +180,18 @@ def test_a_report_without_covariance_has_no_sigmas(few: Calibration, tmp_path: P
 
 
 def test_a_file_name_that_is_no_utf_8_and_one_that_a_terminal_would_obey(
-    few: Calibration, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    small_calibration: Calibration, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     names = ("caf\udce9.png", "a\x1b[2Jb\ncalib: all is well.png", "[/b][link=x]y.png")
     looks = tuple(Redetection(name, new_corners=1, refused=0, dropped=0) for name in names)
     odd = replace(
-        with_outcome(few, redetections=looks),
+        with_outcome(small_calibration, redetections=looks),
         views=(
-            *(replace(view, name=name) for view, name in zip(few.views, names, strict=False)),
-            *few.views[len(names) :],
+            *(
+                replace(view, name=name)
+                for view, name in zip(small_calibration.views, names, strict=False)
+            ),
+            *small_calibration.views[len(names) :],
         ),
         rejected=tuple(RejectedPicture(name, "no board") for name in names),
     )

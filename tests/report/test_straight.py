@@ -51,18 +51,22 @@ def test_lines_that_bend_become_straight(reported: Reported) -> None:
     assert len(html) < 300_000
 
 
-def test_lines_are_where_the_model_sees_straight_lines_of_the_board(few: Calibration) -> None:
+def test_lines_are_where_the_model_sees_straight_lines_of_the_board(
+    small_calibration: Calibration,
+) -> None:
     """Against points that are projected onto each row's and column's continuation in space, 6.4 mm
     apart: some 15 px.
     """
-    evidence = gather_evidence(few)
-    turn, at = cv2.Rodrigues(few.poses[0, :3])[0], few.poses[0, 3:]
-    lattice = few.board.points().reshape(9, 9, 2)
+    evidence = gather_evidence(small_calibration)
+    turn, at = cv2.Rodrigues(small_calibration.poses[0, :3])[0], small_calibration.poses[0, 3:]
+    lattice = small_calibration.board.points().reshape(9, 9, 2)
     lines = list(lines_across(evidence, 0))
     assert len(lines) == 18
     for line, true_line in zip(lines, (*lattice, *lattice.swapaxes(0, 1)), strict=True):
         reach = np.linspace(-8, 8, 401)[:, None] * (true_line[-1] - true_line[0]) + true_line[0]
-        pixels = few.project(np.column_stack([reach, np.zeros(len(reach))]) @ turn.T + at)
+        pixels = small_calibration.project(
+            np.column_stack([reach, np.zeros(len(reach))]) @ turn.T + at
+        )
         pixels = pixels[np.isfinite(pixels).all(-1)]
         for point in line.distorted:
             first, second = pixels[np.sort(np.linalg.norm(pixels - point, axis=-1).argsort()[:2])]
@@ -73,8 +77,10 @@ def test_lines_are_where_the_model_sees_straight_lines_of_the_board(few: Calibra
         assert np.ptp(line.distorted, 0).max() > 1500, "across the picture"
 
 
-def test_the_drawn_bend_is_the_real_one_times_the_stated_factor(few: Calibration) -> None:
-    html = straight_html(gather_evidence(few), None)
+def test_the_drawn_bend_is_the_real_one_times_the_stated_factor(
+    small_calibration: Calibration,
+) -> None:
+    html = straight_html(gather_evidence(small_calibration), None)
     match = re.search(r"bend by up to ([\d.]+) px.*drawn (\d+) times as large", html)
     assert match
     bend, factor = float(match[1]), int(match[2])
@@ -86,18 +92,19 @@ def test_the_drawn_bend_is_the_real_one_times_the_stated_factor(few: Calibration
     assert worst == pytest.approx(factor * bend, rel=0.05), "the bend is said with two digits"
 
 
-def test_corners_lie_on_their_lines(few: Calibration) -> None:
+def test_corners_lie_on_their_lines(small_calibration: Calibration) -> None:
     """Corners with 0.05 px of noise, undistorted: beside straight lines by about as much, and by
     more if the cover is forgotten.
     """
     match = re.search(
         r"corners are ([\d.]+) px \(RMS\) off straight lines",
-        straight_html(gather_evidence(few), None),
+        straight_html(gather_evidence(small_calibration), None),
     )
     assert match
     assert 0.01 < float(match[1]) < 0.06
     forgot = replace(
-        few, amplitudes=3e-5 * np.random.default_rng(1).normal(size=few.amplitudes.shape)
+        small_calibration,
+        amplitudes=3e-5 * np.random.default_rng(1).normal(size=small_calibration.amplitudes.shape),
     )
     worse = re.search(
         r"corners are ([\d.]+) px \(RMS\) off straight lines",
@@ -107,7 +114,7 @@ def test_corners_lie_on_their_lines(few: Calibration) -> None:
     assert float(worse[1]) > 3 * float(match[1])
 
 
-def test_a_known_bow_does_not_bend_the_lines(few: Calibration) -> None:
+def test_a_known_bow_does_not_bend_the_lines(small_calibration: Calibration) -> None:
     """Corners of a board with 2 mm of bow, without noise: what the model knows of the board is not
     the lens's fault.
     """
@@ -116,10 +123,15 @@ def test_a_known_bow_does_not_bend_the_lines(few: Calibration) -> None:
         f"board_shape.{term}": (np.array(size), np.array(1e-5)) for term, size in shape.items()
     }
     described = replace(
-        few, effects=(AddedEffect(BoardShape(0.08, 0.08), figures),), covariance=np.zeros((0, 0))
+        small_calibration,
+        effects=(AddedEffect(BoardShape(0.08, 0.08), figures),),
+        covariance=np.zeros((0, 0)),
     )
     path, values = described.model()
-    points, poses = torch.from_numpy(few.board.points()), torch.from_numpy(few.poses)
+    points, poses = (
+        torch.from_numpy(small_calibration.board.points()),
+        torch.from_numpy(small_calibration.poses),
+    )
     corners = [
         project(
             path, values, path.place(points, values, pose.expand(len(points), 6), MIDDLE), MIDDLE
@@ -129,7 +141,8 @@ def test_a_known_bow_does_not_bend_the_lines(few: Calibration) -> None:
     described = replace(
         described,
         views=tuple(
-            replace(view, corners=seen) for view, seen in zip(few.views, corners, strict=True)
+            replace(view, corners=seen)
+            for view, seen in zip(small_calibration.views, corners, strict=True)
         ),
     )
     first_html = straight_html(gather_evidence(replace(described, effects=())), None)
