@@ -13,6 +13,8 @@ TYPED = re.compile(
     r" )*(\S*/)?(calib|capture|python3?|pip|smoke|pi\.sh|pi_wheel\.sh|sudo|apt-get|git|uname|rpicam-hello|cd|\.)(?= |$)"  # noqa: E501
 )
 """The beginning of a typed line; all other lines of a block are printed ones."""
+CONTINUED = re.compile(r" \\\n *|(?<= &&)\n *")
+"""The end of a line that goes on in the next: a backslash, or `&&`."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Typed:
 def commands() -> Iterator[Typed]:
     for page in PAGES:
         for language, block in BLOCK.findall(page.read_text(encoding="utf-8")):
-            for line in block.splitlines() if not language else ():
+            for line in CONTINUED.sub(" ", block).splitlines() if not language else ():
                 if TYPED.match(line):
                     command = re.sub(r"\s+#.*$", "", line)
                     command_parts = [command] if "sha256sum" in command else command.split(" && ")

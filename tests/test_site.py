@@ -27,6 +27,8 @@ PAGES = [
 ] + sorted(DOCS.rglob("*.md"))
 LARGEST = 1_000_000
 """bytes, of the film."""
+BLOCK_COLUMNS = 90
+"""Characters that a block of code has room for on GitHub in a wide window, with some to spare."""
 
 
 def _hooks() -> ModuleType:
@@ -72,6 +74,23 @@ def broken(page: Path) -> list[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_every_link_leads_somewhere(page: Path) -> None:
     assert broken(page) == []
+
+
+def test_the_readme_is_short_and_its_blocks_do_not_scroll() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(readme.splitlines()) <= 120
+    assert len(readme.split()) <= 900
+    for block in re.findall(r"^```\n(.*?)^```$", readme, re.DOTALL | re.MULTILINE):
+        assert max(map(len, block.splitlines())) <= BLOCK_COLUMNS, block
+
+
+def test_the_start_page_has_the_command_of_the_readme() -> None:
+    start = (DOCS / "index.md").read_text(encoding="utf-8")
+    command = re.search(
+        r"```\n(.*?)\n```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL
+    )
+    assert command
+    assert command[1] in start
 
 
 def test_a_broken_link_is_found(tmp_path: Path) -> None:

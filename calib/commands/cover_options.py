@@ -8,8 +8,9 @@ import re
 from calib.commands.arguments import quoted
 from calib.errors import InputError
 from calib.session.lens import COEFFICIENTS
+from calib.session.schema import UNKNOWN, is_unknown
 from calib.session.shapes.dimension import Dimension
-from calib.session.shapes.registry import dimensions, find_shape, shape_names
+from calib.session.shapes.registry import dimensions, find_shape, shape_names, stated_shape_names
 from calib.session.typed_number import join_sigmas, typed_number
 
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?", re.IGNORECASE)
@@ -23,7 +24,7 @@ Options = argparse.ArgumentParser | argparse._ArgumentGroup
 def add_cover(parser: Options) -> None:
     """Add --cover and an option for each number of a cover."""
     parser.add_argument(
-        "--cover", choices=shape_names(), help="the shape of the cover (default: none)"
+        "--cover", choices=stated_shape_names(), help="the shape of the cover (default: none)"
     )
     for option, kinds in _kinds_by_option().items():
         shapes = [
@@ -60,19 +61,22 @@ def typed_list(text: str) -> list[object]:
     """
     words = [word.strip() for word in join_sigmas(text).split(",")]
     for word in words:
-        if not all(map(NUMBER.fullmatch, word.split("±"))) or word.count("±") > 1:
+        if (not is_unknown(word) and not all(map(NUMBER.fullmatch, word.split("±")))) or word.count(
+            "±"
+        ) > 1:
             raise argparse.ArgumentTypeError(
                 f"{quoted(text)} is not a number: write one such as 40, or 40+-5 with its"
-                " uncertainty, and a list as 0,-30"
+                " uncertainty, or unknown, and a list as 0,-30"
             )
-    return [typed_number(word) for word in words]
+    return [UNKNOWN if is_unknown(word) else typed_number(word) for word in words]
 
 
 def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
-    """Return the section `cover`; None if no option describes a cover.
+    """Return the section `cover`, in which a number that is not given is unknown; None if no option
+    describes a cover.
 
     Raises:
-        InputError: a number is missing, or belongs to another shape.
+        InputError: a number belongs to another shape.
     """
     options = _kinds_by_option()
     typed = {
@@ -85,7 +89,7 @@ def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
     if args.cover is None:
         raise InputError(
             f"--{next(iter(typed))} describes a cover without a shape: add --cover, one of"
-            f" {', '.join(shape_names())}."
+            f" {', '.join(stated_shape_names())}."
         )
     shape = find_shape(args.cover)
     for option in typed:
@@ -96,7 +100,6 @@ def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
                 + (f", or write some of {', '.join(allowed)}." if allowed else ".")
             )
     section: dict[str, object] = {"shape": shape.name}
-    missing: list[str] = []
     for kind in shape.keys:
         quantity = kind.quantity
         if values := typed.get(_option(kind)):
@@ -104,14 +107,7 @@ def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
         elif kind.usual:
             section[quantity.key] = float(kind.usual)
         elif quantity.default is None:
-            example = shape.example[quantity.key]
-            words = example if isinstance(example, list) else [example]
-            missing.append(f"--{_option(kind)} {','.join(f'{word:g}' for word in words)}")
-    if missing:
-        raise InputError(
-            f"--cover {shape.name} needs more numbers: add {' '.join(missing)}, with your own"
-            " lengths in mm, and 40+-5 where you know one to 5 only."
-        )
+            section[quantity.key] = UNKNOWN
     return section
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from calib import cli
 from calib.cli import main
@@ -185,6 +186,16 @@ def test_a_description_is_corrected_until_a_person_changed_it(photos: Path) -> N
     assert file.read_text().endswith("# mine\n")
 
 
+def test_a_number_of_the_cover_that_is_not_given_is_unknown(photos: Path) -> None:
+    options = ["--cover", "flat", "--thickness", "unknown"]
+    assert main(["init", "my photos", *BOARD, *options, "--intrinsics", "520,525,322,238"]) == 0
+    written = yaml.safe_load((photos / "session.yaml").read_text())["cover"]
+    assert written["distance_mm"] == written["thickness_mm"] == "unknown"
+    numbers = read_session(photos).cover.parameters
+    assert numbers["distance"].sigma > 0.02
+    assert numbers["thickness"].sigma > 0.002
+
+
 def test_a_cover_is_described_by_options(photos: Path) -> None:
     dome = ["--cover", "dome", "--radius", "40+-30", "--centre", "-1,0,3±2", "--thickness", "3"]
     session = described(str(photos), *BOARD, *dome)
@@ -216,7 +227,6 @@ def test_a_cover_is_described_by_options(photos: Path) -> None:
         (["films"], "calib fit films/a.mp4 --board 9x6 --square-mm 25 makes a session of it"),
         (["my photos", "--board", "7x6"], "give both, such as --board 9x6 --square-mm 25"),
         (["my photos", *BOARD, "--radius", "3"], "add --cover, one of none, cone"),
-        (["my photos", *BOARD, "--cover", "flat"], "add --distance 25 --thickness 6"),
         (
             ["my photos", *BOARD, "--cover", "flat", "--radius", "3"],
             "--radius is no number of --cover flat: leave it out, or write some of --distance",
