@@ -211,7 +211,8 @@ def test_a_print_without_a_shear_may_have_one_in_single_views() -> None:
     made = session(4, "dome")
     rows = VariationRows.of(optimum(made).with_neutral([BoardScale()]), context_of(made))
     groups = {group.name: group for group in groups_of(context_of(made))}
-    moved = np.concatenate([view[:, rows.own :] for view in rows.views]) @ rows.columns(groups["board_scale"])
+    columns = rows.columns(groups["board_scale"])
+    moved = np.concatenate([view[:, rows.own :] @ columns for view in rows.views])
     assert (np.linalg.norm(moved, axis=0) > 1).all()  # over the noise
 
 
