@@ -38,8 +38,7 @@ each_cause = pytest.mark.parametrize("cause", CAUSES, ids=lambda cause: cause.na
 
 
 def cause_of(name: str) -> Cause:
-    (cause,) = (cause for cause in CAUSES if cause.name == name)
-    return cause
+    return next(cause for cause in CAUSES if cause.name == name)
 
 
 @cache
@@ -232,7 +231,8 @@ def test_patterns_are_what_their_names_say(pattern: Pattern) -> None:
 
 def test_a_session_can_be_drawn_again_and_a_small_cause_may_not_be_visible() -> None:
     cause = cause_of("board_flex/alternating")
-    first, second = (varied_session("dome", cause, 7, SIZES["ten"], 6) for _ in range(2))
+    first = varied_session("dome", cause, 7, SIZES["ten"], 6)
+    second = varied_session("dome", cause, 7, SIZES["ten"], 6)
     assert np.array_equal(corners(first.scene), corners(second.scene))
     assert first.setup == second.setup
     assert first.visible

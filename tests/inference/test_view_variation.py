@@ -210,8 +210,9 @@ def test_two_cameras_in_one_session_are_a_lens_of_two_kinds() -> None:
 def test_a_print_without_a_shear_may_have_one_in_single_views() -> None:
     made = session(4, "dome")
     rows = VariationRows.of(optimum(made).with_neutral([BoardScale()]), context_of(made))
-    (group,) = (group for group in groups_of(context_of(made)) if group.name == "board_scale")
-    moved = np.concatenate([view[:, rows.own :] for view in rows.views]) @ rows.columns(group)
+    groups = {group.name: group for group in groups_of(context_of(made))}
+    columns = rows.columns(groups["board_scale"])
+    moved = np.concatenate([view[:, rows.own :] @ columns for view in rows.views])
     assert (np.linalg.norm(moved, axis=0) > 1).all()  # over the noise
 
 
