@@ -174,6 +174,7 @@ def test_the_record_comes_back_equal(calibration: Calibration, tmp_path: Path) -
         lens_held_out_px={"0": 1.0, "12": 0.25},
         view_scatter=1.25,
         turned_boards=("0001.png",),
+        mixed_settings=("the pictures' names are those of two cameras",),
         redetections=(Redetection("0000.png", new_corners=3, refused=1, dropped=0),),
         cross_validation=CrossValidation(5, 0.2, 0.1, 0.01),
         fleet_prior=FleetPriorTest("prior.yaml", "00", 6, True, 0.5, "cover.inner_radius", 1.2),

@@ -241,9 +241,6 @@ REFUSED: dict[str, Callable[[Points], object]] = {
     "are 20 m apart: give metres": lambda points: calib.calibrate(
         [1000 * array for array in points[0]], points[1], SIZE, camera_matrix(), cover=DOME
     ),
-    "cover.inner_radius_mm is missing": lambda points: calib.calibrate(
-        *points, SIZE, camera_matrix(), cover={"shape": "dome"}
-    ),
     "distortion is given without": lambda points: calib.calibrate(
         *points, SIZE, distortion=[0, 0, 0, 0]
     ),

@@ -122,7 +122,6 @@ def test_one_layer_is_written_as_before() -> None:
     [
         ({"layers": []}, "cover.layers is a list of 0: write a list of up to 8 layers"),
         ({"layers": 3}, "cover.layers is 3: write a list of up to 8 layers from the inside out"),
-        ({"layers": [{"thickness_mm": 3}]}, r"cover.layers\[0\].refractive_index is missing"),
         (
             {"layers": [{"thickness_mm": 0.01, "refractive_index": 1.5}]},
             r"cover.layers\[0\].thickness_mm is 0.01: write a number from 0.05",

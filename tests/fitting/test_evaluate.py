@@ -36,6 +36,10 @@ def test_json_keeps_the_contract(
         "far_m",
         "bad_views",
         "other_views_rms_px",
+        "camera",
+        "cover",
+        "board",
+        "calibration",
         "verdict",
         "written",
     ]
