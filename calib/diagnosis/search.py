@@ -121,11 +121,13 @@ def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
     differing = state.evaluations.differing
     if best and not (differing and differing.imitated_by(best.test.effect.name, best.log_odds)):
         return state, best
-    tried = [kind for kind in single if differing and kind.name == differing.first.group.name]
-    state, lowering = _lowering(state, tried, previous=len(shared))
-    state, probable = _more_probable(state, lowering)
-    causes = [replace(trial, log_odds=differing.first.gain) for trial in probable if differing]
-    state, cause = _first_passing(state, causes, lambda fit: fit.joint.log_marginal)
+    cause: Trial | None = None
+    if differing:
+        tried = [kind for kind in single if kind.name == differing.first.group.name]
+        state, lowering = _lowering(state, tried, previous=len(shared))
+        state, probable = _more_probable(state, lowering)
+        causes = [replace(trial, log_odds=differing.first.gain) for trial in probable]
+        state, cause = _first_passing(state, causes, lambda fit: fit.joint.log_marginal)
     if best or not (cause or state.problem.has_structure(state.fit)):
         return state, cause
     lead = cause.fitted.joint.log_marginal - state.joint.log_marginal if cause else 0.0

@@ -19,8 +19,8 @@ from calib.effects.lens_field import LensField
 from calib.fitting.declared import PREFIXES
 from calib.inference.fitted_model import FittedModel
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
-from calib.inference.score_test import tuned_score_tests
-from calib.inference.view_variation import MIN_GAIN, TWO, Variation, VariationKind, find_variations
+from calib.inference.varying_numbers import TWO, VariationKind
+from calib.inference.view_variation import MIN_GAIN, Variation, find_variations
 
 SHARED: tuple[type[Effect], ...] = (
     LensEffect,
@@ -94,12 +94,8 @@ class Differing:
     @staticmethod
     def of(fitted: FittedModel, context: EffectContext) -> Differing | None:
         """Return what differs beside everything that all views share; None if nothing does."""
-        present = {effect.name for effect in fitted.model.effects}
-        kinds = [kind for kind in SHARED if kind.name not in present]
-        proposals = [effect for kind in kinds for effect in kind.propose(context)]
-        shared = [test.effect for test in tuned_score_tests(fitted, proposals)]
         best: dict[str, Variation] = {}
-        for variation in find_variations(fitted, context, shared):
+        for variation in find_variations(fitted, context, SHARED):
             best.setdefault(variation.group.name, variation)
         if not best:
             return None

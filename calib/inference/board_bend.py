@@ -22,7 +22,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
-from calib.inference.cross_validation import FOLDS, HeldOutGain, fold_split, held_out_gain, hold_out
+from calib.inference.cross_validation import FOLDS, fold_split, held_out_gain, hold_out
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import tuned_score_tests
 from calib.session.board import Board
@@ -104,9 +104,8 @@ def _estimate_bend(
     is_clear = bent_joint.sigma < CLEAR_RATIO * joint.sigma and p_value < AGREEMENT_P_VALUE
     if is_clear and not covered:
         return bent, bent_joint
-    gain = _gain(observations, labels, (model, joint), (bent, bent_joint))
-    is_confirmed = gain.relative > MIN_GAIN and gain.p_value < MAX_P_VALUE
-    return (bent, bent_joint) if is_confirmed else (model, joint)
+    extended = bent, bent_joint
+    return _confirmed(observations, labels, (model, joint), extended, MAX_P_VALUE)
 
 
 def _estimate_print(
@@ -121,9 +120,8 @@ def _estimate_print(
     if not trial:
         return model, joint
     uneven, uneven_joint, _ = trial
-    gain = _gain(observations, labels, (model, joint), (uneven, uneven_joint))
-    is_confirmed = gain.relative > MIN_GAIN and gain.p_value < MAX_PRINT_P_VALUE
-    return (uneven, uneven_joint) if is_confirmed else (model, joint)
+    extended = uneven, uneven_joint
+    return _confirmed(observations, labels, (model, joint), extended, MAX_PRINT_P_VALUE)
 
 
 def _trial(
@@ -153,18 +151,23 @@ def _trial(
     return (extended, fit, test.p_value) if is_usable and is_more_probable else None
 
 
-def _gain(
+def _confirmed(
     observations: Observations,
     labels: NDArray[np.int64],
     simple: tuple[CameraModel, JointFit],
     extended: tuple[CameraModel, JointFit],
-) -> HeldOutGain:
-    """Return the gain on held-out views of one model and its fit over another."""
+    max_p_value: float,
+) -> tuple[CameraModel, JointFit]:
+    """Return the extended model and its fit where held-out views confirm it, else the simple
+    one's.
+    """
     folds = fold_split(labels)
-    return held_out_gain(
+    gain = held_out_gain(
         hold_out(simple[0], observations, simple[1], folds),
         hold_out(extended[0], observations, extended[1], folds),
     )
+    is_confirmed = gain.relative > MIN_GAIN and gain.p_value < max_p_value
+    return extended if is_confirmed else simple
 
 
 def _is_possible(joint: JointFit, effect: Effect) -> bool:

@@ -39,19 +39,6 @@ class FittedModel:
         """(S,) the vector of the fitted parameters minus their prior mean."""
         return np.asarray(self.model.parameters.vector(self.joint.values).numpy())
 
-    def parameters(self, effects: Sequence[Effect] = ()) -> Parameters:
-        """Return the fitted parameters at the optimum, followed by those of further effects at
-        their neutral values.
-        """
-        model = self.model.with_effects(effects)
-        neutral = {
-            name: value
-            for effect in effects
-            for name, value in self.model.neutral_values(effect).items()
-        }
-        values = {**self.joint.values, **neutral}
-        return Parameters.of(model.path, values, model.priors, last=neutral)
-
     def with_neutral(self, effects: Sequence[Effect]) -> FittedModel:
         """Return the same fit with further effects at their neutral values, whose priors count."""
         model = self.model.with_effects(effects)
@@ -62,6 +49,15 @@ class FittedModel:
         }
         joint = replace(self.joint, values={**self.joint.values, **neutral})
         return FittedModel(model, self.observations, joint)
+
+    def parameters(self, effects: Sequence[Effect] = ()) -> Parameters:
+        """Return the fitted parameters at the optimum, followed by those of further effects at
+        their neutral values.
+        """
+        extended = self.with_neutral(effects)
+        model = extended.model
+        names = [number.param.name for effect in effects for number in effect.effect_parameters]
+        return Parameters.of(model.path, extended.joint.values, model.priors, last=names)
 
     def equations(self, effects: Sequence[Effect] = ()) -> Iterator[ViewEquations]:
         """Yield the linearised equations of each view in `parameters(effects)`."""

@@ -21,9 +21,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from torch import Tensor
 
-from calib.estimation.objective import view_precision
 from calib.estimation.observations import Observations
-from calib.inference.fitted_model import FittedModel
 from calib.inference.laplace_evidence import NOISE_RANGE, LaplaceEvidence
 
 LENGTHS = (0.25, 0.5, 1.0)
@@ -47,10 +45,6 @@ JITTER = 1e-12
 class Discrepancy:
     """The most probable discrepancy beside a fit."""
 
-    gain: float
-    """The increase of the log evidence if it is possible, with all other parameters integrated
-    out.
-    """
     modes: tuple[NDArray[np.float64], ...]
     """(m, q) functions over the board, for each view's m corners."""
     root: NDArray[np.float64]
@@ -74,11 +68,8 @@ class Discrepancy:
             [torch.from_numpy(view_modes) for view_modes in by_view],
             own_precision,
         )
-        without = float(likelihood.log_evidence(torch.zeros(len(LENGTHS)), torch.ones(())))
-        heights, largest = likelihood.most_probable()
-        return Discrepancy(
-            possible_gain(largest - without), tuple(by_view), likelihood.root(heights).numpy()
-        )
+        root = likelihood.root(likelihood.most_probable())
+        return Discrepancy(tuple(by_view), root.numpy())
 
     def eliminate(
         self, view: int, columns: NDArray[np.float64]
@@ -107,14 +98,6 @@ def possible_gain(increase: float) -> float:
     """
     absent = np.log(1 - PRIOR_PROBABILITY)
     return float(np.logaddexp(absent, np.log(PRIOR_PROBABILITY) + increase))
-
-
-def discrepancy_gain(fitted: FittedModel) -> float:
-    """Return the increase of the log evidence if a discrepancy is possible, with all other
-    parameters integrated out.
-    """
-    own_precision = view_precision(fitted.model.path, fitted.joint.poses)
-    return Discrepancy.of(LaplaceEvidence.of(fitted), fitted.observations, own_precision).gain
 
 
 def board_modes(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -198,10 +181,8 @@ class DiscrepancyLikelihood:
         factor: Tensor = torch.linalg.cholesky(covariance + jitter * identity)
         return factor
 
-    def most_probable(self) -> tuple[Tensor, float]:
-        """Return the (L,) heights with the largest log evidence, over the noise as well, and that
-        evidence.
-        """
+    def most_probable(self) -> Tensor:
+        """Return the (L,) heights with the largest log evidence, over the noise as well."""
         count = len(self.covariances)
         starts = []
         for process in range(count):
@@ -226,4 +207,4 @@ class DiscrepancyLikelihood:
             bounds=np.log([HEIGHT_RANGE] * count + [NOISE_RANGE]).tolist(),
             options={"ftol": 1e-6},
         )
-        return torch.from_numpy(np.exp(solution.x[:-1])), -float(solution.fun)
+        return torch.from_numpy(np.exp(solution.x[:-1]))

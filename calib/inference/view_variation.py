@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -26,9 +25,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.effects.board_scale import SHEAR, STRETCH, BoardScale
+from calib.effects.board_scale import SHEAR, BoardScale
 from calib.effects.board_shape import BoardShape
-from calib.effects.effect import Effect, EffectContext, EffectParameter
+from calib.effects.effect import Effect, EffectContext
 from calib.effects.lens import LensEffect
 from calib.effects.rolling_shutter import RollingShutter
 from calib.estimation.camera_model import CameraModel
@@ -40,18 +39,21 @@ from calib.estimation.view_equations import view_equations
 from calib.inference.fitted_model import FittedModel
 from calib.inference.laplace_evidence import LaplaceEvidence
 from calib.inference.model_discrepancy import Discrepancy, possible_gain
-from calib.optics import rotation
+from calib.inference.score_test import tuned_score_tests
+from calib.inference.varying_numbers import (
+    MIN_BLOCK,
+    Group,
+    VariationKind,
+    board_patterns,
+    centred_pattern,
+    groups_of,
+    time_patterns,
+)
 from calib.optics.board_target import MOTION, block_columns
 from calib.optics.relief import AMPLITUDES
-from calib.session.parameter_names import CAMERA, number_of
-from calib.session.shapes.registry import find_dimension
 from calib.session.tolerances import (
-    BOARD_FLEX,
     BOARD_MOVE,
     BOARD_SPIN,
-    FOCAL,
-    PRINCIPAL_POINT,
-    RADIAL,
 )
 
 SPREADS = 10.0 ** np.arange(-3.0, 0.01, 0.125)
@@ -60,8 +62,6 @@ MAX_DEVIATION = 3.0
 """Tolerances, root mean square: numbers that differ by more are not possible."""
 MOTIONS = ((1.0, 0.0), (1.0, 0.1), (1.0, 0.3), (1.0, 1.0), (0.3, 1.0), (0.1, 1.0), (0.0, 1.0))
 """Ratios of the spreads of a board's turn and move, each over its tolerance."""
-WARM_UPS = (1 / 16, 1 / 8, 1 / 4)
-"""Time constants of an exponential approach, as fractions of the session."""
 MAX_PASSES = 5
 """The largest number of passes over the views that move one view to the other kind."""
 MAX_REFINED = 4
@@ -70,45 +70,8 @@ MIN_GAIN = 7.0
 """The smallest gain in log evidence that is reported: some sixty variations are tried."""
 MIN_VIEWS = 8
 """The fewest views of which it is asked."""
-MIN_BLOCK = 3
-"""The fewest views before and after a step, or of one kind."""
 
 Array = NDArray[np.float64]
-
-
-class VariationKind(StrEnum):
-    """The way in which numbers differ from view to view."""
-
-    EACH = "each view"
-    """Every view has its own."""
-    DRIFT = "drift"
-    """An even change with time."""
-    WARM_UP = "warm-up"
-    """A change that settles in the first views."""
-    STEP = "step"
-    """A change at one view."""
-    ALTERNATING = "alternating"
-    TWO_KINDS = "two kinds"
-    """Some views have these, and some have those."""
-    NEARNESS = "nearness"
-    """A change with the nearness of the board."""
-    TILT = "tilt"
-    """A change with the tilt of the board."""
-
-
-TIME = (VariationKind.DRIFT, VariationKind.WARM_UP, VariationKind.STEP)
-TWO = (VariationKind.ALTERNATING, VariationKind.TWO_KINDS)
-
-
-@dataclass(frozen=True, slots=True)
-class Group:
-    """Numbers that differ together."""
-
-    name: str
-    numbers: tuple[EffectParameter, ...]
-    """Each with the values that it is added to, and its tolerance; none for the board's motion."""
-    kinds: tuple[VariationKind, ...]
-    """The ways in which they can differ."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,15 +81,15 @@ class Variation:
     group: Group
     kind: VariationKind
     gain: float
-    """The increase of the log evidence, less the logarithm of the number of variants tried."""
+    """The increase of the log evidence, less `penalty`."""
     scales: Array
     """(G,) the standard deviations of the numbers' deviations, in tolerances."""
     deviations: Array
     """(V, G) the deviations of each view's numbers, in tolerances."""
     pattern: Array
     """(V,) what the deviations of all numbers follow; (0,) if every view has its own."""
-    raw_gain: float = 0.0
-    """The gain of this pattern alone."""
+    penalty: float = 0.0
+    """The logarithm of the number of variants tried."""
     plain_gain: float = 0.0
     """The gain over the model as it is, without a discrepancy."""
 
@@ -137,45 +100,13 @@ class Variation:
         """
         return float(np.sqrt((self.deviations**2).mean(0)).max())
 
-
-def groups_of(context: EffectContext) -> tuple[Group, ...]:
-    """Return the groups of numbers that may differ from view to view in this session."""
-    focal = EffectParameter.of("focal", FOCAL, CAMERA.focal, relative=True)
-    centre = tuple(EffectParameter.of(name, PRINCIPAL_POINT, (name,)) for name in CAMERA.centre)
-    radial = EffectParameter.of("k1", RADIAL, ("lens.k1",))
-    bend = tuple(
-        EffectParameter.of(name, BOARD_FLEX, (f"board_shape.{name}",))
-        for name in ("xx", "xy", "yy")
-    )
-    scale = tuple(replace(number, shifts=(number.param.name,)) for number in (STRETCH, SHEAR))
-    rolling = not context.path.shutter and (not context.shutter or context.shutter.rolling)
-    return (
-        Group("focal", (focal,), (VariationKind.EACH, *TIME, *TWO, VariationKind.NEARNESS)),
-        Group("principal_point", centre, (VariationKind.EACH, *TIME, *TWO)),
-        Group("lens", (focal, *centre, radial), (VariationKind.STEP, *TWO)),
-        *_cover_groups(context),
-        Group("board_flex", bend, (VariationKind.EACH, *TIME, *TWO, VariationKind.TILT)),
-        Group("board_scale", scale, (*TIME, *TWO)),
-        *([Group("rolling_shutter", (), (VariationKind.EACH,))] if rolling else []),
-    )
-
-
-def _cover_groups(context: EffectContext) -> Iterator[Group]:
-    """Yield a group for each effect on the numbers of the cover."""
-    numbers: dict[str, list[EffectParameter]] = {}
-    read = (param.name for interface in context.path.cover for param in interface.params)
-    for name in dict.fromkeys(read):
-        dimension = find_dimension(number_of(name))
-        if dimension and dimension.effect and dimension.tolerance:
-            number = EffectParameter.of(name, dimension.tolerance, (name,))
-            numbers.setdefault(dimension.effect, []).append(number)
-    for effect, members in numbers.items():
-        moves = effect in ("cover_offset", "cover_tilt")
-        yield Group(effect, tuple(members), TIME if moves else (*TIME, *TWO))
+    def penalised(self, penalty: float) -> Variation:
+        """Return the best of several variants with the penalty for trying them."""
+        return replace(self, gain=self.gain - penalty, penalty=penalty)
 
 
 def find_variations(
-    fitted: FittedModel, context: EffectContext, shared: Sequence[Effect] = ()
+    fitted: FittedModel, context: EffectContext, shared: Sequence[type[Effect]] = ()
 ) -> list[Variation]:
     """Return what differs from view to view, the most probable first.
 
@@ -185,7 +116,8 @@ def find_variations(
 
     Args:
         fitted: a model at its optimum.
-        shared: further effects that all views share, which explain what they can.
+        shared: kinds of effects that all views share, which explain what they can where the model
+            lacks them.
     """
     if len(fitted.observations.names) < MIN_VIEWS:
         return []
@@ -194,7 +126,12 @@ def find_variations(
     plain = [variation.gain for variation in alone.variations(groups, patterns)]
     if max(plain) < MIN_GAIN:
         return []
-    rows = VariationRows.of(fitted.with_neutral(shared), context)
+    present = {effect.name for effect in fitted.model.effects}
+    proposals = [
+        effect for kind in shared if kind.name not in present for effect in kind.propose(context)
+    ]
+    effects = [test.effect for test in tuned_score_tests(fitted, proposals)]
+    rows = VariationRows.of(fitted.with_neutral(effects), context)
     alone = VariationEquations.of(rows)
     discrepancy = rows.discrepancy(alone.solution)
     with_discrepancy = VariationEquations.of(rows, discrepancy)
@@ -223,39 +160,6 @@ def find_variations(
         if variation.gain > MIN_GAIN and variation.largest < MAX_DEVIATION
     ]
     return sorted(candidates, key=lambda variation: -variation.gain)
-
-
-def board_patterns(fitted: FittedModel) -> Mapping[VariationKind, Sequence[Array]]:
-    """Return the (V,) patterns of these views: the nearness of the boards' middles, and the tilt of
-    their normals towards the picture's y and towards its x.
-    """
-    poses = fitted.joint.poses
-    near = 1 / fitted.model.path.distance(poses[:, 3:6]).numpy()
-    normals = rotation.matrix(poses[:, :3])[:, :, 2].numpy()
-    return {
-        VariationKind.NEARNESS: [_centred(near)],
-        VariationKind.TILT: [_centred(normals[:, 1]), _centred(normals[:, 0])],
-    }
-
-
-def time_patterns(count: int) -> Mapping[VariationKind, Sequence[Array]]:
-    """Return the (V,) patterns that any sequence of so many views may follow."""
-    view = np.arange(count)
-    steps = range(MIN_BLOCK, count - MIN_BLOCK + 1)
-    return {
-        VariationKind.DRIFT: [_centred(view)],
-        VariationKind.WARM_UP: [
-            _centred(np.exp(-view / (fraction * count))) for fraction in WARM_UPS
-        ],
-        VariationKind.STEP: [_centred(view >= first) for first in steps],
-        VariationKind.ALTERNATING: [_centred(view % 2)],
-    }
-
-
-def _centred(pattern: NDArray[np.float64] | NDArray[np.int64] | NDArray[np.bool_]) -> Array:
-    """Return (V,) the pattern about its mean, with standard deviation 1."""
-    deviation = pattern.astype(np.float64) - pattern.mean()
-    return np.asarray(deviation / max(float(deviation.std()), 1e-300))
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,8 +245,6 @@ class VariationRows:
         columns = np.zeros((count, len(group.numbers)))
         for index, number in enumerate(group.numbers):
             for name in number.shifts:
-                if name not in self.entries:  # a print that is not sheared
-                    continue
                 column, scale, value = self.entries[name]
                 change = value if number.relative else 1.0
                 columns[column, index] = number.sigma * change / scale
@@ -547,10 +449,10 @@ class GroupEquations:
             followed = [self.following(kind, pattern) for pattern in patterns.get(kind, ())]
             if followed:
                 best = max(followed, key=lambda variation: variation.gain)
-                yield replace(best, gain=best.gain - float(np.log(len(followed))))
+                yield best.penalised(float(np.log(len(followed))))
         if VariationKind.TWO_KINDS in self.group.kinds:
             best = self.in_two_kinds(in_every_view.deviations)
-            yield replace(best, gain=best.gain - (self.count - 1) * float(np.log(2)))
+            yield best.penalised((self.count - 1) * float(np.log(2)))
 
     def in_every_view(self) -> Variation:
         """Return the variation with deviations of each view's own."""
@@ -571,8 +473,7 @@ class GroupEquations:
         pattern, with the spread of this fit.
         """
         if variation.pattern.size:
-            tried = self.following(variation.kind, variation.pattern).gain - variation.raw_gain
-            return variation.gain + tried
+            return self.following(variation.kind, variation.pattern).gain - variation.penalty
         return self._of_each(variation.scales / variation.scales.max())[0]
 
     def in_two_kinds(self, deviations: Array) -> Variation:
@@ -589,7 +490,7 @@ class GroupEquations:
                 moved = best.pattern > 0
                 moved[view] = not moved[view]
                 if min(moved.sum(), (~moved).sum()) >= MIN_BLOCK:
-                    flipped = self.following(VariationKind.TWO_KINDS, _centred(moved))
+                    flipped = self.following(VariationKind.TWO_KINDS, centred_pattern(moved))
                     best = max(best, flipped, key=lambda variation: variation.gain)
             if best is previous:
                 break
@@ -602,7 +503,7 @@ class GroupEquations:
             views.T @ self.information @ views, views.T @ self.score
         )
         scales = np.full(self.size, spread)
-        return Variation(self.group, kind, gain, scales, pattern[:, None] * sizes, pattern, gain)
+        return Variation(self.group, kind, gain, scales, pattern[:, None] * sizes, pattern)
 
     def _largest_gain(self, information: Array, score: Array) -> tuple[float, float, Array]:
         """Return the largest gain in log evidence by (k,) deviations of one spread, that spread,
@@ -627,4 +528,4 @@ def _divisions(deviations: Array) -> Iterator[Array]:
     projected = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
     order = projected.argsort(kind="stable").argsort()
     for count in range(MIN_BLOCK, len(projected) - MIN_BLOCK + 1):
-        yield _centred(order >= count)
+        yield centred_pattern(order >= count)

@@ -19,14 +19,8 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.priors import Priors
 from calib.fitting.differing import Differing
 from calib.inference.fitted_model import FittedModel
-from calib.inference.view_variation import (
-    VariationEquations,
-    VariationKind,
-    VariationRows,
-    find_variations,
-    groups_of,
-    time_patterns,
-)
+from calib.inference.varying_numbers import VariationKind, groups_of, time_patterns
+from calib.inference.view_variation import VariationEquations, VariationRows, find_variations
 from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.projection import project
