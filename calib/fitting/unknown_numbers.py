@@ -3,10 +3,11 @@ rough fits from several places within their priors.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 
 import torch
+from torch import Tensor
 
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
@@ -19,6 +20,7 @@ from calib.estimation.stated_priors import priors_of
 from calib.fitting.stages import MAX_LOST_FRACTION, Setup
 from calib.intrinsics.calibrate import calibrate_bare
 from calib.optics.build import covered_path, pinhole_path
+from calib.optics.params import Values
 from calib.progress import Progress, Silent
 from calib.session.cover import Cover
 from calib.session.numbers import camera_numbers, unknown_names
@@ -53,19 +55,17 @@ def with_initial_values(setup: Setup, views: Sequence[View], progress: Progress)
         for scaled in _in_medium(lens, setup.cover, start)
     ]
     advance = progress.task("Unknown numbers", len(starts))
-    ranked: list[tuple[float, int]] = []
-    for i, start in enumerate(starts):
-        ranked.append((_error_at(replace(setup, initial=start), observations), i))
-        advance(i + 1, f"{min(ranked)[0]:.3g} px")
-    fits: list[tuple[float, Mapping[str, float]]] = []
-    for error, i in sorted(ranked)[:MAX_FITS]:
-        joint = _rough_fit(replace(setup, initial=starts[i]), observations)
-        if error < torch.inf and joint and joint.finite:
-            estimates = {name: float(joint.values[name]) for name in names if name in joint.values}
-            fits.append((joint.cost, estimates))
-    if not fits:
-        return replace(setup, initial=starts[min(ranked)[1]])
-    return replace(setup, initial=min(fits, key=lambda fit: fit[0])[1])
+    beginnings: list[_Beginning] = []
+    for count, start in enumerate(starts, 1):
+        beginnings.append(_Beginning.of(replace(setup, initial=start), observations))
+        advance(count, f"{min(beginning.rms_px for beginning in beginnings):.3g} px")
+    beginnings.sort(key=lambda beginning: beginning.rms_px)
+    fits = [beginning.fit(observations) for beginning in beginnings[:MAX_FITS]]
+    finite = [joint for joint in fits if joint and joint.finite]
+    if not finite:
+        return beginnings[0].setup
+    values = min(finite, key=lambda joint: joint.cost).values
+    return replace(setup, initial={name: float(values[name]) for name in names if name in values})
 
 
 def _lens_of_views(setup: Setup, views: Sequence[View], names: Sequence[str]) -> dict[str, float]:
@@ -134,31 +134,35 @@ def _has_room(cover: Cover, start: Mapping[str, float]) -> bool:
     )
 
 
-def _model(setup: Setup) -> CameraModel:
-    build = covered_path(setup.intrinsics, setup.cover)
-    path, means = build
-    return CameraModel(path, means, priors_of(setup.intrinsics, setup.cover, path))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Beginning:
+    """A setup at its initial values, with even glass."""
 
+    setup: Setup
+    model: CameraModel
+    values: Values
+    poses: Tensor
+    """(V, 6)"""
+    rms_px: float
+    """The error there; infinity where the cover hides the board."""
 
-def _error_at(setup: Setup, observations: Observations) -> float:
-    """Return the error in px at the initial values; infinity where the cover hides the board."""
-    model = _model(setup)
-    lens, means = pinhole_path(setup.intrinsics)
-    poses = pinhole_poses(lens, setup.initial_values(means), observations)
-    values = setup.initial_values(model.means)
-    poses = refine_poses(model.path, values, observations, poses).blocks
-    residual = residuals(model.path, values, observations, poses)
-    fraction = (~torch.isfinite(residual.image)).any(-1).double().mean()
-    return residual.rms_px if float(fraction) <= MAX_LOST_FRACTION else torch.inf
+    @staticmethod
+    def of(setup: Setup, observations: Observations) -> "_Beginning":
+        """Fit the poses of the board."""
+        path, means = covered_path(setup.intrinsics, setup.cover)
+        model = CameraModel(path, means, priors_of(setup.intrinsics, setup.cover, path))
+        lens, lens_means = pinhole_path(setup.intrinsics)
+        poses = pinhole_poses(lens, setup.initial_values(lens_means), observations)
+        values = setup.initial_values(means)
+        poses = refine_poses(path, values, observations, poses).blocks
+        residual = residuals(path, values, observations, poses)
+        fraction = float((~torch.isfinite(residual.image)).any(-1).double().mean())
+        rms_px = residual.rms_px if fraction <= MAX_LOST_FRACTION else torch.inf
+        return _Beginning(setup, model, values, poses, rms_px)
 
-
-def _rough_fit(setup: Setup, observations: Observations) -> JointFit | None:
-    """Return a rough fit of even glass, from the initial values."""
-    model = _model(setup)
-    lens, means = pinhole_path(setup.intrinsics)
-    poses = pinhole_poses(lens, setup.initial_values(means), observations)
-    values = setup.initial_values(model.means)
-    poses = refine_poses(model.path, values, observations, poses).blocks
-    if not bool(torch.isfinite(poses).all()):
-        return None
-    return model.fit(observations, poses, Start(values, FIRST_SIGMA, None), ROUGH_ROUNDS)
+    def fit(self, observations: Observations) -> JointFit | None:
+        """Return a rough fit; None where the cover hides the board."""
+        if self.rms_px == torch.inf or not bool(torch.isfinite(self.poses).all()):
+            return None
+        start = Start(dict(self.values), FIRST_SIGMA, None)
+        return self.model.fit(observations, self.poses, start, ROUGH_ROUNDS)
