@@ -19,11 +19,17 @@ from calib.diagnosis.search_state import SearchState
 from calib.diagnosis.simpler_forms import simplified
 from calib.diagnosis.trial import MIN_GAIN, Trial
 from calib.effects.effect import Effect
+from calib.effects.focal import Focal
+from calib.effects.focal_drift import FocalDrift
 from calib.effects.registry import EFFECTS, FIELDS
+from calib.fitting.differing import Differing
 from calib.inference.cross_validation import held_out_gain, hold_out
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import ModelFit
 from calib.inference.score_test import ScoreTest, tuned_score_tests
+from calib.inference.varying_numbers import VariationKind
+from calib.inference.view_variation import MIN_GAIN as MIN_VARIATION_GAIN
+from calib.inference.view_variation import largest_gain
 from calib.inference.warm_start import rough_fit
 
 MAX_SCORE_P_VALUE = 0.05
@@ -110,16 +116,15 @@ def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
     """Return the next effect to add.
 
     Parameters of single views can imitate much. So they are tried only where they are what most
-    probably differs from view to view (`Differing`), beside everything that all views share. If
-    what differs is more probable than an effect that all views share, that effect imitates it, and
-    is not added.
+    probably differs from view to view (`Differing`), beside everything that all views share. An
+    effect that all views share is not added if it only imitates what differs.
     """
     shared = [kind for kind in EFFECTS if not kind.per_view]
     single = [kind for kind in EFFECTS if kind.per_view]
     state, lowering = _lowering(state, shared)
     state, best = _first_passing(state, lowering, lambda fit: fit.joint.log_evidence)
     differing = state.evaluations.differing
-    if best and not (differing and differing.imitated_by(best.test.effect.name, best.log_odds)):
+    if best and not (differing and _imitates(state, best, differing)):
         return state, best
     cause: Trial | None = None
     if differing:
@@ -138,6 +143,19 @@ def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
         fields = [field for field in fields if field.fitted.joint.log_marginal > evidence]
     state, field = _first_passing(state, fields, lambda fit: fit.joint.log_marginal)
     return state, field or cause
+
+
+def _imitates(state: SearchState, trial: Trial, differing: Differing) -> bool:
+    """Return True if an effect that all views share adds nothing to numbers that differ from view
+    to view: the evidence of both is not larger than that of these numbers alone.
+    """
+    first = differing.first
+    is_drift = first.group.name == Focal.name and first.kind is VariationKind.DRIFT
+    if is_drift and trial.test.effect.name == FocalDrift.name:  # the same in other words
+        return False
+    alone = largest_gain(*state.problem.at_optimum(state.fit))
+    beside = largest_gain(*state.problem.at_optimum(trial.fitted))
+    return trial.log_odds + beside < alone + MIN_VARIATION_GAIN
 
 
 def _lowering(

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from calib.diagnosis.trial import Trial
-from calib.effects.effect import Effect
+from calib.effects.effect import Effect, EffectContext
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
@@ -41,6 +41,11 @@ class SearchProblem:
     """Called with a short remark before each step."""
     has_structure: Callable[[ModelFit], bool]
     """True if noise does not explain the residual of a fit."""
+
+    def at_optimum(self, fit: ModelFit) -> tuple[FittedModel, EffectContext]:
+        """Return a fit with the observations, and its context."""
+        fitted = FittedModel(fit.model, self.observations, fit.joint)
+        return fitted, effect_context(fitted, self.board, self.camera, locate=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,10 +114,7 @@ class Evaluations:
     def differing(self) -> Differing | None:
         """Numbers that differ from view to view beside the model; None if none do."""
         if not self._differing:
-            problem = self.problem
-            fitted = FittedModel(self.fit.model, problem.observations, self.fit.joint)
-            context = effect_context(fitted, problem.board, problem.camera, locate=False)
-            self._differing.append(Differing.of(fitted, context))
+            self._differing.append(Differing.of(*self.problem.at_optimum(self.fit)))
         return self._differing[0]
 
 

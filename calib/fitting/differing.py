@@ -12,7 +12,6 @@ from calib.effects.board_scale import STRETCH, BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.effects.effect import Effect, EffectContext
 from calib.effects.entrance_pupil import EntrancePupil
-from calib.effects.focal_drift import FocalDrift
 from calib.effects.free_field import FreeField
 from calib.effects.lens import LensEffect
 from calib.effects.lens_field import LensField
@@ -20,7 +19,7 @@ from calib.fitting.declared import PREFIXES
 from calib.inference.fitted_model import FittedModel
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.inference.varying_numbers import TWO, VariationKind
-from calib.inference.view_variation import MIN_GAIN, Variation, find_variations
+from calib.inference.view_variation import Variation, find_variations
 
 SHARED: tuple[type[Effect], ...] = (
     LensEffect,
@@ -119,16 +118,6 @@ class Differing:
     def named(self) -> bool:
         """True if one name is almost sure."""
         return self.probabilities[0] >= NAME_ALONE
-
-    def imitated_by(self, effect: str, log_odds: float) -> bool:
-        """True if what differs is clearly more probable than an effect of this name, which all
-        views share, with these odds: then the effect imitates it.
-        """
-        first = self.first
-        same = (first.group.name, first.kind) == ("focal", VariationKind.DRIFT)
-        if same and effect == FocalDrift.name:
-            return False
-        return first.plain_gain > log_odds + MIN_GAIN
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON object of the command contract."""

@@ -90,8 +90,6 @@ class Variation:
     """(V,) what the deviations of all numbers follow; (0,) if every view has its own."""
     penalty: float = 0.0
     """The logarithm of the number of variants tried."""
-    plain_gain: float = 0.0
-    """The gain over the model as it is, without a discrepancy."""
 
     @property
     def largest(self) -> float:
@@ -119,13 +117,9 @@ def find_variations(
         shared: kinds of effects that all views share, which explain what they can where the model
             lacks them.
     """
-    if len(fitted.observations.names) < MIN_VIEWS:
+    if largest_gain(fitted, context) < MIN_GAIN:
         return []
     groups, patterns = groups_of(context), board_patterns(fitted)
-    alone = VariationEquations.of(VariationRows.of(fitted, context))
-    plain = [variation.gain for variation in alone.variations(groups, patterns)]
-    if max(plain) < MIN_GAIN:
-        return []
     present = {effect.name for effect in fitted.model.effects}
     proposals = [
         effect for kind in shared if kind.name not in present for effect in kind.propose(context)
@@ -140,12 +134,9 @@ def find_variations(
     variations = zip(
         alone.variations(groups, patterns),
         with_discrepancy.variations(groups, patterns),
-        plain,
         strict=True,
     )
-    for index, (first, second, plain_gain) in enumerate(
-        sorted(variations, key=lambda pair: -pair[0].gain)
-    ):
+    for index, (first, second) in enumerate(sorted(variations, key=lambda pair: -pair[0].gain)):
         evidence_with_discrepancy = with_discrepancy.log_evidence + second.gain
         if index < MAX_REFINED and first.gain > MIN_GAIN:
             evidence_with_discrepancy = max(
@@ -153,13 +144,24 @@ def find_variations(
             )
         evidence = alone.log_evidence + first.gain
         evidence += possible_gain(evidence_with_discrepancy - evidence)
-        candidates.append(replace(first, gain=evidence - without, plain_gain=plain_gain))
+        candidates.append(replace(first, gain=evidence - without))
     candidates = [
         variation
         for variation in candidates
         if variation.gain > MIN_GAIN and variation.largest < MAX_DEVIATION
     ]
     return sorted(candidates, key=lambda variation: -variation.gain)
+
+
+def largest_gain(fitted: FittedModel, context: EffectContext) -> float:
+    """Return the largest increase of the log evidence by numbers that differ from view to view,
+    over the model as it is; 0 for few views.
+    """
+    if len(fitted.observations.names) < MIN_VIEWS:
+        return 0.0
+    equations = VariationEquations.of(VariationRows.of(fitted, context))
+    variations = equations.variations(groups_of(context), board_patterns(fitted))
+    return max(variation.gain for variation in variations)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,22 +9,23 @@ from calib.calibration import Calibration
 from calib.fitting.differing import Differing
 from calib.inference.effect_context import effect_context
 from calib.verdict.case import Case, optimum_of
-from calib.verdict.residual import likely_scores
+from calib.verdict.residual import beyond_noise, likely_scores
 from calib.verdict.verdict import Reason
 
 
 def differing_views(case: Case) -> Iterator[Reason]:
-    """Name what differs from view to view beside everything that all views share, unless an effect
-    that they share is more probable: it has to be found first.
+    """Name what differs from view to view beside everything that all views share. An effect that
+    they share has to be found first: before a diagnosis, nothing is named where an effect that is
+    scored is more probable, or where much more than noise is left.
     """
-    if not case.at_optimum:
+    diagnosed = case.calibration.history.diagnosis is not None
+    if not case.at_optimum or (not diagnosed and beyond_noise(case)):
         return
     shared = (test for test in likely_scores(case) if not test.effect.per_view)
     largest = max((test.chi2 / 2 for test in shared), default=0.0)
     differing = find_differing(case.calibration)
-    if differing and differing.first.plain_gain > largest:
+    if differing and differing.first.gain > largest:
         suspects = tuple(variation.group.name for variation in differing.variations)
-        diagnosed = case.calibration.history.diagnosis is not None
         command = case.next.report() if diagnosed else case.next.diagnose()
         yield Reason(str(differing), command, suspects)
 

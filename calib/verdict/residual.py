@@ -39,7 +39,7 @@ def residual(case: Case) -> Iterator[Reason]:
     noise = case.calibration.noise_px
     organised = significant_shares(_shares(case.calibration))
     sentence = NOT_ALL_NOISE
-    if noise is not None and case.left_px > max(BEYOND_NOISE * noise, MIN_NOISE):
+    if beyond_noise(case):
         sentence = (
             f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px"
         )
@@ -63,6 +63,12 @@ def residual(case: Case) -> Iterator[Reason]:
     diagnosed = case.calibration.history.diagnosis is not None
     suspects = tuple(dict.fromkeys(name for effect, _ in likely for name in suspects_of(effect)))
     yield Reason(sentence, case.next.report() if diagnosed else case.next.diagnose(), suspects)
+
+
+def beyond_noise(case: Case) -> bool:
+    """True if much more than the corners' noise is left."""
+    noise = case.calibration.noise_px
+    return noise is not None and case.left_px > max(BEYOND_NOISE * noise, MIN_NOISE)
 
 
 def likely_effects(case: Case) -> list[tuple[Effect, float]]:
