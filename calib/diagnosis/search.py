@@ -29,7 +29,7 @@ from calib.inference.fitted_model import ModelFit
 from calib.inference.score_test import ScoreTest, tuned_score_tests
 from calib.inference.varying_numbers import VariationKind
 from calib.inference.view_variation import MIN_GAIN as MIN_VARIATION_GAIN
-from calib.inference.view_variation import largest_gain
+from calib.inference.view_variation import largest_log_evidence
 from calib.inference.warm_start import rough_fit
 
 MAX_SCORE_P_VALUE = 0.05
@@ -147,15 +147,15 @@ def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
 
 def _imitates(state: SearchState, trial: Trial, differing: Differing) -> bool:
     """Return True if an effect that all views share adds nothing to numbers that differ from view
-    to view: the evidence of both is not larger than that of these numbers alone.
+    to view: with both, the log evidence is hardly larger than with these numbers alone.
     """
     first = differing.first
     is_drift = first.group.name == Focal.name and first.kind is VariationKind.DRIFT
     if is_drift and trial.test.effect.name == FocalDrift.name:  # the same in other words
         return False
-    alone = largest_gain(*state.problem.at_optimum(state.fit))
-    beside = largest_gain(*state.problem.at_optimum(trial.fitted))
-    return trial.log_odds + beside < alone + MIN_VARIATION_GAIN
+    alone = largest_log_evidence(*state.problem.at_optimum(state.fit))
+    both = largest_log_evidence(*state.problem.at_optimum(trial.fitted))
+    return both < alone + MIN_VARIATION_GAIN
 
 
 def _lowering(

@@ -87,7 +87,7 @@ def _cover_groups(context: EffectContext) -> Iterator[Group]:
     read = (param.name for interface in context.path.cover for param in interface.params)
     for name in dict.fromkeys(read):
         dimension = find_dimension(number_of(name))
-        if dimension and dimension.effect and dimension.tolerance:
+        if name in context.values and dimension and dimension.effect and dimension.tolerance:
             number = EffectParameter.of(name, dimension.tolerance, (name,))
             numbers.setdefault(dimension.effect, []).append(number)
     for effect, members in numbers.items():

@@ -62,6 +62,8 @@ MAX_DEVIATION = 3.0
 """Tolerances, root mean square: numbers that differ by more are not possible."""
 MOTIONS = ((1.0, 0.0), (1.0, 0.1), (1.0, 0.3), (1.0, 1.0), (0.3, 1.0), (0.1, 1.0), (0.0, 1.0))
 """Ratios of the spreads of a board's turn and move, each over its tolerance."""
+MIN_PRECISION = 1e-12
+"""The smallest prior precision, over the largest, of an axis that has a prior."""
 MAX_PASSES = 5
 """The largest number of passes over the views that move one view to the other kind."""
 MAX_REFINED = 4
@@ -159,9 +161,24 @@ def largest_gain(fitted: FittedModel, context: EffectContext) -> float:
     """
     if len(fitted.observations.names) < MIN_VIEWS:
         return 0.0
+    return _with_largest_gain(fitted, context)[1]
+
+
+def largest_log_evidence(fitted: FittedModel, context: EffectContext) -> float:
+    """Return the log evidence of a model, with its noise chosen again, beside the numbers that
+    differ from view to view most probably. It compares models of the same views and of the same
+    parameters of views, fitted with the same noise.
+    """
+    equations, gain = _with_largest_gain(fitted, context)
+    return equations.log_evidence + max(0.0, gain)
+
+
+def _with_largest_gain(
+    fitted: FittedModel, context: EffectContext
+) -> tuple[VariationEquations, float]:
     equations = VariationEquations.of(VariationRows.of(fitted, context))
     variations = equations.variations(groups_of(context), board_patterns(fitted))
-    return max(variation.gain for variation in variations)
+    return equations, max(variation.gain for variation in variations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +212,9 @@ class VariationRows:
         held = {
             param.name: 1.0
             for param in full.path.params
-            if param.name not in full.priors.sigmas and param.name != AMPLITUDES
+            if param.name in values  # not those that an effect computes from its own
+            and param.name not in full.priors.sigmas
+            and param.name != AMPLITUDES
         }
         parameters = Parameters.of(full.path, values, full.priors.with_sigmas(held))
         estimated = Parameters.of(base.path, values, base.priors)
@@ -234,6 +253,12 @@ class VariationRows:
     def own(self) -> int:
         """The number of parameters of each view."""
         return len(self.own_precision)
+
+    @property
+    def prior_precisions(self) -> Array:
+        """The prior precisions of the shared parameters, along the axes that have one."""
+        sizes = np.linalg.eigvalsh(self.precision)
+        return np.asarray(sizes[sizes > MIN_PRECISION * sizes.max(initial=0.0)])
 
     def columns(self, group: Group) -> Array:
         """Return (n + 1, G) the deviations of a group's numbers, over their tolerances, in terms of
@@ -381,6 +406,7 @@ class VariationEquations:
         it.
         """
         determinant = self.log_determinant + 2 * np.log(self._root.diagonal()).sum()
+        determinant -= np.log(self.rows.prior_precisions).sum()
         return -float(determinant + self.freedom * np.log(self._cost)) / 2
 
     @property

@@ -15,11 +15,13 @@ from calib.verdict.verdict import Reason
 
 def differing_views(case: Case) -> Iterator[Reason]:
     """Name what differs from view to view beside everything that all views share. An effect that
-    they share has to be found first: before a diagnosis, nothing is named where an effect that is
-    scored is more probable, or where much more than noise is left.
+    they share has to be found first: nothing is named where one that is scored is more probable.
+    A window that nobody declared cannot be scored. So without a cover, nothing is named before a
+    diagnosis where much more than noise is left.
     """
     diagnosed = case.calibration.history.diagnosis is not None
-    if not case.at_optimum or (not diagnosed and beyond_noise(case)):
+    window_possible = not diagnosed and not case.calibration.model()[0].cover
+    if not case.at_optimum or (window_possible and beyond_noise(case)):
         return
     shared = (test for test in likely_scores(case) if not test.effect.per_view)
     largest = max((test.chi2 / 2 for test in shared), default=0.0)

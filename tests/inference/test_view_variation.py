@@ -15,19 +15,29 @@ from numpy.typing import NDArray
 from calib.corners.view import View
 from calib.effects.board_scale import BoardScale
 from calib.effects.effect import EffectContext
+from calib.effects.flat_port import FlatPort
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.observations import Observations
+from calib.estimation.poses import pinhole_poses
 from calib.estimation.priors import Priors
 from calib.fitting.differing import Differing
 from calib.inference.fitted_model import FittedModel
 from calib.inference.varying_numbers import VariationKind, groups_of, time_patterns
-from calib.inference.view_variation import VariationEquations, VariationRows, find_variations
+from calib.inference.view_variation import (
+    VariationEquations,
+    VariationRows,
+    find_variations,
+    largest_gain,
+)
+from calib.optics.build import pinhole_path
 from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.projection import project
+from calib.session.board import Board
 from calib.session.parameter_names import CAMERA
 from calib.session.shutter import Shutter
 from calib.threads import single_thread
-from fixtures.synthetic import COVERS, HEIGHT, INTRINSICS, WIDTH, Scene, scene
+from fixtures.synthetic import COVERS, HEIGHT, INTRINSICS, WIDTH, Scene, bare_views, scene
 
 Array = NDArray[np.float64]
 VIEWS = 20
@@ -150,6 +160,19 @@ def test_deviations_are_those_that_the_views_have() -> None:
 def test_nothing_differs_in_a_clean_session(cover: str) -> None:
     made = session(7, cover)
     assert not find_variations(optimum(made), context_of(made))
+
+
+def test_a_window_that_an_effect_added_has_no_numbers_that_differ() -> None:
+    board = Board(9, 9, 0.020)
+    path, values = pinhole_path(INTRINSICS)
+    observations = Observations.of(bare_views(3, VIEWS, 0.1, board=board), board)
+    poses = pinhole_poses(path, values, observations)
+    model = CameraModel(path, values, Priors(dict.fromkeys(CAMERA.focal, 50.0)))
+    extended = model.with_effect(FlatPort("air"))
+    joint = extended.fit(observations, poses)
+    context = EffectContext(board, WIDTH, HEIGHT, extended.path, joint.values)
+    assert not {"thickness", "index"} & {group.name for group in groups_of(context)}
+    assert largest_gain(FittedModel(extended, observations, joint), context) < 7
 
 
 def test_few_views_are_not_asked() -> None:
