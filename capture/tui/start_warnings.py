@@ -7,12 +7,6 @@ from collections.abc import Iterator
 from capture.coverage import SessionProgress
 from capture.source_folder import describe_mismatch
 from capture.tui.camera import Task
-from capture.tui.fit_requirements import is_lens_known
-
-NO_LENS_YET = (
-    "The lens is not known yet: choose record now: without the cover, or name a session that knows"
-    " it beside like. Start once more to record through the cover first."
-)
 
 
 def find_warnings(task: Task) -> Iterator[tuple[str, str]]:
@@ -24,8 +18,6 @@ def find_warnings(task: Task) -> Iterator[tuple[str, str]]:
             " the same.",
             "phase",
         )
-    if task.covered and not is_lens_known(task.session, task.setup):
-        yield NO_LENS_YET, "like"
 
 
 def too_few_views_warning(progress: SessionProgress) -> str:
