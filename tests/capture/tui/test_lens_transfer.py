@@ -44,8 +44,8 @@ async def _lent(session: Path, source: str) -> None:
     async with running(session) as pilot:
         await see(pilot, "a new session")
         await describe(pilot, source)
-        await pilot.press("down", "down", "enter", "ctrl+s")
         like = pilot.app.screen.query_one("#like", Input)
+        await pilot.press("down", "down", "enter", "ctrl+s")
         await see(pilot, "2 views")
         await pilot.press("escape")
         await see(pilot, "Views without the cover would make its lens surer.")
