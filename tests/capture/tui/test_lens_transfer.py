@@ -11,6 +11,7 @@ from textual.widgets import Input
 from calib.errors import InputError
 from capture.session_file import read_calibrated, read_setup
 from capture.tui.lens_transfer import read_lens, write_lens
+from capture.tui.session_state import describe_session
 from tests.capture.tui.driving import describe, drive, running, see, until, write
 from tests.capture.tui.test_session import FIXTURE
 
@@ -48,7 +49,8 @@ async def _lent(session: Path, source: str) -> None:
         await pilot.press("down", "down", "enter", "ctrl+s")
         await see(pilot, "2 views")
         await pilot.press("escape")
-        await see(pilot, "Views without the cover would make its lens surer.")
+        await see(pilot, "continued")
+        assert "Views without the cover would make its lens surer." in describe_session(session)
         like.focus()
         await see(pilot, "that knows the lens: that alone is taken from there")
         await pilot.press(*str(FIXTURE), "ctrl+s")
