@@ -30,7 +30,7 @@ from matplotlib.axes import Axes
 MAGNIFIED = 25
 """The factor by which bends are drawn larger, before and after alike: they are of some px."""
 BENT, STRAIGHT = "#e8833a", "#2f8fdd"
-TITLES = {"pinhole": "camera alone", "cover": "smooth cover", "cover+rbf": "uneven cover"}
+TITLES = {"pinhole": "camera alone", "cover": "smooth cover", "cover+rbf": "fitted cover"}
 GHOST = np.array([200, 160, 0])
 """RGB, about that of the frame that shows where to hold the board."""
 Array = NDArray[np.float64]
