@@ -30,7 +30,8 @@ QUOTED = [
 def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the commands run; it has the fixtures."""
     folder = tmp_path_factory.mktemp("world")
-    (folder / "fixtures").symlink_to(ROOT / "fixtures")
+    for name in ("fixtures", "benchmarks"):
+        (folder / name).symlink_to(ROOT / name)
     return folder
 
 
@@ -41,7 +42,8 @@ def printed(command: str, folder: Path) -> tuple[str, ...]:
     environment = {key: value for key, value in environment.items() if key != "DISPLAY"}
     lines: list[str] = []
     for part in command.split(" && "):
-        words = re.sub(r"\b(calib|capture)(?= )", rf"{sys.executable} -m \1", part, count=1)
+        words = re.sub(r"^(calib|capture)(?= )", r"python -m \1", part)
+        words = re.sub(r"^python(?= )", sys.executable, words)
         done = subprocess.run(
             words,
             shell=True,

@@ -113,6 +113,7 @@ def test_the_reference_has_every_name_of_the_library() -> None:
 def test_the_covers_of_the_measuring_page_are_read() -> None:
     """And every key of every shape is explained there."""
     page = (DOCS / "measuring.md").read_text(encoding="utf-8")
+    page += (DOCS / "unknown.md").read_text(encoding="utf-8")
     described = [
         yaml.safe_load(block)["cover"]
         for block in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
