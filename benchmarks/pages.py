@@ -176,18 +176,18 @@ def pages() -> dict[str, str]:
 
 
 def session_page() -> str:
-    sections = [GENERATED, SESSION_HEAD, "## board\n\n"]
+    texts = [GENERATED, SESSION_HEAD, "## board\n\n"]
     for kind, example in EXAMPLES.items():
-        sections += [
+        texts += [
             f"### {kind}\n\n",
             _board_table(kind),
             _yaml("board", {"type": kind, **example}),
         ]
-    sections += ["## camera\n\n", _camera_table(), "### camera.intrinsics\n\n", _intrinsics_table()]
+    texts += ["## camera\n\n", _camera_table(), "### camera.intrinsics\n\n", _intrinsics_table()]
     intrinsics = {"intrinsics": dict(INTRINSICS_BASE) | {"distortion": [0, 0, 0, 0, 0]}}
-    sections += [_yaml("camera", {**CAMERA_BASE, **intrinsics})]
-    sections += ["### camera.shutter\n\n", _shutter_table()]
-    sections += [
+    texts += [_yaml("camera", {**CAMERA_BASE, **intrinsics})]
+    texts += ["### camera.shutter\n\n", _shutter_table()]
+    texts += [
         "## cover\n\n",
         f"`shape` is one of {', '.join(f'`{name}`' for name in shape_names())} or `unknown`. With"
         " `none` there are no other keys. [How to measure a cover](measuring.md) shows each number"
@@ -195,11 +195,11 @@ def session_page() -> str:
     ]
     for shape in map(find_shape, shape_names()):
         if shape.has_glass:
-            sections += [f"### {shape.name}\n\n", _cover_table(shape)]
-            sections += [_yaml("cover", {"shape": shape.name, **shape.example})]
+            texts += [f"### {shape.name}\n\n", _cover_table(shape)]
+            texts += [_yaml("cover", {"shape": shape.name, **shape.example})]
     wanted = {key: _wanted(_cover_of("flat", key)) for key in ("layers", "surface")}
     pairs = "such as `[[cover.thickness, camera.fx, 0.5]]`"
-    sections += [
+    texts += [
         COVER_TAIL.format(
             layers=_cell(wanted["layers"]),
             surface=SURFACE_EXPLANATION,
@@ -207,7 +207,7 @@ def session_page() -> str:
             correlations=f"a list of two names and a number, {pairs}",
         )
     ]
-    return "".join(sections)
+    return "".join(texts)
 
 
 def _board_table(kind: str) -> str:
@@ -336,20 +336,20 @@ def _wanted(read: Callable[[], object]) -> str:
 
 
 def command_page() -> str:
-    sections = [GENERATED, COMMANDS_HEAD]
+    texts = [GENERATED, COMMANDS_HEAD]
     calib = _subparsers(_parser("calib", "", COMMANDS, GROUPS))
     for group in GROUPS:
-        sections.append(f"\n## {group.title}\n")
+        texts.append(f"\n## {group.title}\n")
         for command in group.commands:
             name = command_name(command)
-            sections += _command("calib", name, command, calib[name])
-    sections.append("\n## Record\n")
+            texts += _command("calib", name, command, calib[name])
+    texts.append("\n## Record\n")
     capture = _subparsers(_parser("capture", "", capture_cli.COMMANDS))
     for command in capture_cli.COMMANDS:
         name = command_name(command)
-        sections += _command("capture", name, command, capture[name])
-    sections += ["\n## Effects\n\nNames for `calib fit --effects`:\n\n", _effects()]
-    return "".join(sections)
+        texts += _command("capture", name, command, capture[name])
+    texts += ["\n## Effects\n\nNames for `calib fit --effects`:\n\n", _effects()]
+    return "".join(texts)
 
 
 def _subparsers(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:

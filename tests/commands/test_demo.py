@@ -8,13 +8,12 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
 from calib.cli import main
-from calib.io.images import read_grey
 from fixtures.housing import INDEX, WINDOW
+from fixtures.wall import bend_of_joint
 
 TRUTH = {
     "distance_mm": 1e3 * WINDOW.place,
@@ -23,8 +22,6 @@ TRUTH = {
     "thickness_mm": 1e3 * WINDOW.thickness,
     "refractive_index": INDEX,
 }
-ROWS = slice(30, 105)
-"""The rows of the uppermost joint, before and after."""
 
 
 @dataclass(frozen=True)
@@ -82,18 +79,6 @@ def test_the_wall_is_straight(demo: Run) -> None:
     straight = bend_of_joint(demo.folder / "straight" / "wall.jpg")
     assert bent > 10  # 19.8 px
     assert straight < 0.3  # 0.15 px: the noise of single pixels
-
-
-def bend_of_joint(picture: Path) -> float:
-    """px, the most that a joint's centres are away from the straight line through them."""
-    band = cv2.GaussianBlur(read_grey(picture), (0, 0), 1.5)[ROWS].astype(float)
-    tiles = np.median(band, axis=0)
-    columns = np.flatnonzero(tiles < np.median(tiles) + 15)  # not along a vertical joint
-    columns = columns[(columns > 40) & (columns < 780)]
-    light = np.clip(band[:, columns] - tiles[columns] - 20, 0, None)
-    centres = (light * np.arange(len(band))[:, None]).sum(0) / light.sum(0)
-    line = np.polyval(np.polyfit(columns, centres, 1), columns)
-    return float(np.abs(centres - line).max())
 
 
 def test_a_foreign_file_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
