@@ -8,12 +8,18 @@ a page; any other file is copied.
 import os
 import posixpath
 import re
+from html import unescape
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 LINK = re.compile(r"(!?\[[^\]]*\]\()([^()\s]+)(\))")
+TYPED = re.compile(r"\.?\S*(calib|capture|python3?|pip|sudo|git|cd|export|\.ci/\S+|\.) ")
+"""The beginning of a block of commands."""
+OUTPUT = re.compile(r'(<div class="language-text highlight">)<pre>(.*?)</pre>', re.DOTALL)
+FEWEST, MOST = 42, 110
+"""Columns: fewer have room on a phone, and more could not be read there."""
 OUTSIDE = "source"
 """The folder of the site that holds what is from outside docs/."""
 
@@ -89,4 +95,27 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         return f"{before}{relative}{mark}{anchor}{after}"
 
     parts = re.split(r"(^```.*?^```)", markdown, flags=re.DOTALL | re.MULTILINE)
-    return "".join(part if index % 2 else LINK.sub(moved, part) for index, part in enumerate(parts))
+    return "".join(
+        coloured(part) if index % 2 else LINK.sub(moved, part) for index, part in enumerate(parts)
+    )
+
+
+def coloured(block: str) -> str:
+    """A block of commands gets the language that colours them; every other block is unchanged."""
+    if block.startswith("```\n") and TYPED.match(block[4:]):
+        return "```sh" + block[3:]
+    return block
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Every block of output says how many columns it has, for the style sheet."""
+    return OUTPUT.sub(lambda match: f"{match[1]}{sized(match[2])}", html)
+
+
+def sized(block: str) -> str:
+    """The <pre> of a block, with its columns where a phone has fewer."""
+    text = unescape(re.sub(r"<[^>]+>", "", block))
+    columns = max(map(len, text.splitlines()), default=0)
+    if not FEWEST <= columns <= MOST:
+        return f"<pre>{block}</pre>"
+    return f'<pre class="output" style="--columns: {columns}">{block}</pre>'

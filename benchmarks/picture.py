@@ -1,5 +1,5 @@
 """The README's picture: a wall under water, bent and straight, the screen that guides, and how the
-error falls. `python -m benchmarks.picture`.
+error falls; and the pictures of docs/tutorial.md. `python -m benchmarks.picture`.
 
 All figures in it are those of `calib demo`, and are printed. The screen is that of `capture` on the
 same camera, once the guide has computed how sure the maps are.
@@ -17,6 +17,7 @@ from typing import Any
 import cv2
 import matplotlib as mpl
 import numpy as np
+import pypdfium2
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -31,6 +32,9 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 OUTPUT = Path("docs/picture.png")
+TUTORIAL = Path("docs/tutorial")
+BOARD_SCALE = 1.3
+"""px for each point of the sheet, 1/72 inch."""
 DEMO = Path("calib/demo").resolve()
 WIDTH_PX = 1920
 """Twice the width at which pages show it."""
@@ -54,7 +58,11 @@ def main() -> None:
         before, after = demo / "wall.jpg", demo / "straight" / "wall.jpg"
         errors = [(TITLES[stage["name"]], stage["rms_px"]) for stage in result["stages"]]
         bends = bend_of_joint(before), bend_of_joint(after)
+        shutil.copy(after, TUTORIAL / "straight.jpg")
         pictures = [cv2.imread(str(path))[..., ::-1] for path in (before, after)]  # type: ignore[index]
+    screen = guiding_screen()
+    for image, name in ((screen, "screen.png"), (printed_board(), "board.png")):
+        image.quantize(COLOURS, dither=Image.Dither.NONE).save(TUTORIAL / name, optimize=True)
     figure, panels = plt.subplots(
         2,
         2,
@@ -64,7 +72,7 @@ def main() -> None:
     figure.subplots_adjust(left=0.005, right=0.995, top=0.962, bottom=0.005)
     _show(panels[0, 0], pictures[0], f"Through the window: lines bend by {bends[0]:.0f} px")
     _show(panels[0, 1], pictures[1], f"Undistorted: straight to {bends[1]:.2f} px")
-    _show(panels[1, 0], np.asarray(guiding_screen()), "The screen shows where to hold the board")
+    _show(panels[1, 0], np.asarray(screen), "The screen shows where to hold the board")
     _bars(panels[1, 1], errors)
     figure.savefig(OUTPUT, dpi=WIDTH_PX / 10.5, facecolor="white")
     with Image.open(OUTPUT) as image:
@@ -75,6 +83,15 @@ def main() -> None:
         f"{OUTPUT.stat().st_size / 1e3:.0f} kB",
         sep="; ",
     )
+
+
+def printed_board() -> Image.Image:
+    """Return the sheet that `calib board` draws."""
+    with TemporaryDirectory() as folder, redirect_stdout(StringIO()):
+        calib(["board", "-o", folder])
+        page = pypdfium2.PdfDocument(Path(folder) / "board.pdf")[0]
+        image: Image.Image = page.render(scale=BOARD_SCALE).to_pil()
+    return image.convert("RGB")
 
 
 def guiding_screen() -> Image.Image:

@@ -1,6 +1,7 @@
 """`calib demo`: the numbers of a rendered window, a straight wall, and the report."""
 
 import json
+import re
 import webbrowser
 from contextlib import redirect_stdout
 from dataclasses import dataclass
@@ -8,6 +9,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -79,6 +81,25 @@ def test_the_wall_is_straight(demo: Run) -> None:
     straight = bend_of_joint(demo.folder / "straight" / "wall.jpg")
     assert bent > 10  # 19.8 px
     assert straight < 0.3  # 0.15 px: the noise of single pixels
+
+
+def test_the_stream_of_the_tutorial_is_straight(
+    demo: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its program runs as it stands there; the film shows the wall, which is 0.8 m away."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "OUT").symlink_to(demo.folder / "calibration")
+    wall = cv2.imread(str(demo.folder / "wall.jpg"))
+    assert wall is not None
+    film = cv2.VideoWriter("film.mp4", cv2.VideoWriter.fourcc(*"mp4v"), 10, wall.shape[1::-1])
+    film.write(wall)
+    film.release()
+    page = (Path(__file__).parents[2] / "docs" / "tutorial.md").read_text(encoding="utf-8")
+    (program,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(program.replace("depth=0.5", "depth=0.8"), names)
+    cv2.imwrite("straight.png", names["straight"])
+    assert bend_of_joint(tmp_path / "straight.png") < 0.4  # the film's compression costs 0.1 px
 
 
 def test_a_foreign_file_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
