@@ -17,7 +17,8 @@ DOCS = ROOT / "docs"
 LINK = re.compile(r"(!?\[[^\]]*\]\()([^()\s]+)(\))")
 TYPED = re.compile(r"\.?\S*(calib|capture|python3?|pip|sudo|git|cd|export|\.ci/\S+|\.) ")
 """The beginning of a block of commands."""
-OUTPUT = re.compile(r'(<div class="language-text highlight">)<pre>(.*?)</pre>', re.DOTALL)
+OUTPUT = re.compile(r'(<div class="highlight">)<pre>((?:(?!<span class).)*?)</pre>', re.DOTALL)
+"""A block without colours: what a command prints."""
 FEWEST, MOST = 42, 110
 """Columns: fewer have room on a phone, and more could not be read there."""
 OUTSIDE = "source"
@@ -113,9 +114,9 @@ def on_page_content(html: str, **_: Any) -> str:
 
 
 def sized(block: str) -> str:
-    """The <pre> of a block, with its columns where a phone has fewer."""
+    """The <pre> of a block, with its columns if a phone has fewer. Longer lines wrap."""
     text = unescape(re.sub(r"<[^>]+>", "", block))
-    columns = max(map(len, text.splitlines()), default=0)
-    if not FEWEST <= columns <= MOST:
+    columns = max((len(line) for line in text.splitlines() if len(line) <= MOST), default=0)
+    if columns < FEWEST:
         return f"<pre>{block}</pre>"
     return f'<pre class="output" style="--columns: {columns}">{block}</pre>'

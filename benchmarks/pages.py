@@ -42,7 +42,7 @@ NONSENSE = None
 """A value that no key may have."""
 REQUIRED = "required"
 FILE = "session.yaml"
-GENERATED = "<!-- Made by `python -m benchmarks.pages`. Do not change it here. -->\n\n"
+GENERATED = "\n<!-- Made by `python -m benchmarks.pages`. Do not change it here. -->\n"
 BOARD_DEFAULTS: Mapping[str, object] = {
     "type": "checkerboard",
     "legacy_pattern": False,
@@ -176,7 +176,7 @@ def pages() -> dict[str, str]:
 
 
 def session_page() -> str:
-    texts = [GENERATED, SESSION_HEAD, "## board\n\n"]
+    texts = [SESSION_HEAD, "## board\n\n"]
     for kind, example in EXAMPLES.items():
         texts += [
             f"### {kind}\n\n",
@@ -205,7 +205,8 @@ def session_page() -> str:
             surface=SURFACE_EXPLANATION,
             surfaces=_cell(wanted["surface"]),
             correlations=f"a list of two names and a number, {pairs}",
-        )
+        ),
+        GENERATED,
     ]
     return "".join(texts)
 
@@ -336,7 +337,7 @@ def _wanted(read: Callable[[], object]) -> str:
 
 
 def command_page() -> str:
-    texts = [GENERATED, COMMANDS_HEAD]
+    texts = [COMMANDS_HEAD]
     calib = _subparsers(_parser("calib", "", COMMANDS, GROUPS))
     for group in GROUPS:
         texts.append(f"\n## {group.title}\n")
@@ -348,7 +349,7 @@ def command_page() -> str:
     for command in capture_cli.COMMANDS:
         name = command_name(command)
         texts += _command("capture", name, command, capture[name])
-    texts += ["\n## Effects\n\nNames for `calib fit --effects`:\n\n", _effects()]
+    texts += ["\n## Effects\n\nNames for `calib fit --effects`:\n\n", _effects(), GENERATED]
     return "".join(texts)
 
 
