@@ -19,9 +19,11 @@ import yaml
 from PIL import Image
 
 import calib
+from calib.errors import InputError, NotEnoughDataError, RefracalError
 from calib.session.cover_section import cover_sections, read_cover
 from calib.session.schema import Section
 from calib.session.shapes.registry import dimensions
+from capture.errors import CaptureError
 from tests.report.test_chromium import CHROMIUM, FLAGS
 
 ROOT = Path(__file__).parents[1]
@@ -141,6 +143,18 @@ def test_the_reference_has_every_name_of_the_library() -> None:
     )
     homes = calib._MODULES  # type: ignore[attr-defined]  # hidden from type checkers
     assert sorted(names) == sorted(f"{home}.{name}" for name, home in homes.items())
+
+
+def test_the_site_lists_every_message() -> None:
+    """The last heading of the troubleshooting page, filled from the code."""
+    page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    assert HOOKS.MESSAGES in page
+    messages = HOOKS.all_messages().splitlines()
+    assert len(messages) > 250
+    assert any("is a symbolic link, and results are not written through one" in m for m in messages)
+    assert {
+        kind.__name__ for kind in (InputError, NotEnoughDataError, RefracalError, CaptureError)
+    } <= HOOKS.RAISED
 
 
 def test_the_covers_of_the_measuring_page_are_read() -> None:
