@@ -5,15 +5,37 @@ mkdocs calls these as hooks (mkdocs.yml). A page outside docs/, such as fixtures
 a page; any other file is copied.
 """
 
+import ast
 import os
 import posixpath
 import re
+from html import unescape
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 LINK = re.compile(r"(!?\[[^\]]*\]\()([^()\s]+)(\))")
+TYPED = re.compile(r"\.?\S*(calib|capture|python3?|pip|sudo|git|cd|export|\.ci/\S+|\.) ")
+"""The beginning of a block of commands."""
+OUTPUT = re.compile(r'(<div class="highlight">)<pre>((?:(?!<span class).)*?)</pre>', re.DOTALL)
+"""A block without colours: what a command prints."""
+FEWEST, MOST = 42, 110
+"""Columns: fewer have room on a phone, and more could not be read there."""
+MESSAGES = "<!-- the site lists every message here -->"
+RAISED = {
+    "BusyError",
+    "CaptureError",
+    "FleetError",
+    "GuidanceError",
+    "InputError",
+    "NoCameraError",
+    "NotEnoughDataError",
+    "OtherBoardError",
+    "RefracalError",
+    "error",
+}
+"""The errors whose message a person reads."""
 OUTSIDE = "source"
 """The folder of the site that holds what is from outside docs/."""
 
@@ -76,6 +98,7 @@ def on_files(files: Any, config: Any) -> Any:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Links between docs/ and what came along lead to where that is in the site."""
     here = Path(page.file.abs_src_path)
+    markdown = markdown.replace(MESSAGES, all_messages())
 
     def moved(match: re.Match[str]) -> str:
         before, target, after = match.groups()
@@ -89,4 +112,56 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         return f"{before}{relative}{mark}{anchor}{after}"
 
     parts = re.split(r"(^```.*?^```)", markdown, flags=re.DOTALL | re.MULTILINE)
-    return "".join(part if index % 2 else LINK.sub(moved, part) for index, part in enumerate(parts))
+    return "".join(
+        coloured(part) if index % 2 else LINK.sub(moved, part) for index, part in enumerate(parts)
+    )
+
+
+def all_messages() -> str:
+    """A list of every message of an error in the code, by its first words."""
+    found = {
+        message
+        for package in ("calib", "capture")
+        for file in (ROOT / package).rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call)
+        for message in [message_of(node)]
+        if len(message.split()) > 3
+    }
+    lines = sorted(found, key=lambda message: message.strip("… :").lower())
+    return "\n".join(f"- `{line.replace('`', chr(39))}`" for line in lines)
+
+
+def message_of(call: ast.Call) -> str:
+    """The text of an error that a call makes, with … for what is put into it; else nothing."""
+    name = call.func.id if isinstance(call.func, ast.Name) else getattr(call.func, "attr", "")
+    if not (name in RAISED and call.args):
+        return ""
+    match call.args[0]:
+        case ast.Constant(value=str(text)):
+            return " ".join(text.split())
+        case ast.JoinedStr(values=parts):
+            words = (part.value if isinstance(part, ast.Constant) else "…" for part in parts)
+            return " ".join("".join(map(str, words)).split())
+    return ""
+
+
+def coloured(block: str) -> str:
+    """A block of commands gets the language that colours them; every other block is unchanged."""
+    if block.startswith("```\n") and TYPED.match(block[4:]):
+        return "```sh" + block[3:]
+    return block
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Every block of output says how many columns it has, for the style sheet."""
+    return OUTPUT.sub(lambda match: f"{match[1]}{sized(match[2])}", html)
+
+
+def sized(block: str) -> str:
+    """The <pre> of a block, with its columns if a phone has fewer. Longer lines wrap."""
+    text = unescape(re.sub(r"<[^>]+>", "", block))
+    columns = max((len(line) for line in text.splitlines() if len(line) <= MOST), default=0)
+    if columns < FEWEST:
+        return f"<pre>{block}</pre>"
+    return f'<pre class="output" style="--columns: {columns}">{block}</pre>'

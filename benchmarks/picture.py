@@ -1,159 +1,149 @@
-"""The README's picture: bent lines and straight ones, the screen that guides, how the error falls.
-`python -m benchmarks.picture`.
+"""The README's picture: a wall under water, bent and straight, the screen that guides, and how the
+error falls; and the pictures of docs/tutorial.md. `python -m benchmarks.picture`.
 
-All figures in it are of the fit of `fixtures/bumps`, as `calib fit` prints them, and are printed.
-The screen is of docs/tui.gif.
+All figures in it are those of `calib demo`, and are printed. The screen is that of `capture` on the
+same camera, once the guide has computed how sure the maps are.
 """
 
+import asyncio
+import json
+import shutil
+from contextlib import chdir, redirect_stdout
+from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import cv2
 import matplotlib as mpl
 import numpy as np
+import pypdfium2
 from numpy.typing import NDArray
 from PIL import Image
 
-from calib.apply.undistorter import Undistorter
-from calib.fit_record.request import Settings
-from calib.fitting.fit import fit
-from calib.io.images import read_grey
-from calib.progress import Silent
-from calib.report.evidence import gather_evidence
-from calib.report.straight import BoardLine, lines_across
-from calib.session.session import read_session
+from calib.calibration import TITLES
+from calib.cli import main as calib
+from fixtures.wall import bend_of_joint
+from tests.capture.tui.driving import running, see, shown, until
+from tests.capture.tui.recording import Cells, draw
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-MAGNIFIED = 25
-"""The factor by which bends are drawn larger, before and after alike: they are of some px."""
-BENT, STRAIGHT = "#e8833a", "#2f8fdd"
-TITLES = {"pinhole": "camera alone", "cover": "smooth cover", "cover+rbf": "uneven cover"}
-GHOST = np.array([200, 160, 0])
-"""RGB, about that of the frame that shows where to hold the board."""
-Array = NDArray[np.float64]
+OUTPUT = Path("docs/picture.png")
+TUTORIAL = Path("docs/tutorial")
+BOARD_SCALE = 1.3
+"""px for each point of the sheet, 1/72 inch."""
+DEMO = Path("calib/demo").resolve()
+WIDTH_PX = 1920
+"""Twice the width at which pages show it."""
+COLOURS = 256
+RECORDED, SEEN = 4, 9
+"""The views of the session on the screen, and the view that its camera shows."""
+SCREEN = (96, 28)
+PLAYED_S = 0.25
+"""s between two pictures of the camera on the screen."""
+PLAYED = 480
+INK, FAINT = "#1e293b", "#64748b"
+COLOURS_OF_BARS = ("#b0543a", "#c9a24b", "#3f7d58")
 
 
 def main() -> None:
-    session = read_session(Path("fixtures/bumps"))
-    calibration = fit(session, Settings(), Silent())
-    evidence = gather_evidence(calibration)
-    view, lines = max(
-        enumerate(list(lines_across(evidence, view)) for view in range(len(calibration.views))),
-        key=lambda item: _bend(item[1]),
-    )
-    depth = float(np.median(evidence.depth[evidence.view == view]))
-    frame = read_grey(session.path / "frames" / calibration.views[view].name)
-    straight = Undistorter(calibration, depth, interpolation=cv2.INTER_CUBIC).undistort(frame)
-    error = np.concatenate(
-        [
-            line.undistorted_corners - _on(line.undistorted_corners, line.undistorted)
-            for line in lines
-        ]
-    )
-    rms = float(np.sqrt((error**2).sum(-1).mean()))
-
+    with TemporaryDirectory() as folder:
+        demo = Path(folder) / "demo"
+        with redirect_stdout(StringIO()) as output:
+            calib(["demo", "-o", str(demo), "--json"])
+        result = json.loads(output.getvalue())
+        before, after = demo / "wall.jpg", demo / "straight" / "wall.jpg"
+        errors = [(TITLES[stage["name"]], stage["rms_px"]) for stage in result["stages"]]
+        bends = bend_of_joint(before), bend_of_joint(after)
+        shutil.copy(after, TUTORIAL / "straight.jpg")
+        pictures = [cv2.imread(str(path))[..., ::-1] for path in (before, after)]  # type: ignore[index]
+    screen = guiding_screen()
+    for image, name in ((screen, "screen.png"), (printed_board(), "board.png")):
+        image.quantize(COLOURS, dither=Image.Dither.NONE).save(TUTORIAL / name, optimize=True)
     figure, panels = plt.subplots(
-        2, 2, figsize=(11, 7.7), gridspec_kw={"wspace": 0.04, "hspace": 0.14}
+        2,
+        2,
+        figsize=(10.5, 7.5),
+        gridspec_kw={"wspace": 0.03, "hspace": 0.1, "height_ratios": [1.2, 1]},
     )
-    _panel(
-        panels[0, 0],
-        frame,
-        lines,
-        f"Through the cover: lines bend by up to {_bend(lines):.1f} px",
-        is_straight=False,
-    )
-    _panel(
-        panels[0, 1],
-        straight,
-        lines,
-        f"Undistorted for {depth:.2f} m: corners straight to {rms:.2f} px",
-        is_straight=True,
-    )
-    panels[1, 0].imshow(_screen(), interpolation="antialiased")
-    panels[1, 0].set_title("The screen guides: where to hold the board next", fontsize=12)
-    for panel in panels.flat[:3]:
-        panel.set_axis_off()
-    _bars(panels[1, 1], [(TITLES[stage.name], stage.rms_px) for stage in calibration.stages])
-    sentence = (
-        f"Rows and columns of the board, continued. What they bend is drawn {MAGNIFIED} times as"
-        " large, in both pictures alike."
-    )
-    figure.text(0.5, 0.497, sentence, ha="center", color="#64748b", fontsize=10)
-    figure.savefig("docs/picture.png", dpi=110, bbox_inches="tight")
+    figure.subplots_adjust(left=0.005, right=0.995, top=0.962, bottom=0.005)
+    _show(panels[0, 0], pictures[0], f"Through the window: lines bend by {bends[0]:.0f} px")
+    _show(panels[0, 1], pictures[1], f"Undistorted: straight to {bends[1]:.2f} px")
+    _show(panels[1, 0], np.asarray(screen), "The screen shows where to hold the board")
+    _bars(panels[1, 1], errors)
+    figure.savefig(OUTPUT, dpi=WIDTH_PX / 10.5, facecolor="white")
+    with Image.open(OUTPUT) as image:
+        image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(OUTPUT, optimize=True)
     print(
-        *(f"{stage.name}: {stage.rms_px:.3f} px" for stage in calibration.stages),
-        f"{calibration.views[view].name}: bend {_bend(lines):.1f} px, left {rms:.2f} px",
+        *(f"{name}: {error:.3f} px" for name, error in errors),
+        f"bend {bends[0]:.1f} px, left {bends[1]:.2f} px",
+        f"{OUTPUT.stat().st_size / 1e3:.0f} kB",
         sep="; ",
     )
 
 
-def _panel(
-    panel: Axes, picture: NDArray[Any], lines: list[BoardLine], title: str, *, is_straight: bool
-) -> None:
-    panel.imshow(picture, cmap="gray", vmin=0, vmax=255)
-    height, width = picture.shape
-    panel.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
-    for line in lines:
-        points = line.undistorted if is_straight else line.distorted
-        corners = line.undistorted_corners if is_straight else line.corners
-        panel.plot(
-            *_magnified(points, points).T, color=STRAIGHT if is_straight else BENT, linewidth=1.4
+def printed_board() -> Image.Image:
+    """Return the sheet that `calib board` draws."""
+    with TemporaryDirectory() as folder, redirect_stdout(StringIO()):
+        calib(["board", "-o", folder])
+        page = pypdfium2.PdfDocument(Path(folder) / "board.pdf")[0]
+        image: Image.Image = page.render(scale=BOARD_SCALE).to_pil()
+    return image.convert("RGB")
+
+
+def guiding_screen() -> Image.Image:
+    """Return the screen of `capture` that guides through the demo's session."""
+    with TemporaryDirectory() as folder, chdir(folder):
+        session, camera = Path("dive"), Path("camera")
+        for place in (session, camera):
+            (place / "frames").mkdir(parents=True)
+            shutil.copy(DEMO / "session.yaml", place)
+        names = sorted(path.name for path in (DEMO / "frames").glob("*.jpg"))
+        for name in names[:RECORDED]:
+            shutil.copy(DEMO / "frames" / name, session / "frames")
+        rows = ["file,time_s"]
+        for number in range(PLAYED):
+            (camera / "frames" / f"{number:04d}.jpg").symlink_to(DEMO / "frames" / names[SEEN])
+            rows.append(f"{number:04d}.jpg,{number * PLAYED_S:.2f}")
+        (camera / "frames.csv").write_text("\n".join([*rows, ""]))
+        return draw(asyncio.run(_guided(session)), SCREEN, 2)
+
+
+async def _guided(session: Path) -> Cells:
+    """Return the cells of the screen once the maps' accuracy is computed."""
+    async with running(session, "folder:camera", size=SCREEN) as pilot:
+        await see(pilot, "continued")
+        await pilot.press("ctrl+s", "a")
+        await see(pilot, "auto OFF")
+        await until(pilot, lambda: "still running" in shown(pilot) or "more view" in shown(pilot))
+        await until(
+            pilot,
+            lambda: "Glass crossed" in shown(pilot) and "HOLD IT HERE" in shown(pilot),
         )
-        panel.plot(*_magnified(corners, points).T, ".", color="white", markersize=2.5)
-    panel.set_title(title, fontsize=12)
+        await pilot.pause(1.0)
+        return [list(strip) for strip in pilot.app.screen._compositor.render_strips()]
+
+
+def _show(panel: Axes, picture: NDArray[Any], title: str) -> None:
+    panel.imshow(picture, interpolation="lanczos")
+    panel.set_title(title, fontsize=13, color=INK, pad=5)
+    panel.set_axis_off()
 
 
 def _bars(panel: Axes, errors: list[tuple[str, float]]) -> None:
     places = range(len(errors))[::-1]
-    bars = panel.barh(
-        places, [error for _, error in errors], color=["#b0543a", "#c9a24b", "#3f7d58"], height=0.45
-    )
-    panel.bar_label(bars, [f" {error:.3f} px" for _, error in errors], fontsize=13)
+    sizes = [error for _, error in errors]
+    bars = panel.barh(places, sizes, color=COLOURS_OF_BARS, height=0.42)
+    panel.bar_label(bars, [f" {error:.3f} px" for error in sizes], fontsize=15, color=INK)
     for place, (name, _) in zip(places, errors, strict=True):
-        panel.text(0, place + 0.27, name, fontsize=11, va="bottom")
-    panel.set(xlim=(0, 1.3 * errors[0][1]), ylim=(-0.5, 2.7), xticks=[], yticks=[], box_aspect=0.6)
-    panel.set_title("What is left of the error", fontsize=12)
+        panel.text(0, place + 0.27, name, fontsize=13, va="bottom", color=FAINT)
+    panel.set(xlim=(0, 1.36 * sizes[0]), ylim=(-0.5, 2.7), xticks=[], yticks=[], box_aspect=0.583)
+    panel.set_title("What is left of the error", fontsize=13, color=INK, pad=5)
     panel.spines[["top", "right", "bottom"]].set_visible(False)
-
-
-def _bend(lines: list[BoardLine]) -> float:
-    """px, the most that one of them is away from a straight line."""
-    return max(
-        (
-            float(
-                np.linalg.norm(line.distorted - _on(line.distorted, line.distorted), axis=-1).max()
-            )
-            for line in lines
-        ),
-        default=0.0,
-    )
-
-
-def _on(points: Array, line: Array) -> Array:
-    """(n, 2) px: the feet of points on the straight line that misses a line's points least."""
-    middle = line.mean(0)
-    direction = np.linalg.svd(line - middle, full_matrices=False)[2][0]
-    return np.asarray(middle + np.outer((points - middle) @ direction, direction))
-
-
-def _magnified(points: Array, line: Array) -> Array:
-    feet = _on(points, line)
-    return np.asarray(feet + MAGNIFIED * (points - feet))
-
-
-def _screen() -> NDArray[np.uint8]:
-    """Return the picture of the film that shows most of the frame in which to hold the board."""
-    with Image.open("docs/tui.gif") as film:
-        pictures = []
-        for number in range(getattr(film, "n_frames", 1)):
-            film.seek(number)
-            pictures.append(np.asarray(film.convert("RGB")))
-    return max(
-        pictures, key=lambda picture: int((np.abs(picture.astype(int) - GHOST).max(-1) < 60).sum())
-    )
+    panel.spines["left"].set_color(FAINT)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 """The verdicts on rendered and on synthetic sessions, and their time: the figures of
-docs/verdict.md.
+docs/development/accuracy.md.
 
 `python -m benchmarks.verdict` for the rendered ones, `python -m benchmarks.verdict synthetic` for
 random ones without any fault.

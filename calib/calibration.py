@@ -83,7 +83,7 @@ MIN_FIELD_POINTS = 20_000
 TITLES = {
     "pinhole": "camera alone",
     "cover": "smooth cover",
-    "cover+rbf": "uneven cover",
+    "cover+rbf": "fitted cover",
     "cover+rbf+effects": "effects found",
 }
 """The titles of a fit's stages in reports."""

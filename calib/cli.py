@@ -6,6 +6,7 @@ from calib.commands import (
     batch_command,
     board_command,
     check_command,
+    demo_command,
     diagnose_command,
     evaluate_command,
     export_command,
@@ -30,7 +31,7 @@ or input, 3 not enough good data, 5 the checked calibration is not valid, 6 a fl
 cluster, or none of its workers could start, before every camera was done.
 """
 GROUPS = (
-    CommandGroup("Begin", (init_command, board_command, import_command)),
+    CommandGroup("Begin", (demo_command, init_command, board_command, import_command)),
     CommandGroup(
         "Calibrate one camera",
         (fit_command, diagnose_command, evaluate_command, check_command, report_command),

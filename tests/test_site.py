@@ -8,6 +8,9 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import ModuleType
 
@@ -16,9 +19,12 @@ import yaml
 from PIL import Image
 
 import calib
+from calib.errors import InputError, NotEnoughDataError, RefracalError
 from calib.session.cover_section import cover_sections, read_cover
 from calib.session.schema import Section
 from calib.session.shapes.registry import dimensions
+from capture.errors import CaptureError
+from tests.report.test_chromium import CHROMIUM, FLAGS
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -27,8 +33,37 @@ PAGES = [
 ] + sorted(DOCS.rglob("*.md"))
 LARGEST = 1_000_000
 """bytes, of the film."""
+PHONE = """<body style="margin:0"><pre></pre><script>
+const pages = location.hash.slice(1).split(","), answers = document.querySelector("pre");
+(async () => {
+  for (const page of pages) {
+    const frame = document.createElement("iframe");
+    frame.style = "width:390px;height:844px;border:0";
+    frame.src = page;
+    document.body.append(frame);
+    await new Promise(done => frame.onload = done);
+    await new Promise(done => setTimeout(done, 50));
+    const root = frame.contentDocument;
+    const wide = [...root.querySelectorAll("pre > code")]
+      .filter(code => code.scrollWidth > code.clientWidth + 1)
+      .map(code => code.innerText.slice(0, 40).replace(/\\n/g, " "));
+    if (root.documentElement.scrollWidth > 391) wide.push("the page");
+    answers.textContent += `${page}: ${wide.join("; ") || "ok"}\\n`;
+    frame.remove();
+  }
+})();
+</script>
+"""
+"""A page that loads others in a window of a phone, and says what is wider."""
 BLOCK_COLUMNS = 90
 """Characters that a block of code has room for on GitHub in a wide window, with some to spare."""
+
+
+class QuietHandler(SimpleHTTPRequestHandler):
+    """A server that prints no line for each request."""
+
+    def log_message(self, format: str, *args: object) -> None:
+        pass
 
 
 def _hooks() -> ModuleType:
@@ -110,9 +145,22 @@ def test_the_reference_has_every_name_of_the_library() -> None:
     assert sorted(names) == sorted(f"{home}.{name}" for name, home in homes.items())
 
 
+def test_the_site_lists_every_message() -> None:
+    """The last heading of the troubleshooting page, filled from the code."""
+    page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    assert HOOKS.MESSAGES in page
+    messages = HOOKS.all_messages().splitlines()
+    assert len(messages) > 250
+    assert any("is a symbolic link, and results are not written through one" in m for m in messages)
+    assert {
+        kind.__name__ for kind in (InputError, NotEnoughDataError, RefracalError, CaptureError)
+    } <= HOOKS.RAISED
+
+
 def test_the_covers_of_the_measuring_page_are_read() -> None:
     """And every key of every shape is explained there."""
     page = (DOCS / "measuring.md").read_text(encoding="utf-8")
+    page += (DOCS / "unknown.md").read_text(encoding="utf-8")
     described = [
         yaml.safe_load(block)["cover"]
         for block in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
@@ -175,28 +223,65 @@ def build(config: Path, out: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.slow
-def test_it_builds_strictly_and_fetches_nothing(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the site, built strictly."""
     pytest.importorskip(
         "mkdocs",
         reason="mkdocs is not installed (pip install -e '.[docs]'): the site was not built",
     )
-    done = build(ROOT / ".ci" / "mkdocs.yml", tmp_path)
+    folder = tmp_path_factory.mktemp("site")
+    done = build(ROOT / ".ci" / "mkdocs.yml", folder)
     assert done.returncode == 0, done.stderr
-    pages = {
-        path.relative_to(tmp_path).with_suffix(".md").as_posix()
-        for path in tmp_path.rglob("*.html")
-    }
+    return folder
+
+
+@pytest.mark.slow
+def test_it_builds_strictly_and_fetches_nothing(site: Path) -> None:
+    pages = {path.relative_to(site).with_suffix(".md").as_posix() for path in site.rglob("*.html")}
     written = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
     assert written <= {re.sub(r"(?<=/)index.md$", "README.md", page) for page in pages}
-    for path in tmp_path.rglob("*.html"):
+    for path in site.rglob("*.html"):
         fetched = re.findall(
             r'<(?:script|img|link)[^>]+(?:src|href)="?(https?://[^" >]+)',
             path.read_text(encoding="utf-8"),
         )
         assert fetched == [], path
-    reference = (tmp_path / "reference.html").read_text(encoding="utf-8")
+    reference = (site / "reference.html").read_text(encoding="utf-8")
     assert 'id="calib.calibration.Calibration.undistort_maps"' in reference
+
+
+def look(address: str) -> str:
+    """The page as Chromium has it after its scripts."""
+    command = [CHROMIUM or "", *FLAGS, "--virtual-time-budget=200000", "--dump-dom", address]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CHROMIUM, reason="there is no Chromium to look at the pages with")
+def test_no_page_is_wider_than_a_phone(site: Path) -> None:
+    """Nor is a block of code, in a window of 390 px."""
+    pages = sorted(path.relative_to(site).as_posix() for path in site.rglob("*.html"))
+    pages = [page for page in pages if not re.match(r"assets|404", page)]
+    (site / "phone.html").write_text(PHONE, encoding="utf-8")
+    handler = partial(QuietHandler, directory=str(site))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        seen = look(f"http://127.0.0.1:{server.server_port}/phone.html#{','.join(pages)}")
+        server.shutdown()
+    answers = re.findall(r"^(?:.*<pre>)?(\S+\.html): (.*)$", seen, re.MULTILINE)
+    assert len(answers) == len(pages) > 80
+    assert [answer for answer in answers if answer[1] != "ok"] == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CHROMIUM, reason="there is no Chromium to search with")
+def test_the_search_works_on_files(site: Path) -> None:
+    seen = look(f"{(site / 'index.html').as_uri()}?q=refractive")
+    found = re.search(r"(\d+) matching documents", seen)
+    assert found
+    assert int(found[1]) > 5
 
 
 @pytest.mark.slow
@@ -235,6 +320,7 @@ def test_every_page_is_in_the_navigation() -> None:
         re.MULTILINE,
     )
     written = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    names.remove("source/CHANGELOG.md")
     assert sorted(names) == sorted(
         page for page in written if not re.match(r"(effects|decisions)/(?!README)", page)
     )

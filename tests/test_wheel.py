@@ -15,10 +15,14 @@ from calib.version import VERSION
 
 ROOT = Path(__file__).parents[1]
 DATA = {"calib/py.typed", "calib/fleet/fleet.css", "calib/report/style.css", "capture/py.typed"} | {
-    path.relative_to(ROOT).as_posix() for path in (ROOT / "capture" / "web").iterdir()
+    path.relative_to(ROOT).as_posix()
+    for folder in (ROOT / "capture" / "web", ROOT / "calib" / "demo")
+    for path in folder.rglob("*")
+    if path.is_file() and not path.name.startswith(".")
 }
+MAX_DEMO_BYTES = 1_500_000
 LEFT_OUT = shutil.ignore_patterns(
-    ".*", "__pycache__", "build", "dist", "*.egg-info", "frames", "bare", "holdout", "docs", "*.npz"
+    ".*", "__pycache__", "build", "dist", "*.egg-info", "fixtures", "docs"
 )
 
 
@@ -70,6 +74,18 @@ def test_the_wheel_holds_both_packages_and_nothing_else(wheel: Path) -> None:
     }
     assert names == modules | DATA
     assert wheel.name.startswith(f"refracal-{VERSION}-")
+
+
+def test_the_wheel_has_the_session_of_the_demo(
+    wheel: Path, installed: Path, tmp_path: Path
+) -> None:
+    with ZipFile(wheel) as file:
+        sizes = [entry.file_size for entry in file.infolist() if "calib/demo/" in entry.filename]
+    assert sum(sizes) < MAX_DEMO_BYTES
+    copy = "from pathlib import Path; from calib.commands import demo_command as demo; "
+    _run(tmp_path, "-c", f"{copy}demo.copy_session(Path('x'), overwrite=False)", path=installed)
+    assert {path.name for path in (tmp_path / "x").iterdir()} > {"frames", "session.yaml"}
+    assert len(list((tmp_path / "x" / "frames").glob("*.jpg"))) == 12
 
 
 @pytest.mark.parametrize("command", ["calib", "capture"])

@@ -1,7 +1,10 @@
 """The command `calib report`."""
 
 import argparse
+import os
+import sys
 from collections.abc import Mapping
+from pathlib import Path
 
 from calib.commands.arguments import (
     add_calibration,
@@ -33,10 +36,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    import os
-    import sys
-    import webbrowser
-
     with fast_imports():
         from calib.calibration import Calibration
         from calib.commands.console import Bars
@@ -56,7 +55,15 @@ def run(args: argparse.Namespace) -> None:
         path = write_report(calibration, files, bars, args.depth)
         files.commit()
     print_paths([path])
-    if not args.no_open and has_screen(os.environ, sys.platform):
+    if not args.no_open:
+        show_report(path)
+
+
+def show_report(path: Path) -> None:
+    """Open a report in a browser, if that would open on the screen of the person."""
+    import webbrowser
+
+    if has_screen(os.environ, sys.platform):
         webbrowser.open(path.resolve().as_uri())
 
 

@@ -41,7 +41,7 @@ from capture.tui.picture import Picture
 BAR_COLUMNS = 12  # columns
 ROOMY = (110, 36)  # the columns and rows from which the screen has room for the numbers as well
 NUMBERS_NOTE = "n: camera and cover"
-GLASS_NOTE = "smooth: ideal glass; uneven: its waves as well"
+GLASS_NOTE = "smooth: ideal glass; fitted: its waves as well"
 EARLIER_FIT_NOTE = (
     "Views were set aside since this fit: these maps are still of the fit with them. esc, then f,"
     " fits without them."

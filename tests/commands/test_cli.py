@@ -129,7 +129,7 @@ def test_a_fit_ends_with_the_next_command(
     session = Path(__file__).parents[2] / "fixtures" / "covered-bare"
     assert main(["fit", str(session), "--grid", "5x5", "-o", str(tmp_path)]) == 0
     output = capsys.readouterr().out
-    assert "uneven cover" in output
+    assert "fitted cover" in output
     assert "cover+rbf" not in output
     last = output.splitlines()[-1]
     evaluate, diagnose, undistort = map(shlex.split, last.removeprefix("Then: ").split("; "))

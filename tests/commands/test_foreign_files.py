@@ -16,6 +16,7 @@ import pytest
 from calib.calibration import Calibration
 from calib.cli import COMMANDS as COMMAND_MODULES
 from calib.cli import main
+from calib.corners.detect_all import DETECTIONS_FILE
 from calib.errors import InputError
 from calib.fleet.result import JobState, Result
 from calib.io.output_folder import LEDGER
@@ -60,6 +61,17 @@ COMMANDS = {
     "fit": Command(
         ("fit", "session", "--grid", "2x2", "--depth", "1", "-o", "OUT"),
         (*CALIBRATED, "rays.npz", "map_1m.npz"),
+        slow=True,
+    ),
+    "demo": Command(
+        ("demo", "-o", "OUT", "--no-open"),
+        (
+            "session.yaml",
+            "wall.jpg",
+            *(f"frames/{number:04d}.jpg" for number in range(12)),
+            *(f"calibration/{name}" for name in (*CALIBRATED, "rays.npz", "map_0.8m.npz")),
+            "straight/wall.jpg",
+        ),
         slow=True,
     ),
     "evaluate": Command(("evaluate", "fitted", "session")),
@@ -162,7 +174,7 @@ def contents(folder: Path) -> Contents:
 
 
 def visible(folder: Path) -> set[str]:
-    return {name for name in contents(folder) if Path(name).name != LEDGER}
+    return {name for name in contents(folder) if Path(name).name not in (LEDGER, DETECTIONS_FILE)}
 
 
 def fill(folder: Path, names: Iterable[str]) -> Contents:

@@ -60,9 +60,12 @@ class Camera:
                 self.taken.append((cells, 1))
 
 
-def draw(cells: Cells, size: tuple[int, int]) -> Image.Image:
-    """Half blocks as rectangles, so that pictures have no seams; everything else as letters."""
-    (wide, high), font = CELL, ImageFont.truetype(str(FONT), 13)
+def draw(cells: Cells, size: tuple[int, int], scale: int = 1) -> Image.Image:
+    """Half blocks as rectangles, so that pictures have no seams; everything else as letters. A
+    larger scale draws more pixels.
+    """
+    wide, high = CELL[0] * scale, CELL[1] * scale
+    font = ImageFont.truetype(str(FONT), 13 * scale)
     image = Image.new("RGB", (size[0] * wide, size[1] * high), PAPER)
     pen = ImageDraw.Draw(image)
     for row, segments in enumerate(cells):

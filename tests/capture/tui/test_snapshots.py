@@ -113,7 +113,7 @@ RESULT = {
     "stages": [
         {"name": "pinhole", "title": "camera alone", "rms_px": 2.41, "rmse_cm": 0.161},
         {"name": "cover", "title": "smooth cover", "rms_px": 0.412, "rmse_cm": 0.0275},
-        {"name": "cover+rbf", "title": "uneven cover", "rms_px": 0.079, "rmse_cm": 0.0053},
+        {"name": "cover+rbf", "title": "fitted cover", "rms_px": 0.079, "rmse_cm": 0.0053},
     ],
     "noise_px": 0.071,
     "views": [

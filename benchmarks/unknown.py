@@ -1,0 +1,125 @@
+"""The figures of docs/unknown.md: what a fit finds where numbers are not known. `python -m
+benchmarks.unknown`.
+
+Each line is a fit of the eight views under water of `fixtures/wet-*` with some numbers written as
+`unknown`. The other numbers are as a person measured them. Maps are compared with the renderer's
+rays, 0.5 m away.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import yaml
+
+from calib.fit_record.request import Settings
+from calib.fitting.description import calibrated_numbers
+from calib.fitting.fit import fit
+from calib.progress import Silent
+from calib.session.schema import UNKNOWN
+from calib.session.session import read_session
+from calib.verdict.judge import judge
+from fixtures.rays import FIXTURES, map_error
+from fixtures.wet import GLASS
+
+DEPTH = 0.5
+"""m"""
+NEAR = 80.0
+"""px: a map counts where three corners lie that near."""
+ALL = "everything"
+INTRINSICS = "intrinsics"
+SHAPE = "shape"
+CASES: Mapping[str, Sequence[tuple[str, ...]]] = {
+    "dome": (
+        (),
+        ("inner_radius_mm",),
+        ("centre_mm",),
+        ("inner_radius_mm", "centre_mm"),
+        ("thickness_mm",),
+        ("refractive_index",),
+        (INTRINSICS,),
+        (SHAPE,),
+        (ALL,),
+    ),
+    "flat": (
+        (),
+        ("distance_mm",),
+        ("thickness_mm",),
+        ("refractive_index",),
+        (INTRINSICS,),
+        (SHAPE,),
+        (ALL,),
+    ),
+    "cone": ((), ("inner_radius_mm",), ("radius_slope",), ("axis_offset_mm",), (ALL,)),
+}
+PER_SI = {"_mm": 1e3, "_deg": np.rad2deg(1)}
+
+
+def main() -> None:
+    print(f"{'':<49}maps, px")
+    print(f"{'not known':<22}{'true':>8}  {'found':<17} error  sigma   verdict")
+    for shape, cases in CASES.items():
+        print(f"a {shape}")
+        for unknown in cases:
+            for line in lines(shape, unknown):
+                print(line.rstrip())
+
+
+def lines(shape: str, unknown: tuple[str, ...]) -> list[str]:
+    """Return the lines on a fit: one for each number that is not known, the first with more."""
+    source = FIXTURES / f"wet-{shape}" / "water"
+    document = yaml.safe_load((source / "session.yaml").read_text())
+    forget(document, unknown)
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "session.yaml").write_text(yaml.safe_dump(document))
+        (Path(folder) / "frames").symlink_to(source / "frames")
+        calibration = fit(read_session(folder), Settings(), Silent())
+    error = map_error(calibration, source / "truth.npz", NEAR, (DEPTH,))
+    word = judge(calibration).word.value
+    numbers: Any = calibrated_numbers(calibration)
+    end = f"{error.by_depth[DEPTH]:6.3f} {error.predicted[DEPTH]:6.3f}   {word}"
+    if unknown in ((), (ALL,), (SHAPE,)):
+        result = f"{calibration.cover.shape}" if unknown == (SHAPE,) else ""
+        return [f"  {(unknown or ('nothing',))[0]:<20}{'':>8}  {result:<17}{end}"]
+    rows = []
+    if unknown == (INTRINSICS,):
+        with np.load(source / "truth.npz") as truth:
+            rows = [("fx, px", truth["intrinsics"][0], numbers["camera"]["fx"])]
+    for key, number in numbers["cover"].items():
+        stem, _, component = key.partition(".")
+        if stem in unknown and component in ("", "z"):
+            name, per_si = si_name(stem)
+            true = GLASS[shape][f"{name}.{component}" if component else name] * per_si
+            rows.append((key, true, number))
+    return [
+        f"  {name:<20}{true:8.2f}  {number['value']:.2f} ± {number['sigma']:<8.2f}".ljust(49)
+        + (end if place == 0 else "")
+        for place, (name, true, number) in enumerate(rows)
+    ]
+
+
+def forget(document: dict[str, Any], unknown: tuple[str, ...]) -> None:
+    """Write `unknown` in a session.yaml."""
+    cover = document["cover"]
+    if unknown == (SHAPE,):
+        document["cover"] = {SHAPE: UNKNOWN, "outside_index": cover["outside_index"]}
+        return
+    keys = [*cover] if unknown == (ALL,) else unknown
+    for key in set(keys) & set(cover) - {SHAPE, "outside_index"}:
+        cover[key] = UNKNOWN
+    if unknown in ((ALL,), (INTRINSICS,)):
+        document["camera"]["intrinsics"] = UNKNOWN
+
+
+def si_name(key: str) -> tuple[str, float]:
+    """Return a key without its unit, and the number of these units in one SI unit."""
+    for suffix, per_si in PER_SI.items():
+        if key.endswith(suffix):
+            return key.removesuffix(suffix), per_si
+    return key, 1.0
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""The pages that say what the code says: every key of session.yaml, and every command."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import pytest
+import yaml
+
+from benchmarks.pages import BOARD_DEFAULTS, COMMANDS_HEAD, pages
+from calib import cli
+from calib.commands.command_line import _parser
+from calib.commands.parser import command_name
+from calib.errors import InputError, NotEnoughDataError
+from calib.session.board_section import EXAMPLES, KEYS, read_board
+from calib.session.camera import read_camera
+from calib.session.cover_section import cover_sections, read_cover
+from calib.session.schema import Section
+from calib.session.session import read_session
+from calib.session.shapes.registry import find_shape, stated_shape_names
+
+DOCS = Path(__file__).parents[1] / "docs"
+GLASS_KEYS = ("low", "high", "degree", "mean_um", "covariance_um2", "covariance_um")
+"""The keys of what `calib fleet-prior` wrote, which nobody writes by hand."""
+
+
+@pytest.mark.parametrize(("name", "text"), pages().items(), ids=pages())
+def test_a_page_says_what_the_code_says(name: str, text: str) -> None:
+    written = (DOCS / name).read_text(encoding="utf-8")
+    assert written == text, "run python -m benchmarks.pages"
+
+
+def test_every_key_that_is_read_is_on_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The readers say themselves which keys they allow."""
+    allowed: set[str] = set()
+    check = Section.allow_only
+
+    def record(section: Section, keys: Sequence[str], kind: str = "known key") -> None:
+        allowed.update(keys)
+        check(section, keys, kind)
+
+    monkeypatch.setattr(Section, "allow_only", record)
+    read_session(Path("fixtures/wet-flat"))
+    for kind, board in EXAMPLES.items():
+        read_board(_section({"type": kind, **board}))
+    camera = {"width": 640, "height": 480}
+    offsets = [0.0] * 16
+    spline = {"columns": 4, "rows": 4, "x_px": offsets, "y_px": offsets}
+    pinhole: Mapping[str, object] = {"fx": 600, "fy": 600, "cx": 320, "cy": 240}
+    splined = {**pinhole, "model": "splined", "distortion": [0, 0, 0, 0], "spline": spline}
+    read_camera(_section({**camera, "intrinsics": splined, "shutter": {"type": "global"}}))
+    for shape in stated_shape_names():
+        cover = {"shape": shape, **find_shape(shape).example}
+        read_cover(*cover_sections(_section({"cover": cover}), ""))
+    layer = {"thickness_mm": 3, "refractive_index": 1.5}
+    layered = {"shape": "flat", "distance_mm": 20, "layers": [layer, layer]}
+    read_cover(*cover_sections(_section({"cover": layered}), ""))
+    page = pages()["session-yaml.md"]
+    assert len(allowed) > 50
+    for key in allowed - {*GLASS_KEYS, "value", "sigma", "exact"}:
+        assert f"`{key}`" in page, key
+
+
+def test_the_defaults_of_boards_are_those_of_the_reader() -> None:
+    for kind, example in EXAMPLES.items():
+        stated = {key: value for key, value in BOARD_DEFAULTS.items() if key in KEYS[kind]}
+        without = {key: value for key, value in example.items() if key not in BOARD_DEFAULTS}
+        stated["type"] = kind
+        short = {"type": kind, **without}
+        assert read_board(_section({**without, **stated})) == read_board(_section(short))
+
+
+def test_the_examples_are_read() -> None:
+    readers: dict[str, Callable[[Section], object]] = {
+        "board": read_board,
+        "camera": read_camera,
+        "cover": read_cover,
+    }
+    blocks = re.findall(r"```yaml\n(.*?)```", pages()["session-yaml.md"], re.DOTALL)
+    assert len(blocks) > 8
+    for block in blocks:
+        for key, value in yaml.safe_load(block).items():
+            if key != "format":
+                readers[key](Section(value, "session.yaml", key))
+
+
+def test_every_exit_code_is_on_the_page() -> None:
+    codes = {int(code) for code in re.findall(r"^\| (\d) \|", COMMANDS_HEAD, re.MULTILINE)}
+    assert codes >= {InputError.exit_code, NotEnoughDataError.exit_code}
+
+
+def test_every_option_is_on_the_page() -> None:
+    page = pages()["command-line.md"]
+    parser = _parser("calib", "", cli.COMMANDS, cli.GROUPS)
+    for command in cli.COMMANDS:
+        assert f"### calib {command_name(command)}\n" in page
+    options = set(re.findall(r"--[a-z][\w-]+", parser.format_help()))
+    assert "--version" in options
+    assert page.count("| `-q, --quiet` |") >= len(cli.COMMANDS)
+
+
+def _section(values: Mapping[str, object]) -> Section:
+    return Section(values, "session.yaml")
