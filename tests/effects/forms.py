@@ -81,10 +81,8 @@ class Situation:
     def surroundings(self, estimated: Sequence[str] = (), placed: bool = True) -> EffectContext:
         place: PlaceOnGlass | None = None
         if self.relief:
-            first, second = (
-                sum(ends) / 2 for ends in zip(self.relief.low, self.relief.high, strict=True)
-            )
-            place = PlaceOnGlass((first, second), (1.0, 0.04), 5e-3)
+            first, second = np.add(self.relief.low, self.relief.high) / 2
+            place = PlaceOnGlass((float(first), float(second)), (1.0, 0.04), 5e-3)
         return EffectContext(
             BOARD,
             WIDTH,
