@@ -108,6 +108,7 @@ LOADS = {
     "calib.diagnosis.diagnose": {"torch", "cv2", "numpy", "scipy"},
     "calib.checking.check": {"torch", "cv2", "numpy", "scipy"},
     "calib.verdict.judge": {"torch", "cv2", "numpy", "scipy"},
+    "calib.report.write": {"torch", "cv2", "numpy", "scipy"},
     "calib.fleet.control": {"numpy", "scipy"},
     "calib.fleet.cluster": set(),
     "calib.importing.from_mrcal": {"cv2", "numpy"},

@@ -15,7 +15,9 @@ from calib.version import VERSION
 
 ROOT = Path(__file__).parents[1]
 DATA = {"calib/py.typed", "calib/fleet/fleet.css", "calib/report/style.css", "capture/py.typed"} | {
-    path.relative_to(ROOT).as_posix() for path in (ROOT / "capture" / "web").iterdir()
+    path.relative_to(ROOT).as_posix()
+    for folder in ("calib/report/web", "capture/web")
+    for path in (ROOT / folder).iterdir()
 }
 LEFT_OUT = shutil.ignore_patterns(
     ".*", "__pycache__", "build", "dist", "*.egg-info", "frames", "bare", "holdout", "docs", "*.npz"

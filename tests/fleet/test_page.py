@@ -3,11 +3,15 @@
 import csv
 import io
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+
+pytest.importorskip("aiohttp", reason="the extra `serve`, which drives Chromium, is not installed")
 
 from calib.fleet.control import ALPHA
 from calib.fleet.findings import Fleet, judge_fleet
@@ -17,7 +21,8 @@ from calib.fleet.page import fleet_page, headline
 from calib.fleet.result import JobState, Result
 from calib.fleet.table import fleet_csv
 from fixtures.fleet_results import made, result
-from tests.report.test_chromium import CHROMIUM, DARK, browse
+from tests.capture.tui.browser import CHROMIUM
+from tests.report.chrome import LOADED, Chrome, Page, open_chrome
 
 
 def plain(camera: str, **changed: object) -> Result:
@@ -153,30 +158,36 @@ def test_the_table_has_a_row_for_each_camera(fleet: Fleet) -> None:
     assert by_id["c5"]["report"] == "cameras/c5/report.html"
 
 
+@pytest.fixture(scope="module")
+def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    with open_chrome(tmp_path_factory.mktemp("profile")) as browser:
+        yield browser
+
+
 @pytest.mark.skipif(
     CHROMIUM is None,
     reason="Chromium is not installed: apt-get install chromium shows the page to this test",
 )
-@pytest.mark.parametrize("flags", [(), DARK])
-def test_the_page_in_a_browser(fleet: Fleet, tmp_path: Path, flags: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_in_a_browser(fleet: Fleet, tmp_path: Path, chrome: Chrome, scheme: str) -> None:
     """Nothing is refused, every mark lies in its drawing, and no name covers another."""
-    look = """<pre id="seen"></pre><script>
+    look = """(() => {
 const box = e => e.getBoundingClientRect(), all = (w, s) => [...w.querySelectorAll(s)];
 const out = all(document, "svg").flatMap(svg => all(svg, "text, circle, path.out").filter(e => { const r = box(e), s = box(svg);
   return r.left < s.left - 1 || r.right > s.right + 1 || r.top < s.top - 1 || r.bottom > s.bottom + 1; }).map(e => e.outerHTML));
 const over = all(document, ".charts svg").flatMap(svg => all(svg, ".name").flatMap((a, i, names) => names.slice(i + 1).filter(b => {
   const p = box(a), q = box(b); return p.left < q.right && q.left < p.right && p.top + 3 < q.bottom && q.top + 3 < p.bottom; })
   .map(b => a.textContent + "/" + b.textContent)));
-document.getElementById("seen").textContent = JSON.stringify({ out, over,
-  wide: document.documentElement.scrollWidth - window.innerWidth, marks: all(document, "svg .out").length });
-</script></body>"""  # noqa: E501
-    html = fleet_page(fleet, "line 3").replace(
-        "default-src 'none'", "default-src 'none'; script-src 'unsafe-inline'"
-    )
-    dom, message = browse(html.replace("</body>", look), tmp_path, *flags)
-    match = re.search(r'<pre id="seen">(.*?)</pre>', dom)
-    assert match
-    assert match[1].startswith('{"out":[],"over":[],"wide":')
-    assert int(re.findall(r'"wide":(-?\d+)', match[1])[0]) <= 0
-    assert int(re.findall(r'"marks":(\d+)', match[1])[0]) > 5
-    assert not message
+return { out, over, wide: document.documentElement.scrollWidth - window.innerWidth, marks: all(document, "svg .out").length };
+})()"""  # noqa: E501
+
+    async def story(page: Page) -> dict[str, Any]:
+        findings: dict[str, Any] = await page.call(look)
+        return findings
+
+    html = fleet_page(fleet, "line 3")
+    findings, complaints, requests = chrome.read(html, tmp_path, story, scheme=scheme, ready=LOADED)
+    assert (findings["out"], findings["over"]) == ([], [])
+    assert findings["wide"] <= 0
+    assert findings["marks"] > 5
+    assert (complaints, requests) == ([], [])

@@ -1,0 +1,50 @@
+"""The scripts of a page: its data, the drawing libraries, and the programs that draw with them.
+
+The libraries are vendored (calib/report/web/licences.txt; docs/decisions/report-figures.md says how
+to build them again). They stand in the page as gzip in base64, and a program unpacks them. The
+page's content security policy allows these scripts alone, by their hashes.
+"""
+
+from __future__ import annotations
+
+import gzip
+from base64 import b64encode
+from dataclasses import dataclass
+from hashlib import sha256
+from html import escape
+from importlib.resources import files
+
+from calib.report.payload import Data, to_json
+
+PROGRAMS = ("data", "panels", "charts", "viewer", "space", "scene", "main")
+"""The files of calib/report/web, in the order in which they run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scripts:
+    """The scripts at the end of a page."""
+
+    html: str
+    policy: str
+    """The sources that the content security policy allows: the hashes of the scripts."""
+
+    @staticmethod
+    def of(data: Data) -> Scripts:
+        """Return the scripts of a page with this data."""
+        web = files("calib.report") / "web"
+        packed = web.joinpath("libraries.js.gz").read_bytes()
+        texts = [web.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in PROGRAMS]
+        program = '"use strict";\n' + "".join(texts)
+        licences = web.joinpath("licences.txt").read_text(encoding="utf-8")
+        return Scripts(
+            f"<details><summary>Licences of the figures' libraries</summary><pre>{escape(licences)}"
+            '</pre></details>\n<script type="application/json" id="data">'
+            f'{to_json(data)}</script>\n<script type="text/plain" id="libraries">'
+            f"{b64encode(packed).decode()}</script>\n<script>{program}</script>",
+            f"{_source(program.encode())} {_source(gzip.decompress(packed))}",
+        )
+
+
+def _source(script: bytes) -> str:
+    """Return a script's hash as a content security policy writes it."""
+    return f"'sha256-{b64encode(sha256(script).digest()).decode()}'"

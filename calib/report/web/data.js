@@ -1,0 +1,56 @@
+// The page's data, unpacked.
+
+const DATA = JSON.parse(document.getElementById("data").textContent);
+const BLUE = "#2f8fdd", ORANGE = "#e8833a"; // of the fields, on light and on dark
+
+/** Return the numbers of an array as they are packed: row by row. */
+function numbers({f4, u2}) {
+  const bytes = Uint8Array.from(atob(f4 ?? u2), letter => letter.charCodeAt(0));
+  return u2 === undefined ? new Float32Array(bytes.buffer) : new Uint16Array(bytes.buffer);
+}
+
+/** Return an array of two or more dimensions as a list of its rows, which are typed arrays. */
+function rows(array) {
+  const all = numbers(array), width = array.shape.slice(1).reduce((product, size) => product * size, 1);
+  return Array.from({length: array.shape[0]}, (_, row) => all.subarray(row * width, (row + 1) * width));
+}
+
+/** Return a number with so many significant digits, never as 1.2e+3. */
+function digits(value, count = 3) {
+  if (!Number.isFinite(value)) return "none";
+  const places = value === 0 ? 0 : count - 1 - Math.floor(Math.log10(Math.abs(value)));
+  return value.toFixed(Math.min(Math.max(places, 0), 9));
+}
+
+const CORNERS = unpackCorners(DATA.corners);
+
+/** Return every shown corner as {view, corner, x, y, dx, dy, length, distance}: px, and distances in m. */
+function unpackCorners(packed) {
+  const view = numbers(packed.view), corner = numbers(packed.corner), distance = numbers(packed.distance);
+  const pixel = rows(packed.pixel), error = rows(packed.error);
+  return Array.from(view, (_, row) => ({
+    row, view: view[row], corner: corner[row], distance: distance[row],
+    x: pixel[row][0], y: pixel[row][1], dx: error[row][0], dy: error[row][1],
+    length: Math.hypot(...error[row]),
+  }));
+}
+
+const VIEW_ERRORS = numbers(DATA.views.error);
+
+/** Return a name that one can read, whatever letters a file name has. */
+function nameOf(view) {
+  return DATA.views.name[view];
+}
+
+function describeCorner({view, corner, dx, dy, length, distance}) {
+  const column = corner % DATA.board.columns + 1, row = Math.floor(corner / DATA.board.columns) + 1;
+  return `${nameOf(view)}\ncorner in column ${column}, row ${row}\n`
+    + `error ${digits(length)} px (${digits(dx, 2)}, ${digits(dy, 2)})\n${DATA.distanceName} ${digits(distance)} m`;
+}
+
+function element(tag, className = "", text = "") {
+  const made = document.createElement(tag);
+  if (className) made.className = className;
+  made.textContent = text;
+  return made;
+}
