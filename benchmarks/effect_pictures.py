@@ -96,7 +96,6 @@ EXAMPLES = (
     Example("entrance_pupil", BARE, {"e2": 3e-3, "e4": 0.0}, ("views", "image")),
     Example("principal_point", BARE, {"x": 5.0, "y": 0.0}, ("views", "image")),
     Example("focal", BARE, {"change": 5e-3}, ("views", "image")),
-    Example("focal_drift", BARE, {"over_session": 1e-2}, ("views", "time")),
     Example("rolling_shutter", BARE, {}, ("views", "row")),
     Example(
         "flat_port",
@@ -333,24 +332,6 @@ def _row(panel: Axes, remaining: Left) -> None:
     _title(panel, "by row, the same views")
 
 
-def _time(panel: Axes, remaining: Left) -> None:
-    """Draw the part of the pattern of a longer focal length that each view shows."""
-    constant = next(example for example in EXAMPLES if example.name == "focal")
-    pattern = Left.of(constant).errors
-    shown = [
-        (remaining.errors[rows] * pattern[rows]).sum()
-        / (pattern[rows] ** 2).sum()
-        * constant.parameters["change"]
-        for rows in (
-            view_rows.numpy()
-            for view_rows in remaining.observations.per_view(torch.arange(len(pattern)))
-        )
-    ]
-    panel.plot(np.arange(VIEWS), 100 * np.array(shown), "o", color="#222222", markersize=3)
-    panel.set(xlabel="view, in the order of time", ylabel="focal length that the view asks for, %")
-    _title(panel, "by time")
-
-
 def _phase(panel: Axes, remaining: Left) -> None:
     """The error to the right by the corner's place in its pixel."""
     x = remaining.observations.pixels.numpy()[:, 0]
@@ -367,7 +348,6 @@ PANELS = {
     "image": _image,
     "board": _board,
     "row": _row,
-    "time": _time,
     "phase": _phase,
 }
 

@@ -32,6 +32,7 @@ from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture, View, capture_times
 from calib.effects.effect import Effect
 from calib.effects.serialise import effect_from_yaml, effect_to_yaml
+from calib.effects.varying import Varying
 from calib.errors import InputError, NotEnoughDataError, brief, harmless, wrong_type
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
@@ -550,6 +551,9 @@ def _from_mapping(
     if relief and cover.shape == "none":
         raise ValueError("there is a relief and no cover")
     effects = tuple(AddedEffect(*effect_from_yaml(mapping)) for mapping in document["effects"])
+    count = len(arrays["names"])
+    if any(len(e.effect.pattern) != count for e in effects if isinstance(e.effect, Varying)):
+        raise ValueError("an effect has a pattern that is not of these views")
     check_stages(
         [stage["name"] for stage in document["stages"]],
         has_cover=cover.shape != "none",

@@ -258,6 +258,7 @@ def test_arrays_that_do_not_fit_are_refused(message: str, made: Scene, fitted: P
         REFUSED[message](points)
 
 
+@pytest.mark.slow
 def test_the_notebook_runs(tmp_path: Path) -> None:
     """Its cells run one after the other in the folder docs/, as Jupyter runs them; what the last
     line of a cell shows is made as well.

@@ -257,6 +257,7 @@ def test_causes_have_names_of_their_own() -> None:
     assert VARIATIONS["clean"] is CLEAN
 
 
+@pytest.mark.slow
 def test_the_benchmark_names_what_alternates_and_nothing_in_a_clean_session() -> None:
     command = [
         *(sys.executable, "-m", "benchmarks.varies", "--fit-only", "--sizes", "ten"),

@@ -11,6 +11,9 @@ from calib.diagnosis.finding import Candidate, Diagnosis
 from calib.effects.description import describe_effect
 from calib.errors import harmless
 
+LONGEST_TITLE = 20
+"""The longest title in the line of its numbers."""
+
 
 def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
     """Print the accepted effects of the better calibration, then the errors, all candidates, and
@@ -25,13 +28,14 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
             " beyond chance."
         )
     console.print(_errors(finding))
+    accepted = better.history.diagnosis.accepted if better.history.diagnosis else ()
+    found = {effect.name: effect for effect in accepted}
     for candidate in finding.candidates:
         if candidate.accepted:
-            estimates = "; ".join(
-                describe_estimates(candidate.effect, better, candidate.parameters)
-            )
+            estimates = "; ".join(describe_estimates(found[candidate.effect], better))
+            what = describe_effect(candidate.effect, candidate.varies)
             console.print(
-                f"{candidate.title}: {describe_effect(candidate.effect)} {estimates}",
+                f"{candidate.title}: {what} {estimates}",
                 markup=False,
                 highlight=False,
                 soft_wrap=True,
@@ -95,7 +99,10 @@ def _line(candidate: Candidate) -> str:
     interval = f"{gain[0]:.3f} to {gain[1]:.3f}" if gain else ""
     score = f"{candidate.chi2:.0f}/{candidate.dof}"
     p_value = _format_p_value(candidate.p_value)
-    row = f"  {candidate.title:<20}{score:>11}{p_value:>8}{held_out:>18}{interval:>18}"
+    title = candidate.title
+    if len(title) > LONGEST_TITLE:
+        title = f"{title}\n{'':<22}"
+    row = f"  {title:<20}{score:>11}{p_value:>8}{held_out:>18}{interval:>18}"
     return row.rstrip()
 
 

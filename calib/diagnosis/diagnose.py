@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration, CalibrationSource
 from calib.corners.view import are_timed, pose_labels
+from calib.diagnosis.effect_description import first_after_step, spread_of
 from calib.diagnosis.equivalence import find_families
 from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
 from calib.diagnosis.search import MAX_EFFECTS, MAX_FITS, run_search, score
@@ -223,7 +224,7 @@ def _candidates(state: SearchState, accepted: tuple[str, ...]) -> list[Candidate
     candidates = []
     for (name, form), trial in state.trials.items():
         is_accepted = name in accepted and effects[name].form == form
-        joint = state.joint if is_accepted else trial.fit and trial.fit.joint
+        fit = state.fit if is_accepted else trial.fit
         effect = effects[name] if is_accepted else trial.test.effect
         gain = trial.gain
         bands = trial.depth_gain
@@ -238,10 +239,13 @@ def _candidates(state: SearchState, accepted: tuple[str, ...]) -> list[Candidate
                 held_out_px_before=gain.base_px if gain else None,
                 held_out_px_after=gain.extended_px if gain else None,
                 gain_ci95=gain.ci95 if gain else None,
-                parameters=_estimates(effect, joint) if joint and joint.finite else {},
+                parameters=_estimates(effect, fit.joint) if fit and fit.joint.finite else {},
                 confounded_with=tuple(sorted(state.confounded.get(name, ()))),
                 accepted=is_accepted,
                 verdict=trial_verdict(trial, accepted=is_accepted),
+                varies=effect.varies or None,
+                spread=spread_of(effect, fit) if fit and fit.joint.finite else {},
+                from_file=first_after_step(effect, state.problem.observations.names),
                 depth_bands_px=(bands.base_px, bands.extended_px) if bands else None,
             )
         )

@@ -2,38 +2,97 @@
 parameters of the effect itself.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.diagnosis.finding import ParameterEstimate
+from calib.effects.board_flex import BoardFlex
+from calib.effects.effect import Effect
+from calib.effects.rolling_shutter import RollingShutter
+from calib.effects.varying import FROM_VIEW, Varying
+from calib.fit_record.history import AcceptedEffect, EffectEstimate
 from calib.fitting.declared import comparisons, effect_comparisons
-from calib.optics.board_target import FLEX, block_columns
+from calib.inference.fitted_model import ModelFit
+from calib.optics.board_target import CENTRE, FLEX, FOCAL, MOTION, block_columns
+from calib.optics.params import Param
+
+NUMBERS_OF_VIEW = {
+    FOCAL: (Param("focal", "", 1e-3),),
+    CENTRE: (Param("cx", "px", 1.0), Param("cy", "px", 1.0)),
+    FLEX: tuple(Param(name, "m", 1e-3) for name in ("xx", "xy", "yy")),
+    MOTION: (
+        *(Param(f"turn.{axis}", "rad", 1e-3) for axis in "xyz"),
+        *(Param(f"move.{axis}", "m", 1e-3) for axis in "xyz"),
+    ),
+}
+"""The numbers in each block of a view's own parameters."""
 
 
-def describe_estimates(
-    effect: str, calibration: Calibration, parameters: Mapping[str, ParameterEstimate]
-) -> list[str]:
+def spread_of(effect: Effect, fit: ModelFit) -> dict[str, ParameterEstimate]:
+    """Return the root mean square over views of the deviations of numbers that differ, with its
+    standard deviation; for numbers of single views, that of so many normal ones.
+    """
+    model, joint = fit.model, fit.joint
+    if effect.per_view:
+        columns = block_columns(model.path.view_blocks)[effect.per_view]
+        sizes = (joint.poses[:, columns].numpy() ** 2).mean(0) ** 0.5
+        certainty = (2 * len(joint.poses)) ** 0.5
+        return {
+            param.name: ParameterEstimate(float(size), float(size / certainty), param.unit)
+            for param, size in zip(NUMBERS_OF_VIEW[effect.per_view], sizes, strict=True)
+        }
+    if not isinstance(effect, Varying):
+        return {}
+    scatter = float(np.std(effect.pattern))
+    return {
+        number: ParameterEstimate(
+            scatter * abs(float(joint.values[unknown.param.name])),
+            scatter * float(joint.sigma_of(unknown.param.name)),
+            unknown.param.unit,
+        )
+        for number, unknown in zip(effect.numbers, effect.effect_parameters, strict=True)
+    }
+
+
+def first_after_step(effect: Effect, names: Sequence[str]) -> str | None:
+    """Return the name of the first view after a change at one view; None for another effect."""
+    if not isinstance(effect, Varying) or effect.varies != FROM_VIEW:
+        return None
+    return names[int(np.abs(np.diff(effect.pattern)).argmax()) + 1]
+
+
+def describe_estimates(accepted: AcceptedEffect, calibration: Calibration) -> list[str]:
     """Return a text for each number; for parameters of single views, their root mean square.
 
     Args:
-        effect: the name of the effect.
+        accepted: an effect with the estimates of the diagnosis; for a field, its root mean square.
         calibration: the calibration with the effect.
-        parameters: the estimates of the diagnosis; for a field, its root mean square.
     """
+    effect = accepted.name
+    if accepted.varies and effect not in (BoardFlex.name, RollingShutter.name):
+        start = f", from {accepted.from_file} on" if accepted.from_file else ""
+        return [
+            f"{name} differs by {_as_text(size)} (root mean square over views{start})"
+            for name, size in accepted.spread.items()
+        ]
     texts = [number.summed for number in comparisons(calibration) if number.effect == effect]
     for number in effect_comparisons(calibration):
         if number.effect == effect:
             texts.append(f"{number.name} {number.estimated}")
-    for name, estimate in parameters.items():
+    for name, estimate in accepted.parameters.items():
         if name.endswith(".rms"):
-            texts.append(f"{name} {estimate}")
+            texts.append(f"{name} {_as_text(estimate)}")
     for added in calibration.effects:
         if added.effect.name == effect and added.effect.per_view:
             texts += _describe_view_parameters(added.effect.per_view, calibration)
     return texts
+
+
+def _as_text(estimate: EffectEstimate) -> str:
+    return str(ParameterEstimate(estimate.value, estimate.sigma, estimate.unit))
 
 
 def _describe_view_parameters(block: str, calibration: Calibration) -> list[str]:

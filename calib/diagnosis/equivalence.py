@@ -164,16 +164,20 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
     present = {e.name for e in state.model.effects}
     context = effect_context(fitted, problem.board, problem.camera, locate=False)
     differing = Differing.of(fitted, context)
-    differs = {variation.group.name for variation in differing.variations} if differing else set()
+    varying = [
+        effect
+        for variation in (differing.variations if differing else ())
+        for effect in variation.effects(context)
+    ]
     test = score_test(fitted, effect)
     shift = _corner_shift(test, state.joint)
-    proposals = [
+    shared = [
         proposal
         for kind in KINDS
-        if kind.has_cause and kind.name not in present
-        if not kind.per_view or kind.name in differs
+        if kind.has_cause and not kind.per_view
         for proposal in kind.propose(context)
     ]
+    proposals = [rival for rival in (*shared, *varying) if rival.name not in present]
     rivals = []
     for candidate in tuned_score_tests(fitted, proposals):
         if shift.size and candidate.jacobian.size:

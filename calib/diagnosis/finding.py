@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from html import escape
 from typing import Any
 
@@ -60,6 +60,14 @@ class Candidate:
     confounded_with: tuple[str, ...]
     accepted: bool
     verdict: str
+    varies: str | None = None
+    """How the numbers of the effect differ from view to view, in a word of the command contract;
+    None if they do not.
+    """
+    spread: Mapping[str, ParameterEstimate] = field(default_factory=dict)
+    """Of numbers that differ: the root mean square of their deviations over the views."""
+    from_file: str | None = None
+    """The first picture after a change at one view."""
     depth_bands_px: tuple[float, float] | None = None
     """The errors without and with the effect, with near, middle and far views held out in turn.
 
@@ -69,7 +77,8 @@ class Candidate:
     @property
     def title(self) -> str:
         """The effect, and its form if there are several."""
-        return f"{self.effect} ({self.form})" if self.form else self.effect
+        form = self.form.replace("_", " ")
+        return f"{self.effect} ({form})" if form else self.effect
 
     @property
     def outcome(self) -> str:

@@ -19,15 +19,11 @@ from calib.diagnosis.search_state import SearchState
 from calib.diagnosis.simpler_forms import simplified
 from calib.diagnosis.trial import MIN_GAIN, Trial
 from calib.effects.effect import Effect
-from calib.effects.focal import Focal
-from calib.effects.focal_drift import FocalDrift
 from calib.effects.registry import EFFECTS, FIELDS
-from calib.fitting.differing import Differing
 from calib.inference.cross_validation import held_out_gain, hold_out
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import ModelFit
 from calib.inference.score_test import ScoreTest, tuned_score_tests
-from calib.inference.varying_numbers import VariationKind
 from calib.inference.view_variation import MIN_GAIN as MIN_VARIATION_GAIN
 from calib.inference.view_variation import largest_log_evidence
 from calib.inference.warm_start import rough_fit
@@ -76,10 +72,12 @@ def score(state: SearchState, kinds: Sequence[type[Effect]]) -> tuple[SearchStat
     problem = state.problem
     locate = any(kind.needs_place for kind in kinds)
     context = effect_context(state.fitted_model, problem.board, problem.camera, locate=locate)
+    return _score(state, [effect for kind in kinds for effect in kind.propose(context)])
+
+
+def _score(state: SearchState, proposals: Sequence[Effect]) -> tuple[SearchState, list[ScoreTest]]:
     excluded = state.dropped | {effect.name for effect in state.model.effects}
-    proposals = [
-        effect for kind in kinds if kind.name not in excluded for effect in kind.propose(context)
-    ]
+    proposals = [effect for effect in proposals if effect.name not in excluded]
     tests = tuned_score_tests(state.fitted_model, proposals)
     for test in tests:
         trial = state.trials.get((test.effect.name, test.effect.form))
@@ -120,23 +118,24 @@ def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
     effect that all views share is not added if it only imitates what differs.
     """
     shared = [kind for kind in EFFECTS if not kind.per_view]
-    single = [kind for kind in EFFECTS if kind.per_view]
-    state, lowering = _lowering(state, shared)
+    state, lowering = _lowering(*score(state, shared))
     state, best = _first_passing(state, lowering, lambda fit: fit.joint.log_evidence)
     differing = state.evaluations.differing
-    if best and not (differing and _imitates(state, best, differing)):
+    if best and not (differing and _imitates(state, best)):
         return state, best
     cause: Trial | None = None
     if differing:
-        tried = [kind for kind in single if kind.name == differing.first.group.name]
-        state, lowering = _lowering(state, tried, previous=len(shared))
+        _, context = state.problem.at_optimum(state.fit)
+        scored = _score(state, differing.first.effects(context))
+        state, lowering = _lowering(*scored, previous=len(shared))
         state, probable = _more_probable(state, lowering)
         causes = [replace(trial, log_odds=differing.first.gain) for trial in probable]
         state, cause = _first_passing(state, causes, lambda fit: fit.joint.log_marginal)
     if best or not (cause or state.problem.has_structure(state.fit)):
         return state, cause
     lead = cause.fitted.joint.log_marginal - state.joint.log_marginal if cause else 0.0
-    state, lowering = _lowering(state, FIELDS, previous=len(EFFECTS), min_log_odds=lead)
+    scored = score(state, FIELDS)
+    state, lowering = _lowering(*scored, previous=len(EFFECTS), min_log_odds=lead)
     state, fields = _more_probable(state, lowering)
     if cause:
         evidence = cause.fitted.joint.log_marginal
@@ -145,14 +144,10 @@ def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
     return state, field or cause
 
 
-def _imitates(state: SearchState, trial: Trial, differing: Differing) -> bool:
+def _imitates(state: SearchState, trial: Trial) -> bool:
     """Return True if an effect that all views share adds nothing to numbers that differ from view
     to view: with both, the log evidence is hardly larger than with these numbers alone.
     """
-    first = differing.first
-    is_drift = first.group.name == Focal.name and first.kind is VariationKind.DRIFT
-    if is_drift and trial.test.effect.name == FocalDrift.name:  # the same in other words
-        return False
     alone = largest_log_evidence(*state.problem.at_optimum(state.fit))
     both = largest_log_evidence(*state.problem.at_optimum(trial.fitted))
     return both < alone + MIN_VARIATION_GAIN
@@ -160,19 +155,18 @@ def _imitates(state: SearchState, trial: Trial, differing: Differing) -> bool:
 
 def _lowering(
     state: SearchState,
-    kinds: Sequence[type[Effect]],
+    tests: Sequence[ScoreTest],
     previous: int = 0,
     min_log_odds: float = 0.0,
 ) -> tuple[SearchState, list[Trial]]:
-    """Score effects, fit the best few, and return those that lower the error enough to hold views
-    out.
+    """Fit the effects of the best scores, and return those that lower the error enough to hold
+    views out.
 
     Args:
         previous: the number of candidates that did not pass before.
         min_log_odds: the gain in log evidence that an effect must be able to reach, which is at
             most half of its chi2.
     """
-    state, tests = score(state, kinds)
     promising = [
         test
         for test in tests

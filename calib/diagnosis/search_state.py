@@ -174,8 +174,8 @@ class SearchState:
 
 
 def effect_names(effects: Sequence[Effect]) -> EffectNames:
-    """Return the names of effects."""
-    return tuple(effect.name for effect in effects)
+    """Return the names of effects, with the way in which their numbers vary."""
+    return tuple(f"{effect.name} {effect.varies}".rstrip() for effect in effects)
 
 
 def effects_without(effect: Effect, effects: Sequence[Effect]) -> list[Effect]:

@@ -12,6 +12,7 @@ from calib.diagnosis.separating_view import separating_view
 from calib.diagnosis.trial import ALPHA, MIN_GAIN, Trial
 from calib.effects.effect import Effect, is_possible
 from calib.effects.free_field import FreeField
+from calib.effects.varying import VARYING_NUMBERS, WITH_TIME, CameraOfView, Varying
 from calib.inference.fitted_model import FittedModel
 from calib.inference.residual_structure import VarianceShare
 from calib.inference.score_test import ScoreTest
@@ -78,7 +79,16 @@ def remarks(
                 f" not known. {_nearest_effects(state, effect)}"
             )
             yield from map(str, formulas[:1])
-    if not timed and "focal_drift" in present:
+    for effect in state.model.effects:
+        if isinstance(effect, Varying | CameraOfView):
+            settled = isinstance(effect, Varying) and effect.settled
+            numbers = VARYING_NUMBERS[effect.name]
+            yield (
+                f"The maps are of {numbers} at the end of the session."
+                if settled
+                else f"The maps are of the mean of {numbers} over the views."
+            )
+    if not timed and any(effect.varies == WITH_TIME for effect in state.model.effects):
         yield "frames.csv has no times, so the order of the files was used instead."
     for share in structure[:1]:
         yield (

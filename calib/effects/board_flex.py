@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from calib.effects.effect import BLOCK_SCALES, Effect, EffectContext, EffectParameter
+from calib.effects.effect import BLOCK_SCALES, EACH_VIEW, Effect, EffectContext, EffectParameter
 from calib.optics.board_target import FLEX
 from calib.optics.path import Path
 
@@ -30,6 +30,7 @@ class BoardFlex(Effect):
         "glue the board to something stiff, or support it in the same way in every view"
     )
     per_view: ClassVar[str] = FLEX
+    varies: ClassVar[str] = EACH_VIEW
 
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:

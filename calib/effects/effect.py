@@ -77,6 +77,8 @@ class EffectContext:
     """
 
 
+EACH_VIEW = "each_view"
+"""The word for numbers that differ in every view."""
 BLOCK_SCALES = (0.03, 0.1, 0.3, 1.0)
 """The sizes of per-view blocks that a fit tries, over the largest plausible size: hands that hold a
 board still move it by less.
@@ -98,6 +100,10 @@ class Effect(Protocol):
     per_view: ClassVar[str] = ""
     """The block of `calib.optics.board_target.VIEW_BLOCKS` that it adds to every view; empty if all
     views share its parameters.
+    """
+    varies: ClassVar[str] = ""
+    """How its numbers differ from view to view, in a word of `calib.effects.varying.MANNERS`; empty
+    if they do not.
     """
     judged_by_score: ClassVar[bool] = True
     """False if the gradient at the neutral point says little about the effect: then the diagnosis

@@ -12,7 +12,6 @@ from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.fine_surface import FineSurface
 from calib.effects.flat_port import FlatPort
 from calib.effects.focal import Focal
-from calib.effects.focal_drift import FocalDrift
 from calib.effects.free_field import FreeField
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.lens import LensEffect
@@ -21,6 +20,7 @@ from calib.effects.principal_point import PrincipalPoint
 from calib.effects.refractive_index import RefractiveIndex
 from calib.effects.rolling_shutter import RollingShutter
 from calib.effects.thickness import Thickness
+from calib.effects.varying import FocalOfView, PrincipalPointOfView
 from calib.effects.wedge import Wedge
 
 EFFECTS: tuple[type[Effect], ...] = (
@@ -28,7 +28,6 @@ EFFECTS: tuple[type[Effect], ...] = (
     EntrancePupil,
     PrincipalPoint,
     Focal,
-    FocalDrift,
     RollingShutter,
     FlatPort,
     CoverTilt,
@@ -52,4 +51,9 @@ still has a structure: they can imitate many other effects.
 """
 
 KINDS: tuple[type[Effect], ...] = (*EFFECTS, *FIELDS)
-"""All effects. Calibration files and commands use their names."""
+"""The effects that commands know by their names."""
+
+OF_VIEW: tuple[type[Effect], ...] = (FocalOfView, PrincipalPointOfView)
+"""Effects that give every view the numbers that another effect of the same name changes in all
+views alike. The diagnosis proposes them where that is what most probably differs.
+"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from calib.effects.effect import BLOCK_SCALES, Effect, EffectContext, EffectParameter
+from calib.effects.effect import BLOCK_SCALES, EACH_VIEW, Effect, EffectContext, EffectParameter
 from calib.optics.board_target import MOTION
 from calib.optics.path import Path
 
@@ -25,6 +25,7 @@ class RollingShutter(Effect):
     about: ClassVar[str] = "each single view"
     advice: ClassVar[str] = "hold the board still, or on a tripod, for some views"
     per_view: ClassVar[str] = MOTION
+    varies: ClassVar[str] = EACH_VIEW
 
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.effects.effect import Effect
-from calib.effects.registry import KINDS
+from calib.effects.registry import KINDS, OF_VIEW
+from calib.effects.varying import MANNERS, Varying
 
 Estimated = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 """A value and its standard deviation, by the parameter's name."""
@@ -19,6 +20,7 @@ def effect_to_yaml(effect: Effect, parameters: Estimated) -> dict[str, object]:
     units = {parameter.param.name: parameter.param.unit for parameter in effect.effect_parameters}
     return {
         "name": effect.name,
+        "varies": effect.varies,
         "form": {
             key: list(value) if isinstance(value, tuple) else value
             for key, value in asdict(effect).items()  # type: ignore[call-overload]
@@ -34,8 +36,7 @@ def effect_from_yaml(mapping: Mapping[str, Any]) -> tuple[Effect, Estimated]:
     """Return an effect and its parameters. Raise LookupError, TypeError or ValueError if the
     mapping does not describe an effect.
     """
-    kinds = {kind.name: kind for kind in KINDS}
-    kind = kinds[mapping["name"]]
+    kind = _kind(mapping["name"], mapping.get("varies"))
     form = {
         key: tuple(value) if isinstance(value, list) else value
         for key, value in mapping["form"].items()
@@ -58,6 +59,18 @@ def effect_from_yaml(mapping: Mapping[str, Any]) -> tuple[Effect, Estimated]:
             raise ValueError(f"{parameter.param.name} is not a number of its shape")
         parameters[parameter.param.name] = value, sigma
     return effect, parameters
+
+
+def _kind(name: str, varies: str | None) -> type[Effect]:
+    """Return the kind of effect of this name, whose numbers differ from view to view in this way;
+    None for a file that does not say it.
+    """
+    for kind in (*KINDS, *OF_VIEW):
+        if kind.name == name and varies in (kind.varies, None):
+            return kind
+    if varies in MANNERS:
+        return Varying
+    raise LookupError(name)
 
 
 def _fits(value: object, hint: Any) -> bool:

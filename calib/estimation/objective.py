@@ -15,10 +15,10 @@ from torch import Tensor
 from calib.estimation.normal_equations import LinearisedBlocks
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ResidualBlock
-from calib.optics.board_target import FLEX, MOTION, POSE, blocks_of_size
+from calib.optics.board_target import CENTRE, FLEX, FOCAL, MOTION, POSE, blocks_of_size
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.session.tolerances import BOARD_FLEX, BOARD_MOVE, BOARD_SPIN
+from calib.session import tolerances
 
 HUBER = 3.0
 PROBE = 0.1
@@ -32,8 +32,10 @@ def view_precision(path: Path, blocks: Tensor) -> Tensor:
     scales = dict(path.block_scales)
     sigmas = {
         POSE: [math.inf] * 6,
-        MOTION: [BOARD_SPIN.sigma] * 3 + [BOARD_MOVE.sigma] * 3,
-        FLEX: [BOARD_FLEX.sigma] * 3,
+        MOTION: [tolerances.BOARD_SPIN.sigma] * 3 + [tolerances.BOARD_MOVE.sigma] * 3,
+        FLEX: [tolerances.BOARD_FLEX.sigma] * 3,
+        FOCAL: [tolerances.FOCAL.sigma],
+        CENTRE: [tolerances.PRINCIPAL_POINT.sigma] * 2,
     }
     return blocks.new_tensor(
         [
@@ -71,7 +73,7 @@ class LandingProblem:
         """Return the (M, 2) residuals of all corners, and (M,) true where the ray lands."""
         values = self.parameters.values(shared)
         results = [
-            block.residual(block.rays(values), values, poses)
+            block.residual(block.rays(values, poses), values, poses)
             for block, poses in self._split(blocks)
         ]
         residual = torch.cat([residual for residual, _ in results])
@@ -93,17 +95,20 @@ class LandingProblem:
 
     def inner_step(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
         """Take a Gauss-Newton step of each view by itself where it lowers the view's cost. Rays do
-        not depend on the boards' poses, so they are traced once.
+        not depend on the boards' poses, so they are traced once, unless views have cameras of their
+        own.
         """
         values = self._valid_values(shared)
         if values is None:
             return blocks, math.inf
         updated, total = [], 0.0
         for block, poses in self._split(blocks):
-            rays = block.rays(values)
+            rays = block.rays(values, poses)
             residual, jacobian, lands = block.residual_with_jacobian(rays, values, poses)
             new_poses = poses - self._block_step(block, residual, jacobian, poses)
             old_cost = self._block_cost(block, residual, lands, poses)
+            if block.path.camera_block:
+                rays = block.rays(values, new_poses)
             new_cost = self._block_cost(block, *block.residual(rays, values, new_poses), new_poses)
             best = torch.where((new_cost < old_cost)[:, None], new_poses, poses)
             updated.append(best)
@@ -155,7 +160,7 @@ class LandingProblem:
     def _losses(self, values: Values, blocks: Tensor) -> Iterator[Tensor]:
         """Yield the (m,) losses of the corners, residual block by residual block."""
         for block, poses in self._split(blocks):
-            yield self.losses(*block.residual(block.rays(values), values, poses))
+            yield self.losses(*block.residual(block.rays(values, poses), values, poses))
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> Iterator[LinearisedBlocks]:
         values = self.parameters.values(shared)
@@ -185,7 +190,7 @@ class LandingProblem:
             slope = piece.jacobian_shared @ move[0] + (
                 piece.jacobian_block @ moves[block.observations.view].unsqueeze(-1)
             ).squeeze(-1)
-            probe, lands = block.residual(block.rays(values), values, poses)
+            probe, lands = block.residual(block.rays(values, poses), values, poses)
             # The square root of Huber's weight once more, from the weighted residuals.
             weight = (self.huber / piece.residual.norm(dim=-1, keepdim=True)).clamp_max(1.0)
             bend = 2 / PROBE * ((weight * probe - piece.residual) / PROBE - slope)

@@ -77,14 +77,16 @@ class Observations:
         """Return the same with each view's time (V,), in any unit, for a picture of `height` px
         that is read out from top to bottom.
 
-        Without times, all views are from the middle of the session.
+        Without times, these are not the views of a calibration, and all are from the middle of its
+        session.
         """
         seconds = np.zeros(len(self.names)) if times is None else np.asarray(times, np.float64)
         time = torch.from_numpy(seconds).to(self.pixels)
         span = float(time.max() - time.min()) if len(time) else 0.0
         relative = (time - time.min()) / span - 0.5 if span else torch.zeros_like(time)
         line = (self.pixels[:, 1] + 0.5) / height - 0.5
-        return replace(self, exposure=Exposure(time=relative[self.view], line=line))
+        view = None if times is None else self.view
+        return replace(self, exposure=Exposure(relative[self.view], line, view))
 
     def to(self, device: str) -> "Observations":
         """Return the same on another device."""

@@ -19,9 +19,9 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.probes import ProbedValues, TracedRows
 from calib.optics import rotation
-from calib.optics.board_target import MOTION, VIEW_BLOCKS, Placement
+from calib.optics.board_target import MOTION, VIEW_BLOCKS, Placement, block_columns
 from calib.optics.params import Values
-from calib.optics.path import Path, row_derivatives
+from calib.optics.path import Path, row_derivatives, with_own_camera
 from calib.optics.rays import Rays
 
 BATCH_SIZE = 8192
@@ -43,8 +43,15 @@ class ResidualBlock:
     weights: Tensor
     """(M, 2, 2) W, from metres on the board to the residual's unit; constant."""
 
-    def rays(self, values: Values) -> Rays:
-        """Return the rays where they leave the cover. They do not depend on the boards' poses."""
+    def rays(self, values: Values, poses: Tensor) -> Rays:
+        """Return the rays where they leave the cover, for (V, B) view parameters. They do not
+        depend on the boards' poses.
+        """
+        if not self.path.camera_block:
+            return self._rays(values)
+        return self._rays(self.path.values_of_views(values, poses[self.observations.view]))
+
+    def _rays(self, values: Values) -> Rays:
         if self.passed:
             return self.path.trace_from(self.traced, values, self.passed)
         observations = self.observations
@@ -77,6 +84,8 @@ class ResidualBlock:
         """Return the residuals, their approximate (M, 2, B) Jacobian by the view parameters
         (`Target.intersect_with_derivatives`), and (M,) true where the ray lands.
         """
+        if self.path.camera_block:
+            return self._traced_jacobian(values, poses)
         observations = self.observations
         placement = Placement.of(poses)
         landed, failure, derivatives = self.path.target.intersect_with_derivatives(
@@ -88,6 +97,17 @@ class ResidualBlock:
         ]
         jacobian = self._view_jacobian(weighted, placement, poses)
         return self._residuals(landed), jacobian, failure == 0
+
+    def _traced_jacobian(self, values: Values, poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the same where views have cameras of their own: the rays differ as well."""
+        placement, leaves = self._placements(poses)
+        with torch.enable_grad():
+            rays = self._rays(self._of_views(values, leaves))
+            landed, failure = self.path.target(rays, self._placement(leaves), values)
+            residual = self._residuals(landed)
+            derivatives = row_derivatives(residual, leaves)
+        jacobian = self._view_jacobian(derivatives, placement, poses)
+        return residual.detach(), jacobian, failure == 0
 
     def linearise(self, values: Values, poses: Tensor) -> LinearisedBlocks:
         """Return the residuals and their Jacobian by the view parameters and by the shared
@@ -105,8 +125,8 @@ class ResidualBlock:
             (*self.path.adjustments, *target.bends, *target.prints),
         )
         with torch.enable_grad():
-            rays = self.rays(probed.values)
-            landed, _ = target(rays, _placement(leaves), probed.values)
+            rays = self._rays(self._of_views(probed.values, leaves))
+            landed, _ = target(rays, self._placement(leaves), probed.values)
             residual = self._residuals(landed)
             derivatives = row_derivatives(residual, [*leaves, *probed.leaves.values()])
         terms = self.path.linear_terms(observations.pixels, values, exposure, landed.detach())
@@ -123,13 +143,25 @@ class ResidualBlock:
     def _placements(self, poses: Tensor) -> tuple[Placement, list[Tensor]]:
         """Return the placement of each view's board, and the tensors by which the residuals are
         differentiated: the rotation, the translation and, if there is one, the flex of each ray's
-        board.
+        board, and the numbers of its own camera.
         """
         placement = Placement.of(poses)
         observations = self.observations
         by_row = placement[observations.view].at_exposure(observations.exposure)
         leaves = [by_row.turn, by_row.shift, *([] if by_row.flex is None else [by_row.flex])]
+        if self.path.camera_block:
+            columns = block_columns(self.path.view_blocks)[self.path.camera_block]
+            leaves.append(poses[:, columns][observations.view])
         return placement, [leaf.detach().requires_grad_() for leaf in leaves]
+
+    def _placement(self, leaves: Sequence[Tensor]) -> Placement:
+        """Return the placement of each ray's board, from the leaves of `_placements`."""
+        flex = leaves[2] if self.path.target.flex else None
+        return Placement(leaves[0], leaves[1], flex=flex)
+
+    def _of_views(self, values: Values, leaves: Sequence[Tensor]) -> Values:
+        """Return the values with each ray's own camera, from the same leaves."""
+        return with_own_camera(values, leaves[-1]) if self.path.camera_block else values
 
     def _view_jacobian(
         self, by_leaves: Sequence[Tensor], placement: Placement, poses: Tensor
@@ -172,11 +204,6 @@ class ResidualBlock:
         return (self.weights @ (landed - self.observations.corners).unsqueeze(-1)).squeeze(-1)
 
 
-def _placement(leaves: Sequence[Tensor]) -> Placement:
-    turn, shift, *flex = leaves
-    return Placement(turn, shift, flex=flex[0] if flex else None)
-
-
 def make_residual_blocks(
     path: Path,
     parameters: Parameters,
@@ -194,7 +221,7 @@ def make_residual_blocks(
     constant = 0
     for stage in path.stages:
         read = {param.name for param in stage.params}
-        if estimated & read or (estimated and path.adjustments):
+        if estimated & read or path.camera_block or (estimated and path.adjustments):
             break
         constant += 1
     for views in _batches(observations):

@@ -57,6 +57,7 @@ def residuals(path: Path, values: Values, observations: Observations, poses: Ten
         landed - observations.corners,
     )
     points = path.place(observations.corners, values, row_poses, exposure)
+    values = path.values_of_views(values, row_poses)
     projected = project(path, values, points, exposure, start=observations.pixels)
     return Residuals(projected - observations.pixels, board)
 

@@ -64,6 +64,14 @@ class AcceptedEffect:
     """The held-out error without the effect."""
     held_out_px_after: float
     parameters: Mapping[str, EffectEstimate]
+    varies: str | None = None
+    """How its numbers differ from view to view, in a word of the command contract; None if they do
+    not.
+    """
+    spread: Mapping[str, EffectEstimate] = field(default_factory=dict)
+    """The root mean square over the views of numbers that differ."""
+    from_file: str | None = None
+    """The first picture after a change at one view."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +89,18 @@ class DiagnosisRecord:
                 name=candidate["effect"],
                 held_out_px_before=candidate["held_out_px_before"],
                 held_out_px_after=candidate["held_out_px_after"],
-                parameters={
-                    name: EffectEstimate(**estimate)
-                    for name, estimate in candidate["parameters"].items()
-                },
+                parameters=_estimates(candidate["parameters"]),
+                varies=candidate.get("varies"),
+                spread=_estimates(candidate.get("spread", {})),
+                from_file=candidate.get("from_file"),
             )
             for candidate in self.document.get("candidates", ())
             if candidate["accepted"]
         )
+
+
+def _estimates(entries: Mapping[str, Mapping[str, Any]]) -> dict[str, EffectEstimate]:
+    return {name: EffectEstimate(**estimate) for name, estimate in entries.items()}
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,14 +19,16 @@ from calib.io.shapes import (
 from calib.session.freeing import option_names
 
 _QUALITY = record({"rms_px": number, "rmse_cm": number, "held_out_px": number})
+_ESTIMATES = table(record({"value": number, "sigma": number, "unit": text}))
 _CANDIDATE = record(
     {
         "effect": text,
         "accepted": flag,
         "held_out_px_before": maybe(number),
         "held_out_px_after": maybe(number),
-        "parameters": table(record({"value": number, "sigma": number, "unit": text})),
-    }
+        "parameters": _ESTIMATES,
+    },
+    {"varies": maybe(text), "spread": _ESTIMATES, "from_file": maybe(text)},
 )
 RECORD: Mapping[str, Shape] = {
     "method": choice("joint", "paper"),

@@ -15,6 +15,7 @@ from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.free_field import FreeField
 from calib.effects.lens import LensEffect
 from calib.effects.lens_field import LensField
+from calib.effects.varying import VARYING_NUMBERS
 from calib.fitting.declared import PREFIXES
 from calib.inference.fitted_model import FittedModel
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
@@ -35,19 +36,6 @@ EVIDENCE_SCALE = 3.0
 is not quite normal, the shared causes are linearised, and a lens does not stay in its plane when it
 focuses (benchmarks/varies.py).
 """
-WORDS: Mapping[str, str] = {
-    "focal": "the focal length",
-    "principal_point": "the principal point",
-    "lens": "the lens",
-    "cover_offset": "the place of the cover",
-    "cover_tilt": "the tilt of the cover",
-    "cover_radius": "the radius of the cover",
-    "thickness": "the thickness of the glass",
-    "refractive_index": "the refractive index",
-    "board_flex": "the bend of the board",
-    "board_scale": "the print of the board",
-    "rolling_shutter": "the motion of the board while a picture is read out",
-}
 VERBS: Mapping[VariationKind, str] = {
     VariationKind.EACH: "differs in every view",
     VariationKind.DRIFT: "drifts with time",
@@ -136,7 +124,9 @@ class Differing:
         first = self.first
         if self.named:
             return f"{describe_variation(first, self.names)}: {advice(first, self.names)}."
-        rivals = " or ".join(WORDS[variation.group.name] for variation in self.variations[1:])
+        rivals = " or ".join(
+            VARYING_NUMBERS[variation.group.name] for variation in self.variations[1:]
+        )
         likely = describe_variation(first, self.names)
         return (
             f"something differs from view to view: most likely {likely}, else {rivals}. If it is"
@@ -149,7 +139,7 @@ def describe_variation(variation: Variation, names: Sequence[str]) -> str:
     verb = VERBS[variation.kind]
     if variation.kind is VariationKind.STEP:
         verb += f" {names[_first_after_step(variation)]}"
-    clause = f"{WORDS[variation.group.name]} {verb}"
+    clause = f"{VARYING_NUMBERS[variation.group.name]} {verb}"
     if variation.kind in TWO and variation.group.name in TWO_OF_THEM:
         clause += f" ({TWO_OF_THEM[variation.group.name]})"
     size = describe_size(variation)

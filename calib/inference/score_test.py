@@ -22,7 +22,7 @@ from calib.estimation.orthogonal_projection import orthonormal_basis, project_ou
 from calib.estimation.view_equations import ViewEquations
 from calib.inference.fitted_model import FittedModel
 from calib.inference.jackknife import jackknife_p_value
-from calib.optics.board_target import block_columns
+from calib.optics.board_target import CENTRE, FOCAL, block_columns
 
 Array = NDArray[np.float64]
 
@@ -98,9 +98,11 @@ def score_tests(fitted: FittedModel, effects: Sequence[Effect]) -> list[ScoreTes
         names: set[str] = set()
         batch: dict[int, Effect] = {}
         for index, effect in remaining.items():
-            effect_names = {effect.name, *(u.param.name for u in effect.effect_parameters)}
-            if not names & effect_names:
-                names |= effect_names
+            of_view = effect.per_view in (FOCAL, CENTRE)  # a view has one of the two
+            taken = {effect.name, *(u.param.name for u in effect.effect_parameters)}
+            taken |= {"camera_block"} if of_view else set()
+            if not names & taken:
+                names |= taken
                 batch[index] = effect
         tests |= zip(batch, _test_batch(fitted, tuple(batch.values())), strict=True)
         remaining = {i: effect for i, effect in remaining.items() if i not in batch}

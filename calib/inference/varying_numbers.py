@@ -10,12 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.effects.board_scale import SHEAR, STRETCH
-from calib.effects.effect import EffectContext, EffectParameter
+from calib.effects.effect import EACH_VIEW, EffectContext, EffectParameter
+from calib.effects.varying import (
+    ALTERNATING,
+    FOCAL_LENGTH,
+    FROM_VIEW,
+    WITH_NEARNESS,
+    WITH_TILT,
+    WITH_TIME,
+    varying_number,
+)
 from calib.inference.fitted_model import FittedModel
 from calib.optics import rotation
 from calib.session.parameter_names import CAMERA, number_of
 from calib.session.shapes.registry import find_dimension
-from calib.session.tolerances import BOARD_FLEX, FOCAL, PRINCIPAL_POINT, RADIAL
+from calib.session.tolerances import BOARD_FLEX, RADIAL
 
 Array = NDArray[np.float64]
 WARM_UPS = (1 / 16, 1 / 8, 1 / 4)
@@ -25,7 +34,7 @@ MIN_BLOCK = 3
 
 
 class VariationKind(StrEnum):
-    """The way in which numbers differ from view to view."""
+    """The pattern of numbers that differ from view to view."""
 
     EACH = "each view"
     """Every view has its own."""
@@ -43,7 +52,22 @@ class VariationKind(StrEnum):
     TILT = "tilt"
     """A change with the tilt of the board."""
 
+    @property
+    def varies(self) -> str:
+        """The word of the command contract."""
+        return VARIES[self]
 
+
+VARIES: Mapping[VariationKind, str] = {
+    VariationKind.EACH: EACH_VIEW,
+    VariationKind.DRIFT: WITH_TIME,
+    VariationKind.WARM_UP: WITH_TIME,
+    VariationKind.STEP: FROM_VIEW,
+    VariationKind.ALTERNATING: ALTERNATING,
+    VariationKind.TWO_KINDS: ALTERNATING,
+    VariationKind.NEARNESS: WITH_NEARNESS,
+    VariationKind.TILT: WITH_TILT,
+}
 TIME = (VariationKind.DRIFT, VariationKind.WARM_UP, VariationKind.STEP)
 TWO = (VariationKind.ALTERNATING, VariationKind.TWO_KINDS)
 
@@ -58,11 +82,16 @@ class Group:
     kinds: tuple[VariationKind, ...]
     """The ways in which they can differ."""
 
+    def without_each(self) -> Group:
+        """Return the group whose numbers follow a pattern, if they differ."""
+        kinds = tuple(kind for kind in self.kinds if kind is not VariationKind.EACH)
+        return replace(self, kinds=kinds)
+
 
 def groups_of(context: EffectContext) -> tuple[Group, ...]:
     """Return the groups of numbers that may differ from view to view in this session."""
-    focal = EffectParameter.of("focal", FOCAL, CAMERA.focal, relative=True)
-    centre = tuple(EffectParameter.of(name, PRINCIPAL_POINT, (name,)) for name in CAMERA.centre)
+    focal = varying_number(FOCAL_LENGTH)
+    centre = tuple(map(varying_number, CAMERA.centre))
     radial = EffectParameter.of("k1", RADIAL, ("lens.k1",))
     bend = tuple(
         EffectParameter.of(name, BOARD_FLEX, (f"board_shape.{name}",))
@@ -88,37 +117,41 @@ def _cover_groups(context: EffectContext) -> Iterator[Group]:
     for name in dict.fromkeys(read):
         dimension = find_dimension(number_of(name))
         if name in context.values and dimension and dimension.effect and dimension.tolerance:
-            number = EffectParameter.of(name, dimension.tolerance, (name,))
-            numbers.setdefault(dimension.effect, []).append(number)
+            numbers.setdefault(dimension.effect, []).append(varying_number(name))
     for effect, members in numbers.items():
         moves = effect in ("cover_offset", "cover_tilt")
         yield Group(effect, tuple(members), TIME if moves else (*TIME, *TWO))
 
 
-def board_patterns(fitted: FittedModel) -> Mapping[VariationKind, Sequence[Array]]:
-    """Return the (V,) patterns of these views: the nearness of the boards' middles, and the tilt of
-    their normals towards the picture's y and towards its x.
+def patterns_of(fitted: FittedModel) -> Mapping[VariationKind, Sequence[Array]]:
+    """Return the (V,) patterns that numbers of these views may follow: those of time, the nearness
+    of the boards' middles, and the tilt of their normals towards the picture's y and towards its x.
     """
-    poses = fitted.joint.poses
+    poses, observations = fitted.joint.poses, fitted.observations
+    count = len(observations.names)
+    times = np.linspace(0.0, 1.0, count)
+    if observations.exposure and count > 1:
+        times = observations.exposure.time[observations.starts[:-1]].numpy() + 0.5
     near = 1 / fitted.model.path.distance(poses[:, 3:6]).numpy()
     normals = rotation.matrix(poses[:, :3])[:, :, 2].numpy()
     return {
+        **time_patterns(times),
         VariationKind.NEARNESS: [centred_pattern(near)],
         VariationKind.TILT: [centred_pattern(normals[:, 1]), centred_pattern(normals[:, 0])],
     }
 
 
-def time_patterns(count: int) -> Mapping[VariationKind, Sequence[Array]]:
-    """Return the (V,) patterns that any sequence of so many views may follow."""
-    view = np.arange(count)
-    steps = range(MIN_BLOCK, count - MIN_BLOCK + 1)
+def time_patterns(times: Array) -> Mapping[VariationKind, Sequence[Array]]:
+    """Return the (V,) patterns that views of these (V,) times may follow, from 0 for the first to 1
+    for the last.
+    """
+    order = times.argsort(kind="stable").argsort()
+    steps = range(MIN_BLOCK, len(times) - MIN_BLOCK + 1)
     return {
-        VariationKind.DRIFT: [centred_pattern(view)],
-        VariationKind.WARM_UP: [
-            centred_pattern(np.exp(-view / (fraction * count))) for fraction in WARM_UPS
-        ],
-        VariationKind.STEP: [centred_pattern(view >= first) for first in steps],
-        VariationKind.ALTERNATING: [centred_pattern(view % 2)],
+        VariationKind.DRIFT: [centred_pattern(times)],
+        VariationKind.WARM_UP: [centred_pattern(np.exp(-times / part)) for part in WARM_UPS],
+        VariationKind.STEP: [centred_pattern(order >= first) for first in steps],
+        VariationKind.ALTERNATING: [centred_pattern(order % 2)],
     }
 
 

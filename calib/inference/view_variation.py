@@ -25,11 +25,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from calib.effects.board_flex import BoardFlex
 from calib.effects.board_scale import SHEAR, BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.effects.effect import Effect, EffectContext
 from calib.effects.lens import LensEffect
+from calib.effects.registry import EFFECTS, OF_VIEW
 from calib.effects.rolling_shutter import RollingShutter
+from calib.effects.varying import FIRST_RADIAL, FOCAL_LENGTH, Varying
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.normal_equations import ReducedProducts
 from calib.estimation.objective import view_precision
@@ -44,13 +47,13 @@ from calib.inference.varying_numbers import (
     MIN_BLOCK,
     Group,
     VariationKind,
-    board_patterns,
     centred_pattern,
     groups_of,
-    time_patterns,
+    patterns_of,
 )
 from calib.optics.board_target import MOTION, block_columns
 from calib.optics.relief import AMPLITUDES
+from calib.session.parameter_names import CAMERA
 from calib.session.tolerances import (
     BOARD_MOVE,
     BOARD_SPIN,
@@ -100,6 +103,26 @@ class Variation:
         """
         return float(np.sqrt((self.deviations**2).mean(0)).max())
 
+    def effects(self, context: EffectContext) -> tuple[Effect, ...]:
+        """Return the effect that adds these deviations to a model; none if there is none. A board
+        whose bend differs gets one of its own in every view.
+        """
+        name = self.group.name
+        each = self.kind is VariationKind.EACH or name == BoardFlex.name
+        for kind in (*EFFECTS, *OF_VIEW):
+            if each and kind.varies and kind.name == name:
+                return kind.propose(context)
+        if name == BoardScale.name:
+            return ()
+        numbers = [number.param.name for number in self.group.numbers]
+        if name == LensEffect.name:
+            numbers = [FOCAL_LENGTH, *CAMERA.centre]
+            numbers += [FIRST_RADIAL] if FIRST_RADIAL in context.values else []
+        # The maps are of the state at the end, which the next picture has, or of the mean.
+        ends = {VariationKind.STEP: self.pattern.max(), VariationKind.WARM_UP: self.pattern.min()}
+        pattern = self.pattern - ends.get(self.kind, 0.0)
+        return (Varying(name, self.kind.varies, tuple(numbers), tuple(pattern.tolist())),)
+
     def penalised(self, penalty: float) -> Variation:
         """Return the best of several variants with the penalty for trying them."""
         return replace(self, gain=self.gain - penalty, penalty=penalty)
@@ -121,7 +144,7 @@ def find_variations(
     """
     if largest_gain(fitted, context) < MIN_GAIN:
         return []
-    groups, patterns = groups_of(context), board_patterns(fitted)
+    groups, patterns = _groups(fitted, context), patterns_of(fitted)
     present = {effect.name for effect in fitted.model.effects}
     proposals = [
         effect for kind in shared if kind.name not in present for effect in kind.propose(context)
@@ -177,8 +200,20 @@ def _with_largest_gain(
     fitted: FittedModel, context: EffectContext
 ) -> tuple[VariationEquations, float]:
     equations = VariationEquations.of(VariationRows.of(fitted, context))
-    variations = equations.variations(groups_of(context), board_patterns(fitted))
-    return equations, max(variation.gain for variation in variations)
+    variations = equations.variations(_groups(fitted, context), patterns_of(fitted))
+    return equations, max((variation.gain for variation in variations), default=0.0)
+
+
+def _groups(fitted: FittedModel, context: EffectContext) -> list[Group]:
+    """Return the groups of numbers of which the model does not say yet that they differ. Views
+    cannot have both a focal length and a principal point of their own.
+    """
+    varying = {effect.name for effect in fitted.model.effects if effect.varies}
+    groups = [group for group in groups_of(context) if group.name not in varying]
+    if context.path.camera_block:
+        of_view = {kind.name for kind in OF_VIEW}
+        groups = [group.without_each() if group.name in of_view else group for group in groups]
+    return groups
 
 
 @dataclass(frozen=True, eq=False)
@@ -467,12 +502,11 @@ class GroupEquations:
         """Yield the most probable variation of each possible kind.
 
         Args:
-            patterns: the (V,) patterns that depend on the poses of the board.
+            patterns: the (V,) patterns that they may follow.
         """
         in_every_view = self.in_every_view()
         if VariationKind.EACH in self.group.kinds:
             yield in_every_view
-        patterns = {**time_patterns(self.count), **patterns}
         for kind in self.group.kinds:
             followed = [self.following(kind, pattern) for pattern in patterns.get(kind, ())]
             if followed:

@@ -32,11 +32,11 @@ the square of the step.
 """
 
 
-POSE, MOTION, FLEX = "pose", "motion", "flex"
-VIEW_BLOCKS = {POSE: 6, MOTION: 6, FLEX: 3}
+POSE, MOTION, FLEX, FOCAL, CENTRE = "pose", "motion", "flex", "focal", "centre"
+VIEW_BLOCKS = {POSE: 6, MOTION: 6, FLEX: 3, FOCAL: 1, CENTRE: 2}
 """The blocks of per-view parameters in their order, and the number of parameters in each.
 
-Every view has a pose; the other blocks are optional.
+Every view has a pose; the other blocks are optional, and a view has FOCAL or CENTRE, not both.
 """
 
 
@@ -50,8 +50,16 @@ def block_columns(blocks: Iterable[str]) -> dict[str, slice]:
 
 
 def blocks_of_size(count: int) -> tuple[str, ...]:
-    """Return the blocks of a view that has this many parameters: 6, 9, 12 or 15."""
-    return (POSE, *([MOTION] if count >= 12 else []), *([FLEX] if count % 6 else []))
+    """Return the blocks of a view that has this many parameters: 6, 9, 12 or 15, and up to two
+    more.
+    """
+    of_board = count - count % 3
+    return (
+        POSE,
+        *([MOTION] if of_board >= 12 else []),
+        *([FLEX] if of_board % 6 else []),
+        *([(FOCAL, CENTRE)[count % 3 - 1]] if count % 3 else []),
+    )
 
 
 def with_blocks(parameters: Tensor, blocks: Iterable[str]) -> Tensor:

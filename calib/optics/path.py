@@ -13,7 +13,17 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from calib.optics.board_target import FLEX, MOTION, POSE, Placement, Target
+from calib.optics.board_target import (
+    CENTRE,
+    FLEX,
+    FOCAL,
+    MOTION,
+    POSE,
+    Placement,
+    Target,
+    block_columns,
+    blocks_of_size,
+)
 from calib.optics.exposure import MIDDLE, Exposure
 from calib.optics.interface import Interface
 from calib.optics.lens import Lens
@@ -21,6 +31,7 @@ from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays
 from calib.optics.relief import Relief
+from calib.session.parameter_names import CAMERA
 
 
 class Adjustment(Protocol):
@@ -55,6 +66,10 @@ class Path:
     shutter: bool = False
     """True if boards move while a picture is read out: then every view has a motion block next to
     its pose.
+    """
+    camera_block: str = ""
+    """FOCAL if every view has a focal length of its own, by a fraction from that which they share;
+    CENTRE if it has a principal point of its own, by px; empty if views share the camera.
     """
     block_scales: tuple[tuple[str, float], ...] = ()
     """(block, scale): the size of a per-view block over its largest plausible size; 1 for a block
@@ -94,7 +109,12 @@ class Path:
     @property
     def view_blocks(self) -> tuple[str, ...]:
         """The blocks of `board_target.VIEW_BLOCKS` that every view has."""
-        return (POSE, *([MOTION] if self.shutter else []), *([FLEX] if self.target.flex else []))
+        return (
+            POSE,
+            *([MOTION] if self.shutter else []),
+            *([FLEX] if self.target.flex else []),
+            *([self.camera_block] if self.camera_block else []),
+        )
 
     @property
     def has_private_blocks(self) -> bool:
@@ -141,6 +161,14 @@ class Path:
         pixels, values = self.adjust_pixels(pixels, values, exposure)
         return self.trace_from(self.lens(pixels, values, near), values, 1)
 
+    def values_of_views(self, values: Values, poses: Tensor) -> Values:
+        """Return the values with the camera of each row's view, for (..., B) view parameters."""
+        columns = block_columns(blocks_of_size(poses.shape[-1]))
+        for block in (FOCAL, CENTRE):
+            if block in columns:
+                return with_own_camera(values, poses[..., columns[block]])
+        return values
+
     def adjust_pixels(
         self, pixels: Tensor, values: Values, exposure: Exposure | None
     ) -> tuple[Tensor, Values]:
@@ -181,9 +209,8 @@ class Path:
         """Return the (..., 2) m nominal board coordinates where the rays of (..., 2) px land, and
         (...) uint8 failures. `poses` are the (..., B) view parameters of the boards, pose first.
         """
-        return self.target(
-            self.trace(pixels, values, exposure), Placement.of(poses).at_exposure(exposure), values
-        )
+        rays = self.trace(pixels, self.values_of_views(values, poses), exposure)
+        return self.target(rays, Placement.of(poses).at_exposure(exposure), values)
 
     def place(
         self, corners: Tensor, values: Values, poses: Tensor, exposure: Exposure | None
@@ -192,6 +219,16 @@ class Path:
         boards with (..., B) view parameters, pose first.
         """
         return self.target.place(corners, Placement.of(poses).at_exposure(exposure), values)
+
+
+def with_own_camera(values: Values, own: Tensor) -> Values:
+    """Return the values with a camera for each row, from (..., 1) fractions by which its focal
+    length is longer, or (..., 2) px by which its principal point is shifted.
+    """
+    if own.shape[-1] == 1:
+        return {**values, **{name: values[name] * (1 + own[..., 0]) for name in CAMERA.focal}}
+    shifts = zip(CAMERA.centre, own.unbind(-1), strict=True)
+    return {**values, **{name: values[name] + shift for name, shift in shifts}}
 
 
 def row_derivatives(outputs: Tensor, inputs: Sequence[Tensor]) -> list[Tensor]:

@@ -8,7 +8,6 @@ from html import escape
 
 from calib.calibration import Calibration
 from calib.diagnosis.effect_description import describe_estimates
-from calib.diagnosis.finding import ParameterEstimate
 from calib.report.tables import bar
 from calib.table import html_table
 
@@ -31,16 +30,7 @@ def effect_rows(calibration: Calibration) -> list[EffectRow]:
             accepted.name,
             accepted.held_out_px_before,
             accepted.held_out_px_after,
-            "; ".join(
-                describe_estimates(
-                    accepted.name,
-                    calibration,
-                    {
-                        name: ParameterEstimate(estimate.value, estimate.sigma, estimate.unit)
-                        for name, estimate in accepted.parameters.items()
-                    },
-                )
-            ),
+            "; ".join(describe_estimates(accepted, calibration)),
         )
         for accepted in (diagnosis.accepted if diagnosis else ())
     ]

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 from calib.calibration import Calibration
-from calib.fitting.differing import Differing
+from calib.effects.varying import MANNERS, VARYING_NUMBERS, CameraOfView, Varying
+from calib.fitting.differing import ADVICE, Differing
 from calib.inference.effect_context import effect_context
 from calib.verdict.case import Case, optimum_of
 from calib.verdict.residual import beyond_noise, likely_scores
@@ -19,6 +20,12 @@ def differing_views(case: Case) -> Iterator[Reason]:
     A window that nobody declared cannot be scored. So without a cover, nothing is named before a
     diagnosis where much more than noise is left.
     """
+    for added in case.calibration.effects:
+        effect = added.effect
+        if isinstance(effect, CameraOfView) or (isinstance(effect, Varying) and not effect.settled):
+            numbers, manner = VARYING_NUMBERS[effect.name], MANNERS[effect.varies]
+            sentence = f"{numbers} {manner}, and the maps are of the mean: {ADVICE[effect.name]}."
+            yield Reason(sentence, case.next.capture(), (effect.name,))
     diagnosed = case.calibration.history.diagnosis is not None
     window_possible = not diagnosed and not case.calibration.model()[0].cover
     if not case.at_optimum or (window_possible and beyond_noise(case)):

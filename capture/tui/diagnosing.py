@@ -40,16 +40,17 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
         )
         saved = diagnosed_calibration.write(files)
         files.commit(instead_of=DERIVED)
+    record = diagnosed_calibration.history.diagnosis
     numbers = [
         [
-            describe_effect(candidate.effect),
-            *describe_estimates(candidate.effect, diagnosed_calibration, candidate.parameters),
+            describe_effect(effect.name, effect.varies),
+            *describe_estimates(effect, diagnosed_calibration),
         ]
-        for candidate in finding.candidates
-        if candidate.accepted
+        for effect in (record.accepted if record else ())
     ]
     words = {
-        candidate.effect: describe_effect(candidate.effect) for candidate in finding.candidates
+        candidate.effect: describe_effect(candidate.effect, candidate.varies)
+        for candidate in finding.candidates
     }
     return results_summary(diagnosed_calibration, saved) | {
         "accepted": list(finding.accepted),

@@ -160,7 +160,7 @@ def test_the_sharpest_frames_of_a_video_are_a_session(film: Path) -> None:
     assert {15 * number + 7 for number in range(8)} <= numbers
 
 
-@pytest.mark.parametrize("source", ["photos", "film"])
+@pytest.mark.parametrize("source", ["photos", pytest.param("film", marks=pytest.mark.slow)])
 def test_a_board_that_is_not_described_is_looked_for(
     source: str, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -36,7 +36,7 @@ def test_a_checkerboard_is_found_with_its_size() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=pytest.mark.slow if name == "spacing 0.2" else ()) for name in KINDS],
+    [pytest.param(name, marks=() if name == "aprilgrid" else pytest.mark.slow) for name in KINDS],
 )
 def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
     declared = KINDS[name].board

@@ -4,7 +4,7 @@ and under water, behind a laminated window in front of a dome, and without a cov
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +15,12 @@ from torch import Tensor
 from calib.calibration import AddedEffect, Calibration, Stage
 from calib.corners.view import View
 from calib.effects.effect import Effect, EffectContext
-from calib.effects.registry import KINDS
+from calib.effects.registry import KINDS, OF_VIEW
+from calib.effects.varying import FOCAL_LENGTH, FROM_VIEW, WITH_TIME, Varying
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.priors import NONE
-from calib.optics.board_target import FLEX
+from calib.optics.board_target import CENTRE, FLEX
 from calib.optics.build import covered_path, with_relief
 from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
@@ -182,20 +183,32 @@ class Form:
                 unknown.param.name
             ] + unknown.param.scale * torch.from_numpy(np.asarray(error))
         poses = self.model.pad_poses(self.there.poses)
-        size = 1e-3 if self.effect.per_view == FLEX else 0.01
+        size = {FLEX: 1e-3, CENTRE: 5.0}.get(self.effect.per_view, 0.01)
         block_values = torch.from_numpy(rng.uniform(-size, size, (len(poses), poses.shape[1] - 6)))
         return values, torch.cat([poses[:, :6], block_values], 1)
 
     def __str__(self) -> str:
         choice = str(getattr(self.effect, "behind", getattr(self.effect, "over", "")))
-        return "-".join(filter(None, (self.effect.name, self.there.cover.shape, choice)))
+        words = (self.effect.name, self.effect.varies, self.there.cover.shape, choice)
+        return "-".join(filter(None, words))
 
 
-FORMS = tuple(
-    Form(effect, there)
-    for kind in KINDS
-    for there in SITUATIONS
-    for effect in kind.propose(there.surroundings())
+def varying(there: Situation) -> Iterator[Varying]:
+    """Yield effects whose numbers follow a pattern over the views."""
+    yield Varying("focal", WITH_TIME, (FOCAL_LENGTH,), (-1.0, -0.5, 0.5, 1.0))
+    if there.path.cover:
+        numbers = [name for name in there.values if "tilt" in name or name.endswith("thickness")]
+        yield Varying("cover_tilt", FROM_VIEW, tuple(numbers), (-1.0, -1.0, 0.0, 0.0))
+
+
+FORMS = (
+    *(
+        Form(effect, there)
+        for kind in (*KINDS, *OF_VIEW)
+        for there in SITUATIONS
+        for effect in kind.propose(there.surroundings())
+    ),
+    *(Form(effect, there) for there in SITUATIONS for effect in varying(there)),
 )
 
 each_form = pytest.mark.parametrize("form", FORMS, ids=str)

@@ -9,11 +9,17 @@ from calib.corners.view import View
 from calib.effects.detector_bias import DetectorBias
 from calib.effects.effect import Effect
 from calib.effects.focal import Focal
-from calib.effects.focal_drift import FocalDrift
 from calib.effects.lens import LensEffect
 from calib.effects.lens_field import LensField
 from calib.effects.principal_point import PrincipalPoint
 from calib.effects.rolling_shutter import RollingShutter
+from calib.effects.varying import (
+    FROM_VIEW,
+    WITH_TIME,
+    FocalOfView,
+    PrincipalPointOfView,
+    Varying,
+)
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.priors import NONE
@@ -157,24 +163,49 @@ def test_focal_is_a_camera_with_longer_ones() -> None:
 
 
 @pytest.mark.parametrize(
-    "times", [[0.0, 1.0, 4.0], [7.0, 3.0, 2.0]], ids=["in order", "last first"]
+    "effect",
+    [
+        Varying("focal", FROM_VIEW, ("focal",), (-1.0, -1.0, 0.0)),
+        Varying("principal_point", WITH_TIME, ("camera.cx", "camera.cy"), (-1.0, 0.2, 0.8)),
+    ],
+    ids=lambda effect: effect.name,
 )
-def test_focal_drift_is_a_camera_for_each_view(times: list[float]) -> None:
-    """The focal length is the stated one at half of the session's time, and the drift is from the
-    first picture to the last.
-    """
-    drift = 5e-3
-    middle, span = (min(times) + max(times)) / 2, max(times) - min(times)
+def test_numbers_that_follow_a_pattern_are_a_camera_for_each_view(effect: Varying) -> None:
+    """With the step of a focal length, and with a principal point that follows time."""
+    sizes = {"focal": 5e-3} if effect.name == "focal" else {"camera.cx": 3.0, "camera.cy": -2.0}
+    assert tuple(sizes) == effect.numbers
     corners = []
-    for pose, time in zip(POSES, times, strict=True):
+    for pose, follows in zip(POSES, effect.pattern, strict=True):
         matrix = camera_matrix()
-        matrix[[0, 1], [0, 1]] *= 1 + drift * (time - middle) / span
+        matrix[[0, 1], [0, 1]] *= 1 + sizes.get("focal", 0.0) * follows
+        matrix[0, 2] += sizes.get("camera.cx", 0.0) * follows
+        matrix[1, 2] += sizes.get("camera.cy", 0.0) * follows
         corners.append(projected(SOLID, pose, matrix))
+    names = (u.param.name.replace(".", "__") for u in effect.effect_parameters)
+    parameters = dict(zip(names, sizes.values(), strict=True))
+    times = [0.0, 1.0, 2.0]
+    assert np.abs(landed(effect, corners, POSES, times, **parameters)).max() < 1e-14
+    assert np.abs(landed(effect, corners, POSES, times)).max() > 1e-5
+
+
+@pytest.mark.parametrize("effect", [FocalOfView(), PrincipalPointOfView()], ids=lambda e: e.name)
+def test_every_view_may_have_a_camera_of_its_own(effect: FocalOfView) -> None:
+    own = np.array([[5e-3, -2.0], [-2e-3, 4.0], [1e-3, 1.0]])
+    own = own[:, :1] if effect.name == "focal" else own
+    corners = []
+    for pose, numbers in zip(POSES, own, strict=True):
+        matrix = camera_matrix()
+        if effect.name == "focal":
+            matrix[[0, 1], [0, 1]] *= 1 + numbers[0]
+        else:
+            matrix[:2, 2] += numbers
+        corners.append(projected(SOLID, pose, matrix))
+    poses = np.column_stack([POSES, own])
+    times = [0.0, 1.0, 2.0]
+    assert np.abs(landed(effect, corners, poses, times)).max() < 1e-14
     assert (
-        np.abs(landed(FocalDrift(), corners, POSES, times, focal_drift__over_session=drift)).max()
-        < 1e-14
+        np.abs(landed(effect, corners, poses * ([1] * 6 + [0] * own.shape[1]), times)).max() > 1e-5
     )
-    assert np.abs(landed(FocalDrift(), corners, POSES, times)).max() > 1e-5
 
 
 def test_rolling_shutter_sees_each_corner_where_it_is_when_its_row_is_read() -> None:

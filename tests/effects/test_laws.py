@@ -321,4 +321,4 @@ def _estimated(form: Form, values: dict[str, Tensor]) -> Estimated:
 
 
 def _residual(landing: ResidualBlock, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
-    return landing.residual(landing.rays(values), values, poses)
+    return landing.residual(landing.rays(values, poses), values, poses)

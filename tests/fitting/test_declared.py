@@ -12,14 +12,13 @@ import pytest
 from calib.calibration import AddedEffect, Calibration, Stage
 from calib.commands.console import print_fit
 from calib.diagnosis.effect_description import describe_estimates
-from calib.diagnosis.finding import ParameterEstimate
 from calib.effects.board_shape import BoardShape
 from calib.effects.cover_radius import CoverRadius
 from calib.effects.effect import Effect
 from calib.effects.focal import Focal
 from calib.effects.lens import LensEffect
 from calib.effects.thickness import Thickness
-from calib.fit_record.history import DiagnosisRecord, History
+from calib.fit_record.history import AcceptedEffect, DiagnosisRecord, EffectEstimate, History
 from calib.fitting.declared import comparisons, effect_comparisons
 from calib.fitting.rounding import with_sigma
 from calib.report.effects import effect_rows
@@ -147,14 +146,20 @@ def test_console_report_and_diagnosis_print_the_same_number(
     print_fit(diagnosed, 1.0)
     words = " ".join(capsys.readouterr().out.split())
     assert re.search(r"cover.thickness 1.500 ± 0.056 mm 3 ± \S+ mm \w+, by thickness ", words)
-    assert describe_estimates(
-        "thickness", diagnosed, {"thickness.thickness": ParameterEstimate(-0.0015, 0.000056, "m")}
-    ) == [sentence]
+    (accepted,) = history.diagnosis.accepted if history.diagnosis else ()
+    assert describe_estimates(accepted, diagnosed) == [sentence]
     assert [row.parameters for row in effect_rows(diagnosed)] == [sentence]
 
 
-def test_a_field_has_its_size_in_words(plain: Calibration) -> None:
-    size = {"inner_surface.rms": ParameterEstimate(1.23e-5, 2e-6, "m")}
-    assert describe_estimates("inner_surface", plain, size) == [
-        "inner_surface.rms 0.0123 ± 0.0020 mm"
+def test_numbers_that_differ_have_their_spread_in_words(plain: Calibration) -> None:
+    focal = {"focal": EffectEstimate(9.78e-3, 2.4e-4, "")}
+    step = AcceptedEffect("focal", 0.3, 0.1, {}, "from_view", focal, "0012.png")
+    assert describe_estimates(step, plain) == [
+        "focal differs by 0.00978 ± 0.00024 (root mean square over views, from 0012.png on)"
     ]
+
+
+def test_a_field_has_its_size_in_words(plain: Calibration) -> None:
+    size = {"inner_surface.rms": EffectEstimate(1.23e-5, 2e-6, "m")}
+    accepted = AcceptedEffect("inner_surface", 0.3, 0.1, size)
+    assert describe_estimates(accepted, plain) == ["inner_surface.rms 0.0123 ± 0.0020 mm"]

@@ -59,6 +59,7 @@ def test_a_view_whose_pixels_are_a_line_is_rejected(
     assert estimate.intrinsics.fx.value == pytest.approx(2558.36, rel=0.005)
 
 
+@pytest.mark.slow
 def test_corners_that_are_no_board_end_with_a_sentence() -> None:
     """Not even a pose follows from them, for which OpenCV raises."""
     rng = np.random.default_rng(0)
@@ -74,7 +75,10 @@ def test_one_burst_is_too_little_to_choose_a_lens() -> None:
         calibrate_bare(views, BOARD, replace(BARE, lens_coefficients=None), Silent())
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("flat", 5010), ("flat", 5016), ("one depth", 5005)])
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [("flat", 5010), pytest.param("flat", 5016, marks=pytest.mark.slow), ("one depth", 5005)],
+)
 def test_the_truth_is_within_five_sigma(kind: str, seed: int) -> None:
     """Or there is no calibration.
 

@@ -186,6 +186,7 @@ def results(request: pytest.FixtureRequest) -> Results:
     )
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_their_sigmas_say(results: Results) -> None:
     deviations = np.abs(results.errors / results.sigmas)
     assert np.mean(deviations <= MAX_DEVIATION) >= 0.95

@@ -1,12 +1,14 @@
 """The same views give the same numbers, however many threads there are."""
 
 import cv2
+import pytest
 
 from calib.intrinsics.calibrate import calibrate_bare
 from calib.progress import Silent
 from fixtures.degenerate import bare_session
 
 
+@pytest.mark.slow
 def test_a_poorly_determined_lens_is_the_same_in_every_run() -> None:
     """Steps that differ by what is rounded end at other focal lengths: threads of
     cv2.calibrateCamera add up as they come.

@@ -126,7 +126,7 @@ def shapeless(index: float) -> Cover:
 @pytest.mark.parametrize(
     ("cover", "shape"),
     [
-        ("wet-dome", "dome"),
+        pytest.param("wet-dome", "dome", marks=pytest.mark.slow),
         pytest.param("wet-flat", "flat", marks=pytest.mark.slow),
         pytest.param("thick-cone", "cone", marks=pytest.mark.slow),
         pytest.param("cylinder", "cylinder", marks=pytest.mark.slow),

@@ -1,0 +1,187 @@
+"""Numbers that differ from view to view: they follow a pattern over the views, or every view has
+its own.
+
+An effect of this kind has the name of the numbers: focal, principal_point, lens, or that of the
+effect on a number of the cover. `varies` says how they differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Self
+
+import torch
+from torch import Tensor
+
+from calib.effects.effect import BLOCK_SCALES, EACH_VIEW, Effect, EffectContext, EffectParameter
+from calib.optics.board_target import CENTRE, FOCAL
+from calib.optics.exposure import Exposure
+from calib.optics.params import Param, Values
+from calib.optics.path import Path
+from calib.session import tolerances
+from calib.session.parameter_names import CAMERA, number_of
+from calib.session.shapes.registry import find_dimension
+
+WITH_TIME, FROM_VIEW = "with_time", "from_view"
+ALTERNATING, WITH_NEARNESS, WITH_TILT = "alternating", "with_nearness", "with_tilt"
+MANNERS: Mapping[str, str] = {
+    EACH_VIEW: "differs in every view",
+    WITH_TIME: "changes with time",
+    FROM_VIEW: "changes at one view",
+    ALTERNATING: "has two values",
+    WITH_NEARNESS: "follows the distance of the board",
+    WITH_TILT: "follows the tilt of the board",
+}
+"""The ways in which numbers differ from view to view, in plain words."""
+VARYING_NUMBERS: Mapping[str, str] = {
+    "focal": "the focal length",
+    "principal_point": "the principal point",
+    "lens": "the lens",
+    "cover_offset": "the place of the cover",
+    "cover_tilt": "the tilt of the cover",
+    "cover_radius": "the radius of the cover",
+    "thickness": "the thickness of the glass",
+    "refractive_index": "the refractive index",
+    "board_flex": "the bend of the board",
+    "board_scale": "the print of the board",
+    "rolling_shutter": "the motion of the board while a picture is read out",
+}
+"""Plain words for the numbers, by the name of the effect."""
+FOCAL_LENGTH = "focal"
+"""The number that stands for fx and fy, by the same fraction."""
+FIRST_RADIAL = CAMERA.of("k1")
+
+
+def varying_number(name: str) -> EffectParameter:
+    """Return the deviation of a number of the path from that of the other views: with the values
+    that it shifts and, as its standard deviation, the tolerance of the number. Raise LookupError
+    for another number.
+    """
+    if name == FOCAL_LENGTH:
+        return EffectParameter.of(name, tolerances.FOCAL, CAMERA.focal, relative=True)
+    if name in CAMERA.centre:
+        return EffectParameter.of(name, tolerances.PRINCIPAL_POINT, (name,))
+    if name == FIRST_RADIAL:
+        return EffectParameter.of(name, tolerances.RADIAL, (name,))
+    dimension = find_dimension(number_of(name))
+    if not (dimension and dimension.tolerance):
+        raise LookupError(name)
+    return EffectParameter.of(name, dimension.tolerance, (name,))
+
+
+@dataclass(frozen=True, slots=True)
+class Varying(Effect):
+    """Numbers of camera or cover that follow a pattern over the views.
+
+    Where rays have no view, as in maps, the pattern is 0.
+    """
+
+    name: str  # type: ignore[misc]  # that of the numbers
+    varies: str = field()  # type: ignore[misc]
+    numbers: tuple[str, ...]
+    """Each is one for which `varying_number` has an entry."""
+    pattern: tuple[float, ...]
+    """What the deviations follow, a number for each view."""
+    description: ClassVar[str] = "Numbers differ from view to view."
+    about: ClassVar[str] = "what differs from view to view"
+    advice: ClassVar[str] = "record again, and keep everything as it is"
+
+    @classmethod
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        del context
+        return ()  # a pattern has to be found first
+
+    @property
+    def form(self) -> str:
+        return self.varies
+
+    @property
+    def settled(self) -> bool:
+        """True if the numbers are those after a change, False if they are those of the mean."""
+        return max(self.pattern) <= 0 or min(self.pattern) >= 0
+
+    @property
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        """The deviations for a pattern of 1."""
+        return tuple(
+            replace(number, param=replace(number.param, name=self._name(number)), shifts=())
+            for number in map(varying_number, self.numbers)
+        )
+
+    @property
+    def params(self) -> tuple[Param, ...]:
+        return tuple(parameter.param for parameter in self.effect_parameters)
+
+    def apply(self, path: Path) -> Path:
+        return replace(path, adjustments=(*path.adjustments, self))
+
+    def __call__(
+        self, pixels: Tensor, values: Values, exposure: Exposure | None, /
+    ) -> tuple[Tensor, Values]:
+        if exposure is None or exposure.view is None:
+            return pixels, values
+        pattern = torch.tensor(self.pattern, dtype=pixels.dtype, device=pixels.device)
+        followed = pattern[exposure.view]
+        shifted = dict(values)
+        for number in map(varying_number, self.numbers):
+            change = values[self._name(number)] * followed
+            for name in number.shifts:
+                value = values[name]
+                shifted[name] = value * (1 + change) if number.relative else value + change
+        return pixels, shifted
+
+    def _name(self, number: EffectParameter) -> str:
+        return f"{self.name}.{self.varies}.{number.param.name}"
+
+
+@dataclass(frozen=True, slots=True)
+class CameraOfView(Effect):
+    """Every view has numbers of the camera of its own."""
+
+    size: float = BLOCK_SCALES[-1]
+    """The prior standard deviation of each, over its tolerance."""
+    about: ClassVar[str] = "each single view"
+    varies: ClassVar[str] = EACH_VIEW
+
+    @classmethod
+    def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        return () if context.path.camera_block else (cls(),)
+
+    @property
+    def form(self) -> str:
+        return self.varies
+
+    def alternatives(self) -> tuple[Self, ...]:
+        return tuple(replace(self, size=size) for size in BLOCK_SCALES)
+
+    @property
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        return ()
+
+    def apply(self, path: Path) -> Path:
+        return replace(
+            path,
+            camera_block=self.per_view,
+            block_scales=(*path.block_scales, (self.per_view, self.size)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FocalOfView(CameraOfView):
+    """Every view has its own focal length, as with a lens that focuses by itself."""
+
+    name: ClassVar[str] = "focal"
+    description: ClassVar[str] = "The focal length differs in every view."
+    advice: ClassVar[str] = "lock the focus"
+    per_view: ClassVar[str] = FOCAL
+
+
+@dataclass(frozen=True, slots=True)
+class PrincipalPointOfView(CameraOfView):
+    """Every view has its own principal point, as behind an image stabiliser."""
+
+    name: ClassVar[str] = "principal_point"
+    description: ClassVar[str] = "The principal point differs in every view."
+    advice: ClassVar[str] = "switch the image stabiliser off"
+    per_view: ClassVar[str] = CENTRE
