@@ -35,7 +35,7 @@ LAYERS = {
         ("planning",),
         ("diagnosis", "verdict"),
         ("checking", "export", "importing", "report", "sheet"),
-        ("fleet",),
+        ("fleet", "plots"),
         ("commands",),
         ("cli",),
         ("__main__",),

@@ -113,7 +113,6 @@ def residual_maps(evidence: Evidence) -> Drawing:
             "image": in_image.data(),
             "board": on_board.data(),
             "typical": typical_length(in_image, on_board),
-            "cell": evidence.calibration.camera.width / CELLS[0],
             "bands": {
                 "middle": bands.middle,
                 "rms": bands.rms,

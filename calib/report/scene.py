@@ -43,7 +43,7 @@ class Ways:
     """(N,)"""
 
 
-def scene(evidence: Evidence) -> Drawing:
+def session_in_space(evidence: Evidence) -> Drawing:
     shown = corners_with_rays(evidence)
     border = ways(evidence, border_pixels(evidence, 1))
     traced = ways(evidence, evidence.pixels[shown])

@@ -11,6 +11,7 @@ from calib.progress import Progress
 from calib.report.again import again_html
 from calib.report.board_errors import board_errors
 from calib.report.by_depth import distortion_by_depth
+from calib.report.comparison import diagnosis_comparison
 from calib.report.corners import corners_data, views_data
 from calib.report.coverage import corner_coverage
 from calib.report.distortion import distortion_fields
@@ -21,7 +22,7 @@ from calib.report.glass import glass_surface
 from calib.report.page import PageSection, page
 from calib.report.payload import Data
 from calib.report.residual_maps import residual_maps
-from calib.report.scene import scene, side_view
+from calib.report.scene import session_in_space, side_view
 from calib.report.scripts import Scripts
 from calib.report.sigma import predicted_errors
 from calib.report.straight import straight_html
@@ -32,7 +33,7 @@ from calib.threads import single_thread
 
 NAME = "report.html"
 DRAWINGS = (
-    scene,
+    session_in_space,
     side_view,
     board_errors,
     residual_maps,
@@ -52,6 +53,7 @@ def write_report(
     effects: Sequence[EffectRow] | None = None,
     *,
     pictures: Path | None = None,
+    before: Calibration | None = None,
 ) -> Path:
     """Write report.html beside a saved calibration.
 
@@ -60,6 +62,7 @@ def write_report(
             farthest corner.
         effects: rows of the table of effects; None: those of the calibration's own diagnosis.
         pictures: the session's folder, if it is not where the calibration says.
+        before: the calibration that a diagnosis started from.
     """
     advance = progress.task("Report", len(DRAWINGS) + 2)
     with single_thread(), ThreadPoolExecutor() as pool:
@@ -71,7 +74,8 @@ def write_report(
         for done, drawing in enumerate(DRAWINGS, start=2):
             drawn.append(drawing(evidence))
             advance(done, "")
-        drawings = [drawing for drawing in drawn if drawing]
+        comparison = diagnosis_comparison(before, evidence) if DRAWINGS else None
+        drawings = [drawing for drawing in (comparison, *drawn) if drawing]
         sections = _sections(
             evidence,
             straight_html(evidence, session),
@@ -102,6 +106,7 @@ def _sections(
     reproduction: str,
 ) -> list[PageSection]:
     figures = [PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings]
+    compared = [figure for figure in figures if figure.name == "comparison"]
     before_after = (
         [PageSection("effects", "Effects, before and after", effects_html(effects))]
         if effects
@@ -110,8 +115,9 @@ def _sections(
     return [
         PageSection("stages", "The error after each stage", stages_html(evidence)),
         *before_after,
+        *compared,
         *([PageSection("straight", "Before and after undistortion", straight)] if straight else []),
-        *figures,
+        *(figure for figure in figures if figure not in compared),
         PageSection("views", "The views", views),
         PageSection("numbers", "Camera and cover", parameters_html(evidence)),
         PageSection("again", "How to reproduce it", reproduction),

@@ -21,9 +21,14 @@ from calib.calibration import Calibration
 from calib.cli import main
 from calib.commands.console import print_fit
 from calib.corners.view import RejectedPicture
+from calib.diagnosis.requested_effects import with_requested
 from calib.fit_record.outcome import Redetection
 from calib.fit_record.request import FitRequest, Provenance
+from calib.fitting.provenance import record_diagnosis
+from calib.progress import Silent
+from calib.report.comparison import diagnosis_comparison
 from calib.report.effects import EffectRow
+from calib.report.evidence import gather_evidence
 from fixtures.calibrated import with_outcome
 from tests.report.conftest import Reported
 from tests.report.made import report_in
@@ -296,3 +301,30 @@ def test_a_file_name_that_is_no_utf_8_and_one_that_a_terminal_would_obey(
     assert r"Not used: a\x1b[2Jb\ncalib: all is well.png: no board." in printed
     assert "Not used: [/b][link=x]y.png: no board." in printed
     assert "\x1b[2J" not in printed
+
+
+def test_a_diagnosed_calibration_shows_its_residuals_before_and_after(
+    small_calibration: Calibration, tmp_path: Path
+) -> None:
+    """The earlier calibration is read from where the diagnosis found it. Where it is gone, or holds
+    other views, the figure is left out.
+    """
+    before, after = tmp_path / "before", tmp_path / "after"
+    small_calibration.save(before)
+    better = with_requested(small_calibration, ("cover_offset",), Silent())
+    record_diagnosis(better, before, None).save(after)
+    assert main(["report", "--no-open", str(after)]) == 0
+    html = (after / "report.html").read_text()
+    data = data_of(html)["figures"]["comparison"]
+    for side, calibration in (("before", small_calibration), ("after", better)):
+        assert data[side]["rms"] == pytest.approx(calibration.stages[-1].rms_px, rel=1e-6)
+    assert unpacked(data["before"]["views"]).shape == (12,)
+    names = re.findall(r'<section id="([^"]+)"', html)
+    assert names.index("comparison") == 1, "after the table of the stages"
+    (before / "calibration.npz").unlink()
+    assert main(["report", "--no-open", str(after)]) == 0
+    assert 'id="comparison"' not in (after / "report.html").read_text()
+    evidence = gather_evidence(better)
+    fewer = replace(small_calibration, views=small_calibration.views[1:])
+    assert diagnosis_comparison(fewer, evidence) is None
+    assert diagnosis_comparison(better, evidence) is None, "nothing was added"

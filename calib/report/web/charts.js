@@ -15,23 +15,54 @@ function drawBoardErrors(host, {panels, errors}) {
   }
 }
 
-function drawResiduals(host, {image, board, typical, cell, bands, noise, highest}) {
-  addPanel(host, {
-    title: image.title, label: "mean residuals over the image",
-    options: width => pictureOptions(width, arrowMarks(image, 0.9 * cell / typical, "of this cell")),
-  });
-  const span = 1.15 * 1e3 * Math.max(...DATA.board.half) || 1, across = Math.max(DATA.board.columns, DATA.board.rows, 8);
-  addPanel(host, {
-    title: board.title, label: "mean residuals over the board",
-    options: width => squareOptions(width, span, "mm", arrowMarks(board, 1.8 * span / across / typical, "of this corner in all views")),
-  });
+function drawResiduals(host, {image, board, typical, bands, noise, highest}) {
+  addArrowPanels(host, {image, board}, typical);
   addPanel(host, {
     title: `by ${DATA.distanceName}; orange: RMS and 68 % band${noise === null ? "" : "; dashes: the corners' noise"}`, label: "residuals by depth", onClick: openCorner,
     options: width => byDistanceOptions(width, bands, noise, highest),
   });
   addPanel(host, {
     title: `their distribution${noise ? `; line: noise of ${digits(noise / Math.SQRT2, 2)} px in x and y` : ""}`, label: "histogram of the residuals",
-    options: width => histogramOptions(width, noise),
+    options: width => histogramOptions(width, CORNERS.flatMap(corner => [corner.dx, corner.dy]), noise),
+  });
+}
+
+/** Add the mean residuals over the image and over the board; an arrow of typical px is about as long as a cell. */
+function addArrowPanels(host, {image, board}, typical, when = "") {
+  const cell = DATA.camera.width / CELLS_ACROSS;
+  addPanel(host, {
+    title: when + image.title, label: "mean residuals over the image",
+    options: width => pictureOptions(width, arrowMarks(image, 0.9 * cell / typical, "of this cell")),
+  });
+  const span = 1.15 * 1e3 * Math.max(...DATA.board.half) || 1, across = Math.max(DATA.board.columns, DATA.board.rows, 8);
+  addPanel(host, {
+    title: when + board.title, label: "mean residuals over the board",
+    options: width => squareOptions(width, span, "mm", arrowMarks(board, 1.8 * span / across / typical, "of this corner in all views")),
+  });
+}
+
+/** Draw the residuals before and after a diagnosis, at the same scales. */
+function drawComparison(host, {before, after, typical}) {
+  const errorsOf = side => Array.from(numbers(side.errors)), limit = histogramLimit(errorsOf(before));
+  for (const [when, side] of [["before", before], ["after", after]]) {
+    addArrowPanels(host, side, typical, `${when}, `);
+    addPanel(host, {
+      title: `${when}: ${digits(side.rms)} px`, label: "histogram of the residuals",
+      options: width => histogramOptions(width, errorsOf(side), side.noise, limit),
+    });
+  }
+  const earlier = numbers(before.views), later = numbers(after.views);
+  const points = Array.from(earlier, (x, view) => ({x, y: later[view], view})), most = 1.08 * Math.max(...earlier, ...later);
+  addPanel(host, {
+    title: "each view", label: "errors of the views", onClick: ({view}) => openView(view),
+    options: width => {
+      const options = squareOptions(width, 1, "px", [
+        Libraries.Plot.line([[0, 0], [most, most]], {x: "0", y: "1", stroke: "var(--faint)", strokeDasharray: "5 3"}),
+        dots(points, ({view}) => DATA.views.colour[view], 7, 0.9),
+        tip(points, ({view, x, y}) => `${nameOf(view)}\n${digits(x)} px before, ${digits(y)} px after`),
+      ]);
+      return {...options, x: {...options.x, domain: [0, most], label: "before (px)"}, y: {...options.y, domain: [0, most], label: "after (px)"}};
+    },
   });
 }
 
@@ -71,12 +102,17 @@ function byDistanceOptions(width, bands, noise, highest) {
   );
 }
 
-const BINS = 41;
+const BINS = 41, CELLS_ACROSS = 16; // the cells of the mean residuals over the image
 
-/** The distribution of x and y of the errors, and that of the noise alone. */
-function histogramOptions(width, noise) {
-  const all = CORNERS.flatMap(corner => [corner.dx, corner.dy]).filter(Number.isFinite).sort((a, b) => a - b);
-  const limit = Math.max(Math.abs(all[Math.floor(0.002 * all.length)]), Math.abs(all[Math.ceil(0.998 * all.length) - 1])) * 1.1 || 1;
+/** Return where the axis of a histogram ends: nearly all values lie between there and its opposite. */
+function histogramLimit(values) {
+  const sizes = values.filter(Number.isFinite).map(Math.abs).sort((a, b) => a - b);
+  return 1.1 * sizes[Math.floor(0.996 * (sizes.length - 1))] || 1;
+}
+
+/** The distribution of the x and y of errors, and that of the noise alone. */
+function histogramOptions(width, values, noise, limit = histogramLimit(values)) {
+  const all = values.filter(Number.isFinite);
   const step = 2 * limit / BINS, counts = new Array(BINS).fill(0);
   for (const value of all) {
     const bin = Math.floor((value + limit) / step);

@@ -1,7 +1,7 @@
 // Unpacks the libraries, then draws every figure of the page.
 
 const FIGURES = {
-  scene: drawScene, "side-view": drawSideView, "board-errors": drawBoardErrors, residuals: drawResiduals, distortion: drawDistortion,
+  comparison: drawComparison, scene: drawScene, "side-view": drawSideView, "board-errors": drawBoardErrors, residuals: drawResiduals, distortion: drawDistortion,
   "by-depth": drawByDepth, glass: drawGlass, sigma: drawSigma, coverage: drawCoverage,
 };
 
