@@ -81,8 +81,8 @@ def side_view(evidence: Evidence) -> Drawing | None:
         "side-view",
         "The cover from the side and from above",
         "Cuts through the pinhole, to scale. Rays go from the lens through the glass to the corners"
-        " of one board's middle column and row. Scroll or pinch to see more of them; the list"
-        " chooses the board. The numbers are those of the table below.",
+        " of one board's middle column and row. Click into a panel, and the wheel shows more of"
+        " them; the list chooses the board. The numbers are those of the table below.",
         {
             "profiles": profiles(evidence),
             "origin": origins[-1],

@@ -20,6 +20,8 @@ const r = e.getBoundingClientRect(); return [r.left, r.top, r.width, r.height]; 
 DOT = """(() => {{ const path = document.querySelector({what!r} + " .dots path"); path.scrollIntoView({{block: "center"}});
 const [, x, y] = path.getAttribute("d").match(/M([-.0-9]+) ([-.0-9]+)/);
 const at = new DOMPoint(x, y).matrixTransform(path.getScreenCTM()); return [at.x, at.y]; }})()"""  # noqa: E501
+RAYS = "Number(document.querySelector('.scene').dataset.rays)"
+"""The number of rays that the scene shows."""
 TIP = "document.querySelector({what!r} + ' [aria-label=tip] text')?.textContent"
 
 Result = TypeVar("Result")

@@ -24,7 +24,7 @@ from calib.progress import Silent
 from calib.session.session import read_session
 from fixtures.synthetic import scene
 from tests.capture.tui.browser import CHROMIUM
-from tests.report.chrome import DESK, DOT, LOADED, PHONE, PLACE, Chrome, Page, open_chrome
+from tests.report.chrome import DESK, DOT, LOADED, PHONE, PLACE, RAYS, Chrome, Page, open_chrome
 from tests.report.conftest import Reported
 from tests.report.made import report_in
 from tests.test_calibration import write_session
@@ -75,7 +75,6 @@ return {
   commands: all(document, "pre").filter(e => e.scrollWidth > e.clientWidth).length };
 })()"""  # noqa: E501
 CAMERA = "document.querySelector('.scene').camera.position.toArray()"
-RAYS = "Number(document.querySelector('.scene').dataset.rays)"
 TITLE = "document.querySelector('#sigma .panel-title').textContent"
 
 CORNER_PANELS = (

@@ -34,10 +34,10 @@ function drawScene(host, packed) {
   const glass = packed.surfaces.flatMap(surface => Array.from(numbers(surface).filter(Number.isFinite), Math.abs));
   const size = Math.min(3 * (glass.length ? glass.reduce((a, b) => Math.max(a, b)) : 0.05), far);
   const places = {
-    whole: [[-0.55, 0.4, 0.75].map((part, axis) => sight.center[["x", "y", "z"][axis]] + 2.4 * sight.radius * part), sight.center.toArray()],
+    whole: [[-0.55, 0.4, 0.75].map((part, axis) => sight.center[["x", "y", "z"][axis]] + 1.9 * sight.radius * part), sight.center.toArray()],
     ...packed.surfaces.length ? {cover: [[-0.9 * size, 0.7 * size, 0.9 * size], [0, 0, 0]]} : {},
-    "from above": [[sight.center.x, sight.center.y + 2.4 * sight.radius, sight.center.z + 1e-3], sight.center.toArray()],
-    "from the side": [[sight.center.x - 2.4 * sight.radius, sight.center.y, sight.center.z], sight.center.toArray()],
+    "from above": [[sight.center.x, sight.center.y + 1.9 * sight.radius, sight.center.z + 1e-3], sight.center.toArray()],
+    "from the side": [[sight.center.x - 1.9 * sight.radius, sight.center.y, sight.center.z], sight.center.toArray()],
   };
   const render = () => renderer.render(scene, camera);
   const goTo = ([from, to]) => {
