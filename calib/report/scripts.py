@@ -10,12 +10,14 @@ from __future__ import annotations
 import gzip
 from base64 import b64encode
 from dataclasses import dataclass
+from functools import lru_cache
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
 
 from calib.report.payload import Data, to_json
 
+WEB = files("calib.report") / "web"
 PROGRAMS = ("data", "panels", "charts", "viewer", "space", "scene", "main")
 """The files of calib/report/web, in the order in which they run."""
 
@@ -31,18 +33,31 @@ class Scripts:
     @staticmethod
     def of(data: Data) -> Scripts:
         """Return the scripts of a page with this data."""
-        web = files("calib.report") / "web"
-        packed = web.joinpath("libraries.js.gz").read_bytes()
-        texts = [web.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in PROGRAMS]
-        program = '"use strict";\n' + "".join(texts)
-        licences = web.joinpath("licences.txt").read_text(encoding="utf-8")
+        licences = (WEB / "licences.txt").read_text(encoding="utf-8")
         return Scripts(
             f"<details><summary>Licences of the figures' libraries</summary><pre>{escape(licences)}"
             '</pre></details>\n<script type="application/json" id="data">'
             f'{to_json(data)}</script>\n<script type="text/plain" id="libraries">'
-            f"{b64encode(packed).decode()}</script>\n<script>{program}</script>",
-            f"{_source(program.encode())} {_source(gzip.decompress(packed))}",
+            f"{b64encode(_libraries()).decode()}</script>\n<script>{_program()}</script>",
+            allowed_scripts(),
         )
+
+
+@lru_cache(maxsize=1)
+def allowed_scripts() -> str:
+    """Return the hashes of the scripts of every report that this version writes, as the sources of
+    a content security policy.
+    """
+    return f"{_source(_program().encode())} {_source(gzip.decompress(_libraries()))}"
+
+
+def _libraries() -> bytes:
+    return (WEB / "libraries.js.gz").read_bytes()
+
+
+def _program() -> str:
+    texts = [(WEB / f"{name}.js").read_text(encoding="utf-8") for name in PROGRAMS]
+    return '"use strict";\n' + "".join(texts)
 
 
 def _source(script: bytes) -> str:

@@ -101,9 +101,20 @@ class Chrome:
         """Return what a story finds on a page, what its console text, and what it requests for."""
         file = folder / "page.html"
         file.write_text(html)
-        return self._loop.run_until_complete(self._read(file.as_uri(), story, size, scheme, ready))
+        return self.visit(file.as_uri(), story, size, scheme, ready)
 
-    async def _read(
+    def visit(
+        self,
+        address: str,
+        story: Story[Result],
+        size: tuple[int, int] = DESK,
+        scheme: str = "light",
+        ready: str = DRAWN,
+    ) -> tuple[Result, list[str], list[str]]:
+        """Return the same of a page at an address."""
+        return self._loop.run_until_complete(self._visit(address, story, size, scheme, ready))
+
+    async def _visit(
         self, address: str, story: Story[Result], size: tuple[int, int], scheme: str, ready: str
     ) -> tuple[Result, list[str], list[str]]:
         page = self._page

@@ -4,8 +4,10 @@ figure drawn and readable, every chart answering to the pointer, and nothing fro
 
 import json
 import re
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.progress import Silent
 from calib.session.session import read_session
+from capture.offered_files import HEADERS
 from fixtures.synthetic import scene
 from tests.capture.tui.browser import CHROMIUM
 from tests.report.chrome import DESK, DOT, LOADED, PHONE, PLACE, RAYS, Chrome, Page, open_chrome
@@ -296,3 +299,32 @@ def test_without_scripts_the_verdict_and_the_tables_are_there(
     report, _, _ = chrome.read(html, tmp_path, looks, ready=LOADED)
     assert report["tables"] >= 3
     assert len(report["loaded"]) == 45
+
+
+def test_a_report_that_capture_serves_draws_its_figures(chrome: Chrome, reported: Reported) -> None:
+    """Its headers put the page into a sandbox, and allow the report's scripts alone."""
+    pages = {
+        "/report.html": reported.html,
+        "/other.html": "<p>a page</p><script>document.title = 'ran'</script>",
+    }
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            for name, value in {**HEADERS, "Content-Type": "text/html; charset=utf-8"}.items():
+                self.send_header(name, value)
+            self.end_headers()
+            self.wfile.write(pages.get(self.path, "").encode())
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    async def title(page: Page) -> object:
+        return await page.call("document.title")
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}"
+        assert chrome.visit(f"{address}/report.html", looks)[0]["figures"]["sigma"]["charts"]
+        assert chrome.visit(f"{address}/other.html", title, ready=LOADED)[0] != "ran"
+        server.shutdown()
