@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.report.corners import shown_corners
+from calib.report.corners import corner_step, shown_corners
 from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing
 
@@ -56,7 +56,7 @@ def board_errors(evidence: Evidence) -> Drawing:
         "For each detected corner, the point where its ray meets the board minus the true corner,"
         " in board coordinates. Each view has a colour, shown beside its name below. Noise alone"
         " gives a small round cloud around zero; a view whose dots lie to one side has an error of"
-        " its own. One dot in two hundred may lie outside the panel.",
+        " its own. One dot in two hundred may lie outside the panel." + _thinned(evidence),
         {
             "errors": [panel.errors[rows] for panel in panels[:2]],
             "panels": [
@@ -65,6 +65,11 @@ def board_errors(evidence: Evidence) -> Drawing:
             ],
         },
     )
+
+
+def _thinned(evidence: Evidence) -> str:
+    step = corner_step(evidence)
+    return f" The figures of this page show one corner in {step}." if step > 1 else ""
 
 
 def _reach(errors: Array) -> float:

@@ -9,7 +9,7 @@ from calib.report.payload import Data
 MAX_CORNERS = 4000
 """Corners that the figures show. Of more, they show every second, third ... one."""
 SATURATION, VALUE = 0.72, 0.86
-"""Of the views' colours, which are seen on light and on dark."""
+"""Saturation and value of the views' colours, which are visible on light and on dark."""
 
 
 def shown_corners(evidence: Evidence) -> NDArray[np.int64]:

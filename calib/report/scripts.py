@@ -18,8 +18,9 @@ from importlib.resources import files
 from calib.report.payload import Data, to_json
 
 WEB = files("calib.report") / "web"
-PROGRAMS = ("data", "panels", "charts", "viewer", "space", "scene", "main")
-"""The files of calib/report/web, in the order in which they run."""
+REPORT = ("data", "panels", "corners", "charts", "viewer", "space", "scene", "main", "report")
+FLEET = ("data", "panels", "main", "fleet")
+"""The files of calib/report/web that draw a page, in the order in which they run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,32 +32,32 @@ class Scripts:
     """The sources that the content security policy allows: the hashes of the scripts."""
 
     @staticmethod
-    def of(data: Data) -> Scripts:
-        """Return the scripts of a page with this data."""
+    def of(data: Data, programs: tuple[str, ...] = REPORT) -> Scripts:
+        """Return the scripts of a page with this data, which these programs draw."""
         licences = (WEB / "licences.txt").read_text(encoding="utf-8")
         return Scripts(
             f"<details><summary>Licences of the figures' libraries</summary><pre>{escape(licences)}"
             '</pre></details>\n<script type="application/json" id="data">'
             f'{to_json(data)}</script>\n<script type="text/plain" id="libraries">'
-            f"{b64encode(_libraries()).decode()}</script>\n<script>{_program()}</script>",
-            allowed_scripts(),
+            f"{b64encode(_libraries()).decode()}</script>\n<script>{_program(programs)}</script>",
+            allowed_scripts(programs),
         )
 
 
-@lru_cache(maxsize=1)
-def allowed_scripts() -> str:
+@lru_cache(maxsize=2)
+def allowed_scripts(programs: tuple[str, ...] = REPORT) -> str:
     """Return the hashes of the scripts of every report that this version writes, as the sources of
-    a content security policy.
+    a content security policy; or of another page that these programs draw.
     """
-    return f"{_source(_program().encode())} {_source(gzip.decompress(_libraries()))}"
+    return f"{_source(_program(programs).encode())} {_source(gzip.decompress(_libraries()))}"
 
 
 def _libraries() -> bytes:
     return (WEB / "libraries.js.gz").read_bytes()
 
 
-def _program() -> str:
-    texts = [(WEB / f"{name}.js").read_text(encoding="utf-8") for name in PROGRAMS]
+def _program(names: tuple[str, ...]) -> str:
+    texts = [(WEB / f"{name}.js").read_text(encoding="utf-8") for name in names]
     return '"use strict";\n' + "".join(texts)
 
 

@@ -13,6 +13,7 @@ import pytest
 
 pytest.importorskip("aiohttp", reason="the extra `serve`, which drives Chromium, is not installed")
 
+from calib.fleet.charts import link_of
 from calib.fleet.control import ALPHA
 from calib.fleet.findings import Fleet, judge_fleet
 from calib.fleet.limits import Limit
@@ -22,7 +23,7 @@ from calib.fleet.result import JobState, Result
 from calib.fleet.table import fleet_csv
 from fixtures.fleet_results import made, result
 from tests.capture.tui.browser import CHROMIUM
-from tests.report.chrome import LOADED, Chrome, Page, open_chrome
+from tests.report.chrome import DOT, LOADED, Chrome, Page, open_chrome
 
 
 def plain(camera: str, **changed: object) -> Result:
@@ -120,14 +121,16 @@ def test_a_camera_may_have_a_limit_of_its_own() -> None:
 
 def test_the_page_needs_nothing_and_links_every_camera(fleet: Fleet) -> None:
     html = fleet_page(fleet, "line <3>")
-    assert "<script" not in html
-    assert not re.search(r"https?://", html.replace("http://www.w3.org", ""))
+    assert len(re.findall(r"<script[^>]*>", html)) == 3, "its data, the libraries, and what draws"
+    content, licences, _ = html.partition("<details><summary>Licences")
+    assert licences
+    assert not re.search(r"https?://|<script", content.replace("http://www.w3.org", ""))
     assert "line &lt;3&gt;" in html
     assert "SN<" not in html
     for camera in (entry.id for entry in fleet.entries):
         place = f"cameras/{camera}.json" if camera == "c3" else f"cameras/{camera}/report.html"
         assert f'href="{place}"' in html
-    assert html.count("<svg") == 1 + len(fleet.charts) + 1
+    assert content.count("<svg") == 1 + len(fleet.charts) + 1
     assert (
         html.index("Who stands out")
         < html.index("Control charts")
@@ -186,8 +189,32 @@ return { out, over, wide: document.documentElement.scrollWidth - window.innerWid
         return findings
 
     html = fleet_page(fleet, "line 3")
-    findings, complaints, requests = chrome.read(html, tmp_path, story, scheme=scheme, ready=LOADED)
+    static = html.replace("script-src", "script-src 'none';")  # the drawings without scripts
+    findings, _, _ = chrome.read(static, tmp_path, story, scheme=scheme, ready=LOADED)
+    assert (findings["out"], findings["over"]) == ([], [])
+    assert findings["marks"] > 5
+    findings, complaints, requests = chrome.read(html, tmp_path, story, scheme=scheme)
     assert (findings["out"], findings["over"]) == ([], [])
     assert findings["wide"] <= 0
     assert findings["marks"] > 5
     assert (complaints, requests) == ([], [])
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: apt-get install chromium")
+def test_a_dot_says_which_camera_it_is(fleet: Fleet, tmp_path: Path, chrome: Chrome) -> None:
+    """And its click opens the camera's report."""
+
+    for index, entry in enumerate(fleet.entries):
+        report = tmp_path / link_of(fleet, index)
+        report.parent.mkdir(parents=True, exist_ok=True)
+        report.write_text(f"<title>{entry.id}</title>")
+
+    async def story(page: Page) -> tuple[str, bool]:
+        text = await page.hover("#charts .chart")
+        await page.click(*await page.call(DOT.format(what="#charts .chart")))
+        name = text.replace("\u200b", " ").split()[0]
+        return text, await page.until(f"document.title === {name!r}")
+
+    (text, opened), _, _ = chrome.read(fleet_page(fleet, "line 3"), tmp_path, story)
+    assert re.search(r"c\d+\W+[\d.]+ px", text)
+    assert opened

@@ -1,9 +1,4 @@
-// Unpacks the libraries, then draws every figure of the page.
-
-const FIGURES = {
-  comparison: drawComparison, scene: drawScene, "side-view": drawSideView, "board-errors": drawBoardErrors, residuals: drawResiduals, distortion: drawDistortion,
-  "by-depth": drawByDepth, glass: drawGlass, sigma: drawSigma, coverage: drawCoverage,
-};
+// Unpacks the libraries, then draws every figure of a page.
 
 /** Run the libraries, which stand in the page as gzip in base64. The policy of the page knows their hash. */
 async function loadLibraries() {
@@ -13,15 +8,13 @@ async function loadLibraries() {
   document.head.append(script);
 }
 
-async function drawPage() {
-  wireViews();
+/** Draw every figure of the page. draw(host, data, name) draws one. */
+async function drawPage(draw) {
   await loadLibraries();
   for (const figure of document.querySelectorAll("[data-figure]")) {
     const name = figure.dataset.figure;
-    FIGURES[name](figure.querySelector(".panels"), DATA.figures[name]);
+    draw(figure.querySelector(".panels"), DATA.figures[name], name);
     await new Promise(done => setTimeout(done)); // the page answers in between
   }
   document.documentElement.dataset.drawn = "";
 }
-
-drawPage();
