@@ -158,7 +158,11 @@ function fieldMarks(field, values, limit, levels, {colour = () => BLUE, clip = "
   };
   const strength = value => Number.isFinite(value) ? 0.04 + 0.9 * Math.min(1, Math.abs(value) / limit) : 0;
   const lines = levels.flatMap(level => contourLines(field, values, level));
-  const named = levels.map(level => ({level, ...roomiest(field, lines.filter(line => line.level === level))})).filter(({x: place}) => place !== undefined);
+  const named = [];
+  for (const level of levels) {
+    const place = roomiest(field, lines.filter(line => line.level === level), named);
+    if (place) named.push({level, ...place});
+  }
   return [
     Libraries.Plot.raster(values, {...grid, fill: value => colour(value), fillOpacity: strength, clip}),
     ...lines.map(({points}) => Libraries.Plot.line(points, {x: "0", y: "1", stroke: "var(--ink)", strokeWidth: 0.9, clip})),
@@ -172,13 +176,14 @@ function fieldMarks(field, values, limit, levels, {colour = () => BLUE, clip = "
 function contourLines({x, y}, values, level) {
   const columns = x.length, lines = y.length, found = [];
   const [{coordinates}] = Libraries.contours().size([columns, lines]).thresholds([level])(values);
-  const inside_ = (across, down) => across >= 0 && down >= 0 && across <= columns - 1 && down <= lines - 1
-    && [Math.floor(across), Math.ceil(across)].every(column => [Math.floor(down), Math.ceil(down)].every(row => Number.isFinite(values[row * columns + column])));
+  const around = (place, count) => [Math.max(0, Math.floor(place - 0.01)), Math.min(count - 1, Math.ceil(place + 0.01))];
+  const known = (across, down) => across >= 0 && down >= 0 && across <= columns - 1 && down <= lines - 1
+    && around(across, columns).every(column => around(down, lines).every(row => Number.isFinite(values[row * columns + column])));
   for (const ring of coordinates.flat()) {
     let points = [];
     for (const [right, below] of ring) {
       const across = right - 0.5, down = below - 0.5; // d3 counts from the corners of cells
-      if (inside_(across, down)) points.push([x[0] + across * (x[1] - x[0]), y[0] + down * (y[1] - y[0])]);
+      if (known(across, down)) points.push([x[0] + across * (x[1] - x[0]), y[0] + down * (y[1] - y[0])]);
       else if (points.length) { found.push({level, points}); points = []; }
     }
     if (points.length) found.push({level, points});
@@ -186,15 +191,17 @@ function contourLines({x, y}, values, level) {
   return found.filter(({points}) => points.length > 1);
 }
 
-/** Return the point of some lines that is farthest from the border of their field, as {x, y}, where there is room for a text. */
-function roomiest({x, y}, lines) {
-  let best = {room: 0.05};
+/** Return the point of some lines that is farthest from the border of their field and from other texts; null without room. */
+function roomiest({x, y}, lines, others) {
+  const part = (nodes, place) => (place - nodes[0]) / (nodes[nodes.length - 1] - nodes[0]);
+  let best = {room: 0.05, place: null};
   for (const [right, down] of lines.flatMap(line => line.points)) {
-    const across = (right - x[0]) / (x[x.length - 1] - x[0]), along = (down - y[0]) / (y[y.length - 1] - y[0]);
-    const room = Math.min(across, 1 - across, along, 1 - along);
-    if (room > best.room) best = {room, x: right, y: down};
+    const across = part(x, right), along = part(y, down);
+    const apart = others.map(other => Math.hypot(across - part(x, other.x), along - part(y, other.y)));
+    const room = Math.min(across, 1 - across, along, 1 - along, ...apart);
+    if (room > best.room) best = {room, place: {x: right, y: down}};
   }
-  return {x: best.x, y: best.y};
+  return best.place;
 }
 
 const FIELD_SCALES = {color: {type: "identity"}, opacity: {type: "identity"}};

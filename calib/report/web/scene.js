@@ -33,16 +33,18 @@ function drawScene(host, packed) {
   const far = packed.reach[1], sight = boundingSphere(three, boards);
   const glass = packed.surfaces.flatMap(surface => Array.from(numbers(surface).filter(Number.isFinite), Math.abs));
   const size = Math.min(3 * (glass.length ? glass.reduce((a, b) => Math.max(a, b)) : 0.05), far);
+  camera.aspect = box.clientWidth / box.clientHeight;
+  const center = sight.center.toArray(), away = 1.9 * Math.max(1, 1.5 / camera.aspect) * sight.radius;
+  const from = direction => [center.map((place, axis) => place + away * direction[axis]), center];
   const places = {
-    whole: [[-0.55, 0.4, 0.75].map((part, axis) => sight.center[["x", "y", "z"][axis]] + 1.9 * sight.radius * part), sight.center.toArray()],
+    whole: from([-0.55, 0.4, 0.75]),
     ...packed.surfaces.length ? {cover: [[-0.9 * size, 0.7 * size, 0.9 * size], [0, 0, 0]]} : {},
-    "from above": [[sight.center.x, sight.center.y + 1.9 * sight.radius, sight.center.z + 1e-3], sight.center.toArray()],
-    "from the side": [[sight.center.x - 1.9 * sight.radius, sight.center.y, sight.center.z], sight.center.toArray()],
+    "from above": from([0, 1, 1e-3]), "from the side": from([-1, 0, 0]),
   };
   const render = () => renderer.render(scene, camera);
-  const goTo = ([from, to]) => {
-    camera.position.set(...from);
-    controls.target.set(...to);
+  const goTo = ([position, target]) => {
+    camera.position.set(...position);
+    controls.target.set(...target);
     controls.update();
     render();
   };
