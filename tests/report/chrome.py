@@ -10,7 +10,7 @@ from tests.capture.tui.browser import Browser, connected
 
 DESK, PHONE = (1280, 900), (390, 844)
 """px: of a window, and of most telephones."""
-DRAWN = 'document.documentElement.dataset.drawn === ""'
+DRAWN = 'document.documentElement?.dataset.drawn === ""'
 LOADED = 'document.readyState === "complete"'
 WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 """Chromium draws 3D without a graphics card."""

@@ -27,7 +27,18 @@ from calib.session.session import read_session
 from capture.offered_files import HEADERS
 from fixtures.synthetic import scene
 from tests.capture.tui.browser import CHROMIUM
-from tests.report.chrome import DESK, DOT, LOADED, PHONE, PLACE, RAYS, Chrome, Page, open_chrome
+from tests.report.chrome import (
+    DESK,
+    DOT,
+    DRAWN,
+    LOADED,
+    PHONE,
+    PLACE,
+    RAYS,
+    Chrome,
+    Page,
+    open_chrome,
+)
 from tests.report.conftest import Reported
 from tests.report.made import report_in
 from tests.test_calibration import write_session
@@ -162,11 +173,15 @@ def test_the_figures_answer_to_the_pointer(
         await page.drag(x, y, 80, 10)
         assert await page.call(CAMERA) != position, "the scene turned"
         await page.call("document.querySelectorAll('.scene')[0].previousSibling.firstChild.click()")
-        shown = []
-        for step in range(-4, 5):  # boards stand about the middle of the scene
-            await page.mouse("mouseMoved", x + 12 * step, y + 6 * step)
-            shown.append(await page.call(RAYS))
-        assert max(shown) > 10, "rays of a board under the pointer"
+        for step in range(-8, 9):  # boards stand about the middle of the scene
+            place = x + 12 * step, y + 6 * step
+            await page.mouse("mouseMoved", *place)
+            if await page.call(RAYS):
+                break
+        assert await page.call(RAYS) > 10, "rays of a board under the pointer"
+        await page.click(*place)
+        assert await page.until("document.getElementById('viewer').open"), "the board's picture"
+        await page.call("document.getElementById('viewer').close()")
 
         for panel in CORNER_PANELS:
             text = await page.hover(panel)
@@ -205,6 +220,30 @@ def test_a_chart_zooms_with_the_wheel_after_a_click(
         assert await page.until(f"{ticks} === {json.dumps(whole)}")
 
     assert chrome.read(reported.html, tmp_path, story)[1:] == ([], [])
+
+
+def test_a_browser_without_3d_says_so_and_draws_the_rest(
+    chrome: Chrome, small_calibration: Calibration, tmp_path: Path
+) -> None:
+    """As with a remote desktop or an old graphics driver."""
+    without = """const get = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+  return kind.startsWith("webgl") ? null : get.call(this, kind, ...more); };"""
+
+    async def story(page: Page) -> str:
+        added = await page.do("Page.addScriptToEvaluateOnNewDocument", source=without)
+        await page.call("delete document.documentElement.dataset.drawn")
+        await page.do("Page.reload")
+        drawn = await page.until(DRAWN)
+        await page.do("Page.removeScriptToEvaluateOnNewDocument", identifier=added["identifier"])
+        assert drawn
+        assert await page.call("document.querySelectorAll('#side-view svg').length") >= 2
+        return str(await page.call("document.getElementById('scene').textContent"))
+
+    html = report_in(tmp_path, small_calibration).read_text()
+    text, complaints, _ = chrome.read(html, tmp_path, story)
+    assert "draws no 3D" in text
+    assert complaints == []
 
 
 HOSTILE = "</script><script>window.ran=1</script><img src=x onerror='window.ran=2'>&lt;script&gt;"

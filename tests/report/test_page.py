@@ -29,6 +29,7 @@ from calib.progress import Silent
 from calib.report.comparison import diagnosis_comparison
 from calib.report.effects import EffectRow
 from calib.report.evidence import gather_evidence
+from calib.report.scripts import WEB
 from fixtures.calibrated import with_outcome
 from tests.report.conftest import Reported
 from tests.report.made import report_in
@@ -328,3 +329,20 @@ def test_a_diagnosed_calibration_shows_its_residuals_before_and_after(
     fewer = replace(small_calibration, views=small_calibration.views[1:])
     assert diagnosis_comparison(fewer, evidence) is None
     assert diagnosis_comparison(better, evidence) is None, "nothing was added"
+
+
+def test_the_licences_are_of_the_versions_that_the_libraries_are_built_of() -> None:
+    """npm's lock file and the licences name the same packages; the bundle says three.js's own."""
+    locked = json.loads((WEB / "package-lock.json").read_text(encoding="utf-8"))["packages"]
+    versions = {
+        name.removeprefix("node_modules/"): item["version"] for name, item in locked.items() if name
+    }
+    licences = (WEB / "licences.txt").read_text(encoding="utf-8")
+    named = re.findall(r"(?:^|, )([@\w/-]+) (\d+\.\d+\.\d+)(?=,|$)", licences, re.MULTILINE)
+    assert len(named) > 25
+    for name, version in named:
+        assert versions[name] == version, name
+    direct = locked[""]["dependencies"]
+    assert set(direct) <= {name for name, _ in named}
+    bundle = gzip.decompress((WEB / "libraries.js.gz").read_bytes()).decode()
+    assert f'"{versions["three"].split(".")[1]}"' in bundle
