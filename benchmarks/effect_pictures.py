@@ -20,7 +20,7 @@ from PIL import Image
 from torch import Tensor
 
 from calib.corners.view import View
-from calib.effects.effect import Effect, EffectContext
+from calib.effects.effect import Effect, EffectContext, PlaceOnGlass
 from calib.effects.registry import FIELDS, KINDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
@@ -165,7 +165,8 @@ def proposed(kinds: tuple[type[Effect], ...], model: CameraModel) -> list[Effect
         rays = model.path.trace(
             torch.tensor([[0.35 * WIDTH, 0.5 * HEIGHT]], dtype=torch.float64), model.means, MIDDLE
         )
-        place = torch.cat(outer.surface.chart(outer.frame.at(model.means).enter(rays.origin)))
+        first, second = outer.surface.chart(outer.frame.at(model.means).enter(rays.origin))
+        place = PlaceOnGlass((float(first), float(second)), (1.0, 0.04), 1e-3)
     context = EffectContext(BOARD, WIDTH, HEIGHT, model.path, model.means, place=place)
     return [effect for kind in kinds for effect in kind.propose(context)]
 

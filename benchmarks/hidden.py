@@ -14,7 +14,7 @@ from torch import Tensor
 
 from calib.calibration import Calibration
 from calib.corners.view import View
-from calib.effects.effect import Effect, EffectContext, EffectParameter
+from calib.effects.effect import Effect, EffectContext, EffectParameter, PlaceOnGlass
 from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.fine_surface import CENTRES, FineSurface
 from calib.effects.flat_port import WALL_THICKNESS, FlatPort
@@ -73,9 +73,8 @@ class Hidden:
         if outer and outer.relief:
             low = np.array(outer.relief.low)
             high = np.array(outer.relief.high)
-            place = torch.from_numpy(
-                rng.uniform(low + 0.35 * (high - low), high - 0.35 * (high - low))
-            )
+            first, second = rng.uniform(low + 0.35 * (high - low), high - 0.35 * (high - low))
+            place = PlaceOnGlass((first, second), (1.0, 0.04), 1e-3)
         forms = kind.propose(
             EffectContext(made.board, WIDTH, HEIGHT, made.path, made.values, place=place)
         )

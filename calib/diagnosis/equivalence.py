@@ -23,7 +23,7 @@ from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.search import simplify
 from calib.diagnosis.search_state import SearchState
 from calib.diagnosis.sentences import separation
-from calib.diagnosis.trial import Trial
+from calib.diagnosis.trial import Trial, is_impossible
 from calib.effects.effect import Effect
 from calib.effects.registry import KINDS
 from calib.estimation.camera_model import CameraModel
@@ -191,7 +191,8 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
             continue
         model, joint = with_most_probable(base.model, candidate.effect, problem.observations, rough)
         # A smaller evidence means that the fit did not converge, or that the effect does nothing.
-        if joint.finite and joint.log_marginal > base.joint.log_marginal:
+        probable = joint.finite and joint.log_marginal > base.joint.log_marginal
+        if probable and not is_impossible(candidate.effect, joint):
             candidate = replace(candidate, effect=model.effects[-1])
             rivals.append(Rival(candidate, base.model, ModelFit(model, joint)))
     return rivals

@@ -32,6 +32,7 @@ PLAIN = {
     "absorbed": "the fit imitates it",
     "not asked for": "nothing points to it",
     "not finite": "cannot be fitted",
+    "not possible": "would have to be larger than is possible",
 }
 """Plain words for verdicts whose JSON text is unclear."""
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import torch
 
-from calib.effects.effect import EffectContext
+from calib.effects.effect import EffectContext, PlaceOnGlass
 from calib.effects.registry import KINDS
 from calib.errors import InputError
 from calib.estimation.stated_priors import priors_of
@@ -50,7 +50,7 @@ def check_possible(session: Session, settings: Settings, names: Sequence[str]) -
             values,
             frozenset(),
             camera.shutter,
-            torch.zeros(2),
+            PlaceOnGlass((0.0, 0.0), (1.0, 1.0), 1e-3),
         )
         if not kinds[name].propose(context):
             shutter = (

@@ -17,7 +17,7 @@ from calib.diagnosis.backward_elimination import drop_idle
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.search_state import SearchState
 from calib.diagnosis.simpler_forms import simplified
-from calib.diagnosis.trial import MIN_GAIN, Trial
+from calib.diagnosis.trial import MIN_GAIN, Trial, is_impossible
 from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS, FIELDS
 from calib.inference.cross_validation import held_out_gain, hold_out
@@ -187,7 +187,9 @@ def _lowering(
         state, trial = _fit_trial(state, test, previous + len(tests))
         trials.append(trial)
     return state, [
-        trial for trial in trials if trial.error_decrease > MIN_GAIN and not trial.improbable
+        trial
+        for trial in trials
+        if trial.error_decrease > MIN_GAIN and not (trial.improbable or trial.impossible)
     ]
 
 
@@ -209,6 +211,7 @@ def _fit_trial(state: SearchState, test: ScoreTest, among: int) -> tuple[SearchS
         among=among,
         log_odds=log_odds if shared else -np.inf,
         improbable=shared and log_odds <= 0,
+        impossible=joint.finite and is_impossible(test.effect, joint),
     )
     if joint.finite and error_decrease < 1 - HOPELESS_RATIO:
         state = replace(state, hopeless=state.hopeless | {trial.key})

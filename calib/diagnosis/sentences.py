@@ -11,11 +11,15 @@ from calib.diagnosis.search_state import SearchState
 from calib.diagnosis.separating_view import separating_view
 from calib.diagnosis.trial import ALPHA, MIN_GAIN, Trial
 from calib.effects.effect import Effect, is_possible
+from calib.effects.fine_surface import FineSurface
 from calib.effects.free_field import FreeField
 from calib.effects.varying import VARYING_NUMBERS, WITH_TIME, CameraOfView, Varying
+from calib.fitting.rounding import with_sigma
+from calib.inference.effect_context import point_on_glass
 from calib.inference.fitted_model import FittedModel
 from calib.inference.residual_structure import VarianceShare
 from calib.inference.score_test import ScoreTest
+from calib.optics.relief import Bump
 from calib.planning.hints import placement_hint
 
 ABSORBED = 0.95
@@ -41,6 +45,8 @@ def trial_verdict(trial: Trial, *, accepted: bool) -> str:
             return "not asked for"
         if not trial.fit.joint.finite:
             return "not finite"
+        if trial.impossible:
+            return "not possible"
         if trial.improbable:
             return "too many numbers for what it explains"
         return "another helped more" if trial.error_decrease > MIN_GAIN else "too small"
@@ -88,6 +94,9 @@ def remarks(
                 if settled
                 else f"The maps are of the mean of {numbers} over the views."
             )
+    for effect in state.model.effects:
+        if isinstance(effect, FineSurface) and isinstance(effect.relief, Bump):
+            yield _describe_bump(state, effect.relief)
     if not timed and any(effect.varies == WITH_TIME for effect in state.model.effects):
         yield "frames.csv has no times, so the order of the files was used instead."
     for share in structure[:1]:
@@ -95,6 +104,22 @@ def remarks(
             f"{100 * share.fraction:.0f} % of the remaining error goes with {share.organised_by},"
             f" where noise would give {100 * share.chance:.0f} %: something there is not explained."
         )
+
+
+def _describe_bump(state: SearchState, bump: Bump) -> str:
+    """Return a sentence with the place of a bump on the glass, as the camera sees it."""
+    height, first, second, width = (float(state.joint.values[p.name]) for p in bump.params)
+    sigma = float(state.joint.sigma_of(bump.params[0].name))
+    middle = torch.tensor([first, second]) / torch.tensor(bump.metres) + torch.tensor(bump.place)
+    x, y, _ = (1e3 * point_on_glass(state.fitted_model, middle.double())).tolist()
+    kind = "bump" if height > 0 else "dent"
+    size = with_sigma(abs(1e6 * height), 1e6 * sigma)
+    return (
+        f"There is a {kind} of {size} um on the outer surface, such as a drop, dirt or a scratch:"
+        f" clean the glass {abs(y):.1f} mm {'below' if y > 0 else 'above'} the optical axis and"
+        f" {abs(x):.1f} mm to its {'right' if x > 0 else 'left'}, as the camera sees it. It is"
+        f" {2e3 * width:.1f} mm wide."
+    )
 
 
 def _possible_candidates(state: SearchState) -> list[Effect]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from calib.effects.effect import Effect
+from calib.estimation.joint_fit import JointFit
 from calib.inference.cross_validation import HeldOutGain
 from calib.inference.fitted_model import ModelFit
 from calib.inference.score_test import ScoreTest
@@ -19,9 +21,25 @@ may have an error of 0.0013 px (docs/corners.md).
 """
 
 
+MAX_DEVIATION = 3.0
+"""Standard deviations of the prior: a number that differs by more is not possible."""
+
+
 def is_worthwhile(gain: HeldOutGain) -> bool:
     """Return True if the gain is large enough for an effect."""
     return gain.relative > MIN_GAIN and gain.explained_px > MIN_EXPLAINED_PX
+
+
+def is_impossible(effect: Effect, joint: JointFit) -> bool:
+    """Return True if an estimate is so far from what the prior of a physical quantity expects that
+    the effect is no explanation.
+    """
+    return any(
+        abs(float(joint.values[unknown.param.name]) - unknown.initial)
+        > MAX_DEVIATION * unknown.sigma
+        for unknown in effect.effect_parameters
+        if not unknown.param.shape
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +60,8 @@ class Trial:
     """
     improbable: bool = False
     """True if the evidence with the effect, its parameters integrated out, is not larger."""
+    impossible: bool = False
+    """True if a number of the fit is not possible (`is_impossible`)."""
     finished: bool = False
     """True if the fit has the most probable form of the effect, and its own noise and priors."""
     gain: HeldOutGain | None = None

@@ -10,7 +10,6 @@ from typing import ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
@@ -56,6 +55,18 @@ class EffectParameter:
 
 
 @dataclass(frozen=True, slots=True)
+class PlaceOnGlass:
+    """A place on the cover's outer surface where a bump may be."""
+
+    chart: tuple[float, float]
+    """The two chart coordinates."""
+    metres: tuple[float, float]
+    """m on the glass per unit of these."""
+    width: float
+    """m: the width of the bump."""
+
+
+@dataclass(frozen=True, slots=True)
 class EffectContext:
     """The facts about a session and its fit that decide which forms of an effect are possible."""
 
@@ -71,10 +82,8 @@ class EffectContext:
     """Parameters that the fit already estimates."""
     shutter: Shutter | None = None
     """None if the session does not state the shutter."""
-    place: Tensor | None = None
-    """(2,) chart coordinates of the place on the glass where the residual is best explained by a
-    finer relief; None if nobody searched for it.
-    """
+    place: PlaceOnGlass | None = None
+    """The place where a bump explains the residual best; None if nobody searched for it."""
 
 
 EACH_VIEW = "each_view"
@@ -144,7 +153,7 @@ class Effect(Protocol):
         Args:
             information: (k, k) information about the effect's parameters over their scales, after
                 the elimination of all parameters that the fit already estimates.
-            score: (k,) minus half the gradient of the sum of squares by them.
+            score: (k,) half the gradient of the sum of squares by them.
         """
         del information, score
         return self

@@ -1,5 +1,5 @@
 """The outer surface is uneven on a finer scale than the relief's centres can follow, at one
-place.
+place: a bump such as a drop, or any form.
 """
 
 from __future__ import annotations
@@ -9,20 +9,28 @@ from typing import ClassVar, Self
 
 from calib.effects.effect import Effect, EffectContext, EffectParameter
 from calib.optics.path import Path
-from calib.optics.relief import Relief
+from calib.optics.relief import Bump, Relief
 from calib.session.tolerances import GLASS_FIGURE
 
 CENTRES = (13, 13)
 FINER = 7
 """The density of the centres over that of the relief's centres, along each direction."""
+BUMP = "bump"
 
 
 @dataclass(frozen=True, slots=True)
 class FineSurface(Effect):
-    """A relief with denser centres at the place where it explains the residual best."""
+    """At the place where it explains the residual best: a relief with denser centres, or a single
+    round bump.
+    """
 
     low: tuple[float, float]
     high: tuple[float, float]
+    """Chart coordinates of the first and of the last centre; a bump starts between them."""
+    metres: tuple[float, ...] = ()
+    """Of a bump: m per unit of the two chart coordinates. Empty for a relief."""
+    width: float = 0.0
+    """m: the width at which the fit of a bump starts, and the standard deviation of its prior."""
     name: ClassVar[str] = "fine_surface"
     description: ClassVar[str] = (
         "The outer surface is uneven on a finer scale than the relief's centres can follow."
@@ -37,23 +45,45 @@ class FineSurface(Effect):
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
         outer = context.path.cover[-1] if context.path.cover else None
-        if outer is None or outer.relief is None or outer.extra_reliefs or context.place is None:
+        place = context.place
+        if outer is None or outer.extra_reliefs or place is None:
             return ()
-        half = [
-            (n - 1) / 2 * step / FINER
-            for n, step in zip(CENTRES, outer.relief.spacing, strict=True)
-        ]
-        first, second = context.place.tolist()
-        a, b = half
-        return (cls((first - a, second - b), (first + a, second + b)),)
+        first, second = place.chart
+        a, b = (place.width / metres for metres in place.metres)
+        low, high = (first - a, second - b), (first + a, second + b)
+        bump = cls(low, high, place.metres, place.width)
+        if outer.relief is None:
+            return (bump,)
+        half = zip(CENTRES, outer.relief.spacing, strict=True)
+        a, b = ((n - 1) / 2 * step / FINER for n, step in half)
+        return (cls((first - a, second - b), (first + a, second + b)), bump)
 
     @property
-    def relief(self) -> Relief:
-        return Relief(self.low, self.high, CENTRES, name="fine_surface")
+    def form(self) -> str:
+        return BUMP if self.metres else ""
+
+    @property
+    def judged_by_score(self) -> bool:  # type: ignore[override]
+        return not self.metres  # a narrow bump is not linear in its place and width
+
+    @property
+    def relief(self) -> Relief | Bump:
+        if not self.metres:
+            return Relief(self.low, self.high, CENTRES, name="fine_surface")
+        first, second = ((a + b) / 2 for a, b in zip(self.low, self.high, strict=True))
+        return Bump("fine_surface", (first, second), (self.metres[0], self.metres[1]))
 
     @property
     def effect_parameters(self) -> tuple[EffectParameter, ...]:
-        return tuple(EffectParameter(param, GLASS_FIGURE.sigma) for param in self.relief.params)
+        if not self.metres:
+            return tuple(EffectParameter(param, GLASS_FIGURE.sigma) for param in self.relief.params)
+        height, first, second, width = self.relief.params
+        return (
+            EffectParameter(height, GLASS_FIGURE.sigma),
+            EffectParameter(first, self.width / 2),
+            EffectParameter(second, self.width / 2),
+            EffectParameter(width, self.width / 2, neutral=self.width),
+        )
 
     def apply(self, path: Path) -> Path:
         *inner, outer = path.cover

@@ -1,58 +1,193 @@
-"""The context from which effects are proposed, and the place of a possible finer relief."""
+"""The context from which effects are proposed, and the place of a possible bump on the glass."""
 
-from dataclasses import replace
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.effects.effect import EffectContext
-from calib.estimation.parameters import Parameters
-from calib.estimation.priors import NONE
-from calib.estimation.view_equations import view_equations
+from calib.effects.effect import EffectContext, PlaceOnGlass
+from calib.estimation.objective import HUBER
+from calib.estimation.orthogonal_projection import orthonormal_basis
+from calib.estimation.residual_blocks import pixel_weights
 from calib.inference.fitted_model import FittedModel
-from calib.optics.relief import AMPLITUDES, Relief
+from calib.optics.board_target import Placement
+from calib.optics.params import Values
+from calib.optics.path import row_derivatives
+from calib.optics.relief import AMPLITUDES, PROBES, Relief
 from calib.session.board import Board
 from calib.session.camera import Camera
 
-SCAN_DENSITY = 5
-"""Candidate places of a finer relief for each centre of the relief, along each axis."""
+BUMP_WIDTHS = (4e-4, 8e-4, 1.6e-3)
+"""m: the widths of the bumps that are tried: drops and dust. What is wider is a relief."""
+MAX_PLACES = 2000
+"""The largest number of places that are tried: where the rays of some corners leave the glass."""
+AROUND = np.stack(np.meshgrid(*[np.arange(-2.0, 3.0)] * 2), -1).reshape(-1, 2)
+"""(25, 2) steps to places around one of them."""
+MOST_REFINED = 20
+"""The number of these places around which others are tried."""
+MAX_CELLS = 2_000_000
+"""The largest number of corners times places that are in memory together: 0.1 GB."""
+MIN_SIZE = 1e-3
+"""The smallest shift of the corners by a bump, over the largest of all: smaller ones show nothing.
+"""
+EVEN = Relief((-1.0, -1.0), (1.0, 1.0), (2, 2))
+"""A relief without amplitudes, for glass that has none: it takes the probes."""
+NEXT_CORNERS = 12
+"""The number of corners that tell a point on the glass next to them."""
+
+Array = NDArray[np.float64]
 
 
-def fine_relief_place(fitted: FittedModel) -> Tensor | None:
-    """Return the (2,) chart coordinates of the finer centre with the largest score; None without a
-    relief.
+def place_of_bump(fitted: FittedModel) -> PlaceOnGlass | None:
+    """Return the place on the outer surface, and the width, with which a bump explains the residual
+    best, to first order, beside all parameters of the fit; None without a cover.
     """
-    path = fitted.model.path
-    outer = path.cover[-1] if path.cover else None
-    if outer is None or outer.relief is None:
+    path, joint, observations = fitted.model.path, fitted.joint, fitted.observations
+    if not path.cover:
         return None
-    joint = fitted.joint
-    coarse = path.settled_relief(joint.values)
-    assert coarse
-    rows = SCAN_DENSITY * (coarse.grid[0] - 1) + 1
-    columns = SCAN_DENSITY * (coarse.grid[1] - 1) + 1
-    fine = Relief(coarse.low, coarse.high, (rows, columns))
-    fixed = Relief(coarse.low, coarse.high, coarse.grid, coarse.beta, "coarse")
-    interface = replace(outer, relief=fine, extra_reliefs=(*outer.extra_reliefs, fixed))
-    fine_path = replace(path, cover=(*path.cover[:-1], interface))
-    zero = torch.zeros(fine.grid, dtype=torch.float64)
-    values = {**joint.values, "coarse.amplitudes": joint.values[AMPLITUDES], AMPLITUDES: zero}
-    parameters = Parameters(values, fine, (), NONE)
-    scores = np.zeros(rows * columns)
-    squares = np.zeros(rows * columns)
-    for view in view_equations(
-        fine_path, parameters, fitted.observations, joint.poses, joint.sigma
-    ):
-        reduced = view.reduce()
-        scores += reduced.jacobian.T @ reduced.residual
-        squares += (reduced.jacobian**2).sum(0)
-    visible = squares > 1e-3 * squares.max()
-    chi2 = np.where(visible, scores**2 / np.maximum(squares, 1e-300), 0.0)
-    row, column = divmod(int(chi2.argmax()), columns)
-    first = torch.linspace(fine.low[0], fine.high[0], rows, dtype=torch.float64)
-    second = torch.linspace(fine.low[1], fine.high[1], columns, dtype=torch.float64)
-    return torch.stack([first[row], second[column]])
+    outer = path.cover[-1]
+    rays = path.trace(observations.pixels, joint.values, observations.exposure)
+    points = outer.frame.at(_adjusted(fitted)).enter(rays.origin)
+    zero, one = torch.zeros_like(points.x), torch.ones_like(points.x)
+    slopes = [outer.surface.chart_gradient(points, *units) for units in ((one, zero), (zero, one))]
+    metres = (1 / torch.stack([slope.stacked().norm(dim=-1) for slope in slopes], -1)).numpy()
+    chart = torch.stack(outer.surface.chart(points), -1).numpy()
+    scores = _BumpScores.of(fitted, chart)
+    seen = np.flatnonzero((rays.failure == 0).numpy())
+    rows = seen[:: len(seen) // MAX_PLACES + 1]
+    best, found = 0.0, None
+    for width in BUMP_WIDTHS:
+        chi2 = scores.chi2(chart[rows], metres[rows], width)
+        chosen = rows[chi2.argsort(kind="stable")[-MOST_REFINED:]]
+        places, scales = chart[chosen], metres[chosen]
+        for step in (width / 2, width / 4):
+            scales = scales.repeat(len(AROUND), 0)
+            places = (
+                places.repeat(len(AROUND), 0) + step * np.tile(AROUND, (len(places), 1)) / scales
+            )
+            chi2 = scores.chi2(places, scales, width)
+            index = int(chi2.argmax())
+            places, scales = places[[index]], scales[[index]]
+        if chi2[index] > best:
+            best = float(chi2[index])
+            (first, second), (first_m, second_m) = places[0].tolist(), scales[0].tolist()
+            found = PlaceOnGlass((first, second), (first_m, second_m), width)
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _BumpScores:
+    """The scores of bumps on the outer surface."""
+
+    chart: Array
+    """(M, 2) chart coordinates where the corners' rays leave the glass."""
+    by_probe: Array
+    """(M, 2, 3) `_by_probe`."""
+    residual: Array
+    """(2M,) what the views' own parameters leave."""
+    bases: Sequence[Array]
+    """Of each view: an orthonormal basis of what its own parameters do."""
+    ends: NDArray[np.int64]
+    """(V + 1,) the ends of the views' rows."""
+    whitened: Array
+    """(S, 2M) what the shared parameters do beside them."""
+
+    @staticmethod
+    def of(fitted: FittedModel, chart: Array) -> _BumpScores:
+        views = list(fitted.equations())
+        reduced = [view.reduce() for view in views]
+        shared = np.concatenate([view.jacobian for view in reduced])
+        information = shared.T @ shared + fitted.prior_precision()
+        return _BumpScores(
+            chart=chart,
+            by_probe=_by_probe(fitted),
+            residual=np.concatenate([view.residual for view in reduced]),
+            bases=[orthonormal_basis(view.jacobian_block) for view in views],
+            ends=2 * fitted.observations.starts.numpy(),
+            whitened=np.linalg.solve(np.linalg.cholesky(information), shared.T),
+        )
+
+    def chi2(self, places: Array, metres: Array, width: float) -> Array:
+        """Return (K,) by how much bumps of this width at (K, 2) chart coordinates lower the sum of
+        squares, with (K, 2) m per unit there.
+        """
+        step = MAX_CELLS // len(self.chart) + 1
+        parts = [
+            self._scores(places[first : first + step], metres[first : first + step], width)
+            for first in range(0, len(places), step)
+        ]
+        score, size = np.concatenate(parts, 1)
+        visible = size > MIN_SIZE * size.max()
+        return np.where(visible, score**2 / np.where(visible, size, 1.0), 0.0)
+
+    def _scores(self, places: Array, metres: Array, width: float) -> Array:
+        """Return (2, K) the scores of the heights of bumps, and the information about them."""
+        offset = (self.chart[:, None] - places) * metres  # (M, K, 2) m
+        fall = np.exp((offset**2).sum(-1) / (-2 * width**2))
+        rise = -fall[..., None] * offset * metres / width**2
+        column = fall[:, None] * self.by_probe[..., :1]  # (M, 2, K)
+        column += np.einsum("mki,mci->mck", rise, self.by_probe[..., 1:])
+        column = column.reshape(-1, len(places))
+        parts = zip(self.bases, pairwise(self.ends), strict=True)
+        by_pose = sum(((basis.T @ column[a:b]) ** 2).sum(0) for basis, (a, b) in parts)
+        by_shared = ((self.whitened @ column) ** 2).sum(0)
+        return np.stack([self.residual @ column, (column**2).sum(0) - by_pose - by_shared])
+
+
+def _by_probe(fitted: FittedModel) -> Array:
+    """Return the (M, 2, 3) derivatives of the corners' residuals, px over sigma, by the height of
+    the outer surface and its two slopes where each ray leaves it, with the weights of a robust fit
+    (`calib.estimation.objective`); 0 for a ray that fails.
+    """
+    path, joint, observations = fitted.model.path, fitted.joint, fitted.observations
+    poses = joint.poses[observations.view]
+    weights = pixel_weights(path, joint.values, observations, joint.poses, joint.sigma)
+    probes = {name: torch.zeros(len(poses)).double().requires_grad_() for name in PROBES}
+    even: dict[str, Tensor] = {}
+    if not path.relief:
+        *inner, outer = path.cover
+        path = replace(path, cover=(*inner, replace(outer, relief=EVEN)))
+        even = {AMPLITUDES: torch.zeros(EVEN.grid, dtype=torch.float64)}
+    with torch.enable_grad():
+        values = {**path.values_of_views(joint.values, poses), **even, **probes}
+        rays = path.trace(observations.pixels, values, observations.exposure)
+        placement = Placement.of(poses).at_exposure(observations.exposure)
+        landed, failure = path.target(rays, placement, joint.values)
+        residual = (weights @ (landed - observations.corners).unsqueeze(-1)).squeeze(-1)
+        derivatives = torch.stack(row_derivatives(residual, list(probes.values())), -1)
+    size = residual.detach().norm(dim=-1).clamp_min(HUBER)
+    robust = torch.where(failure == 0, (HUBER / size).sqrt(), 0.0)
+    return np.asarray((robust[:, None, None] * derivatives).numpy())
+
+
+def _adjusted(fitted: FittedModel) -> Values:
+    """Return the values as the stages read them."""
+    observations = fitted.observations
+    path, values = fitted.model.path, fitted.joint.values
+    return path.adjust_pixels(observations.pixels, values, observations.exposure)[1]
+
+
+def point_on_glass(fitted: FittedModel, chart: Tensor) -> Tensor:
+    """Return the (3,) m point in the camera frame at (2,) chart coordinates of the outer surface,
+    from the rays of the corners next to it.
+    """
+    path, values, observations = fitted.model.path, fitted.joint.values, fitted.observations
+    outer = path.cover[-1]
+    rays = path.trace(observations.pixels, values, observations.exposure)
+    surface = outer.surface.chart(outer.frame.at(_adjusted(fitted)).enter(rays.origin))
+    offset = torch.stack(surface, -1) - chart
+    span = offset.abs().nan_to_num().amax(0).clamp_min(1e-300)
+    distance = torch.where(rays.failure == 0, (offset / span).norm(dim=-1), torch.inf)
+    nearest = distance.argsort(stable=True)[:NEXT_CORNERS]
+    plane = torch.column_stack([torch.ones(len(nearest)), offset[nearest] / span])
+    solution: Tensor = torch.linalg.lstsq(plane, rays.origin.stacked()[nearest]).solution
+    return solution[0]
 
 
 def effect_context(
@@ -69,5 +204,5 @@ def effect_context(
         fitted.joint.values,
         frozenset(fitted.model.priors.sigmas),
         camera.shutter,
-        fine_relief_place(fitted) if locate else None,
+        place_of_bump(fitted) if locate else None,
     )

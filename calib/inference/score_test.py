@@ -53,7 +53,7 @@ class ScoreTest:
     parameters of single views.
     """
     score: Array
-    """(k,) minus half the gradient of the sum of squares by its parameters."""
+    """(k,) half the gradient of the sum of squares by its parameters."""
 
     @property
     def promises(self) -> float:

@@ -14,7 +14,7 @@ from torch import Tensor
 from calib.optics.cover_frame import CoverFrame
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays, surface_failures
-from calib.optics.relief import Relief
+from calib.optics.relief import Bump, Relief
 from calib.optics.snell import refract
 from calib.optics.surface import Surface
 from calib.optics.vector import Vector
@@ -48,11 +48,11 @@ class Interface:
     exact_hit: bool = True
     """True if the relief moves the hit point; False if it only tilts the normal, as in the paper.
     """
-    extra_reliefs: tuple[Relief, ...] = ()
+    extra_reliefs: tuple[Relief | Bump, ...] = ()
     """Further reliefs; the surface carries the sum of all."""
 
     @property
-    def reliefs(self) -> tuple[Relief, ...]:
+    def reliefs(self) -> tuple[Relief | Bump, ...]:
         return (*((self.relief,) if self.relief else ()), *self.extra_reliefs)
 
     @property

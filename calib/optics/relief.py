@@ -30,6 +30,10 @@ two spacings, by a nanometre.
 """
 
 
+MIN_BUMP_WIDTH = 5e-5
+"""m: light passes a narrower bump beside the pupil."""
+
+
 @dataclass(frozen=True, slots=True)
 class Relief:
     """A height Phi(s) = sum a_ij exp(-|s - s_ij|^2 / (2 beta)) over a surface's chart.
@@ -210,6 +214,41 @@ class Relief:
             -1, *(1,) * coordinate.ndim
         )
         return offsets, torch.exp(offsets * offsets * (-0.5 / self.beta))
+
+
+@dataclass(frozen=True, slots=True)
+class Bump:
+    """A round bump on a surface: height exp(-r^2 / (2 width^2)), with r the distance on the glass
+    from its middle.
+    """
+
+    name: str
+    """The values hold NAME.height, NAME.first, NAME.second and NAME.width."""
+    place: tuple[float, float]
+    """Chart coordinates, from which `first` and `second` are measured."""
+    metres: tuple[float, float]
+    """m per unit of the two chart coordinates at this place."""
+
+    @property
+    def params(self) -> tuple[Param, ...]:
+        return (
+            Param(f"{self.name}.height", "m", 1e-6),
+            Param(f"{self.name}.first", "m", 1e-4),
+            Param(f"{self.name}.second", "m", 1e-4),
+            Param(f"{self.name}.width", "m", 1e-4, minimum=MIN_BUMP_WIDTH),
+        )
+
+    def height(self, chart: tuple[Tensor, Tensor], values: Values) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the (...) m height at two (...) chart coordinates, and its two (...) slopes, m per
+        chart unit.
+        """
+        width_squared = values[f"{self.name}.width"] ** 2
+        first = (chart[0] - self.place[0]) * self.metres[0] - values[f"{self.name}.first"]
+        second = (chart[1] - self.place[1]) * self.metres[1] - values[f"{self.name}.second"]
+        fall = torch.exp((first**2 + second**2) / (-2 * width_squared))
+        height = values[f"{self.name}.height"] * fall
+        rise = -height / width_squared
+        return height, rise * first * self.metres[0], rise * second * self.metres[1]
 
 
 def _column_sums(amplitudes: Tensor, gaussians: Tensor) -> Tensor:

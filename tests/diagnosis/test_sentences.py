@@ -12,7 +12,7 @@ from calib.diagnosis.sentences import remarks
 from calib.diagnosis.trial import Trial
 from calib.effects.cover_tilt import CoverTilt
 from calib.effects.detector_bias import DetectorBias
-from calib.effects.effect import Effect, EffectContext, is_possible
+from calib.effects.effect import Effect, EffectContext, PlaceOnGlass, is_possible
 from calib.effects.flat_port import FlatPort
 from calib.effects.free_field import FreeField
 from calib.effects.registry import KINDS
@@ -73,7 +73,9 @@ def test_without_the_window_its_effects_are_dropped_as_well() -> None:
 def test_effects_on_a_cover_are_proposed_for_covers_alone() -> None:
     made = without_cover(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
     without = Path(LensModel(0))
-    context = EffectContext(made.board, 1640, 1232, without, {}, place=torch.zeros(2))
+    context = EffectContext(
+        made.board, 1640, 1232, without, {}, place=PlaceOnGlass((0.0, 0.0), (1.0, 1.0), 1e-3)
+    )
     on_cover: list[type[Effect]] = [kind for kind in KINDS if not is_possible(kind, without)]
     assert len(on_cover) == 8
     assert not [kind.name for kind in on_cover if kind.propose(context)]

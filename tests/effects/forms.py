@@ -14,7 +14,7 @@ from torch import Tensor
 
 from calib.calibration import AddedEffect, Calibration, Stage
 from calib.corners.view import View
-from calib.effects.effect import Effect, EffectContext
+from calib.effects.effect import Effect, EffectContext, PlaceOnGlass
 from calib.effects.registry import KINDS, OF_VIEW
 from calib.effects.varying import FOCAL_LENGTH, FROM_VIEW, WITH_TIME, Varying
 from calib.estimation.camera_model import CameraModel
@@ -79,13 +79,12 @@ class Situation:
         return CameraModel(self.path, self.values, NONE)
 
     def surroundings(self, estimated: Sequence[str] = (), placed: bool = True) -> EffectContext:
-        place = (
-            torch.tensor(
-                [sum(ends) / 2 for ends in zip(self.relief.low, self.relief.high, strict=True)]
+        place: PlaceOnGlass | None = None
+        if self.relief:
+            first, second = (
+                sum(ends) / 2 for ends in zip(self.relief.low, self.relief.high, strict=True)
             )
-            if self.relief
-            else None
-        )
+            place = PlaceOnGlass((first, second), (1.0, 0.04), 5e-3)
         return EffectContext(
             BOARD,
             WIDTH,

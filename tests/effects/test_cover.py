@@ -5,12 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
 from calib.effects.cover_offset import CoverOffset
 from calib.effects.cover_radius import CoverRadius
 from calib.effects.cover_tilt import CoverTilt
-from calib.effects.effect import Effect, EffectContext
+from calib.effects.effect import Effect, EffectContext, PlaceOnGlass
 from calib.effects.fine_surface import FineSurface
 from calib.effects.flat_port import WALL_INDEX, FlatPort
 from calib.effects.inner_surface import InnerSurface
@@ -28,6 +27,7 @@ from tests.effects.rays import Array, Glass, Height, centres, pinhole, turned
 from tests.optics import oracle
 from tests.optics.shapes import CONE, CYLINDER, DOME, EXAMPLES, FLAT, Example, each_shape
 
+PLACE = PlaceOnGlass((0.0, 0.0), (1.0, 1.0), 1e-3)
 PIXELS = np.random.default_rng(0).uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (16, 2))
 GRID = (5, 6)
 AMPLITUDES = np.random.default_rng(3).normal(0, 2e-5, GRID)
@@ -52,8 +52,8 @@ def model(example: Example) -> CameraModel:
     )
 
 
-def proposed(kind: type[Effect], model: CameraModel, place: Tensor | None = None) -> Effect:
-    (effect,) = kind.propose(
+def proposed(kind: type[Effect], model: CameraModel, place: PlaceOnGlass | None = None) -> Effect:
+    effect, *_ = kind.propose(
         EffectContext(Board(9, 9, 0.02), WIDTH, HEIGHT, model.path, model.means, place=place)
     )
     return effect
@@ -237,7 +237,7 @@ def test_fine_surface_adds_narrower_gaussians_outside(example: Example) -> None:
     base = model(example)
     low, high = example.patch
     place = np.array([0.6 * a + 0.4 * b for a, b in zip(low, high, strict=True)])
-    effect = proposed(FineSurface, base, torch.from_numpy(place))
+    effect = proposed(FineSurface, base, PlaceOnGlass((place[0], place[1]), (1.0, 1.0), 1e-3))
     steps = [(b - a) / (n - 1) / 7 for a, b, n in zip(low, high, GRID, strict=True)]
     at = np.array([place + np.array([i, j]) * steps for i in range(-6, 7) for j in range(-6, 7)])
     amplitudes = np.random.default_rng(9).normal(0, 5e-6, (13, 13))
@@ -294,16 +294,14 @@ def test_impossible_effects_are_not_proposed() -> None:
         FineSurface,
     )
     path, values = pinhole_path(INTRINSICS)
-    bare = EffectContext(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, place=torch.zeros(2))
+    bare = EffectContext(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, place=PLACE)
     assert not [effect for kind in covers for effect in kind.propose(bare)]
     for example in EXAMPLES:
         path, values = covered_path(INTRINSICS, example.cover)
-        smooth = EffectContext(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, place=torch.zeros(2))
-        assert not [
-            effect
-            for kind in (FlatPort, InnerSurface, FineSurface)
-            for effect in kind.propose(smooth)
-        ]
+        smooth = EffectContext(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, place=PLACE)
+        kinds: tuple[type[Effect], ...] = (FlatPort, InnerSurface)
+        assert not [effect for kind in kinds for effect in kind.propose(smooth)]
+        assert [effect.form for effect in FineSurface.propose(smooth)] == ["bump"]
         if example is DOME:  # turned, it is the same dome
             assert not [effect for kind in (CoverTilt, Wedge) for effect in kind.propose(smooth)]
         if example is FLAT:

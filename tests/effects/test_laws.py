@@ -28,6 +28,7 @@ from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
 from calib.estimation.residual_blocks import ResidualBlock, make_residual_blocks
 from calib.optics.params import Values
+from calib.optics.relief import Relief
 from tests.effects.forms import FORMS, SITUATIONS, Form, Situation, each_form
 
 SMALLEST = 1e-9
@@ -261,9 +262,10 @@ def test_estimated_numbers_are_not_proposed_again(there: Situation) -> None:
 def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
     assert not FineSurface.propose(there.surroundings(placed=False))
     proposed = FineSurface.propose(there.surroundings())
-    assert len(proposed) == bool(there.relief)
-    for effect in proposed:
+    assert [effect.form for effect in proposed] == (["", "bump"] if there.relief else [])
+    for effect in proposed[:1]:
         assert there.relief
+        assert isinstance(effect.relief, Relief)
         assert effect.relief.spacing == pytest.approx([step / 7 for step in there.relief.spacing])
 
 

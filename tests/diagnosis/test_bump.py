@@ -1,0 +1,59 @@
+"""A drop on the glass, which few rays pass."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from calib.calibration import Calibration
+from calib.diagnosis.diagnose import diagnose
+from calib.effects.fine_surface import FineSurface
+from calib.inference.calibration_model import full_model
+from calib.inference.effect_context import place_of_bump, point_on_glass
+from calib.inference.fitted_model import FittedModel
+from calib.progress import Silent
+from calib.threads import single_thread
+from tests.diagnosis.hide import fitted, hidden
+
+PLACE = (-0.001, 0.02)
+"""m along the axis of the cone, rad around it."""
+METRES = (1.0, 0.045)
+DROP = FineSurface((-0.0015, 0.01), (-0.0005, 0.03), METRES, 5e-4)
+HEIGHT = 6e-6
+SIZES = {
+    "fine_surface.height": HEIGHT,
+    "fine_surface.first": 0.0,
+    "fine_surface.second": 0.0,
+    "fine_surface.width": 5e-4,
+}
+CLOSE = 4e-4
+"""m: the scan tries places in steps of a quarter of its widths, 0.1 to 0.4 mm."""
+
+
+@pytest.fixture(scope="module")
+def dropped() -> Calibration:
+    return fitted(hidden(DROP, SIZES, 2, 24))
+
+
+def test_the_scan_finds_the_place(dropped: Calibration) -> None:
+    model = full_model(dropped)
+    with single_thread():
+        joint = model.fit(dropped.observations, torch.from_numpy(dropped.poses))
+        fit = FittedModel(model, dropped.observations, joint)
+        place = place_of_bump(fit)
+    assert place
+    found, true = (point_on_glass(fit, torch.tensor(at).double()) for at in (place.chart, PLACE))
+    assert (found - true).norm() < CLOSE
+
+
+@pytest.mark.slow
+def test_a_drop_is_named_with_its_place_and_nothing_else_is(dropped: Calibration) -> None:
+    _, finding = diagnose(dropped, Silent())
+    assert finding.accepted == ("fine_surface",)
+    (found,) = (candidate for candidate in finding.candidates if candidate.accepted)
+    assert found.form == "bump"
+    height = found.parameters["fine_surface.height"]
+    assert abs(height.value - HEIGHT) < 4 * height.sigma + 0.05 * HEIGHT
+    (sentence,) = (remark for remark in finding.remarks if "clean the glass" in remark)
+    assert sentence.startswith("There is a bump of ")
+    assert sentence.endswith(" mm wide.")
