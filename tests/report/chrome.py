@@ -17,9 +17,11 @@ WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 PLACE = """(() => {{ const e = document.querySelector({what!r});
 e.scrollIntoView({{block: "center"}});
 const r = e.getBoundingClientRect(); return [r.left, r.top, r.width, r.height]; }})()"""
-DOT = """(() => {{ const path = document.querySelector({what!r} + " .dots path"); path.scrollIntoView({{block: "center"}});
+DOT = """(() => {{ const path = document.querySelector({what!r} + " .dots path");
+if (!path) return null;
+path.scrollIntoView({{block: "center"}});
 const [, x, y] = path.getAttribute("d").match(/M([-.0-9]+) ([-.0-9]+)/);
-const at = new DOMPoint(x, y).matrixTransform(path.getScreenCTM()); return [at.x, at.y]; }})()"""  # noqa: E501
+const at = new DOMPoint(x, y).matrixTransform(path.getScreenCTM()); return [at.x, at.y]; }})()"""
 RAYS = "Number(document.querySelector('.scene').dataset.rays)"
 """The number of rays that the scene shows."""
 TIP = "document.querySelector({what!r} + ' [aria-label=tip] text')?.textContent"
@@ -37,8 +39,8 @@ class Page(Browser):
         return result["result"].get("value")
 
     async def until(self, condition: str) -> bool:
-        """Return true as soon as a condition holds, and false after two seconds without it."""
-        for _ in range(100):
+        """Return true as soon as a condition holds, and false after eight seconds without it."""
+        for _ in range(400):
             if await self.call(condition):
                 return True
             await asyncio.sleep(0.02)
@@ -69,10 +71,11 @@ class Page(Browser):
     async def hover(self, what: str) -> str:
         """Point at a dot of a chart, and return what the chart says of it."""
         text = None
-        for _ in range(100):  # the chart is drawn in the browser's next frame
-            await self.mouse("mouseMoved", *await self.call(DOT.format(what=what)))
-            if text := await self.call(TIP.format(what=what)):
-                break
+        for _ in range(400):  # the chart is drawn in the browser's next frame
+            if place := await self.call(DOT.format(what=what)):
+                await self.mouse("mouseMoved", *place)
+                if text := await self.call(TIP.format(what=what)):
+                    break
             await asyncio.sleep(0.02)
         return text or ""
 
