@@ -66,6 +66,17 @@ def describe_mismatch(source: str, *, covered: bool) -> str:
     )
 
 
+def is_kind_unknown(source: str) -> bool:
+    """Return True for recorded pictures of which nothing says whether they show the cover: neither
+    the name bare nor a session.yaml.
+    """
+    folder = _folder(source)
+    if not folder:
+        return full_source(source).startswith("video:")
+    outer = folder.parent if folder.name == "frames" else folder
+    return folder.name != "bare" and not (outer / "session.yaml").is_file()
+
+
 def _folder(source: str) -> Path | None:
     scheme, _, path = full_source(source).partition(":")
     return expand_typed_path(path.partition("?")[0]) if scheme == "folder" else None

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from calib.commands.arguments import millimetres, positive_number
 from calib.errors import InputError
-from calib.session.coding import DICTIONARIES, TYPES
+from calib.session.coding import BORDERS, DICTIONARIES, FIRST_ROWS, ROTATIONS_DEG, TYPES
 
 if TYPE_CHECKING:
     from calib.session.board import Board
@@ -19,6 +19,9 @@ OPTIONS = (
     "tag_mm",
     "spacing",
     "first_marker",
+    "border_cells",
+    "numbered_from",
+    "tag_rotation_deg",
     "inverted",
 )
 """The names that session.yaml has for the options."""
@@ -59,6 +62,23 @@ def add_coding(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> Non
         type=int,
         metavar="N",
         help="number of the board's first marker (default: 0)",
+    )
+    parser.add_argument(
+        "--border-cells",
+        type=int,
+        choices=BORDERS,
+        help="cells of black around an aprilgrid's tags (default: 2, as Kalibr's have)",
+    )
+    parser.add_argument(
+        "--numbered-from",
+        choices=FIRST_ROWS,
+        help="the first tag of an aprilgrid (default: lower_left, as on Kalibr's)",
+    )
+    parser.add_argument(
+        "--tag-rotation-deg",
+        type=int,
+        choices=ROTATIONS_DEG,
+        help="turn of an aprilgrid's tags, clockwise against OpenCV's (default: 180, Kalibr's)",
     )
     parser.add_argument(
         "--inverted",

@@ -25,6 +25,14 @@ if TYPE_CHECKING:
 
 SEARCHED_PICTURES = 8
 """Pictures, spread over all of them, in which a board is looked for."""
+NUMBERED_PICTURES = 4
+"""Pictures, spread over all of them, whose markers are compared with the described board's."""
+NEEDED = {
+    "charuco": ("marker_mm", "dictionary"),
+    "aprilgrid": ("spacing",),
+    "gridboard": ("spacing", "dictionary"),
+}
+"""The options of each type that the pictures tell where they are not given."""
 
 
 def add_description(parser: argparse.ArgumentParser) -> None:
@@ -72,8 +80,8 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
         return read_session(source.session)
     source = choose_pictures(source, args.camera)
     check_replaceable(source)
-    board = board_from_options(args) if args.board else _find_board(args, source, progress)
-    assert board
+    find = _declared_board if args.board else _find_board
+    board = find(args, source, progress)
     cover = cover or {"shape": "none"}
     for notice in describe_pictures(source, board, cover, intrinsics, progress):
         print(harmless(f"calib: {notice}"), file=sys.stderr)
@@ -97,11 +105,38 @@ def _board_options(args: argparse.Namespace) -> dict[str, object]:
     return {key: value for key in OPTIONS if (value := getattr(args, key)) is not None}
 
 
+def _declared_board(
+    args: argparse.Namespace, source: "NamedPictures", progress: "Progress"
+) -> "Board":
+    """Return the board that the options describe. Where they leave open how its markers are
+    numbered and printed, the pictures say it.
+    """
+    from calib.corners.board_search import shrink
+    from calib.corners.other_coding import find_other_numbering
+    from calib.importing.picture_session import sample
+
+    options = _board_options(args)
+    if any(key not in options for key in NEEDED.get(str(options.get("type")), ())):
+        return _find_board(args, source, progress)
+    board = board_from_options(args)
+    assert board
+    if board.coding is None:
+        return board
+    advance = progress.task("Looking at the markers", 1)
+    other = find_other_numbering(shrink(sample(source, NUMBERED_PICTURES, progress)), board)
+    advance(1, "")
+    if other is None or other.changes.keys() & options.keys():
+        return board
+    print(harmless(f"calib: {other.finding}: session.yaml has {other.keys}."), file=sys.stderr)
+    return other.board
+
+
 def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Progress") -> "Board":
-    """Look for a board in the pictures, and return it with the size that the options state.
+    """Look for a board in the pictures, and return it with what the options state.
 
     Raises:
-        InputError: there is none, or its size in mm is missing.
+        InputError: there is none, it is another than the options state, or its size in mm is
+            missing.
     """
     from calib.corners.board_search import search_board
     from calib.importing.picture_session import EXAMPLE, sample
@@ -112,25 +147,37 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
     advance = progress.task("Looking for a board", 1)
     finding = search_board(pictures)
     advance(1, "")
+    options = _board_options(args)
     if finding is None:
+        markers = " and ".join(
+            f"--{key.replace('_', '-')}" for key in NEEDED.get(str(options.get("type")), ())
+        )
         raise InputError(
             f"{source.words} has no session.yaml, and no board was found in {len(pictures)} of its"
-            f" pictures: describe it by calib fit {source.words} {EXAMPLE} (inner corners), with"
-            " --type where it has markers."
+            " pictures: "
+            + (
+                f"add {markers} to the command, or look at the pictures."
+                if markers
+                else f"describe it by calib fit {source.words} {EXAMPLE} (inner corners), with"
+                " --type where it has markers."
+            )
         )
-    options = _board_options(args)
     kind = str(options.get("type", finding.kind))
     side = finding.side_key
     sentence = f"{finding.sentence} in {finding.pictures} of {finding.searched} pictures."
     if (
         side not in options
         or kind != finding.kind
+        or args.board not in (None, finding.size)
         or ("spacing" not in options and finding.is_vague)
     ):
         command = f"calib fit {source.words} {finding.options}"
-        raise InputError(
-            f"{sentence} What they cannot say is its size: {command}, with your own millimetres."
+        reason = (
+            "What they cannot say is its size"
+            if args.board in (None, finding.size)
+            else "--board says {}x{}".format(*args.board)
         )
+        raise InputError(f"{sentence} {reason}: {command}, with your own millimetres.")
     print(harmless(sentence), file=sys.stderr)
     scale = float(str(options[side]))
     return read_board(Section({**finding.to_yaml(scale), **options}, "The command line"))

@@ -3,9 +3,10 @@
 What a picture cannot tell is not guessed: the size of a square in mm.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +26,7 @@ from calib.corners.other_coding import (
     MIN_MARKERS,
     most_frequent_family,
     negative,
+    numberings,
     smallest_dictionary,
 )
 from calib.corners.picture_scale import reduce_picture, reducing_factor
@@ -42,6 +44,12 @@ SPACING_STEP = 0.05
 """Gaps of AprilGrids are whole multiples of this, in sides of a tag, as their makers offer them."""
 SPACING_ERROR = 0.02
 """The largest error of a measured gap."""
+BORDER_PLACE = 0.12
+"""From a tag's corner to its middle: half of a border of one cell in eight."""
+CROSSING_FRACTION = 0.5
+"""Part of the contrast between a tag's border and the paper by which a square between tags is
+darker than the paper.
+"""
 
 Picture = NDArray[np.uint8]
 
@@ -71,6 +79,12 @@ class FoundBoard:
         return f"{self.board.cell}_mm"
 
     @property
+    def size(self) -> tuple[int, int]:
+        """The columns and rows that session.yaml has."""
+        size = self.to_yaml(1.0)
+        return int(str(size["columns"])), int(str(size["rows"]))
+
+    @property
     def sentence(self) -> str:
         """The finding as a clause, without a full stop."""
         match self.board.coding:
@@ -97,8 +111,8 @@ class FoundBoard:
                 if value is True
                 else [option, f"{value:g}" if isinstance(value, float) else str(value)]
             )
-        size = self.to_yaml(1.0)
-        return " ".join([f"--board {size['columns']}x{size['rows']}", *words])
+        columns, rows = self.size
+        return " ".join([f"--board {columns}x{rows}", *words])
 
     def to_yaml(self, side_mm: float) -> dict[str, object]:
         """Return the section `board` of session.yaml for squares or tags of this side, mm."""
@@ -115,7 +129,7 @@ def search_board(pictures: Sequence[Picture]) -> FoundBoard | None:
     A chessboard is searched for first, as it is found fastest. One picture of it then shows whether
     it has markers.
     """
-    small = [reduce_picture(p, reducing_factor(p, MAX_SIDE)) for p in pictures]
+    small = shrink(pictures)
     chessboard = shown_size(pictures)
     found = None
     if chessboard:
@@ -125,6 +139,11 @@ def search_board(pictures: Sequence[Picture]) -> FoundBoard | None:
         if not _search_markers([small[shown[0]]]):
             return found
     return _search_markers(small[:MARKER_PICTURES]) or found
+
+
+def shrink(pictures: Sequence[Picture]) -> list[Picture]:
+    """Return the (H, W) pictures, those that are larger reduced to MAX_SIDE."""
+    return [reduce_picture(picture, reducing_factor(picture, MAX_SIDE)) for picture in pictures]
 
 
 def _search_markers(pictures: Sequence[Picture]) -> FoundBoard | None:
@@ -144,29 +163,32 @@ def _search_dark_markers(pictures: Sequence[Picture]) -> FoundBoard | None:
         return None
     dictionary = smallest_dictionary(name, numbers)
     markers = [read_markers(picture, dictionary, border) for picture in pictures]
-    if (dictionary, border) == (KALIBR.dictionary, KALIBR.border):
-        return _find_grid(pictures, markers, KALIBR)
     if border == 1 and (found := _find_charuco(markers, dictionary)):
         return found
-    # Tags of this dictionary may have small squares between them, which another type has.
-    if border == 1 and dictionary != KALIBR.dictionary:
-        return _find_grid(pictures, markers, grid_board(KALIBR.spacing, dictionary))
-    return None
+    if dictionary == KALIBR.dictionary:
+        grid = replace(KALIBR, border=border)
+        codings = [replace(grid, **numbering) for numbering in numberings(grid)]
+        found = _find_grid(pictures, markers, codings)
+        if border != 1 or not found or _has_crossings(pictures, markers, found.board):
+            return found
+    return _find_grid(pictures, markers, [grid_board(KALIBR.spacing, dictionary)])
 
 
 def _find_grid(
-    pictures: Sequence[Picture], markers: Sequence[Markers], example: AprilGrid
+    pictures: Sequence[Picture], markers: Sequence[Markers], codings: Sequence[AprilGrid]
 ) -> FoundBoard | None:
-    candidates = [Board(2 * columns, 2, 1.0, coding=example) for columns in range(2, MAX_COLUMNS)]
+    candidates = [
+        Board(2 * columns, 2, 1.0, coding=coding)
+        for coding in codings
+        for columns in range(2, MAX_COLUMNS)
+    ]
     board = _best_layout(markers, candidates)
     if not board or not isinstance(board.coding, AprilGrid):
         return None
     gaps = []
-    for picture, read in zip(pictures, markers, strict=True):
-        selected = select_board_markers(read, board)
-        if not isinstance(selected, NotFound):
-            gap = measure_spacing(refine_tag_outlines(selected, board, picture), board)
-            gaps += [gap] if gap is not None else []
+    for _, corners in _outline_corners(pictures, markers, board):
+        gap = measure_spacing(corners, board)
+        gaps += [gap] if gap is not None else []
     if not gaps:
         return None
     gap = float(np.median(gaps))
@@ -175,6 +197,39 @@ def _find_grid(
     spacing = nearest if sure else round(gap, 2)
     coding = replace(board.coding, spacing=spacing, dictionary=_sufficient_dictionary(board))
     return FoundBoard(replace(board, coding=coding), len(gaps), len(pictures), not sure)
+
+
+def _outline_corners(
+    pictures: Sequence[Picture], markers: Sequence[Markers], board: Board
+) -> Iterator[tuple[Picture, NDArray[np.float64]]]:
+    """Yield each picture that shows the grid, with the (count, 2) px corners of its tags."""
+    for picture, read in zip(pictures, markers, strict=True):
+        selected = select_board_markers(read, board)
+        if not isinstance(selected, NotFound):
+            yield picture, refine_tag_outlines(selected, board, picture)
+
+
+def _has_crossings(pictures: Sequence[Picture], markers: Sequence[Markers], board: Board) -> bool:
+    """True if dark squares touch the corners of a grid's tags, as on an AprilGrid. A GridBoard has
+    none.
+    """
+    fractions = []
+    for picture, corners in _outline_corners(pictures, markers, board):
+        grid = corners.reshape(board.rows, board.columns, 2)
+        middles = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
+        borders = grid[:-1:2, :-1:2] + BORDER_PLACE * (middles[::2, ::2] - grid[:-1:2, :-1:2])
+        dark = _median_grey(picture, borders)
+        light = _median_grey(picture, middles[::2, 1::2])  # beside each other, two tags leave white
+        fractions.append((light - _median_grey(picture, middles[1::2, 1::2])) / (light - dark))
+    return float(np.nanmedian(fractions)) > CROSSING_FRACTION
+
+
+def _median_grey(picture: Picture, places: NDArray[np.float64]) -> float:
+    """Return the median grey level at (..., 2) px; NaN if none of them is known."""
+    known = places[np.isfinite(places).all(-1)].astype(np.float32)
+    if not len(known):
+        return np.nan
+    return float(np.median(cv2.remap(picture, known[:, :1], known[:, 1:], cv2.INTER_LINEAR)))
 
 
 def _find_charuco(markers: Sequence[Markers], dictionary: str) -> FoundBoard | None:
@@ -204,7 +259,9 @@ def _sufficient_dictionary(board: Board) -> str:
     """Return the first dictionary that begins as the board's does and has all of its markers."""
     assert board.coding
     dictionary = board.coding.dictionary
-    series = dictionary.rpartition("_")[0]
+    series, _, count = dictionary.rpartition("_")
+    if not count.isdigit():  # such as DICT_APRILTAG_36h11, which begins as no other does
+        return dictionary
     needed = board.coding.first_marker + len(marker_places(board))
     return next(
         name
@@ -221,20 +278,22 @@ def _best_layout(markers: Sequence[Markers], candidates: Sequence[Board]) -> Boa
     ChArUco board depends on.
     """
     richest = max(markers, key=lambda read: len(read.numbers))
-    best, highest = None, int(MIN_LINKED_FRACTION * len(richest.numbers))
+    everything = sum(len(read.numbers) for read in markers)
+    best, highest = None, int(MIN_LINKED_FRACTION * everything)
     lowest = min(int(read.numbers.min()) for read in markers if len(read.numbers))
     firsts = dict.fromkeys((0, lowest, int(richest.numbers.min())))
     for candidate in (_from_marker(first, board) for first in firsts for board in candidates):
-        linked = len(_on_board([richest], candidate))
+        if len(_on_board([richest], candidate)) <= MIN_LINKED_FRACTION * len(richest.numbers):
+            continue
+        # markers of another size may be linked in a picture of a board that faces the camera
+        linked = len(_on_board(markers, candidate))
         if linked > highest:
             best, highest = candidate, linked
-        if linked > CLEAR_FRACTION * len(richest.numbers):
+        if linked > CLEAR_FRACTION * everything:
             break
     if not best:
         return None
     numbers = _on_board(markers, best)
-    if len(numbers) < MIN_LINKED_FRACTION * sum(len(read.numbers) for read in markers):
-        return None
     assert best.coding
     is_grid = isinstance(best.coding, AprilGrid)
     # Charuco boards have the same places in every other row.

@@ -2,8 +2,8 @@
 its markers allow.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -58,6 +58,23 @@ tenth.
 Pictures = Sequence[NDArray[np.uint8]]
 
 
+@dataclass(frozen=True, slots=True)
+class OtherNumbering:
+    """A board whose markers lie as the declared one's, but have other numbers or another print."""
+
+    board: Board
+    changes: Mapping[str, object]
+    """The values of the keys of session.yaml in which it differs."""
+    finding: str
+    """A clause that says how it differs."""
+
+    @property
+    def keys(self) -> str:
+        """The keys with their values, as a message names them."""
+        values = {key: str(value).lower() for key, value in self.changes.items()}
+        return ", ".join(f"board.{key}: {value}" for key, value in values.items())
+
+
 def other_coding(pictures: Pictures, board: Board) -> str:
     """Return a sentence that says what to correct, or "" if no other board is recognised."""
     coding = board.coding
@@ -67,8 +84,8 @@ def other_coding(pictures: Pictures, board: Board) -> str:
     markers = [read_markers(picture, coding.dictionary, border) for picture in shown]
     if _fits(markers, board) and _has_own_numbers(markers, board):
         return ""
-    if advice := _describe_other_numbering(pictures, board):
-        return advice
+    if other := find_other_numbering(pictures, board):
+        return f"{other.finding}: write {other.keys} in session.yaml."
     if advice := _describe_other_layout(markers, board):
         return advice
     mirrored_markers = [
@@ -134,9 +151,9 @@ def most_frequent_family(pictures: Pictures) -> tuple[str, int, NDArray[np.int64
     return name, cells, numbers_by_family[name, cells]
 
 
-def _describe_other_numbering(pictures: Pictures, board: Board) -> str:
-    """Return a sentence if the markers lie as on the declared board, but with other numbers, with
-    another border, turned, or white on black.
+def find_other_numbering(pictures: Pictures, board: Board) -> OtherNumbering | None:
+    """Return the board that the (H, W) pictures show if its markers lie as on the declared one, but
+    with other numbers, with another border, turned, or white on black.
     """
     assert board.coding
     for inverted in (board.coding.inverted, not board.coding.inverted):
@@ -145,19 +162,21 @@ def _describe_other_numbering(pictures: Pictures, board: Board) -> str:
             markers = [read_markers(picture, board.coding.dictionary, border) for picture in shown]
             if sum(len(picture.numbers) for picture in markers) < MIN_MARKERS * len(pictures) / 2:
                 continue
-            for numbering in _numberings(board.coding):
+            for numbering in numberings(board.coding):
                 coding = replace(board.coding, inverted=inverted, **numbering)
                 if isinstance(coding, AprilGrid):
                     coding = replace(coding, border=border)
                 for first in _possible_first_markers(markers, board):
                     other = replace(board, coding=replace(coding, first_marker=first))
-                    if (
-                        other.coding != board.coding
-                        and _has_own_numbers(markers, other)
+                    if not (
+                        _has_own_numbers(markers, other)
                         and _fits(markers, other, MIN_LINKED_FRACTION)
                     ):
-                        return _describe_keys(board, other, markers)
-    return ""
+                        continue
+                    if other.coding == board.coding:
+                        return None
+                    return _compare(board, other, markers)
+    return None
 
 
 def _has_own_numbers(markers: Sequence[Markers], board: Board) -> bool:
@@ -182,7 +201,7 @@ def _borders(coding: Coding) -> tuple[int, ...]:
     return (coding.border, 3 - coding.border) if is_open else (coding.border,)
 
 
-def _numberings(coding: Coding) -> list[dict[str, Any]]:
+def numberings(coding: Coding) -> list[dict[str, Any]]:
     """Return the ways in which a board of this type may be numbered, the declared one first."""
     if not (isinstance(coding, AprilGrid) and coding.crossings):
         return [{}]
@@ -211,8 +230,8 @@ def _possible_first_markers(markers: Sequence[Markers], board: Board) -> list[in
     return list(dict.fromkeys(candidates))
 
 
-def _describe_keys(board: Board, other: Board, markers: Sequence[Markers]) -> str:
-    """Return the sentence that says what to write for the keys in which another board differs."""
+def _compare(board: Board, other: Board, markers: Sequence[Markers]) -> OtherNumbering:
+    """Describe the keys in which another board differs from the declared one."""
     declared = board_to_yaml(board)
     keys = board_to_yaml(other)
     defaults = {
@@ -243,10 +262,7 @@ def _describe_keys(board: Board, other: Board, markers: Sequence[Markers]) -> st
         f" {str(changes.get('numbered_from')).replace('_', ' ')}",
         "tag_rotation_deg": "the tags are turned otherwise than Kalibr's",
     }
-    findings = " and ".join(words[key] for key in changes)
-    values = {key: str(value).lower() for key, value in changes.items()}
-    advice = ", ".join(f"board.{key}: {value}" for key, value in values.items())
-    return f"{findings}: write {advice} in session.yaml."
+    return OtherNumbering(other, changes, " and ".join(words[key] for key in changes))
 
 
 def _last_number(markers: Sequence[Markers], board: Board) -> int:

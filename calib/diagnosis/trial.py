@@ -34,7 +34,7 @@ def is_impossible(effect: Effect, joint: JointFit) -> bool:
     """Return True if an estimate is so far from what the prior of a physical quantity expects that
     the effect is no explanation.
     """
-    return any(
+    return not effect.is_sum and any(
         abs(float(joint.values[unknown.param.name]) - unknown.initial)
         > MAX_DEVIATION * unknown.sigma
         for unknown in effect.effect_parameters

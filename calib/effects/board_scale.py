@@ -47,6 +47,7 @@ class BoardScale(Effect):
     """m, half the distance between the outermost corners along x and y, where u and v are 1."""
     name: ClassVar[str] = "board_scale"
     description: ClassVar[str] = "The print is longer in one direction than in the other."
+    is_sum: ClassVar[bool] = True
     about: ClassVar[str] = "the board"
     advice: ClassVar[str] = "turn the board by 90 degrees in half of the views"
 

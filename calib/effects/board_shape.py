@@ -45,6 +45,7 @@ class BoardShape(Effect):
     degree: int = DEGREES[0]
     name: ClassVar[str] = "board_shape"
     description: ClassVar[str] = "The board is not flat: it deviates smoothly from a plane."
+    is_sum: ClassVar[bool] = True
     about: ClassVar[str] = "the board"
     advice: ClassVar[str] = (
         "tilt the board by 40 degrees and more, in both directions, so that its middle and its"

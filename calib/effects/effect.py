@@ -114,6 +114,10 @@ class Effect(Protocol):
     """How its numbers differ from view to view, in a word of `calib.effects.varying.MANNERS`; empty
     if they do not.
     """
+    is_sum: ClassVar[bool] = False
+    """True if its numbers are terms of a sum, which may cancel: none by itself says whether the
+    effect is possible.
+    """
     judged_by_score: ClassVar[bool] = True
     """False if the gradient at the neutral point says little about the effect: then the diagnosis
     always fits it.

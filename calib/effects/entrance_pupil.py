@@ -31,6 +31,7 @@ class EntrancePupil(Effect):
     description: ClassVar[str] = (
         "The entrance pupil moves along the optical axis with the angle of incidence."
     )
+    is_sum: ClassVar[bool] = True
     about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = (
         "hold the board as near as the lens is sharp and far away, in the picture's corners too"

@@ -30,6 +30,7 @@ class LensEffect(CameraEffect):
 
     name: ClassVar[str] = "lens"
     description: ClassVar[str] = "The lens's distortion differs from the stated one."
+    is_sum: ClassVar[bool] = True
     about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = (
         "take pictures without the cover (bare/), and boards at very different depths"

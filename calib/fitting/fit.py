@@ -242,7 +242,7 @@ def _without_outliers(
     outlying = outlier_mask(errors)
     reasons = (
         (
-            f"its {error:.2f} px do not fit the {np.nanmedian(errors):.2f} px of the other views"
+            f"its {error:.2g} px do not fit the {np.nanmedian(errors):.2g} px of the other views"
             if np.isfinite(error)
             else "no board pose explains its corners"
         )

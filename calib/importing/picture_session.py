@@ -5,6 +5,7 @@ video, or of some pictures of a folder, a session folder is made that holds them
 """
 
 import os
+import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners.detect import eight_bits
-from calib.errors import InputError
+from calib.errors import InputError, brief
 from calib.importing.from_pictures import describe_unread, read_contents, uniform_pictures
 from calib.importing.from_video import from_video, sharpest_frames
 from calib.io.camera_names import ALL, choose_camera
-from calib.io.files import make_folder, reading
-from calib.io.images import SUFFIXES, TYPES, list_images, read_grey, session_pictures
+from calib.io.exif import camera_settings
+from calib.io.files import make_folder, read_file, reading
+from calib.io.images import SUFFIXES, TYPES, list_images, list_unread, read_grey, session_pictures
 from calib.io.output_folder import LEDGER, OutputFolder
 from calib.io.videos import VIDEOS, list_videos
 from calib.progress import Progress
@@ -38,6 +40,12 @@ EXAMPLE = "--board 9x6 --square-mm 25"
 
 
 COMMAND = "The command line"
+MAX_INNER = 8
+"""Folders that a message lists."""
+MIN_PICTURES = 3
+"""Pictures that make a camera of their EXIF: one or two among many are strays."""
+CONVERTIBLE = (".heic", ".heif", ".avif", ".gif", ".jp2", ".jxl", ".dng")
+"""Suffixes of pictures that other programs convert to a type that is read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,29 +156,66 @@ def _in_folder(folder: Path, words: str) -> NamedPictures:
         unread = describe_unread(folder)
         exception = f", only {unread}" if unread else ""
         raise InputError(
-            f"{folder} has no session.yaml and no pictures{exception}: record some by capture"
-            f" {shlex.quote(str(folder))}, or put {TYPES} files there."
+            f"{folder} has no session.yaml and no pictures{exception}: {_find_advice(folder)}"
         )
     return NamedPictures(folder, pictures, words=words)
+
+
+def _find_advice(folder: Path) -> str:
+    """Return what to do about a folder without pictures: name its folders that have some, or
+    convert files of another type.
+    """
+    inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and list_images(path)]
+    if inner:
+        words = shlex.join(map(str, inner[:MAX_INNER]))
+        return f"those of its folders are calibrated by calib fit {words} {EXAMPLE}"
+    convertible = [p for p in list_unread(folder) if p.suffix.lower() in CONVERTIBLE]
+    if convertible:
+        files = f"{shlex.quote(str(folder))}/*{convertible[0].suffix}"
+        return f"convert them, such as by mogrify -format png {files} (of ImageMagick)."
+    return f"record some by capture {shlex.quote(str(folder))}, or put {TYPES} files there."
 
 
 def choose_pictures(source: NamedPictures, camera: str | None) -> NamedPictures:
     """Return the source with the pictures of one camera, which get a session of its name.
 
     Args:
-        camera: its name, as `choose_camera` takes it.
+        camera: a part of its maker and model in the pictures' EXIF, or its name, as
+            `choose_camera` takes it.
 
     Raises:
-        InputError: the pictures' names are of several cameras and none is chosen.
+        InputError: the pictures' EXIF or names are of several cameras and none is chosen.
     """
-    pictures = choose_camera(source.pictures, camera)
+    pictures, name = _pictures_of(source.pictures, camera)
     if camera is None:
         return source
     words = f"{source.words} --camera {shlex.quote(camera)}"
     if camera == ALL:
         return replace(source, words=words)
     folder = source.session if source.in_place else source.session.parent
-    return replace(source, session=folder / camera, pictures=pictures, words=words)
+    return replace(source, session=folder / name, pictures=pictures, words=words)
+
+
+def _pictures_of(pictures: Sequence[Path], camera: str | None) -> tuple[tuple[Path, ...], str]:
+    """Return the pictures of one camera, by the EXIF or by their names, and the name of a folder
+    for them.
+    """
+    cameras: dict[str, list[Path]] = {}
+    for path in pictures:
+        if stated := camera_settings(read_file(path)).get("camera"):
+            cameras.setdefault(stated, []).append(path)
+    if camera is not None:
+        matches = [stated for stated in cameras if camera.lower() in stated.lower()]
+        if len(matches) == 1:
+            return tuple(cameras[matches[0]]), re.sub(r"[^\w-]+", "-", camera).strip("-")
+    elif sum(len(group) >= MIN_PICTURES for group in cameras.values()) > 1:
+        groups = sorted(cameras.items(), key=lambda entry: -len(entry[1]))
+        counts = " and ".join(f"{brief(stated)} ({len(group)})" for stated, group in groups[:4])
+        raise InputError(
+            f"The pictures are of several cameras by their EXIF, {counts}: choose one with --camera"
+            f" {shlex.quote(groups[0][0])}, or --camera all if it is one camera."
+        )
+    return choose_camera(pictures, camera), str(camera)
 
 
 def sample(source: NamedPictures, count: int, progress: Progress) -> list[NDArray[np.uint8]]:

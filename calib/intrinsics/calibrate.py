@@ -71,7 +71,7 @@ def calibrate_bare(
             RejectedPicture(
                 view.name,
                 (
-                    f"its {error:.2f} px do not fit the {np.nanmedian(solved.per_view):.2f} px of"
+                    f"its {error:.2g} px do not fit the {np.nanmedian(solved.per_view):.2g} px of"
                     " the other views"
                     if np.isfinite(error)
                     else "the lens that the other views show does not see its corners"

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from calib.errors import InputError
 from calib.session.board import Board
 from calib.session.coding import (
+    BORDERS,
     DICTIONARIES,
     FIRST_ROWS,
     ROTATIONS_DEG,
@@ -214,7 +215,7 @@ def _grid(section: Section, kind: str) -> Board:
         coding = AprilGrid(
             spacing,
             first_marker=first,
-            border=_option(section, "border_cells", (1, 2), KALIBR.border),
+            border=_option(section, "border_cells", BORDERS, KALIBR.border),
             numbered_from=_option(section, "numbered_from", FIRST_ROWS, KALIBR.numbered_from),
             rotation_deg=_option(section, "tag_rotation_deg", ROTATIONS_DEG, KALIBR.rotation_deg),
             inverted=inverted,

@@ -23,6 +23,8 @@ TYPES = ("checkerboard", "charuco", "aprilgrid", "gridboard")
 """The names of the board types in session.yaml and on the command line."""
 SPACING_LIMITS = (0.05, 1.0)
 """The limits of an AprilGrid's spacing, in sides of a tag."""
+BORDERS = (1, 2)
+"""The widths, in cells, that the black border of an AprilGrid's tags may have."""
 FIRST_ROWS = ("lower_left", "upper_left")
 """The tag with which the numbers of a grid begin; they run along the rows."""
 ROTATIONS_DEG = (0, 90, 180, 270)

@@ -77,7 +77,7 @@ class Adviser:
         if camera.intrinsics is None:
             if not has_bare(self._task.session):
                 raise GuidanceError(
-                    f"The accuracy of the maps cannot be computed: {self._missing_lens()}."
+                    f"The accuracy of the maps is computed by the fit: {self._missing_lens()}."
                 )
             *_, last = {"sentence": "The search for the lens was ended."}, *self._lens.events()
             if "camera" not in last:

@@ -16,7 +16,6 @@ from textual.containers import Horizontal
 from textual.events import ScreenResume
 from textual.message import Message
 
-from calib.session.camera import Camera
 from capture.coverage import Hint, SessionProgress
 from capture.narrator import silence_sentence
 from capture.recording_loop import Step, refusal_reason
@@ -24,12 +23,7 @@ from capture.tui.camera import Preview, RecordingRun, Task
 from capture.tui.cells import CORNER_MARK, HINT_MARK, Mark
 from capture.tui.farewell import calibration_folder
 from capture.tui.fit import FitScreen
-from capture.tui.fit_requirements import (
-    find_missing,
-    is_lens_known,
-    no_board_advice,
-    no_lens_advice,
-)
+from capture.tui.fit_requirements import find_missing, no_board_advice
 from capture.tui.lens import ENOUGH_BARE_VIEWS
 from capture.tui.live_undistortion import LiveUndistortion
 from capture.tui.opening import OpeningScreen
@@ -133,7 +127,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
         del parameters
         offered = {
             "cover_on": self.plan.bare and bool(self.view_corners),
-            "fit": not self.plan.bare and self._lens_known(),
+            "fit": not self.plan.bare,
             "again": self.recording is None,
             "take": self.recording is not None,
             "results": (
@@ -142,12 +136,6 @@ class CollectScreen(WatchingPage, UndistortionPage):
             "straight": not self.plan.bare and self.calibration() is not None,
         }
         return offered.get(action, True)
-
-    def _lens_known(self) -> bool:
-        board, camera, cover = self.plan.setup
-        if (size := self.picture_size()) and size != (camera.width, camera.height):
-            camera = Camera(*size)  # the lens is for pictures of another size
-        return is_lens_known(self.plan.session, (board, camera, cover))
 
     @on(ScreenResume)
     def _start(self) -> None:
@@ -233,11 +221,8 @@ class CollectScreen(WatchingPage, UndistortionPage):
             return f"{message.sentence} It is tried again every 3 s."
         if self.wrong_board:
             return no_board_advice(self.plan, self._judged_pictures)
-        lens_is_known = self.plan.bare or self._lens_known()
-        if message.exhausted and not lens_is_known:
-            return f"{message.sentence} {no_lens_advice(self.plan.session)} Press esc for that."
         next_step_text = ""
-        if self.view_corners and lens_is_known:
+        if self.view_corners:
             next_step_text = (
                 "n to go on through the cover, from another source, "
                 if self.plan.bare
@@ -284,11 +269,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
         """Return the next step once the views are enough."""
         if self.plan.bare:
             return "press n, then put the cover on"
-        return (
-            f"press {self._fit_keys()}"
-            if self._lens_known()
-            else "esc, for the lens is not known yet"
-        )
+        return f"press {self._fit_keys()}"
 
     def _fit_keys(self) -> str:
         """Return the keys that lead on from the views through the cover."""
@@ -387,11 +368,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
 
     def action_not_yet(self) -> None:
         """Explain why a fit is not offered."""
-        self._remark(
-            "The fit comes after the views through the cover."
-            if self.plan.bare
-            else no_lens_advice(self.plan.session)
-        )
+        self._remark("The fit comes after the views through the cover.")
 
     def action_none_yet(self) -> None:
         """Explain why the cover is not to be put on."""

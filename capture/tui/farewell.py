@@ -72,6 +72,7 @@ def farewell_lines(
         if doubt:
             yield f"{doubt} The report says why, and what to do."
             yield f"Next: {_command('calib', 'report', folder)}"
+            yield f"Then: {_next_command(session, folder, maps, depth)}"
         else:
             yield f"Next: {_next_command(session, folder, maps, depth)}"
         return

@@ -4,19 +4,9 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.io.images import frames_folder, list_images
-from calib.session.schema import UNKNOWN
 from calib.session.session import MIN_FIT_VIEWS, read_session
-from capture.session_file import Setup, read_setup
+from capture.session_file import Setup
 from capture.tui.camera import Task
-
-
-def no_lens_advice(session: Path) -> str:
-    """Return the advice on how to make the lens known."""
-    return (
-        "The lens is not known yet. In the set-up, choose record now: without the cover, and name"
-        " those pictures as the source; or name a session that knows it beside like; or write"
-        f" camera.intrinsics into {session / 'session.yaml'}, {UNKNOWN} if nobody knows them."
-    )
 
 
 def no_board_advice(task: Task, pictures: int, where: str = "esc corrects the board") -> str:
@@ -49,19 +39,11 @@ def has_bare(session: Path) -> bool:
 
 
 def is_lens_known(session: Path, setup: Setup) -> bool:
-    """Return True if a fit can get the lens; without a cover, it estimates the lens itself."""
+    """Return True if a fit knows the lens before it looks through the cover. Else it estimates the
+    lens from those views, less surely.
+    """
     _, camera, cover = setup
     return cover.shape == "none" or camera.intrinsics is not None or has_bare(session)
-
-
-def is_lens_missing(session: Path) -> bool:
-    """Return True if a described session has no lens.
-
-    Raises:
-        InputError: session.yaml cannot be read.
-    """
-    file = session / "session.yaml"
-    return file.exists() and not is_lens_known(session, read_setup(file))
 
 
 def find_missing(session: Path) -> str:
@@ -73,8 +55,6 @@ def find_missing(session: Path) -> str:
             " or by space."
         )
     try:
-        if is_lens_missing(session):
-            return no_lens_advice(session)
         if (count := len(list_images(frames))) < MIN_FIT_VIEWS:
             shortage = f"{MIN_FIT_VIEWS - count} more view{'s' * (MIN_FIT_VIEWS - count > 1)}"
             return (

@@ -56,8 +56,8 @@ ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 NO_COVER = "none: there is none, only the lens is calibrated; unknown: the fit finds out."
 HELP = EXPLANATIONS | {
     "kind": (
-        "What is printed on it. charuco, aprilgrid and gridboard have markers: they may reach out"
-        " of the picture, and be held any way up."
+        "What is printed on it. charuco, aprilgrid and gridboard have markers, and may reach out of"
+        " the picture."
     ),
     "shape": f"The cover in front of the camera. {NO_COVER}",
 }

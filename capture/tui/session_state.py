@@ -4,9 +4,9 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.io.images import list_images
-from capture.session_file import picture_folder
+from capture.session_file import picture_folder, read_setup
 from capture.tui.farewell import calibration_folder
-from capture.tui.fit_requirements import is_lens_missing
+from capture.tui.fit_requirements import is_lens_known
 
 
 def has_session_file(session: Path) -> bool:
@@ -29,16 +29,16 @@ def describe_session(session: Path) -> str:
     )
     if calibration_folder(session):
         text += " It is fitted: ^o opens its results."
-    elif count_pictures(session, bare=False) and _lens_missing(session):
-        text += " Its lens is not known yet: record without the cover."
+    elif count_pictures(session, bare=False) and not _lens_known(session):
+        text += " Views without the cover would make its lens surer."
     return text + " Values that you correct here go into its session.yaml at Start."
 
 
-def _lens_missing(session: Path) -> bool:
+def _lens_known(session: Path) -> bool:
     try:
-        return is_lens_missing(session)
+        return is_lens_known(session, read_setup(session / "session.yaml"))
     except InputError:  # the set-up reports this error itself
-        return False
+        return True
 
 
 def _views(count: int) -> str:

@@ -17,7 +17,10 @@ LENS = (
     "Another session, its folder, that knows the lens: that alone is taken from there, into"
     f" session.yaml.{COMPLETES}"
 )
-PHASE = "First without the cover, to find the lens; then through it, without touching the focus."
+PHASE = (
+    "First without the cover, for the lens; then through it, with the same focus. If it stays on:"
+    " through it alone."
+)
 OPEN_LIST = " enter opens the list, tab goes on."
 COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone."
 SAME_CAMERA = "Then press ^s."

@@ -5,18 +5,19 @@ show only after the recording.
 from collections.abc import Iterator
 
 from capture.coverage import SessionProgress
-from capture.source_folder import describe_mismatch
+from capture.source_folder import describe_mismatch, is_kind_unknown
 from capture.tui.camera import Task
-from capture.tui.fit_requirements import is_lens_known
 
-NO_LENS_YET = (
-    "The lens is not known yet: choose record now: without the cover, or name a session that knows"
-    " it beside like. Start once more to record through the cover first."
+COVER_IS_OFF = (
+    "Were these pictures taken without the cover? If so, start once more. If not, set record now to"
+    " through the cover."
 )
 
 
 def find_warnings(task: Task) -> Iterator[tuple[str, str]]:
     """Yield the warnings, each with the field that it concerns."""
+    if task.bare and task.setup[2].shape != "none" and is_kind_unknown(task.source):
+        yield COVER_IS_OFF, "phase"
     if mismatch := describe_mismatch(task.source, covered=task.covered):
         other_phase = "without the cover" if task.covered else "through the cover"
         yield (
@@ -24,8 +25,6 @@ def find_warnings(task: Task) -> Iterator[tuple[str, str]]:
             " the same.",
             "phase",
         )
-    if task.covered and not is_lens_known(task.session, task.setup):
-        yield NO_LENS_YET, "like"
 
 
 def too_few_views_warning(progress: SessionProgress) -> str:

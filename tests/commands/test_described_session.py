@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 
 from calib import cli
 from calib.cli import main
@@ -22,6 +23,7 @@ from calib.progress import Silent
 from calib.session.board import Board
 from calib.session.session import Session, read_session
 from calib.session.shapes.registry import find_shape, shape_names
+from tests.corners import test_other_makers
 from tests.importing import recordings
 
 BOARD = ["--board", "7x6", "--square-mm", "25"]
@@ -144,6 +146,66 @@ def test_a_camera_of_a_pair_is_asked_for(tmp_path: Path, monkeypatch: pytest.Mon
     assert described("pair", *BOARD, "--camera", "all").frames == list_images(folder)
 
 
+def test_a_camera_is_chosen_by_its_exif(photos: Path) -> None:
+    for number, path in enumerate(list_images(photos)):
+        exif = Image.Exif()
+        exif[271] = "Samsung" if number < 5 else "Sony"
+        exif[272] = "SM-S911B" if number < 5 else "RX0/M2"
+        Image.open(path).save(path, exif=exif)
+    with pytest.raises(InputError, match=r"by their EXIF, Samsung SM-S911B \(5\)") as caught:
+        described(str(photos), *BOARD)
+    assert "--camera 'Samsung SM-S911B', or --camera all" in str(caught.value)
+    assert len(described(str(photos), *BOARD, "--camera", "Samsung SM-S911B").frames) == 5
+    session = described(str(photos), *BOARD, "--camera", "rx0/m2")
+    assert session.path == photos / "rx0-m2"
+    assert len(session.frames) == 3
+    assert len(described(str(photos), *BOARD, "--camera", "all").frames) == 8
+
+
+CODED = ["--board", "6x4", "--square-mm", "30", "--type", "charuco"]
+
+
+def write_coded(name: str) -> Board:
+    """Write pictures of a board of another maker into the folder `coded`."""
+    Path("coded").mkdir(exist_ok=True)
+    board = test_other_makers.BOARDS[name]
+    for number, (picture, _) in enumerate(test_other_makers.views(board)):
+        cv2.imwrite(f"coded/{number}.png", picture)
+    return board
+
+
+def test_the_pictures_say_how_a_board_is_numbered_and_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    board = write_coded("charuco from 100, inverted")
+    markers = ["--marker-mm", "22.5", "--dictionary", "DICT_4X4_250"]
+    assert described("coded", *CODED, *markers).board == board
+    notice = "session.yaml has board.first_marker: 100, board.inverted: true."
+    assert notice in capsys.readouterr().err
+    other_sheet = described("coded", *CODED, *markers, "--first-marker", "0").board
+    assert other_sheet == test_other_makers.CHARUCO, "what a person states is not replaced"
+    # what is left out is looked for
+    with pytest.raises(
+        InputError, match="--board says 7x5: calib fit coded --board 6x4 --type"
+    ) as e:
+        described("coded", *CODED, "--board", "7x5")
+    assert "--marker-mm 18.75 --dictionary DICT_4X4_250 --first-marker 100 --inverted" in str(
+        e.value
+    )
+
+
+def test_an_aprilgrid_of_another_maker_is_described_by_options(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    board = write_coded("as OpenCV draws tags")
+    grid = ["--board", "4x3", "--tag-mm", "40", "--type", "aprilgrid", "--spacing", "0.25"]
+    assert described("coded", *grid).board == board
+    layout = ["--border-cells", "1", "--numbered-from", "upper_left", "--tag-rotation-deg", "0"]
+    assert described("coded", *grid, *layout).board == board
+
+
 def test_pictures_of_no_common_size_are_refused(photos: Path) -> None:
     for path in list_images(photos)[:4]:
         cv2.imwrite(str(path), np.zeros((100, 200), np.uint8))
@@ -219,7 +281,8 @@ def test_a_cover_is_described_by_options(photos: Path) -> None:
     [
         (["nowhere"], "nowhere is not a folder"),
         (["empty"], "has no session.yaml and no pictures: record some by capture empty"),
-        (["phone"], "no pictures, only files that are not read as pictures: IMG_1.HEIC: record"),
+        (["phone"], "IMG_1.HEIC: convert them, such as by mogrify -format png phone/*.HEIC"),
+        (["card"], "by calib fit card/100 card/101 --board 9x6 --square-mm 25"),
         (["none/*.jpg"], "No picture matches none/*.jpg"),
         (["text.txt", *BOARD], "text.txt is neither a picture nor a video"),
         (["text.avi", *BOARD], "text.avi is not a video that can be read"),
@@ -242,6 +305,8 @@ def test_a_refusal_names_what_would_do(
     Path("empty").mkdir()
     Path("phone").mkdir()
     Path("phone/IMG_1.HEIC").touch()
+    for folder in ("100", "101"):
+        shutil.copytree(photos, Path("card") / folder)
     Path("films").mkdir()
     Path("films/a.mp4").touch()
     for name in ("text.txt", "text.avi"):

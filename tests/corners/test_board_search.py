@@ -1,16 +1,18 @@
 """The board that pictures show is found without a declared one, and none where there is none."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.corners.board_search import search_board
+from calib.corners.board_search import _find_charuco, search_board
+from calib.corners.markers import read_markers
 from calib.session.board_section import board_to_yaml
-from calib.session.coding import AprilGrid, Charuco
-from fixtures.coded_boards import KINDS, Kind, poses
+from calib.session.coding import AprilGrid, Charuco, grid_board
+from fixtures.coded_boards import KINDS, LEGACY, Kind, poses
 from fixtures.coded_pictures import Lens
 from tests.corners import test_other_makers
 from tests.importing import recordings
@@ -62,9 +64,10 @@ def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
         "charuco from 100, inverted",
         "aprilgrid from 40",
         "gridboard from 30",
+        "as OpenCV draws tags",
         *(
             pytest.param(name, marks=pytest.mark.slow)
-            for name in ("charuco from 17", "aprilgrid inverted", "gridboard inverted")
+            for name in ("charuco from 17", "aprilgrid inverted", "gridboard inverted", "one cell")
         ),
     ],
 )
@@ -81,6 +84,28 @@ def test_the_first_marker_and_a_negative_print_are_found(name: str) -> None:
     assert printed == expected
     assert ("--first-marker" in found.options) == ("from" in name)
     assert ("--inverted" in found.options) == ("inverted" in name)
+
+
+def test_a_grid_of_april_tags_has_squares_between_them_or_not() -> None:
+    tags = replace(
+        test_other_makers.GRID, coding=grid_board(0.25, "DICT_APRILTAG_36h11", first_marker=5)
+    )
+    found = search_board([picture for picture, _ in test_other_makers.views(tags)])
+    assert found
+    assert found.kind == "gridboard"
+    assert found.board.coding == tags.coding
+
+
+def test_a_board_that_faces_the_camera_does_not_hide_the_size_of_its_markers() -> None:
+    """Markers of nearly any size are linked in a picture in which they lie as in a drawing."""
+    facing = np.array([0, 0, 0, 0.0, 0.0, 0.33])
+    tilted = [np.array([0.7 * side, 0.5, 0.4, 0.02, 0.0, 0.36]) for side in (-1, 1)]
+    pictures = [LEGACY.view(pose, lens=LENS).picture for pose in (facing, *tilted)]
+    found = _find_charuco([read_markers(p, "DICT_5X5_50", 1) for p in pictures], "DICT_5X5_50")
+    assert found
+    assert found.pictures == 3
+    assert isinstance(found.board.coding, Charuco)
+    assert found.board.coding.marker == pytest.approx(0.7, abs=0.03)
 
 
 def test_what_was_found_describes_the_board() -> None:

@@ -16,11 +16,11 @@ from tests.capture.tui.test_session import FIXTURE
         (
             "clean",
             (
-                "cannot be computed: the known lens is for pictures of 1640x1232 px, and these"
+                "computed by the fit: the known lens is for pictures of 1640x1232 px, and these"
                 " have 820x616."
             ),
         ),
-        ("covered-bare", "cannot be computed: the lens is not known."),
+        ("covered-bare", "computed by the fit: the lens is not known."),
     ],
 )
 def test_missing_lens_numbers_are_named_before_the_first_view(

@@ -68,11 +68,14 @@ def test_the_farewell_names_the_report_where_there_is_one(tmp_path: Path) -> Non
 
 def test_the_farewell_of_a_doubtful_calibration_names_the_report(tmp_path: Path) -> None:
     shown = tmp_path / "s" / "calibration" / "calibration.yaml"
-    *_, why, following = farewell_lines(
+    *_, why, following, then = farewell_lines(
         tmp_path / "s", shown, [tmp_path / "map_1m.npz"], doubt="Take care before you trust it."
     )
     assert why == "Take care before you trust it. The report says why, and what to do."
     assert following == f"Next: calib report {shown.parent}"
+    assert then.startswith(
+        f"Then: calib undistort {shown.parent} {tmp_path / 's' / 'frames'} --depth 1"
+    )
 
 
 def test_the_farewell_of_an_interrupted_refit_names_the_older_calibration(tmp_path: Path) -> None:

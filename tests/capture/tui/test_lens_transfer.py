@@ -1,5 +1,5 @@
-"""A session through its cover without a lens: the screen warns before the recording, and another
-session can give its lens later.
+"""A session through its cover without a lens: the fit estimates it, or another session gives its
+lens later.
 """
 
 import shutil
@@ -9,14 +9,16 @@ import pytest
 from textual.widgets import Input
 
 from calib.errors import InputError
-from capture.session_file import read_setup
-from capture.tui.fit_requirements import no_lens_advice
+from capture.session_file import read_calibrated, read_setup
 from capture.tui.lens_transfer import read_lens, write_lens
-from tests.capture.tui.driving import describe, drive, running, see, shown, until, write
+from capture.tui.session_state import describe_session
+from tests.capture.tui.driving import describe, drive, running, see, until, write
 from tests.capture.tui.test_session import FIXTURE
 
 KNOWN = FIXTURE.parent / "tilted"
 """A session that knows its lens, for pictures of the same size."""
+FOCAL = 639.6
+"""px, of the camera that FIXTURE is rendered with."""
 LARGE = FIXTURE.parent / "bumps"
 
 
@@ -31,9 +33,7 @@ def covered(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_a_lens_that_is_missing_is_asked_about_once_and_can_be_lent_later(
-    tmp_path: Path, covered: Path
-) -> None:
+def test_a_lens_that_is_missing_can_be_lent_later(tmp_path: Path, covered: Path) -> None:
     session = tmp_path / "session"
     drive(_lent(session, f"folder:{covered}"))
     _, camera, cover = read_setup(session / "session.yaml")
@@ -45,25 +45,12 @@ async def _lent(session: Path, source: str) -> None:
     async with running(session) as pilot:
         await see(pilot, "a new session")
         await describe(pilot, source)
-        await pilot.press("down", "down", "enter", "ctrl+s")
-        await see(pilot, "record now through the cover")
-        await see(
-            pilot,
-            "choose record now: without the cover, or name a session that knows it beside like."
-            " Start once more",
-        )
         like = pilot.app.screen.query_one("#like", Input)
-        await until(pilot, lambda: pilot.app.focused is like)
-        assert not session.exists()
-        await pilot.press("ctrl+s")
+        await pilot.press("down", "down", "enter", "ctrl+s")
         await see(pilot, "2 views")
-        await see(
-            pilot, "The lens is not known yet. In the set-up, choose record now: without the cover"
-        )
         await pilot.press("escape")
         await see(pilot, "continued")
-        await pilot.press("ctrl+r")
-        await see(pilot, "or write camera.intrinsics into")
+        assert "Views without the cover would make its lens surer." in describe_session(session)
         like.focus()
         await see(pilot, "that knows the lens: that alone is taken from there")
         await pilot.press(*str(FIXTURE), "ctrl+s")
@@ -74,6 +61,30 @@ async def _lent(session: Path, source: str) -> None:
         await see(pilot, "f Fit")
         await pilot.press("escape")
         await until(pilot, lambda: like.disabled)
+
+
+@pytest.mark.slow
+def test_a_camera_of_which_nobody_knows_the_lens_needs_no_views_without_its_cover(
+    tmp_path: Path,
+) -> None:
+    source = shutil.copytree(FIXTURE / "frames", tmp_path / "pictures")
+    drive(_unknown(tmp_path / "session", f"folder:{source}"))
+    fitted = read_calibrated(tmp_path / "session" / "calibration" / "calibration.yaml")[1]
+    assert fitted.intrinsics
+    fx = fitted.intrinsics.fx
+    assert abs(fx.value - FOCAL) < 3 * fx.sigma < 0.05 * FOCAL
+
+
+async def _unknown(session: Path, source: str) -> None:
+    async with running(session, source) as pilot:
+        await see(pilot, "a new session")
+        await describe(pilot, source)
+        await pilot.press("down", "down", "enter", "ctrl+s")
+        await see(pilot, "12 views")
+        await see(pilot, "f to fit")
+        await pilot.press("f")
+        await see(pilot, "[RESULTS]")
+        await see(pilot, "To be trusted where it has corners.")
 
 
 def test_a_lens_of_larger_pictures_is_not_taken_for_theirs(tmp_path: Path, covered: Path) -> None:
@@ -88,10 +99,7 @@ async def _larger(session: Path, source: str) -> None:
         await see(pilot, "record now through the cover")
         await pilot.press("ctrl+s")
         await see(pilot, "2 views")
-        await see(
-            pilot, "The lens is not known yet. In the set-up, choose record now: without the cover"
-        )
-        assert "f Fit" not in " ".join(shown(pilot).split())
+        await see(pilot, "computed by the fit: the")
 
 
 def test_the_other_keys_of_session_yaml_keep_their_text(tmp_path: Path) -> None:
@@ -141,4 +149,3 @@ def test_a_lens_of_larger_pictures_is_refused(tmp_path: Path) -> None:
     assert read_lens(tmp_path, "") is None
     with pytest.raises(InputError, match="1640x1232 px, and these are 820x616"):
         read_lens(tmp_path, str(LARGE))
-    assert "camera.intrinsics into" in no_lens_advice(tmp_path)

@@ -175,7 +175,7 @@ def test_the_ghost_board_is_an_outline_over_the_live_picture(tmp_path: Path) -> 
     picture = cv2.imread(str(next(iter(sorted((FIXTURE / "frames").glob("*.jpg"))))))
     assert picture is not None
     board = np.asarray(picture, np.uint8)
-    recording = write_recording(tmp_path / "camera", [board] * 200, interval_s=0.2)
+    recording = write_recording(tmp_path / "bare", [board] * 200, interval_s=0.2)
     session = tmp_path / "session"
     session.mkdir()
     (session / "session.yaml").write_text((FIXTURE / "session.yaml").read_text())

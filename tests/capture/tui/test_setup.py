@@ -32,10 +32,10 @@ async def _fast(session: Path, brief: Path) -> None:
 
 
 def test_a_start_that_is_refused_leads_to_the_field(tmp_path: Path) -> None:
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    cv2.imwrite(str(empty / "0.png"), np.full((616, 820), 100, np.uint8))
-    drive(_refused(tmp_path / "session", f"folder:{empty}"))
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    cv2.imwrite(str(bare / "0.png"), np.full((616, 820), 100, np.uint8))
+    drive(_refused(tmp_path / "session", f"folder:{bare}"))
 
 
 async def _refused(session: Path, source: str) -> None:

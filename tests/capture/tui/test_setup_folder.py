@@ -14,8 +14,7 @@ from calib.cli import main
 from calib.io.images import list_images
 from capture.tui.app import CaptureApp
 from capture.tui.fit import FitScreen
-from capture.tui.fit_requirements import no_lens_advice
-from tests.capture.tui.driving import drive, running, see, shown, until, write
+from tests.capture.tui.driving import drive, running, see, until, write
 from tests.capture.tui.test_session import FIXTURE
 
 
@@ -51,22 +50,7 @@ async def _nothing(session: Path) -> None:
     async with running(session, f"folder:{session / 'camera'}") as pilot:
         await see(pilot, "continued")
         await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
-        await see(pilot, "Start once more to record through the cover first")
-        await pilot.press("ctrl+s")
         await see(pilot, "No board of 9x9")
-        assert "f Fit" not in shown(pilot)
-        shutil.copytree(FIXTURE / "frames", session / "frames", dirs_exist_ok=True)
-        await pilot.press("f")
-        await see(pilot, no_lens_advice(session).split(str(session))[0].strip())
-        await pilot.press("escape", "ctrl+r")
-        await see(pilot, "[SET-UP]")
-        await see(pilot, no_lens_advice(session).split(str(session))[0].strip())
-        for picture in (session / "frames").iterdir():
-            picture.unlink()
-        (session / "bare").mkdir()
-        shutil.copy(FIXTURE / "bare" / "0000.jpg", session / "bare")
-        await pilot.press("ctrl+s")
-        await see(pilot, "f Fit")
         await pilot.press("f")
         await see(pilot, "There is nothing to fit yet:")
 

@@ -5,8 +5,10 @@ opened.
 import shutil
 from pathlib import Path
 
+import pytest
 from textual.widgets import Input, Select
 
+from capture.source_folder import is_kind_unknown
 from tests.capture.tui.driving import describe, drive, running, see, shown, until
 from tests.capture.tui.test_session import FIXTURE
 
@@ -101,6 +103,46 @@ async def _doubted(session: Path) -> None:
         await pilot.press("ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
         await see(pilot, "3 views")
+
+
+def test_recorded_pictures_are_asked_about_once_before_they_count_as_bare(tmp_path: Path) -> None:
+    """Nothing says whether they show the cover, and a fit would tell only at its end."""
+    camera = tmp_path / "camera"
+    camera.mkdir()
+    shutil.copy(FIXTURE / "frames" / "0001.jpg", camera)
+    drive(_asked_about(tmp_path / "session", camera))
+
+
+async def _asked_about(session: Path, camera: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        await describe(pilot, f"folder:{camera}")
+        await pilot.press("ctrl+s")
+        await see(pilot, "Were these pictures taken without the cover? If so, start once more.")
+        assert not session.exists()
+        await until(pilot, lambda: pilot.app.focused is pilot.app.screen.query_one("#phase"))
+        await pilot.press("enter", "down", "enter", "ctrl+s")
+        await see(pilot, "[THROUGH COVER]")
+
+
+@pytest.mark.parametrize(
+    ("source", "is_unknown"),
+    [
+        ("folder:bare", False),
+        ("folder:session", False),
+        ("folder:session/frames", False),
+        ("folder:pictures", True),
+        ("video:film.mp4", True),
+        ("v4l2:/dev/video0", False),
+    ],
+)
+def test_a_name_or_a_description_says_whether_pictures_show_the_cover(
+    source: str, is_unknown: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("session/frames").mkdir(parents=True)
+    Path("session/session.yaml").touch()
+    assert is_kind_unknown(source) is is_unknown
 
 
 def test_the_next_required_field_has_the_focus_after_the_bare_step(tmp_path: Path) -> None:

@@ -179,14 +179,12 @@ async def continued_setup(pilot: Pilot[None], session: Path) -> None:
 async def collect(pilot: Pilot[None], _: Path) -> None:
     await see(pilot, "continued")
     await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
-    await see(pilot, "Start once more")
-    await pilot.press("ctrl+s")
     await see(pilot, "no more pictures")
     await see(pilot, "3 views")
     screen = pilot.app.screen
     assert isinstance(screen, CollectScreen)
     await until(
-        pilot, lambda: screen._adviser is not None and "cannot be" in screen._adviser.remark
+        pilot, lambda: screen._adviser is not None and "by the fit" in screen._adviser.remark
     )  # it has said all that it will
     await pilot.pause(0.5)
     screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))

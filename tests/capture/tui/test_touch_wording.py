@@ -21,7 +21,6 @@ LABELS = {
     [
         ("Press f to fit again, esc to go back.", "Touch Fit to fit again, Back to go back."),
         ("press f to fit", "touch Fit to fit"),
-        ("esc, for the lens is not known yet", "Back, for the lens is not known yet"),
         ("Press f to fit without it, u to have it again.", "Touch Fit to fit without it, Take back to have it again."),  # noqa: E501
         ("The fit runs; esc cancels.", "The fit runs; Back cancels."),
         ("That is all: esc goes back, where u ends it.", "That is all: Back goes back, where Take back ends it."),  # noqa: E501
