@@ -11,6 +11,7 @@ EXTRAS = {
     "completion": ("shtab>=1.9,<2",),
     "exr": ("OpenEXR>=3.3",),
     "fleet": ("cryptography>=42", "dask-jobqueue>=0.9", "distributed>=2024.8", "fsspec>=2024.6"),
+    "plots": ("matplotlib>=3.8",),
     "render": ("mitsuba>=3.6,<4",),
     "serve": ("segno>=1.6,<2", "textual-serve>=1.1,<2"),
 }

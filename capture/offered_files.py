@@ -10,20 +10,22 @@ from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
 from aiohttp import web
 
+from calib.report.scripts import allowed_scripts
 from capture.disk import is_regular_file
 
 CHUNK_BYTES = 1 << 16
 HEADERS = {
     "Content-Security-Policy": (
-        "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:;"
-        " frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+        "sandbox allow-scripts; default-src 'none'; style-src 'unsafe-inline'; img-src data:;"
+        f" script-src {allowed_scripts()}; frame-ancestors 'none'; base-uri 'none'; form-action"
+        " 'none'"
     ),
     "Cache-Control": "no-store",
     "Cross-Origin-Resource-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
 }
-"""The headers of these files: a page among them runs no script, and is of no origin, so that it
-reaches nothing else that is served.
+"""The headers of these files: a page among them runs no script but those that draw a report's
+figures, and is of no origin, so that it reaches nothing else that is served.
 """
 
 

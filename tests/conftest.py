@@ -78,9 +78,7 @@ def _activated() -> Iterator[None]:
 
 @pytest.fixture
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A report's seven figures take longer than a small fit: for tests of something else, as those
-    of the report draw them.
-    """
+    """A report without its figures, for tests of something else."""
     monkeypatch.setattr("calib.report.write.DRAWINGS", ())
 
 

@@ -64,8 +64,8 @@ def test_a_folder_may_be_named_by_a_string() -> None:
         calib.read_session("nowhere")
 
 
-def test_the_page_has_six_programs() -> None:
-    assert len(PROGRAMS) == len(re.findall("```python", PAGE)) == 6
+def test_the_page_has_seven_programs() -> None:
+    assert len(PROGRAMS) == len(re.findall("```python", PAGE)) == 7
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from calib.version import VERSION
 ROOT = Path(__file__).parents[1]
 DATA = {"calib/py.typed", "calib/fleet/fleet.css", "calib/report/style.css", "capture/py.typed"} | {
     path.relative_to(ROOT).as_posix()
-    for folder in (ROOT / "capture" / "web", ROOT / "calib" / "demo")
-    for path in folder.rglob("*")
+    for folder in ("calib/report/web", "capture/web", "calib/demo")
+    for path in (ROOT / folder).rglob("*")
     if path.is_file() and not path.name.startswith(".")
 }
 MAX_DEMO_BYTES = 1_500_000

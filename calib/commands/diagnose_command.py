@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
             written = [better.write(files)]
         try:
             with Bars() as bars:
-                written.append(write_report(better, files, bars))
+                written.append(write_report(better, files, bars, before=calibration))
         finally:  # if the report fails, the finding is still written and printed
             files.commit(instead_of=DERIVED)
             verdict = judge(better, folder=output)

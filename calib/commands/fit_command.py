@@ -90,6 +90,7 @@ def run(args: argparse.Namespace) -> None:
         files.reserve([*FILES, *npz_file_names(args.depth), NAME])
         with Bars() as bars:
             calibration = fit(session, settings, bars)
+            before = calibration
             finding = None
             if effects == ("auto",):
                 calibration, finding = diagnose(calibration, bars)
@@ -100,7 +101,7 @@ def run(args: argparse.Namespace) -> None:
         seconds = time.monotonic() - start
         try:
             with Bars() as bars:
-                written.append(write_report(calibration, files, bars, args.depth))
+                written.append(write_report(calibration, files, bars, args.depth, before=before))
         finally:  # if the report fails, the calibration is still written and printed
             files.commit(instead_of=DERIVED)
             verdict = judge(calibration, depths=args.depth, folder=output, session=session.path)

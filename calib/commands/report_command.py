@@ -18,11 +18,12 @@ from calib.commands.loading import fast_imports
 SUMMARY = "Write report.html for a calibration and open it in a browser."
 DESCRIPTION = """
 The report is one file that needs no network. Over SSH, or without a screen, the command prints its
-path and opens nothing.
+path and opens nothing. With --png, its figures are written to a folder as pictures, for papers, and
+the report is left as it is; this needs matplotlib.
 """
 EXAMPLES = (
     "calib report cam0/calibration",
-    "calib report cam0/calibration --depth 0.5",
+    "calib report cam0/calibration --png figures",
 )
 
 
@@ -30,6 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
     add_depths(parser, required=False)
     add_overwrite(parser)
+    parser.add_argument(
+        "--png",
+        type=Path,
+        metavar="DIR",
+        help="write the figures as pictures to this folder, and no report",
+    )
     parser.add_argument(
         "--no-open", action="store_true", help="write the report and print its path only"
     )
@@ -41,9 +48,21 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
         from calib.io.file_set import FileSet
+        from calib.report.comparison import undiagnosed
         from calib.report.write import NAME, write_report
 
     calibration = Calibration.load(args.calibration)
+    if args.png:
+        from calib.plots import write_figures
+
+        pictures = FileSet(
+            args.png, overwrite=args.overwrite, inputs=calibration_files(args.calibration)
+        )
+        with pictures as files:
+            written = write_figures(calibration, files, args.depth)
+            files.commit()
+        print_paths(written)
+        return
     output = FileSet(
         folder_of(args.calibration),
         overwrite=args.overwrite,
@@ -52,7 +71,8 @@ def run(args: argparse.Namespace) -> None:
     )
     with Bars() as bars, output as files:
         files.reserve([NAME])
-        path = write_report(calibration, files, bars, args.depth)
+        before = undiagnosed(calibration)
+        path = write_report(calibration, files, bars, args.depth, before=before)
         files.commit()
     print_paths([path])
     if not args.no_open:

@@ -13,6 +13,7 @@ import numpy as np
 from calib.fleet.control import Chart
 from calib.fleet.findings import Fleet, title_of
 from calib.fleet.result import CAMERAS, JobState
+from calib.report.payload import Data
 from calib.verdict.verdict import Trust
 
 WIDTH, HEIGHT = 520, 168
@@ -112,18 +113,10 @@ def chart_svg(chart: Chart, fleet: Fleet, colour: Mapping[str, int], labels: Seq
     value = chart.value
     outlying = chart.is_outlier
     measured = np.flatnonzero(np.isfinite(value))
-    centres = [batch.centre for batch in chart.batches] or [float(chart.centre[measured[0]])]
+    centres = chart_centres(chart)
     limits = [chart.limits(centre) for centre in centres]
     scale = np.log if chart.one_sided else np.asarray
-    usual = value[measured][~outlying[measured]]
-    minima = (
-        [float(usual.min()) if len(usual) else min(centres)]
-        if chart.one_sided
-        else [low for low, _ in limits]
-    )
-    minimum = float(scale(min(minima)))
-    maximum = float(scale(max(high for _, high in limits)))
-    margin = 0.25 * (maximum - minimum)
+    minimum, maximum, margin = _span(chart)
     count = len(value)
 
     def x_of(index: int) -> float:
@@ -161,6 +154,60 @@ def chart_svg(chart: Chart, fleet: Fleet, colour: Mapping[str, int], labels: Seq
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title_of(chart.name))}'
         f' of each camera">{lines}{drawn}{marks}{names}</svg>'
     )
+
+
+def chart_domain(chart: Chart) -> tuple[float, float]:
+    """Return the lowest and the highest number that a chart shows."""
+    minimum, maximum, margin = _span(chart)
+    scale = np.exp if chart.one_sided else np.asarray
+    return float(scale(minimum - margin)), float(scale(maximum + margin))
+
+
+def _span(chart: Chart) -> tuple[float, float, float]:
+    """Return the lowest and the highest number between the limits and of usual cameras, and the
+    margin around them; of logarithms, if the chart is one-sided.
+    """
+    centres = chart_centres(chart)
+    limits = [chart.limits(centre) for centre in centres]
+    scale = np.log if chart.one_sided else np.asarray
+    usual = chart.value[np.isfinite(chart.value) & ~chart.is_outlier]
+    minima = (
+        [float(usual.min()) if len(usual) else min(centres)]
+        if chart.one_sided
+        else [low for low, _ in limits]
+    )
+    minimum = float(scale(min(minima)))
+    maximum = float(scale(max(high for _, high in limits)))
+    return minimum, maximum, 0.25 * (maximum - minimum)
+
+
+def chart_centres(chart: Chart) -> list[float]:
+    """Return the centre of each batch, or of the fleet."""
+    measured = np.flatnonzero(np.isfinite(chart.value))
+    return [batch.centre for batch in chart.batches] or [float(chart.centre[measured[0]])]
+
+
+def chart_data(chart: Chart, colour: Mapping[str, int], labels: Sequence[str]) -> Data:
+    """Return what the page's scripts draw a chart from."""
+    batches = [batch.name for batch in chart.batches] or [""]
+    lines = []
+    for batch, centre in zip(batches, chart_centres(chart), strict=True):
+        low, high = chart.limits(centre)
+        series = colour.get(batch)
+        lines.append({"at": centre, "limit": False, "series": series})
+        lines.append({"at": high, "limit": True, "series": series})
+        if not chart.one_sided:
+            lines.append({"at": low, "limit": True, "series": series})
+    return {
+        "value": chart.value,
+        "outlier": chart.is_outlier.astype(np.int64),
+        "series": np.array([colour.get(label, 0) for label in labels]),
+        "spread": chart.spreads,
+        "lines": lines,
+        "domain": chart_domain(chart),
+        "logarithmic": chart.one_sided,
+        "unit": chart.unit,
+    }
 
 
 def _lines(

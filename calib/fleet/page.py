@@ -1,4 +1,4 @@
-"""fleet.html: one file that shows a fleet, without network or scripts, on light and on dark. The
+"""fleet.html: one file that shows a fleet, without network, on light and on dark. The
 cameras that stand out come first.
 """
 
@@ -10,11 +10,21 @@ from html import escape
 from importlib.resources import files
 
 from calib.fitting.rounding import with_sigma
-from calib.fleet.charts import chart_svg, colours_of, labels_of, link_of, map_svg, shifts_svg
+from calib.fleet.charts import (
+    chart_data,
+    chart_svg,
+    colours_of,
+    labels_of,
+    link_of,
+    map_svg,
+    shifts_svg,
+)
 from calib.fleet.control import ALPHA, BATCH_ALPHA, Chart
 from calib.fleet.findings import Fleet, title_of
 from calib.fleet.result import JobState, Result
 from calib.report.page import PageSection, document
+from calib.report.payload import Data
+from calib.report.scripts import FLEET, Scripts
 from calib.table import html_table
 from calib.verdict.verdict import Trust
 
@@ -50,7 +60,30 @@ def fleet_page(fleet: Fleet, name: str) -> str:
 <p class="lead">{escape(_lead(fleet))}</p>
 <figure class="map">{map_svg(fleet)}<figcaption class="key">{KEY}</figcaption></figure>
 <nav>{contents}</nav>"""
-    return document(f"Fleet {escape(name)}", style, header, body, good=not fleet.findings)
+    return document(
+        f"Fleet {escape(name)}",
+        style,
+        header,
+        body,
+        good=not fleet.findings,
+        scripts=Scripts.of(_data(fleet), FLEET) if fleet.charts else None,
+    )
+
+
+def _data(fleet: Fleet) -> Data:
+    """Return what the page's scripts draw from."""
+    factor, colour = colours_of(fleet)
+    labels = labels_of(fleet, factor)
+    return {
+        "cameras": [
+            {"name": entry.id, "link": link_of(fleet, index)}
+            for index, entry in enumerate(fleet.entries)
+        ],
+        "figures": {
+            str(place): chart_data(chart, colour, labels)
+            for place, chart in enumerate(fleet.charts)
+        },
+    }
 
 
 KEY = (
@@ -140,14 +173,16 @@ def _charts_html(fleet: Fleet) -> str:
     timed = any(map(fleet.day, range(len(fleet.entries))))
     order = "the order of their days" if timed else "the manifest's order"
     drawn = "".join(
-        f"<div><h3>{escape(title_of(chart.name))} <small>{escape(_usual(chart))}</small></h3>"
-        f"{chart_svg(chart, fleet, colour, labels)}</div>"
-        for chart in fleet.charts
+        f'<div data-figure="{place}"><h3>{escape(title_of(chart.name))}'
+        f" <small>{escape(_usual(chart))}</small></h3>"
+        f'<div class="panels">{chart_svg(chart, fleet, colour, labels)}</div></div>'
+        for place, chart in enumerate(fleet.charts)
     )
     return (
         f"<p>A dot is a camera, from left to right in {order}. The line is the median, dashed lines"
-        " are the limits. A red dot is beyond them, and an arrow points beyond the chart's edge. A"
-        " camera whose number is less certain than usual may be farther away."
+        " are the limits. A red dot is beyond them, and one beyond the chart stands at its edge. A"
+        " camera whose number is less certain than usual may be farther away. Point at a dot to"
+        " see which camera it is; click into a chart, and the wheel comes nearer."
         f"</p>{f'<p class=key>{escape(factor)}: {key}</p>' if key else ''}<div"
         f' class="charts">{drawn}</div>'
     )

@@ -1,15 +1,46 @@
 """The chart of the outer surface: exit points of rays in mm and degrees, and its axes."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+
 import numpy as np
 import torch
-from matplotlib.axes import Axes
-from matplotlib.patches import Polygon
 
 from calib.optics.exposure import MIDDLE
 from calib.report.evidence import Array, Evidence
-from calib.report.ink import FAINT
 from calib.session.shapes.registry import find_shape
-from calib.session.shapes.shape import ChartAxis
+
+BORDER_POINTS = 40
+"""Points on each side of the image's border."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChartPanel:
+    """The axes of a figure over the outer surface."""
+
+    labels: tuple[str, str]
+    """The labels of the horizontal and the vertical axis."""
+    scales: tuple[float, float]
+    """The units of the axes in one SI unit."""
+    frame: Array
+    """(N, 2) the border of the region that the image sees, in the units of the axes."""
+
+    @staticmethod
+    def of(evidence: Evidence) -> ChartPanel:
+        chart = find_shape(evidence.calibration.cover.covers[-1].shape).chart
+        assert chart
+        vertical, horizontal = chart
+        scales = horizontal.per_si, vertical.per_si
+        frame = border(evidence)[:, ::-1] * scales
+        return ChartPanel((horizontal.label, vertical.label), scales, frame)
+
+    def place(self, chart: Array) -> Array:
+        """Return (N, 2) horizontal and vertical coordinates of (N, 2) chart coordinates, SI."""
+        return np.asarray(chart[:, ::-1] * self.scales)
+
+    def data(self) -> dict[str, object]:
+        return {"labels": self.labels, "frame": self.frame}
 
 
 def exit_points(evidence: Evidence, pixels: Array) -> Array:
@@ -23,49 +54,16 @@ def exit_points(evidence: Evidence, pixels: Array) -> Array:
     return torch.where((rays.failure != 0).unsqueeze(-1), torch.nan, chart).numpy()
 
 
-def chart_scale(evidence: Evidence) -> tuple[float, float]:
-    """Return the factors from the two chart coordinates, SI, to the drawn units."""
-    first, second = _chart(evidence)
-    return first.per_si, second.per_si
-
-
-def chart_to_panel(evidence: Evidence, chart: Array) -> tuple[Array, Array]:
-    """Convert (N, 2) chart coordinates to (N,) horizontal and (N,) vertical panel coordinates."""
-    first, second = chart_scale(evidence)
-    return chart[:, 1] * second, chart[:, 0] * first
+def border_pixels(evidence: Evidence, count: int) -> Array:
+    """Return (4 count, 2) px around the border of the image."""
+    camera = evidence.calibration.camera
+    ramp, zero = np.linspace(0, 1, count), np.zeros(count)
+    sides = ((ramp, zero), (1 + zero, ramp), (1 - ramp, 1 + zero), (zero, 1 - ramp))
+    fractions = np.concatenate([np.stack(side, -1) for side in sides])
+    return np.asarray(fractions * [camera.width, camera.height] - 0.5)
 
 
 def border(evidence: Evidence) -> Array:
     """Return (N, 2) chart coordinates of the image border, without points that no ray reaches."""
-    camera = evidence.calibration.camera
-    ramp, zero = np.linspace(0, 1, 40), np.zeros(40)
-    sides = ((ramp, zero), (1 + zero, ramp), (1 - ramp, 1 + zero), (zero, 1 - ramp))
-    points = exit_points(
-        evidence,
-        np.concatenate([np.stack(side, -1) for side in sides]) * [camera.width, camera.height]
-        - 0.5,
-    )
+    points = exit_points(evidence, border_pixels(evidence, BORDER_POINTS))
     return np.asarray(points[np.isfinite(points).all(-1)])
-
-
-def chart_axes(axes: Axes, evidence: Evidence) -> Polygon:
-    """Label the axes, and draw the border of the region that the image sees."""
-    edge = np.stack(chart_to_panel(evidence, border(evidence)), -1)
-    frame = Polygon(edge, fill=False, edgecolor=FAINT, linewidth=0.9)
-    axes.add_patch(frame)
-    first, second = _chart(evidence)
-    (x_min, y_min), (x_max, y_max) = edge.min(0), edge.max(0)
-    pad_x, pad_y = 0.04 * (x_max - x_min), 0.04 * (y_max - y_min)
-    axes.set(
-        xlabel=second.label,
-        ylabel=first.label,
-        xlim=(x_min - pad_x, x_max + pad_x),
-        ylim=(y_max + pad_y, y_min - pad_y),
-    )
-    return frame
-
-
-def _chart(evidence: Evidence) -> tuple[ChartAxis, ChartAxis]:
-    chart = find_shape(evidence.calibration.cover.covers[-1].shape).chart
-    assert chart
-    return chart

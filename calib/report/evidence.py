@@ -47,8 +47,8 @@ class Evidence:
     """(M, 2) px"""
     view: NDArray[np.int64]
     """(M,) the view of each corner."""
-    depth: Array
-    """(M,) m, z of each corner in the camera frame."""
+    points: Array
+    """(M, 3) m, each corner in the camera frame."""
     distance: Array
     """(M,) m, the distance of each corner (`Path.distance`): its depth, except for a wide lens."""
     field: RayField
@@ -56,6 +56,11 @@ class Evidence:
     """None where the fit estimated no covariance."""
     depths: tuple[float, ...]
     """The depths in m, near to far, at which fields are drawn."""
+
+    @property
+    def depth(self) -> Array:
+        """(M,) m, z of each corner in the camera frame."""
+        return self.points[:, 2]
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -80,6 +85,11 @@ class Evidence:
     def errors(self) -> Array:
         """(M, 2) px: the reprojection error; NaN where the model does not see the corner."""
         return self.residuals.image.numpy()
+
+    @cached_property
+    def corner(self) -> NDArray[np.int64]:
+        """(M,) the number of each corner on its board, row by row."""
+        return np.concatenate([np.flatnonzero(view.seen) for view in self.calibration.views])
 
     @cached_property
     def cell(self) -> NDArray[np.int64]:
@@ -153,7 +163,6 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
     observations = calibration.observations
     pose = torch.from_numpy(calibration.poses)[observations.view]
     points = path.place(observations.corners, values, pose, observations.exposure)
-    depth = points[:, 2].numpy()
     distance = path.distance(points).numpy()
     residual, sigma = (
         residuals(path, values, observations, torch.from_numpy(calibration.poses)),
@@ -174,7 +183,7 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
         bare_residuals=_without_model(calibration),
         pixels=observations.pixels.numpy(),
         view=observations.view.numpy(),
-        depth=depth,
+        points=points.numpy(),
         distance=distance,
         field=calibration.ray_field(),
         sigma=sigma,

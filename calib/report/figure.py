@@ -1,18 +1,20 @@
-"""A figure of the page with its title and caption."""
+"""A figure of the page: its data, its title and its caption. The page's scripts draw it."""
 
 from dataclasses import dataclass
 from html import escape
+
+from calib.report.payload import Data
 
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
     name: str
-    """Unique in the page; the ids in the SVG begin with it."""
+    """Unique in the page; the scripts draw the figure by it."""
     title: str
-    svg: str
     caption: str
     """Plain text."""
+    data: Data
 
     def html(self) -> str:
         caption = f"<figcaption>{escape(self.caption)}</figcaption>"
-        return f'<figure><div class="wide">{self.svg}</div>{caption}</figure>'
+        return f'<figure data-figure="{self.name}"><div class="panels"></div>{caption}</figure>'

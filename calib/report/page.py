@@ -6,9 +6,13 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 
+from calib.report.scripts import Scripts
 from calib.report.summary import Summary
 
-NOTHING_FROM_OUTSIDE = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+NOTHING_FROM_OUTSIDE = (
+    "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src"
+    " 'unsafe-inline'"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +23,7 @@ class PageSection:
     html: str
 
 
-def page(subject: str, summary: Summary, sections: Sequence[PageSection]) -> str:
+def page(subject: str, summary: Summary, sections: Sequence[PageSection], scripts: Scripts) -> str:
     """Return the HTML file of a report."""
     style = files("calib.report").joinpath("style.css").read_text(encoding="utf-8")
     contents = "".join(
@@ -43,26 +47,37 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection]) -> str
 <p class="lead">{lead}</p>
 {listed}
 <p>Next (. is the folder of this report): <code>{escape(verdict.next)}</code></p>
-<nav>{contents}</nav>"""
+<nav>{contents}</nav>
+<noscript><p>The figures need JavaScript, which this browser does not run. The verdict, the tables
+and the pictures are here without it.</p></noscript>"""
     return document(
-        f"Calibration of {escape(subject)}", style, header, body, good=not verdict.reasons
+        f"Calibration of {escape(subject)}",
+        style,
+        header,
+        body,
+        good=not verdict.reasons,
+        scripts=scripts,
     )
 
 
-def document(title: str, style: str, header: str, body: str, *, good: bool) -> str:
+def document(
+    title: str, style: str, header: str, body: str, *, good: bool, scripts: Scripts | None = None
+) -> str:
     """Return an HTML file that loads nothing from outside.
 
     Args:
         title: HTML, as are header and body.
         good: true if the header has the colour of a trusted result.
+        scripts: the scripts of the page; None: it runs none.
     """
+    allowed = f"; script-src {scripts.policy}" if scripts else ""
     return f"""<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark">
-<meta http-equiv="Content-Security-Policy" content="{NOTHING_FROM_OUTSIDE}">
+<meta http-equiv="Content-Security-Policy" content="{NOTHING_FROM_OUTSIDE}{allowed}">
 <link rel="icon" href="data:,">
 <title>{title}</title>
 <style>
@@ -72,7 +87,7 @@ def document(title: str, style: str, header: str, body: str, *, good: bool) -> s
 <header class="{"good" if good else "care"}">
 {header}
 </header>
-<main>{body}</main>
+<main>{body}{scripts.html if scripts else ""}</main>
 </body>
 </html>
 """

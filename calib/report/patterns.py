@@ -71,5 +71,4 @@ def over_image(evidence: Evidence) -> GroupMeans:
 
 def over_board(evidence: Evidence) -> GroupMeans:
     """Average by corner of the board."""
-    corner = np.concatenate([np.flatnonzero(view.seen) for view in evidence.calibration.views])
-    return GroupMeans.of(evidence, corner, evidence.calibration.board.count)
+    return GroupMeans.of(evidence, evidence.corner, evidence.calibration.board.count)

@@ -15,7 +15,13 @@ from calib.io.images import frames_folder, read_grey
 
 Grey = NDArray[np.uint8]
 
-QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 62]
+REDUCED = {
+    8: cv2.IMREAD_REDUCED_GRAYSCALE_8,
+    4: cv2.IMREAD_REDUCED_GRAYSCALE_4,
+    2: cv2.IMREAD_REDUCED_GRAYSCALE_2,
+}
+"""OpenCV's flag for each factor by which a JPEG is shrunk as it is decoded."""
+QUALITY, LOW_QUALITY = 62, 38
 
 
 def picture_of(session: Path, view: str) -> Path:
@@ -42,19 +48,32 @@ def read_small(path: Path, size: tuple[int, int], width: int) -> Grey | None:
     )
 
 
-def data_url(pixels: Grey) -> str:
-    """Return a picture as the JPEG data URL of an HTML image."""
-    return (
-        "data:image/jpeg;base64,"
-        + b64encode(cv2.imencode(".jpg", pixels, QUALITY)[1].tobytes()).decode()
-    )
+def data_url(pixels: Grey, max_bytes: int) -> str:
+    """Return a picture as the JPEG data URL of an HTML image. Grain makes large files: a picture
+    that would take more than `max_bytes` is compressed more, then shrunk until it does not.
+    """
+    data = _jpeg(pixels, QUALITY)
+    if len(data) > max_bytes:
+        data = _jpeg(pixels, LOW_QUALITY)
+    while len(data) > max_bytes:
+        scale = 0.95 * (max_bytes / len(data)) ** 0.5
+        pixels = np.asarray(
+            cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
+        )
+        data = _jpeg(pixels, LOW_QUALITY)
+    return "data:image/jpeg;base64," + b64encode(data).decode()
+
+
+def _jpeg(pixels: Grey, quality: int) -> bytes:
+    return cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
 
 
 def _read_shrunk(path: Path, full_width: int, width: int) -> tuple[NDArray, int]:
-    """Return grey pixels and the factor by which they are shrunk. A large JPEG is decoded at an
-    eighth of its size, in a fraction of the time.
+    """Return grey pixels and the factor by which they are shrunk. A JPEG is decoded at an eighth, a
+    quarter or a half of its size where that is enough, in a fraction of the time.
     """
-    if full_width > 8 * width and (data := read_file(path)).startswith(JPEG):
-        flags = cv2.IMREAD_REDUCED_GRAYSCALE_8 | cv2.IMREAD_IGNORE_ORIENTATION
-        return decode_picture(data, flags), 8
+    factor = next((factor for factor in REDUCED if full_width > factor * width), 1)
+    if factor > 1 and (data := read_file(path)).startswith(JPEG):
+        flags = REDUCED[factor] | cv2.IMREAD_IGNORE_ORIENTATION
+        return decode_picture(data, flags), factor
     return read_grey(path), 1

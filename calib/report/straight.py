@@ -21,6 +21,8 @@ from calib.undistortion.window import Window
 
 WIDTH = 640
 """The largest width of a picture in px."""
+MAX_BYTES = 40_000
+"""The size of a picture in the page."""
 MAX_DRAWN_BEND = 0.035
 """The largest drawn bend, as a fraction of the image's width."""
 SAMPLES = 41
@@ -178,8 +180,8 @@ def _html(evidence: Evidence, view: int, picture: np.ndarray | None) -> str:
     distorted_url = ""
     undistorted_url = ""
     if picture is not None:
-        distorted_url = data_url(picture)
-        undistorted_url = data_url(_undistorted_picture(evidence, picture, depth))
+        distorted_url = data_url(picture, MAX_BYTES)
+        undistorted_url = data_url(_undistorted_picture(evidence, picture, depth), MAX_BYTES)
     distorted_panel = _panel(
         evidence,
         [(line.distorted, line.corners) for line in lines],

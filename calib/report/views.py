@@ -10,12 +10,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from calib.report.corners import hues, shown_corners
 from calib.report.evidence import Evidence
-from calib.report.ink import hues
 from calib.report.pictures import data_url, picture_of, read_small
 
-THUMBNAIL_WIDTH = 300
-"""The width of a thumbnail in px."""
+THUMBNAIL_WIDTH = 480
+"""The largest width of a thumbnail in px."""
+PAGE_BYTES = 300_000
+"""The size of all thumbnails together, which keeps the page small: of many views, or of pictures
+with much grain, the thumbnails are smaller.
+"""
 MAX_THUMBNAILS = 60
 """Thumbnails in a page; further views are listed without a picture."""
 DRAWN_ERROR = 1 / 30
@@ -32,10 +36,10 @@ def start_thumbnails(
         return {}
     camera, views = evidence.calibration.camera, evidence.calibration.views
     worst = np.argsort(-evidence.rms_by_view)[:MAX_THUMBNAILS].tolist()
+    size = camera.width, camera.height
+    max_bytes = PAGE_BYTES // max(len(worst), 1)
     return {
-        v: pool.submit(
-            _thumbnail, picture_of(session, views[v].name), (camera.width, camera.height)
-        )
+        v: pool.submit(_thumbnail, picture_of(session, views[v].name), size, max_bytes)
         for v in worst
     }
 
@@ -59,16 +63,16 @@ def views_html(evidence: Evidence, thumbnails: Thumbnails) -> str:
     )
     return (
         f"<p>The worst view comes first. Each line is the error of a corner, enlarged"
-        f" {float(f'{magnified:.2g}'):g} times.{missing}</p>"
+        f" {float(f'{magnified:.2g}'):g} times. A click shows the picture.{missing}</p>"
         f'<div class="views">{cards}</div>'
         + (f"<h3>Not used</h3><ul>{rejected}</ul>" if rejected else "")
     )
 
 
-def _thumbnail(path: Path, size: tuple[int, int]) -> str | None:
+def _thumbnail(path: Path, size: tuple[int, int], max_bytes: int) -> str | None:
     """Return a data URL; None if the picture cannot be read or has another size."""
-    small = read_small(path, size, THUMBNAIL_WIDTH)
-    return None if small is None else data_url(small)
+    small = read_small(path, size, min(THUMBNAIL_WIDTH, size[0]))
+    return None if small is None else data_url(small, max_bytes)
 
 
 def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) -> str:
@@ -81,7 +85,7 @@ def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) 
         )
     )
     red, green, blue = (255 * hues(len(evidence.calibration.views))[view]).astype(int).tolist()
-    lines = "".join(_lines(evidence, in_view, magnified))
+    lines = "".join(_lines(evidence, view, magnified))
     image = f'<img src="{picture}" alt="">' if picture else ""
     name = escape(view_corners.name)
     times = (evidence.calibration.outcome.view_noise or {}).get(view_corners.name)
@@ -92,17 +96,19 @@ def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) 
         f' d="{lines}"/></svg>'
     )
     return (
-        f'<div class="view" style="--own: rgb({red} {green} {blue})"><div class="shot"'
-        f' style="aspect-ratio: {size[0]}/{size[1]}">{image}{overlay}</div><p><i'
+        f'<div class="view" data-view="{view}" style="--own: rgb({red} {green} {blue})">'
+        f'<div class="shot" style="aspect-ratio: {size[0]}/{size[1]}">{image}{overlay}</div><p><i'
         f' class="dot"></i><b>{name}</b> <span class="number">{evidence.rms_by_view[view]:.3f}'
         f" px</span><br><small>{view_corners.count} corners, {distance.mean():.2f} m, tilted"
         f" {tilt:.0f}°{noisier}</small></p></div>"
     )
 
 
-def _lines(evidence: Evidence, in_view: np.ndarray, magnified: float) -> Iterator[str]:
+def _lines(evidence: Evidence, view: int, magnified: float) -> Iterator[str]:
+    shown = shown_corners(evidence)
+    rows = shown[evidence.view[shown] == view]
     for (x, y), (dx, dy) in zip(
-        evidence.pixels[in_view], magnified * evidence.errors[in_view], strict=True
+        evidence.pixels[rows], magnified * evidence.errors[rows], strict=True
     ):
         if np.isfinite(dx + dy):
             yield f"M{x:.0f} {y:.0f}l{dx:.0f} {dy:.0f}"

@@ -1,4 +1,4 @@
-"""Writing of report.html: one file that shows a calibration, without network or scripts."""
+"""Writing of report.html: one file that shows a calibration, without network."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -11,6 +11,8 @@ from calib.progress import Progress
 from calib.report.again import again_html
 from calib.report.board_errors import board_errors
 from calib.report.by_depth import distortion_by_depth
+from calib.report.comparison import diagnosis_comparison
+from calib.report.corners import corners_data, views_data
 from calib.report.coverage import corner_coverage
 from calib.report.distortion import distortion_fields
 from calib.report.effects import EffectRow, effect_rows, effects_html
@@ -18,7 +20,10 @@ from calib.report.evidence import Evidence, gather_evidence
 from calib.report.figure import Drawing
 from calib.report.glass import glass_surface
 from calib.report.page import PageSection, page
+from calib.report.payload import Data
 from calib.report.residual_maps import residual_maps
+from calib.report.scene import session_in_space, side_view
+from calib.report.scripts import Scripts
 from calib.report.sigma import predicted_errors
 from calib.report.straight import straight_html
 from calib.report.summary import summarise
@@ -28,6 +33,8 @@ from calib.threads import single_thread
 
 NAME = "report.html"
 DRAWINGS = (
+    session_in_space,
+    side_view,
     board_errors,
     residual_maps,
     distortion_fields,
@@ -46,6 +53,7 @@ def write_report(
     effects: Sequence[EffectRow] | None = None,
     *,
     pictures: Path | None = None,
+    before: Calibration | None = None,
 ) -> Path:
     """Write report.html beside a saved calibration.
 
@@ -54,6 +62,7 @@ def write_report(
             farthest corner.
         effects: rows of the table of effects; None: those of the calibration's own diagnosis.
         pictures: the session's folder, if it is not where the calibration says.
+        before: the calibration that a diagnosis started from.
     """
     advance = progress.task("Report", len(DRAWINGS) + 2)
     with single_thread(), ThreadPoolExecutor() as pool:
@@ -61,20 +70,28 @@ def write_report(
         session = _session(calibration, files.folder, pictures)
         thumbnails = start_thumbnails(evidence, session, pool)
         advance(1, "")
-        drawn = {}
+        drawn = []
         for done, drawing in enumerate(DRAWINGS, start=2):
-            drawn[drawing] = drawing(evidence)
+            drawn.append(drawing(evidence))
             advance(done, "")
+        comparison = diagnosis_comparison(before, evidence) if DRAWINGS else None
+        drawings = [drawing for drawing in (comparison, *drawn) if drawing]
         sections = _sections(
             evidence,
             straight_html(evidence, session),
-            list(drawn.values()),
+            drawings,
             effect_rows(calibration) if effects is None else effects,
             views_html(evidence, thumbnails),
             again_html(evidence, files.folder),
         )
     path = files.write(
-        NAME, page(calibration.camera.model or "a camera", summarise(evidence, depths), sections)
+        NAME,
+        page(
+            calibration.camera.model or "a camera",
+            summarise(evidence, depths),
+            sections,
+            Scripts.of(_data(evidence, drawings)),
+        ),
     )
     advance(len(DRAWINGS) + 2, "")
     return path
@@ -83,14 +100,13 @@ def write_report(
 def _sections(
     evidence: Evidence,
     straight: str,
-    drawings: Sequence[Drawing | None],
+    drawings: Sequence[Drawing],
     effects: Sequence[EffectRow],
     views: str,
     reproduction: str,
 ) -> list[PageSection]:
-    figures = [
-        PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings if drawing
-    ]
+    figures = [PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings]
+    compared = [figure for figure in figures if figure.name == "comparison"]
     before_after = (
         [PageSection("effects", "Effects, before and after", effects_html(effects))]
         if effects
@@ -99,12 +115,31 @@ def _sections(
     return [
         PageSection("stages", "The error after each stage", stages_html(evidence)),
         *before_after,
+        *compared,
         *([PageSection("straight", "Before and after undistortion", straight)] if straight else []),
-        *figures,
+        *(figure for figure in figures if figure not in compared),
         PageSection("views", "The views", views),
         PageSection("numbers", "Camera and cover", parameters_html(evidence)),
         PageSection("again", "How to reproduce it", reproduction),
     ]
+
+
+def _data(evidence: Evidence, drawings: Sequence[Drawing]) -> Data:
+    """Return what the page's scripts draw from."""
+    camera, board = evidence.calibration.camera, evidence.calibration.board
+    return {
+        "camera": {"width": camera.width, "height": camera.height},
+        "board": {
+            "columns": board.columns,
+            "rows": board.rows,
+            "half": board.half,
+            "points": board.points(),
+        },
+        "distanceName": evidence.distance_name,
+        "corners": corners_data(evidence),
+        "views": views_data(evidence),
+        "figures": {drawing.name: drawing.data for drawing in drawings},
+    }
 
 
 def _session(calibration: Calibration, folder: Path, pictures: Path | None) -> Path | None:

@@ -6,10 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import torch
 
+from calib.calibration import Calibration
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
@@ -60,7 +62,7 @@ def orientation(case: Case) -> Iterator[Reason]:
         return
     if not (errors_px["cover"] > ASKING_ORIENTATION * errors_px["cover+rbf"] and case.corrected):
         return
-    errors = {candidate: _error(case, candidate) for candidate in ALL}
+    errors = {candidate: _error(case.calibration, candidate) for candidate in ALL}
     declared_error, best = errors[ALL[0]], min(ALL, key=errors.__getitem__)
     if not errors[best] < OTHER_ORIENTATION * declared_error:
         return
@@ -73,11 +75,11 @@ def orientation(case: Case) -> Iterator[Reason]:
     yield Reason(sentence, case.next.fit(), ("frames", *case.corrected))
 
 
-def _error(case: Case, orientation: Orientation) -> float:
+@lru_cache(maxsize=len(ALL))  # a report and the command that writes it both judge
+def _error(calibration: Calibration, orientation: Orientation) -> float:
     """Return the root mean square error in px of the smooth declared cover; infinite without
     poses.
     """
-    calibration = case.calibration
     views = calibration.views[:: -(-len(calibration.views) // MAX_TESTED_VIEWS)]
     observations = orientation.apply(
         Observations.of(views, calibration.board),

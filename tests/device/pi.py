@@ -17,31 +17,18 @@ from tests.device.skipped import SKIPPED
 from tests.device.wheels import wheels
 
 INDIRECT = (
-    *(
-        "filelock",
-        "fsspec",
-        "jinja2",
-        "markdown-it-py",
-        "markupsafe",
-        "mdurl",
-        "mpmath",
-        "networkx",
-        "pygments",
-        "sympy",
-    ),
-    *(
-        "contourpy",
-        "cycler",
-        "fonttools",
-        "kiwisolver",
-        "packaging",
-        "pillow",
-        "pyparsing",
-        "python-dateutil",
-        "six",
-    ),
+    "filelock",
+    "fsspec",
+    "jinja2",
+    "markdown-it-py",
+    "markupsafe",
+    "mdurl",
+    "mpmath",
+    "networkx",
+    "pygments",
+    "sympy",
 )
-"""The dependencies of torch, rich and matplotlib."""
+"""The dependencies of torch and rich."""
 
 
 def requirements() -> list[str]:

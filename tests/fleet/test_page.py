@@ -3,12 +3,17 @@
 import csv
 import io
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+pytest.importorskip("aiohttp", reason="the extra `serve`, which drives Chromium, is not installed")
+
+from calib.fleet.charts import link_of
 from calib.fleet.control import ALPHA
 from calib.fleet.findings import Fleet, judge_fleet
 from calib.fleet.limits import Limit
@@ -17,7 +22,8 @@ from calib.fleet.page import fleet_page, headline
 from calib.fleet.result import JobState, Result
 from calib.fleet.table import fleet_csv
 from fixtures.fleet_results import made, result
-from tests.report.test_chromium import CHROMIUM, DARK, browse
+from tests.capture.tui.browser import CHROMIUM
+from tests.report.chrome import DOT, LOADED, Chrome, Page, open_chrome
 
 
 def plain(camera: str, **changed: object) -> Result:
@@ -115,14 +121,16 @@ def test_a_camera_may_have_a_limit_of_its_own() -> None:
 
 def test_the_page_needs_nothing_and_links_every_camera(fleet: Fleet) -> None:
     html = fleet_page(fleet, "line <3>")
-    assert "<script" not in html
-    assert not re.search(r"https?://", html.replace("http://www.w3.org", ""))
+    assert len(re.findall(r"<script[^>]*>", html)) == 3, "its data, the libraries, and what draws"
+    content, licences, _ = html.partition("<details><summary>Licences")
+    assert licences
+    assert not re.search(r"https?://|<script", content.replace("http://www.w3.org", ""))
     assert "line &lt;3&gt;" in html
     assert "SN<" not in html
     for camera in (entry.id for entry in fleet.entries):
         place = f"cameras/{camera}.json" if camera == "c3" else f"cameras/{camera}/report.html"
         assert f'href="{place}"' in html
-    assert html.count("<svg") == 1 + len(fleet.charts) + 1
+    assert content.count("<svg") == 1 + len(fleet.charts) + 1
     assert (
         html.index("Who stands out")
         < html.index("Control charts")
@@ -153,30 +161,60 @@ def test_the_table_has_a_row_for_each_camera(fleet: Fleet) -> None:
     assert by_id["c5"]["report"] == "cameras/c5/report.html"
 
 
+@pytest.fixture(scope="module")
+def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    with open_chrome(tmp_path_factory.mktemp("profile")) as browser:
+        yield browser
+
+
 @pytest.mark.skipif(
     CHROMIUM is None,
     reason="Chromium is not installed: apt-get install chromium shows the page to this test",
 )
-@pytest.mark.parametrize("flags", [(), DARK])
-def test_the_page_in_a_browser(fleet: Fleet, tmp_path: Path, flags: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_in_a_browser(fleet: Fleet, tmp_path: Path, chrome: Chrome, scheme: str) -> None:
     """Nothing is refused, every mark lies in its drawing, and no name covers another."""
-    look = """<pre id="seen"></pre><script>
+    look = """(() => {
 const box = e => e.getBoundingClientRect(), all = (w, s) => [...w.querySelectorAll(s)];
 const out = all(document, "svg").flatMap(svg => all(svg, "text, circle, path.out").filter(e => { const r = box(e), s = box(svg);
   return r.left < s.left - 1 || r.right > s.right + 1 || r.top < s.top - 1 || r.bottom > s.bottom + 1; }).map(e => e.outerHTML));
 const over = all(document, ".charts svg").flatMap(svg => all(svg, ".name").flatMap((a, i, names) => names.slice(i + 1).filter(b => {
   const p = box(a), q = box(b); return p.left < q.right && q.left < p.right && p.top + 3 < q.bottom && q.top + 3 < p.bottom; })
   .map(b => a.textContent + "/" + b.textContent)));
-document.getElementById("seen").textContent = JSON.stringify({ out, over,
-  wide: document.documentElement.scrollWidth - window.innerWidth, marks: all(document, "svg .out").length });
-</script></body>"""  # noqa: E501
-    html = fleet_page(fleet, "line 3").replace(
-        "default-src 'none'", "default-src 'none'; script-src 'unsafe-inline'"
-    )
-    dom, message = browse(html.replace("</body>", look), tmp_path, *flags)
-    match = re.search(r'<pre id="seen">(.*?)</pre>', dom)
-    assert match
-    assert match[1].startswith('{"out":[],"over":[],"wide":')
-    assert int(re.findall(r'"wide":(-?\d+)', match[1])[0]) <= 0
-    assert int(re.findall(r'"marks":(\d+)', match[1])[0]) > 5
-    assert not message
+return { out, over, wide: document.documentElement.scrollWidth - window.innerWidth, marks: all(document, "svg .out").length };
+})()"""  # noqa: E501
+
+    async def story(page: Page) -> dict[str, Any]:
+        findings: dict[str, Any] = await page.call(look)
+        return findings
+
+    html = fleet_page(fleet, "line 3")
+    static = html.replace("script-src", "script-src 'none';")  # the drawings without scripts
+    findings, _, _ = chrome.read(static, tmp_path, story, scheme=scheme, ready=LOADED)
+    assert (findings["out"], findings["over"]) == ([], [])
+    assert findings["marks"] > 5
+    findings, complaints, requests = chrome.read(html, tmp_path, story, scheme=scheme)
+    assert (findings["out"], findings["over"]) == ([], [])
+    assert findings["wide"] <= 0
+    assert findings["marks"] > 5
+    assert (complaints, requests) == ([], [])
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: apt-get install chromium")
+def test_a_dot_says_which_camera_it_is(fleet: Fleet, tmp_path: Path, chrome: Chrome) -> None:
+    """And its click opens the camera's report."""
+
+    for index, entry in enumerate(fleet.entries):
+        report = tmp_path / link_of(fleet, index)
+        report.parent.mkdir(parents=True, exist_ok=True)
+        report.write_text(f"<title>{entry.id}</title>")
+
+    async def story(page: Page) -> tuple[str, bool]:
+        text = await page.hover("#charts .chart")
+        await page.click(*await page.call(DOT.format(what="#charts .chart")))
+        name = text.replace("\u200b", " ").split()[0]
+        return text, await page.until(f"document.title === {name!r}")
+
+    (text, opened), _, _ = chrome.read(fleet_page(fleet, "line 3"), tmp_path, story)
+    assert re.search(r"c\d+\W+[\d.]+ px", text)
+    assert opened

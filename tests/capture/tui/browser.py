@@ -53,6 +53,8 @@ class Browser:
     def __init__(self, socket: ClientWebSocketResponse) -> None:
         self.complaints: list[str] = []
         """The warnings and errors of the page's console."""
+        self.requests: list[str] = []
+        """The addresses that the page asked for, after `Network.enable`."""
         self._socket = socket
         self._asked = 0
 
@@ -61,14 +63,18 @@ class Browser:
         await self._socket.send_json({"id": self._asked, "method": method, "params": parameters})
         while True:
             message = await self._socket.receive_json(timeout=60)
-            if message.get("method") == "Runtime.exceptionThrown" or message.get("params", {}).get(
-                "type"
-            ) in ("error", "warning"):
-                self.complaints.append(str(message["params"]))
+            self._note(message.get("method", ""), message.get("params", {}))
             if message.get("id") == self._asked:
                 assert "error" not in message, message
                 result: dict[str, Any] = message["result"]
                 return result
+
+    def _note(self, event: str, parameters: dict[str, Any]) -> None:
+        kinds = {parameters.get("type"), parameters.get("entry", {}).get("level")}
+        if event == "Runtime.exceptionThrown" or kinds & {"error", "warning"}:
+            self.complaints.append(str(parameters))
+        if event == "Network.requestWillBeSent":
+            self.requests.append(parameters["request"]["url"])
 
     async def open(self, address: str) -> None:
         await self.arrive(address, READY)  # the page itself lets keys in, without a click

@@ -95,7 +95,7 @@ async def _fetch(served: Served, token: str, session: Path) -> None:
         assert status == 200
         assert body == (session / "calibration" / "report.html").read_bytes()
         assert headers["Content-Type"].startswith("text/html")
-        assert "sandbox; default-src 'none'" in headers["Content-Security-Policy"]
+        assert "sandbox allow-scripts; default-src 'none'" in headers["Content-Security-Policy"]
         assert headers["X-Frame-Options"] == "DENY"
         status, headers, body = _load(served.port, maps["address"], cookie)
         assert status == 200

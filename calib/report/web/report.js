@@ -1,0 +1,9 @@
+// The figures of report.html.
+
+const FIGURES = {
+  comparison: drawComparison, scene: drawScene, "side-view": drawSideView, "board-errors": drawBoardErrors, residuals: drawResiduals,
+  distortion: drawDistortion, "by-depth": drawByDepth, glass: drawGlass, sigma: drawSigma, coverage: drawCoverage,
+};
+
+wireViews();
+drawPage((host, data, name) => FIGURES[name](host, data));

@@ -1,0 +1,181 @@
+// The session in space, by three.js.
+
+const THREE_WORDS = "This browser draws no 3D (it has no WebGL).";
+
+function drawScene(host, packed) {
+  const three = Libraries.THREE, box = element("div", "scene"), canvas = element("canvas");
+  const said = element("div", "scene-tip"), buttons = element("div", "buttons");
+  host.append(buttons, box);
+  if (!document.createElement("canvas").getContext("webgl2")) {
+    box.replaceWith(element("p", "", THREE_WORDS));
+    return;
+  }
+  box.append(canvas, said);
+  said.hidden = true;
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", "camera, cover and boards in space");
+  const renderer = new three.WebGLRenderer({canvas, alpha: true, antialias: true, preserveDrawingBuffer: true});
+  renderer.setPixelRatio(Math.min(2, devicePixelRatio));
+  const scene = new three.Scene(), world = new three.Group(), camera = new three.PerspectiveCamera(38, 1, 0.002, 200);
+  world.rotation.x = Math.PI; // from the camera's frame, y down and z ahead, to y up
+  scene.add(world, new three.AmbientLight(0xffffff, 1.8), new three.DirectionalLight(0xffffff, 1.6));
+  const theme = getComputedStyle(document.documentElement);
+  const colour = name => new three.Color(theme.getPropertyValue(name).trim());
+  const boards = addBoards(three, world, packed, colour);
+  addCover(three, world, packed);
+  const lines = addCamera(three, world, packed, colour);
+  const rays = new three.LineSegments(new three.BufferGeometry(), new three.LineBasicMaterial({color: new three.Color(ORANGE)}));
+  world.add(rays);
+
+  const controls = new three.OrbitControls(camera, canvas);
+  controls.enableZoom = false; // until a click, so that the wheel scrolls the page
+  canvas.style.touchAction = "pan-y";
+  const far = packed.reach[1], sight = boundingSphere(three, boards);
+  const glass = packed.surfaces.flatMap(surface => Array.from(numbers(surface).filter(Number.isFinite), Math.abs));
+  const size = Math.min(3 * (glass.length ? glass.reduce((a, b) => Math.max(a, b)) : 0.05), far);
+  camera.aspect = box.clientWidth / box.clientHeight;
+  const center = sight.center.toArray(), away = 1.9 * Math.max(1, 1.5 / camera.aspect) * sight.radius;
+  const from = direction => [center.map((place, axis) => place + away * direction[axis]), center];
+  const places = {
+    whole: from([-0.55, 0.4, 0.75]),
+    ...packed.surfaces.length ? {cover: [[-0.9 * size, 0.7 * size, 0.9 * size], [0, 0, 0]]} : {},
+    "from above": from([0, 1, 1e-3]), "from the side": from([-1, 0, 0]),
+  };
+  const render = () => renderer.render(scene, camera);
+  const goTo = ([position, target]) => {
+    camera.position.set(...position);
+    controls.target.set(...target);
+    controls.update();
+    render();
+  };
+  for (const [name, place] of Object.entries(places)) {
+    const button = element("button", "", name);
+    button.type = "button";
+    button.addEventListener("click", () => goTo(place));
+    buttons.append(button);
+  }
+  controls.addEventListener("change", render);
+  new ResizeObserver(() => {
+    const {clientWidth: width, clientHeight: height} = box;
+    if (!width) return;
+    renderer.setSize(width, height, false);
+    camera.aspect = width / height;
+    camera.updateProjectionMatrix();
+    render();
+  }).observe(box);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    for (const line of [...lines, ...boards.map(board => board.children[0])]) line.material.color = colour("--ink");
+    render();
+  });
+
+  const pointer = new three.Raycaster();
+  let pointed = null, pressed = null;
+  function look(event) {
+    const area = canvas.getBoundingClientRect();
+    pointer.setFromCamera(new three.Vector2(2 * (event.clientX - area.left) / area.width - 1, 1 - 2 * (event.clientY - area.top) / area.height), camera);
+    const view = pointer.intersectObjects(boards, false)[0]?.object.userData.view ?? null;
+    said.style.left = `${Math.min(event.clientX - area.left + 14, area.width - 170)}px`;
+    said.style.top = `${event.clientY - area.top + 14}px`;
+    if (view !== pointed) point(view);
+  }
+  function point(view) {
+    pointed = view;
+    said.hidden = view === null;
+    canvas.style.cursor = view === null ? "grab" : "pointer";
+    for (const board of boards) board.material.opacity = view === null || board.userData.view === view ? 0.92 : 0.35;
+    const segments = view === null ? [] : raysOf(packed, view).flatMap(({points}) => points.slice(1).flatMap((next, step) => [...points[step], ...next]));
+    rays.geometry.dispose();
+    rays.geometry = new three.BufferGeometry().setAttribute("position", new three.Float32BufferAttribute(segments, 3));
+    if (view !== null) said.textContent = `${nameOf(view)}\n${VIEW_ERRORS[view].toFixed(3)} px, ${digits(Math.hypot(...POSES[view].slice(3)), 2)} m away`;
+    box.dataset.view = view ?? "";
+    box.dataset.rays = segments.length / 6;
+    render();
+  }
+  canvas.addEventListener("pointermove", look);
+  canvas.addEventListener("pointerleave", () => { controls.enableZoom = false; point(null); });
+  canvas.addEventListener("pointerdown", event => { controls.enableZoom = true; pressed = [event.clientX, event.clientY]; });
+  canvas.addEventListener("click", event => {
+    if (!pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return; // it was turned
+    look(event);
+    if (pointed !== null) openView(pointed);
+  });
+  goTo(places.whole);
+  addColourKey(host, `${digits(Math.min(...VIEW_ERRORS))} px`, `${digits(Math.max(...VIEW_ERRORS))} px`, `${errorColour(0)}, ${errorColour(0.5)}`, errorColour(1));
+  box.camera = camera; // for whoever looks at the page with a program
+}
+
+/** Return a sphere around the camera and the boards, in the frame of the scene. */
+function boundingSphere(three, boards) {
+  const points = boards.flatMap(board => {
+    const place = board.geometry.attributes.position;
+    return Array.from({length: place.count}, (_, corner) => new three.Vector3(place.getX(corner), -place.getY(corner), -place.getZ(corner)));
+  });
+  return new three.Sphere().setFromPoints([...points, new three.Vector3()]);
+}
+
+/** Add a quadrilateral for every board, with lines through its corners, and return them. */
+function addBoards(three, world, packed, colour) {
+  const largest = Math.max(...VIEW_ERRORS), smallest = Math.min(...VIEW_ERRORS);
+  const points = rows(DATA.board.points), {columns} = DATA.board, count = points.length;
+  return POSES.map((pose, view) => {
+    const outline = boardOutline(view, packed.half), corners = points.map(place => onBoard(pose, place));
+    const geometry = new three.BufferGeometry();
+    geometry.setAttribute("position", new three.Float32BufferAttribute(outline.flat(), 3));
+    geometry.setIndex([0, 1, 2, 0, 2, 3]);
+    const part = largest > smallest ? (VIEW_ERRORS[view] - smallest) / (largest - smallest) : 0;
+    const board = new three.Mesh(geometry, new three.MeshBasicMaterial({
+      color: new three.Color(errorColour(part)), side: three.DoubleSide, transparent: true, opacity: 0.92,
+    }));
+    board.userData.view = view;
+    const ends = [];
+    for (let first = 0; first < count; first += columns) ends.push(corners[first], corners[first + columns - 1]);
+    for (let first = 0; first < columns; first += 1) ends.push(corners[first], corners[count - columns + first]);
+    for (const corner of outline.keys()) ends.push(outline[corner], outline[(corner + 1) % 4]);
+    board.add(lineSegments(three, ends, colour("--ink"), 0.45));
+    world.add(board);
+    return board;
+  });
+}
+
+function addCover(three, world, packed) {
+  for (const [place, surface] of packed.surfaces.entries()) {
+    const [lines, columns] = surface.shape, geometry = new three.BufferGeometry(), all = numbers(surface), faces = [];
+    for (let row = 0; row + 1 < lines; row += 1) {
+      for (let column = 0; column + 1 < columns; column += 1) {
+        const first = row * columns + column, square = [first, first + 1, first + columns, first + columns + 1];
+        if (square.every(corner => Number.isFinite(all[3 * corner]))) faces.push(square[0], square[2], square[1], square[1], square[2], square[3]);
+      }
+    }
+    geometry.setAttribute("position", new three.Float32BufferAttribute(all.map(value => Number.isFinite(value) ? value : 0), 3));
+    geometry.setIndex(faces);
+    geometry.computeVertexNormals();
+    const glass = new three.Mesh(geometry, new three.MeshLambertMaterial({
+      color: new three.Color(BLUE), side: three.DoubleSide, transparent: true, opacity: place ? 0.22 : 0.16, depthWrite: false,
+    }));
+    world.add(glass);
+  }
+}
+
+/** Add the camera's body, and the rays of the picture's four corners, and return their lines. */
+function addCamera(three, world, packed, colour) {
+  const ways = rows(packed.border), ahead = rows(packed.borderDirection), far = packed.reach[1];
+  const borders = ways.map((way, corner) => {
+    const points = Array.from({length: way.length / 3}, (_, step) => Array.from(way.subarray(3 * step, 3 * step + 3)));
+    const last = points.at(-1);
+    points.push(last.map((value, axis) => value + 1.05 * far * ahead[corner][axis]));
+    return points;
+  }).filter(points => points.flat().every(Number.isFinite));
+  const segments = borders.flatMap(points => points.slice(1).flatMap((next, step) => [points[step], next]));
+  const field = lineSegments(three, segments, colour("--ink"), 0.3);
+  const size = 0.012, {width, height} = DATA.camera, side = size * 0.5, up = side * height / width;
+  const window_ = [[-side, -up, size], [side, -up, size], [side, up, size], [-side, up, size]];
+  const body = window_.flatMap((corner, place) => [corner, window_[(place + 1) % 4], [0, 0, 0], corner]);
+  const lens = lineSegments(three, body, colour("--ink"), 1);
+  world.add(field, lens);
+  return [field, lens];
+}
+
+function lineSegments(three, points, color, opacity) {
+  const geometry = new three.BufferGeometry().setAttribute("position", new three.Float32BufferAttribute(points.flat(), 3));
+  return new three.LineSegments(geometry, new three.LineBasicMaterial({color, transparent: true, opacity}));
+}
