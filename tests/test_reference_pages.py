@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from benchmarks.pages import BOARD_DEFAULTS, COMMANDS_HEAD, pages
 from calib import cli
 from calib.commands.command_line import _parser
 from calib.commands.parser import command_name
@@ -18,6 +17,7 @@ from calib.session.cover_section import cover_sections, read_cover
 from calib.session.schema import Section
 from calib.session.session import read_session
 from calib.session.shapes.registry import find_shape, stated_shape_names
+from fixtures.pages import BOARD_DEFAULTS, COMMANDS_HEAD, pages
 
 DOCS = Path(__file__).parents[1] / "docs"
 GLASS_KEYS = ("low", "high", "degree", "mean_um", "covariance_um2", "covariance_um")
@@ -27,7 +27,7 @@ GLASS_KEYS = ("low", "high", "degree", "mean_um", "covariance_um2", "covariance_
 @pytest.mark.parametrize(("name", "text"), pages().items(), ids=pages())
 def test_a_page_says_what_the_code_says(name: str, text: str) -> None:
     written = (DOCS / name).read_text(encoding="utf-8")
-    assert written == text, "run python -m benchmarks.pages"
+    assert written == text, "run python -m fixtures.pages"
 
 
 def test_every_key_that_is_read_is_on_the_page(monkeypatch: pytest.MonkeyPatch) -> None:

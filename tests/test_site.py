@@ -24,7 +24,7 @@ from calib.session.cover_section import cover_sections, read_cover
 from calib.session.schema import Section
 from calib.session.shapes.registry import dimensions
 from capture.errors import CaptureError
-from tests.report.test_chromium import CHROMIUM, FLAGS
+from tests.capture.tui.browser import CHROMIUM, FLAGS
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

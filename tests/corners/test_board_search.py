@@ -29,11 +29,11 @@ def views(kind: Kind) -> list[NDArray[np.uint8]]:
 def test_a_checkerboard_is_found_with_its_size() -> None:
     pictures = list(recordings.pictures())
     pictures[1] = np.full_like(pictures[1], 90)
-    found = search_board(pictures)
-    assert found
-    assert (found.kind, found.board.columns, found.board.rows) == ("checkerboard", 7, 6)
-    assert (found.pictures, found.searched) == (3, 4)
-    assert found.options == "--board 7x6 --square-mm 25"
+    search = search_board(pictures)
+    assert search
+    assert (search.kind, search.board.columns, search.board.rows) == ("checkerboard", 7, 6)
+    assert (search.pictures, search.searched) == (3, 4)
+    assert search.options == "--board 7x6 --square-mm 25"
 
 
 @pytest.mark.parametrize(
@@ -42,10 +42,10 @@ def test_a_checkerboard_is_found_with_its_size() -> None:
 )
 def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
     declared = KINDS[name].board
-    found = search_board(views(KINDS[name]))
-    assert found
-    assert (found.board.columns, found.board.rows) == (declared.columns, declared.rows)
-    match declared.coding, found.board.coding:
+    search = search_board(views(KINDS[name]))
+    assert search
+    assert (search.board.columns, search.board.rows) == (declared.columns, declared.rows)
+    match declared.coding, search.board.coding:
         case Charuco() as printed, Charuco() as coding:
             # a marker of a size is measured to a hundredth of a square or two
             assert coding.marker == pytest.approx(printed.marker / declared.square, abs=0.03)
@@ -53,7 +53,7 @@ def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
             assert coding.dictionary.rpartition("_")[0] == printed.dictionary.rpartition("_")[0]
         case AprilGrid(spacing), AprilGrid(found_spacing):
             assert found_spacing == spacing
-            assert not found.is_vague
+            assert not search.is_vague
         case pair:
             raise AssertionError(pair)
 
@@ -73,27 +73,27 @@ def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
 )
 def test_the_first_marker_and_a_negative_print_are_found(name: str) -> None:
     declared = test_other_makers.BOARDS[name]
-    found = search_board([picture for picture, _ in test_other_makers.views(declared)])
-    assert found
-    printed = found.to_yaml(1000 * declared.square)
+    search = search_board([picture for picture, _ in test_other_makers.views(declared)])
+    assert search
+    printed = search.to_yaml(1000 * declared.square)
     expected = board_to_yaml(declared)
     dictionary = str(expected.pop("dictionary", ""))
     assert str(printed.pop("dictionary", "")).rpartition("_")[0] == dictionary.rpartition("_")[0]
     if marker_mm := expected.pop("marker_mm", None):
         assert printed.pop("marker_mm") == pytest.approx(marker_mm, rel=0.05)
     assert printed == expected
-    assert ("--first-marker" in found.options) == ("from" in name)
-    assert ("--inverted" in found.options) == ("inverted" in name)
+    assert ("--first-marker" in search.options) == ("from" in name)
+    assert ("--inverted" in search.options) == ("inverted" in name)
 
 
 def test_a_grid_of_april_tags_has_squares_between_them_or_not() -> None:
     tags = replace(
         test_other_makers.GRID, coding=grid_board(0.25, "DICT_APRILTAG_36h11", first_marker=5)
     )
-    found = search_board([picture for picture, _ in test_other_makers.views(tags)])
-    assert found
-    assert found.kind == "gridboard"
-    assert found.board.coding == tags.coding
+    search = search_board([picture for picture, _ in test_other_makers.views(tags)])
+    assert search
+    assert search.kind == "gridboard"
+    assert search.board.coding == tags.coding
 
 
 def test_a_board_that_faces_the_camera_does_not_hide_the_size_of_its_markers() -> None:
@@ -101,19 +101,19 @@ def test_a_board_that_faces_the_camera_does_not_hide_the_size_of_its_markers() -
     facing = np.array([0, 0, 0, 0.0, 0.0, 0.33])
     tilted = [np.array([0.7 * side, 0.5, 0.4, 0.02, 0.0, 0.36]) for side in (-1, 1)]
     pictures = [LEGACY.view(pose, lens=LENS).picture for pose in (facing, *tilted)]
-    found = _find_charuco([read_markers(p, "DICT_5X5_50", 1) for p in pictures], "DICT_5X5_50")
-    assert found
-    assert found.pictures == 3
-    assert isinstance(found.board.coding, Charuco)
-    assert found.board.coding.marker == pytest.approx(0.7, abs=0.03)
+    search = _find_charuco([read_markers(p, "DICT_5X5_50", 1) for p in pictures], "DICT_5X5_50")
+    assert search
+    assert search.pictures == 3
+    assert isinstance(search.board.coding, Charuco)
+    assert search.board.coding.marker == pytest.approx(0.7, abs=0.03)
 
 
 def test_what_was_found_describes_the_board() -> None:
-    found = search_board(views(KINDS["legacy"]))
-    assert found
-    assert found.options.startswith("--board 6x7 --type charuco --square-mm 25 --marker-mm 17")
-    assert found.options.endswith(" --dictionary DICT_5X5_50 --legacy-pattern")
-    assert found.to_yaml(30.0)["square_mm"] == 30.0
+    search = search_board(views(KINDS["legacy"]))
+    assert search
+    assert search.options.startswith("--board 6x7 --type charuco --square-mm 25 --marker-mm 17")
+    assert search.options.endswith(" --dictionary DICT_5X5_50 --legacy-pattern")
+    assert search.to_yaml(30.0)["square_mm"] == 30.0
 
 
 def random_cells(seed: int) -> NDArray[np.uint8]:

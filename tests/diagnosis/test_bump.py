@@ -42,18 +42,18 @@ def test_the_scan_finds_the_place(dropped: Calibration) -> None:
         fit = FittedModel(model, dropped.observations, joint)
         place = place_of_bump(fit)
     assert place
-    found = point_on_glass(fit, torch.tensor(place.chart).double())
+    bump = point_on_glass(fit, torch.tensor(place.chart).double())
     true = point_on_glass(fit, torch.tensor(PLACE).double())
-    assert (found - true).norm() < CLOSE
+    assert (bump - true).norm() < CLOSE
 
 
 @pytest.mark.slow
 def test_a_drop_is_named_with_its_place_and_nothing_else_is(dropped: Calibration) -> None:
     _, finding = diagnose(dropped, Silent())
     assert finding.accepted == ("fine_surface",)
-    found = next(candidate for candidate in finding.candidates if candidate.accepted)
-    assert found.form == "bump"
-    height = found.parameters["fine_surface.height"]
+    bump = next(candidate for candidate in finding.candidates if candidate.accepted)
+    assert bump.form == "bump"
+    height = bump.parameters["fine_surface.height"]
     assert abs(height.value - HEIGHT) < 4 * height.sigma + 0.05 * HEIGHT
     sentence = next(remark for remark in finding.remarks if "clean the glass" in remark)
     assert sentence.startswith("There is a bump of ")

@@ -1,5 +1,5 @@
 """The README's picture: a wall under water, bent and straight, the screen that guides, and how the
-error falls; and the pictures of docs/tutorial.md. `python -m benchmarks.picture`.
+error falls; and the pictures of docs/tutorial.md. `python -m tests.picture`.
 
 All figures in it are those of `calib demo`, and are printed. The screen is that of `capture` on the
 same camera, once the guide has computed how sure the maps are.
