@@ -54,7 +54,7 @@ from fixtures.view_variation import CAUSES, CLEAN, SIZES, VIEWS, Cause, varied_s
 SCENES = ("thin-cone", "dome", "cylinder", "wet-flat")
 FAR = 2.5
 """Standard deviations."""
-GROUPS = {"focal_drift": "focal", "board_shape": "board_flex"}
+GROUPS = {"board_shape": "board_flex"}
 """The group of an effect, where it has another name."""
 CAUSE_OF = {cause.name: cause for cause in (*CAUSES, CLEAN)}
 
