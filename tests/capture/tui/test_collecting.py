@@ -24,7 +24,7 @@ from tests.capture.tui.test_session import FIXTURE
 @pytest.fixture
 def empty(tmp_path: Path) -> Path:
     """A folder of three pictures without a board."""
-    folder = tmp_path / "camera"
+    folder = tmp_path / "bare"
     folder.mkdir()
     for number in range(3):
         cv2.imwrite(str(folder / f"{number}.png"), np.full((616, 820), 100, np.uint8))
