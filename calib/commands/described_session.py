@@ -33,6 +33,11 @@ NEEDED = {
     "gridboard": ("spacing", "dictionary"),
 }
 """The options of each type that the pictures tell where they are not given."""
+NO_COVER = (
+    "calib: no --cover: the camera is taken as bare. Behind glass or plastic add --cover cone,"
+    " cylinder, flat, dome or unknown."
+)
+"""The remark on pictures that are described without a cover."""
 
 
 def add_description(parser: argparse.ArgumentParser) -> None:
@@ -82,6 +87,8 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     check_replaceable(source)
     find = _declared_board if args.board else _find_board
     board = find(args, source, progress)
+    if not cover:
+        print(NO_COVER, file=sys.stderr)
     cover = cover or {"shape": "none"}
     for notice in describe_pictures(source, board, cover, intrinsics, progress):
         print(harmless(f"calib: {notice}"), file=sys.stderr)

@@ -8,8 +8,8 @@ from calib.commands.loading import fast_imports
 
 SUMMARY = "Measure the error of a calibration on views that were not fitted."
 DESCRIPTION = """
-Camera and cover come from CALIBRATION, board and views from SESSION. Only the pose of each view is
-fitted again.
+Camera and cover come from CALIBRATION, board and views from SESSION: a session, or a folder of
+pictures of the calibration's board. Only the pose of each view is fitted again.
 """
 EXAMPLES = (
     "calib evaluate cam0/calibration holdout",
@@ -19,9 +19,8 @@ EXAMPLES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
-    parser.add_argument(
-        "session", type=Path, metavar="SESSION", help="a session folder with held-out views"
-    )
+    views = "a folder with held-out views: a session, or pictures"
+    parser.add_argument("session", type=Path, metavar="SESSION", help=views)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -35,13 +34,11 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.verdict_lines import print_verdict
         from calib.fitting.description import calibrated_numbers
         from calib.fitting.evaluate import evaluate
-        from calib.session.session import read_session
         from calib.verdict.judge import judge
 
     calibration = Calibration.load(args.calibration)
-    session = read_session(args.session)
     with Bars() as bars:
-        evaluation = evaluate(calibration, session, bars)
+        evaluation = evaluate(calibration, args.session, bars)
     verdict = judge(
         calibration, folder=folder_of(args.calibration), evaluation=evaluation, holdout=args.session
     )

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from os import PathLike
+from pathlib import Path as FilePath
 
 import numpy as np
 import torch
@@ -16,7 +18,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.robust import outlier_mask
-from calib.fitting.inputs import read_views
+from calib.fitting.inputs import read_views, session_of_pictures
 from calib.fitting.with_initial_pose import with_initial_pose
 from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
@@ -89,7 +91,8 @@ def evaluate(
 
     Args:
         calibration: the calibration, or the path of its file or folder.
-        session: the session, or the path of its folder.
+        session: the session, or the path of its folder, or of a folder of pictures of the board and
+            the camera mode that the calibration is of.
         halves: measure each half of a view's corners with the pose that the other half gives. This
             is always done if boards move during the readout.
 
@@ -99,14 +102,13 @@ def evaluate(
     """
     check_progress(progress)
     calibration = Calibration.of(calibration)
-    session = Session.of(session)
+    session, size, left_out = _views_of(session, calibration)
     camera = calibration.camera
-    session_camera = session.camera
-    if (camera.width, camera.height) != (session_camera.width, session_camera.height):
+    if size != (camera.width, camera.height):
         raise InputError(
-            f"{session.path} is of {session_camera.width}x{session_camera.height} px and the"
-            f" calibration for {camera.width}x{camera.height}: evaluate with a session of the"
-            " calibrated camera mode."
+            f"{session.path} is of {size[0]}x{size[1]} px and the calibration for"
+            f" {camera.width}x{camera.height}: evaluate with a session of the calibrated camera"
+            " mode."
         )
     views, rejected = read_views(session, progress)
     views, unusable = split_usable_views(views, session.board)
@@ -147,10 +149,22 @@ def evaluate(
         by_depth=_bands(residual, distance),
         near_m=float(distance.min()),
         far_m=float(distance.max()),
-        rejected=(*rejected, *unusable, *poseless),
+        rejected=(*left_out, *rejected, *unusable, *poseless),
         bad_views=tuple(sorted(bad_views, key=lambda view: -view.rms_px)),
         other_views_rms_px=other_views.rms_px if bad_views else None,
     )
+
+
+def _views_of(
+    source: SessionSource, calibration: Calibration
+) -> tuple[Session, tuple[int, int], tuple[RejectedPicture, ...]]:
+    """Return the session, the size of its pictures in px, and those that are left out."""
+    if isinstance(source, str | PathLike):
+        folder = FilePath(source)
+        if folder.is_dir() and not (folder / "session.yaml").exists():
+            return session_of_pictures([folder], calibration)
+    session = Session.of(source)
+    return session, (session.camera.width, session.camera.height), ()
 
 
 def _without_board_effects(calibration: Calibration) -> Calibration:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.calibration import Calibration
 from calib.corners.copies import join_still_poses, split_copies
 from calib.corners.corners_file import read_corners
 from calib.corners.detect_all import MIN_VIEWS, detect
@@ -14,9 +15,10 @@ from calib.corners.view import RejectedPicture, View
 from calib.errors import InputError
 from calib.fit_record.request import IntrinsicsSource
 from calib.intrinsics.calibrate import BareFit, calibrate_bare
+from calib.io.files import reading
 from calib.io.frames_table import NAME as FRAMES_TABLE
 from calib.io.frames_table import FrameRecord, read_frame_records
-from calib.io.images import TYPES, list_unread
+from calib.io.images import TYPES, image_size, list_images, list_unread, most_frequent_size
 from calib.progress import Progress
 from calib.session.camera import Intrinsics
 from calib.session.fleet_prior import nominal_intrinsics
@@ -177,3 +179,62 @@ def _check_inside(views: Sequence[View], session: Session) -> None:
                 f" camera's {size[0]}x{size[1]} px: correct camera.width and camera.height, or use"
                 " corners of this camera mode."
             )
+
+
+def session_of_pictures(
+    paths: Sequence[Path], calibration: Calibration
+) -> tuple[Session, tuple[int, int], tuple[RejectedPicture, ...]]:
+    """Return a session of the pictures of folders and of picture files, of those that have the size
+    of most, with board and camera of a calibration; this size in px; and the others and the damaged
+    ones.
+
+    Raises:
+        InputError: no file can be read.
+    """
+    files = [file for path in paths for file in _files(path)]
+    sizes: dict[Path, tuple[int, int]] = {}
+    rejected = []
+    for file in files:
+        try:
+            sizes[file] = image_size(file)
+        except InputError as error:
+            rejected.append(RejectedPicture(file.name, str(error)))
+    if not sizes:
+        raise InputError(f"No picture can be used: {rejected[0].reason}")
+    width, height = size = most_frequent_size(sizes)
+    readable = [file for file in sizes if sizes[file] == size]
+    rejected += [
+        RejectedPicture(
+            file.name, f"is {sizes[file][0]}x{sizes[file][1]} px where most are {width}x{height}"
+        )
+        for file in sizes
+        if sizes[file] != size
+    ]
+    session = Session(
+        readable[0].parent,
+        calibration.board,
+        calibration.camera,
+        calibration.cover,
+        tuple(readable),
+        None,
+        None,
+    )
+    return session, size, tuple(rejected)
+
+
+def _files(path: Path) -> Sequence[Path]:
+    with reading(path):
+        if not path.exists():
+            raise InputError(
+                f"{path} does not exist: give a session, a folder of pictures, or picture files."
+            )
+        if not path.is_dir():
+            return (path,)
+        folder = path / "frames" if (path / "frames").is_dir() else path
+    files = list_images(folder)
+    if not files:
+        raise InputError(
+            f"{folder} has no pictures: give a session, a folder of {TYPES} files,"
+            " or the files themselves."
+        )
+    return files

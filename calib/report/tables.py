@@ -8,8 +8,8 @@ from calib.table import html_table
 
 MEANING = {
     "pinhole": "the camera alone, with its lens",
-    "cover": "through the smooth cover as the session describes it",
-    "cover+rbf": "with the relief of its outer surface",
+    "cover": "through a smooth cover, with its described numbers",
+    "cover+rbf": "with the estimated numbers, and with the bumps of the glass if it is uneven",
     "cover+rbf+effects": "with the effects that the diagnosis found",
 }
 

@@ -60,6 +60,8 @@ def residual(case: Case) -> Iterator[Reason]:
         sentence += (
             ": the model lacks something, or the board, cover or intrinsics are not as described."
         )
+    if case.calibration.cover.shape == "none":
+        sentence += " If the camera looks through glass or plastic, describe its cover first."
     diagnosed = case.calibration.history.diagnosis is not None
     suspects = tuple(dict.fromkeys(name for effect, _ in likely for name in suspects_of(effect)))
     yield Reason(sentence, case.next.report() if diagnosed else case.next.diagnose(), suspects)

@@ -63,7 +63,9 @@ def test_a_folder_is_calibrated_and_is_a_session_afterwards(
     photos: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["fit", str(photos), *BOARD]) == 0
-    assert "How the error fell" in capsys.readouterr().out
+    output = capsys.readouterr()
+    assert "How the error fell" in output.out
+    assert "Behind glass or plastic add --cover" in output.err
     session = read_session(photos)
     assert session.board == Board(7, 6, 0.025)
     assert session.frames == list_images(photos)
@@ -79,6 +81,24 @@ def test_a_folder_is_calibrated_and_is_a_session_afterwards(
     undistort = shlex.split(then.rpartition("; ")[2])
     assert main(undistort[1:]) == 0
     assert len(list_images(photos / "calibration" / "undistorted")) == 8
+
+
+def test_pictures_without_a_session_are_evaluated(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", str(photos), *BOARD, "--quiet"]) == 0
+    held_out = tmp_path / "held out"
+    held_out.mkdir()
+    for path in list_images(photos)[:5]:
+        shutil.copy(path, held_out)
+    assert main(["evaluate", str(photos / "calibration"), str(held_out)]) == 0
+    assert "5 views, their poses refitted." in capsys.readouterr().out
+    assert not (held_out / "session.yaml").exists()
+    for path in list_images(held_out):
+        path.unlink()
+    cv2.imwrite(str(held_out / "small.png"), np.zeros((10, 20, 3), np.uint8))
+    assert main(["evaluate", str(photos / "calibration"), str(held_out)]) == 2
+    assert "held out is of 20x10 px and the calibration for" in capsys.readouterr().err
 
 
 def test_a_pattern_stands_for_its_pictures(photos: Path) -> None:
