@@ -1,12 +1,14 @@
 """The inputs of a fit: the corners of a session and the intrinsics of its camera."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.calibration import Calibration
 from calib.corners.copies import join_still_poses, split_copies
 from calib.corners.corners_file import read_corners
 from calib.corners.detect_all import MIN_VIEWS, detect
@@ -25,6 +27,9 @@ from calib.session.fleet_prior import nominal_intrinsics
 from calib.session.freeing import free_own_intrinsics
 from calib.session.lens import OPENCV
 from calib.session.session import Session
+
+if TYPE_CHECKING:  # it loads torch
+    from calib.calibration import Calibration
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from tests.capture.tui.test_session import FIXTURE
 @pytest.fixture
 def empty(tmp_path: Path) -> Path:
     """A folder of three pictures without a board."""
-    folder = tmp_path / "bare"
+    folder = tmp_path / "camera"
     folder.mkdir()
     for number in range(3):
         cv2.imwrite(str(folder / f"{number}.png"), np.full((616, 820), 100, np.uint8))
@@ -35,7 +35,7 @@ def test_a_source_without_the_board_gets_a_report_of_the_declared_one(
     tmp_path: Path, empty: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(collect, "REASON_S", 0.3)
-    drive(_without(tmp_path / "session", empty))
+    drive(_without(tmp_path / "session", empty.rename(tmp_path / "bare")))
 
 
 async def _without(session: Path, empty: Path) -> None:
