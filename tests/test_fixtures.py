@@ -241,6 +241,7 @@ def test_blind_c_is_fitted(tmp_path: Path) -> None:
     assert result.stages[2].rms_px < result.stages[1].rms_px < result.stages[0].rms_px
 
 
+@pytest.mark.slow
 def test_pi_wide_is_calibrated_as_by_opencv(tmp_path: Path) -> None:
     """Without a cover, the same number of coefficients gives OpenCV's error within 2 %, or a
     smaller one.
@@ -289,6 +290,7 @@ def test_pi_underwater_takes_its_camera_from_air(tmp_path: Path) -> None:
     )  # measured by others, without a cover model
 
 
+@pytest.mark.slow
 def test_pi_underwater_through_its_port(tmp_path: Path) -> None:
     """A measured Raspberry Pi in water behind a window of assumed thickness, its distance and
     normal free: no cover leaves 1.2 px.

@@ -79,6 +79,7 @@ def test_a_valid_calibration_exits_with_0(
     assert f"Next: calib report {saved}" in output
 
 
+@pytest.mark.slow
 def test_an_invalid_calibration_exits_with_5_and_names_the_change(
     cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

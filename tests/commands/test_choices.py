@@ -50,6 +50,7 @@ def test_free_estimates_numbers_near_what_the_session_states(
     ]
 
 
+@pytest.mark.slow
 def test_free_all_estimates_every_number_that_is_not_exact(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -118,6 +119,7 @@ def test_folds_are_printed_and_in_the_json(
     )  # of the noise: 0.99 and 1.05; of 1944 coordinates, chance is 0.016
 
 
+@pytest.mark.slow
 def test_grid_auto_keeps_the_coarsest_grid_that_no_finer_one_beats(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -225,6 +227,7 @@ def test_effects_auto_and_diagnose_say_the_same(
     assert "Wrote" in printed
 
 
+@pytest.mark.slow
 def test_effects_by_name_are_added_and_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

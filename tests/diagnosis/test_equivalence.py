@@ -27,6 +27,7 @@ def window() -> Diagnosis:
     return diagnose(without_cover(FlatPort("air"), shift, 0.1), Silent())[1]
 
 
+@pytest.mark.slow
 def test_a_twisted_board_is_not_a_moving_one() -> None:
     """0.7 mm of twist and nothing else, behind glass: a motion of every view was found here,
     alone.
@@ -103,6 +104,7 @@ def test_a_pupil_that_moves_far_is_named_alone() -> None:
     assert not finding.families
 
 
+@pytest.mark.slow
 def test_structure_without_a_known_cause_gets_no_name() -> None:
     """In each view another smooth wave over the board: a motion or a board that flexes follows it,
     and neither is what it is.

@@ -145,6 +145,7 @@ def test_a_fit_without_a_cover_ends_at_its_optimum(tmp_path: Path) -> None:
         assert abs(number.value - float(values[name])) < 0.1 * number.sigma, name
 
 
+@pytest.mark.slow
 def test_a_diagnosis_questions_the_bend_anew(tmp_path: Path) -> None:
     """Its figures begin with the flat board, so that the error before and after is that of the
     bend.

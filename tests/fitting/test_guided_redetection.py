@@ -81,6 +81,7 @@ def full_fit(
     )
 
 
+@pytest.mark.slow
 def test_partly_hidden_boards_are_used_with_all_visible_corners(
     hidden_fit: Calibration, truth: dict[str, NDArray[np.float64]]
 ) -> None:

@@ -192,6 +192,7 @@ def test_errors_are_as_large_as_their_sigmas_say(results: Results) -> None:
     assert np.mean(deviations <= MAX_DEVIATION) >= 0.95
 
 
+@pytest.mark.slow
 def test_a_sigma_is_no_smaller_than_if_the_glass_is_known_to_be_even(results: Results) -> None:
     # The two fits are the same to rounding where the fit finds the glass even.
     assert np.all(results.sigmas >= (1 - 1e-6) * results.even_sigmas)

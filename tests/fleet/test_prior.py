@@ -30,6 +30,8 @@ from fixtures.fleet import Line, true_scene, write_session
 from fixtures.map_errors import motions, rays_of, seen_at
 from fixtures.synthetic import HEIGHT, WIDTH
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = Settings(grid=(6, 6))
 LINE = Line(cameras=7, views=12, broken=("focus",))
 BROKEN = next(number for number in range(LINE.cameras) if LINE.fault(number))
@@ -85,7 +87,6 @@ def map_error(line: Line, calibration: Calibration) -> float:
     return float(np.sqrt((remainder**2).mean() * 2))
 
 
-@pytest.mark.slow
 def test_a_camera_of_another_line_is_left_out_by_name(prior: Path) -> None:
     read = read_fleet_prior(prior)
     left_out = dict(read.left_out)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 from textual.widgets import Input, Static
 
 from capture.session_file import read_setup
@@ -115,6 +116,7 @@ async def _fields(session: Path) -> None:
         await see(pilot, "if metres were meant")
 
 
+@pytest.mark.slow
 def test_random_keys(tmp_path: Path) -> None:
     """The same 60 steps every time; `python -m tests.fuzz.keys` takes 10,000."""
     assert asyncio.run(walk(tmp_path / "session", 60, 3)) >= 1
