@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration, CalibrationSource
 from calib.corners.view import are_timed, pose_labels
-from calib.diagnosis.effect_description import first_after_step, spread_of
+from calib.diagnosis.effect_description import first_changed, spread_of
 from calib.diagnosis.equivalence import find_families
 from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
 from calib.diagnosis.search import MAX_EFFECTS, MAX_FITS, run_search, score
@@ -245,7 +245,7 @@ def _candidates(state: SearchState, accepted: tuple[str, ...]) -> list[Candidate
                 verdict=trial_verdict(trial, accepted=is_accepted),
                 varies=effect.varies or None,
                 spread=spread_of(effect, fit) if fit and fit.joint.finite else {},
-                from_file=first_after_step(effect, state.problem.observations.names),
+                from_file=first_changed(effect, state.problem.observations.names),
                 depth_bands_px=(bands.base_px, bands.extended_px) if bands else None,
             )
         )

@@ -16,6 +16,7 @@ from calib.effects.varying import FROM_VIEW, Varying
 from calib.fit_record.history import AcceptedEffect, EffectEstimate
 from calib.fitting.declared import comparisons, effect_comparisons
 from calib.inference.fitted_model import ModelFit
+from calib.inference.varying_numbers import first_after_step
 from calib.optics.board_target import CENTRE, FLEX, FOCAL, MOTION, block_columns
 from calib.optics.params import Param
 
@@ -57,11 +58,11 @@ def spread_of(effect: Effect, fit: ModelFit) -> dict[str, ParameterEstimate]:
     }
 
 
-def first_after_step(effect: Effect, names: Sequence[str]) -> str | None:
+def first_changed(effect: Effect, names: Sequence[str]) -> str | None:
     """Return the name of the first view after a change at one view; None for another effect."""
     if not isinstance(effect, Varying) or effect.varies != FROM_VIEW:
         return None
-    return names[int(np.abs(np.diff(effect.pattern)).argmax()) + 1]
+    return names[first_after_step(effect.pattern)]
 
 
 def describe_estimates(accepted: AcceptedEffect, calibration: Calibration) -> list[str]:

@@ -10,6 +10,7 @@ from calib.estimation.joint_fit import JointFit
 from calib.inference.cross_validation import HeldOutGain
 from calib.inference.fitted_model import ModelFit
 from calib.inference.score_test import ScoreTest
+from calib.inference.view_variation import MAX_DEVIATION
 
 ALPHA = 0.05
 """The probability of a false acceptance in a round, over all candidates of the round."""
@@ -19,10 +20,6 @@ MIN_EXPLAINED_PX = 0.003
 """The smallest part of the held-out error in px that is worth an effect: all corners of a picture
 may have an error of 0.0013 px (docs/corners.md).
 """
-
-
-MAX_DEVIATION = 3.0
-"""Standard deviations of the prior: a number that differs by more is not possible."""
 
 
 def is_worthwhile(gain: HeldOutGain) -> bool:

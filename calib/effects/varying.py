@@ -14,7 +14,8 @@ from typing import ClassVar, Self
 import torch
 from torch import Tensor
 
-from calib.effects.effect import BLOCK_SCALES, EACH_VIEW, Effect, EffectContext, EffectParameter
+from calib.effects.effect import EACH_VIEW, Effect, EffectContext, EffectParameter
+from calib.effects.view_effect import ViewEffect
 from calib.optics.board_target import CENTRE, FOCAL
 from calib.optics.exposure import Exposure
 from calib.optics.params import Param, Values
@@ -136,13 +137,8 @@ class Varying(Effect):
 
 
 @dataclass(frozen=True, slots=True)
-class CameraOfView(Effect):
+class CameraOfView(ViewEffect):
     """Every view has numbers of the camera of its own."""
-
-    size: float = BLOCK_SCALES[-1]
-    """The prior standard deviation of each, over its tolerance."""
-    about: ClassVar[str] = "each single view"
-    varies: ClassVar[str] = EACH_VIEW
 
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
@@ -152,19 +148,8 @@ class CameraOfView(Effect):
     def form(self) -> str:
         return self.varies
 
-    def alternatives(self) -> tuple[Self, ...]:
-        return tuple(replace(self, size=size) for size in BLOCK_SCALES)
-
-    @property
-    def effect_parameters(self) -> tuple[EffectParameter, ...]:
-        return ()
-
     def apply(self, path: Path) -> Path:
-        return replace(
-            path,
-            camera_block=self.per_view,
-            block_scales=(*path.block_scales, (self.per_view, self.size)),
-        )
+        return replace(self.with_prior(path), camera_block=self.per_view)
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from calib.effects.varying import VARYING_NUMBERS
 from calib.fitting.declared import PREFIXES
 from calib.inference.fitted_model import FittedModel
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
-from calib.inference.varying_numbers import TWO, VariationKind
+from calib.inference.varying_numbers import TWO, VariationKind, first_after_step
 from calib.inference.view_variation import Variation, find_variations
 
 SHARED: tuple[type[Effect], ...] = (
@@ -138,7 +138,7 @@ def describe_variation(variation: Variation, names: Sequence[str]) -> str:
     """Return what differs, how, and by how much, as a clause."""
     verb = VERBS[variation.kind]
     if variation.kind is VariationKind.STEP:
-        verb += f" {names[_first_after_step(variation)]}"
+        verb += f" {names[first_after_step(variation.pattern)]}"
     clause = f"{VARYING_NUMBERS[variation.group.name]} {verb}"
     if variation.kind in TWO and variation.group.name in TWO_OF_THEM:
         clause += f" ({TWO_OF_THEM[variation.group.name]})"
@@ -166,7 +166,7 @@ def advice(variation: Variation, names: Sequence[str]) -> str:
     """Return what to do, as a clause."""
     name = variation.group.name
     if variation.kind is VariationKind.STEP and name.startswith(("cover", "focal", "principal")):
-        return f"calibrate from {names[_first_after_step(variation)]} on, or record again"
+        return f"calibrate from {names[first_after_step(variation.pattern)]} on, or record again"
     if variation.kind in TWO and name in TWO_OF_THEM:
         return "keep the pictures of each kind in a session of its own"
     if variation.kind is VariationKind.NEARNESS:
@@ -174,7 +174,3 @@ def advice(variation: Variation, names: Sequence[str]) -> str:
     if variation.kind is VariationKind.TILT:
         return "it bends by its own weight: support it, or take a stiffer one"
     return ADVICE[name]
-
-
-def _first_after_step(variation: Variation) -> int:
-    return int(np.argmax(np.diff(variation.pattern))) + 1

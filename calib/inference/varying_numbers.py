@@ -155,6 +155,11 @@ def time_patterns(times: Array) -> Mapping[VariationKind, Sequence[Array]]:
     }
 
 
+def first_after_step(pattern: Sequence[float] | Array) -> int:
+    """Return the index of the view after the largest change of a (V,) pattern."""
+    return int(np.abs(np.diff(pattern)).argmax()) + 1
+
+
 def centred_pattern(pattern: NDArray[np.float64] | NDArray[np.int64] | NDArray[np.bool_]) -> Array:
     """Return (V,) the pattern about its mean, with standard deviation 1."""
     deviation = pattern.astype(np.float64) - pattern.mean()
