@@ -25,7 +25,6 @@ FLAGS = (
     "--disable-gpu",
     "--no-first-run",
     "--disable-background-networking",
-    "--remote-debugging-port=0",
 )
 HOOK = """
 Object.defineProperty(Object.prototype, "fitAddon", {configurable: true, set(addon) {
@@ -150,7 +149,10 @@ async def browsing(address: str, profile: Path, size: tuple[int, int]) -> AsyncI
 async def connected(profile: Path, *flags: str) -> AsyncIterator[ClientWebSocketResponse]:
     """Return the DevTools of an empty page."""
     assert CHROMIUM
-    command = [CHROMIUM, *FLAGS, *flags, f"--user-data-dir={profile}", "about:blank"]
+    command = [
+        *(CHROMIUM, *FLAGS, *flags),
+        *("--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"),
+    ]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         port = profile / "DevToolsActivePort"
