@@ -9,29 +9,39 @@ from calib.session.parameter_names import THICKNESS, number_of
 from calib.session.shapes.registry import find_shape
 from calib.verdict.bare_pictures import taken_through_cover
 from calib.verdict.case import Case
-from calib.verdict.thresholds import TAKEN_UP, WORSE_THAN_BARE
+from calib.verdict.thresholds import NO_BETTER, TAKEN_UP, WORSE_THAN_BARE
 from calib.verdict.verdict import Reason
 
 
 def worse_than_none(case: Case) -> Iterator[Reason]:
-    """Check that the declared cover lowers the error. Otherwise other findings only compensate for
-    it, so this reason comes first.
+    """Check that the cover lowers the error. Otherwise other findings only compensate for it, so
+    this reason comes first.
+
+    With all numbers held, the smooth cover must not be much worse than none. Estimated numbers may
+    be off at first, within their tolerances: there the fit with a cover must explain more.
     """
-    if "cover" not in case.rms_px:
+    if not {"cover", "cover+rbf"} <= case.rms_px.keys():
         return
     cover = case.rms_px["cover"]
     bare = case.rms_px["pinhole"]
+    last = case.rms_px["cover+rbf"]
     if taken_through_cover(case) or not cover > WORSE_THAN_BARE * bare:
         return
-    subject = (
-        "the cover as it is described"
-        if _all_held(case)
-        else "the smooth cover, even with the numbers that the fit found,"
-    )
+    if _all_held(case):
+        comparison = (
+            f"the cover as it is described makes the error larger than no cover at all, {cover:.3f}"
+            f" for {bare:.3f} px"
+        )
+    elif last > NO_BETTER * bare:
+        comparison = (
+            "the cover, even with the numbers that the fit found, explains no more than no cover"
+            f" at all, {last:.3f} for {bare:.3f} px"
+        )
+    else:
+        return
     sentence = (
-        f"{subject} makes the error larger than no cover at all, {cover:.3f} for {bare:.3f} px:"
-        " check its numbers in session.yaml, their signs too, and that the pictures were taken"
-        " through it."
+        f"{comparison}: check its numbers in session.yaml, their signs too, and that the pictures"
+        " were taken through it."
     )
     yield Reason(sentence, case.next.fit(), _suspects(case))
 

@@ -33,7 +33,7 @@ from calib.verdict.judge import CHECKS
 from calib.verdict.medium import medium
 from calib.verdict.principal_point import SENSOR_MODES, other_mode, principal_point
 from calib.verdict.residual import residual
-from calib.verdict.thresholds import BEYOND_NOISE, TAKEN_UP, WORSE_THAN_BARE
+from calib.verdict.thresholds import BEYOND_NOISE, NO_BETTER, TAKEN_UP, WORSE_THAN_BARE
 from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, uncertain_maps
 from calib.verdict.unevenness import unevenness
 from calib.verdict.unseen_row import extra_rows, unseen_row
@@ -147,8 +147,11 @@ def test_a_cover_that_is_worse_than_none(good: Calibration) -> None:
 
 
 def test_a_cover_that_is_worse_than_none_with_every_number_estimated(freed: Calibration) -> None:
-    (reason,) = asked(worse_than_none, with_stages(freed, 1.0, 2.71, 1.0))
-    assert "even with the numbers that the fit found, makes the error larger" in reason.sentence
+    (reason,) = asked(worse_than_none, with_stages(freed, 1.0, 2.71, 1.01 * NO_BETTER))
+    assert "even with the numbers that the fit found, explains no more" in reason.sentence
+    assert not asked(worse_than_none, with_stages(freed, 1.0, 2.71, 0.99 * NO_BETTER)), (
+        "the declared numbers were off, as their tolerances allow"
+    )
     assert not asked(worse_than_none, with_stages(freed, 1.0, 0.99 * WORSE_THAN_BARE, 1.0))
 
 
