@@ -16,6 +16,21 @@ DENSE = "--force-device-scale-factor=2"
 """The pixels per point. An emulated density would not do: a canvas is told of the real one."""
 LEAST = 44
 """The smallest size that a finger can hit, points."""
+AGAIN_S = 10.0
+"""The time after which somebody touches again if nothing was hit, s."""
+HEAR = """
+(() => {
+  document.removeEventListener("click", window.hear, true);
+  window.touched = window.clicked = false;
+  window.hear = (event) => {
+    window.clicked = true;
+    window.touched ||= Boolean((%s)?.contains(event.target));
+  };
+  document.addEventListener("click", window.hear, true);
+})()
+"""
+"""A script after which the page says whether an element was touched."""
+CLICKED = "window.clicked && !(window.clicked = false)"
 PLACE = """
 (() => {
   const box = %s;
@@ -84,20 +99,28 @@ class Telephone(Browser):
 
     async def tap(self, what: str, minimum: float = LEAST) -> None:
         """Touch the element that this script finds, once it can be touched; it is at least
-        `minimum` points wide and high.
+        `minimum` points wide and high. What has just opened or closed above it may have moved it
+        away from under the finger: a person who sees that touches it again.
         """
         start_s = time.monotonic()
-        while (place := await self.evaluate_json(PLACE % what)) is None:
-            assert time.monotonic() - start_s < 60, (
+        await self.evaluate(HEAR % what)
+        while not await self.evaluate("window.touched"):
+            assert time.monotonic() - start_s < HANGS_S, (
                 f"nothing to touch: {what}\n{await self.words()}"
             )
-            await asyncio.sleep(0.1)
-        assert min(place["width"], place["height"]) >= minimum, (
-            f"{what} is smaller than a finger: {place}"
-        )
-        touched = [{"x": place["x"], "y": place["y"]}]
-        await self.do("Input.dispatchTouchEvent", type="touchStart", touchPoints=touched)
-        await self.do("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+            place = await self.evaluate_json(PLACE % what)
+            if place is None:
+                await asyncio.sleep(0.1)
+                continue
+            assert min(place["width"], place["height"]) >= minimum, (
+                f"{what} is smaller than a finger: {place}"
+            )
+            touched = [{"x": place["x"], "y": place["y"]}]
+            await self.do("Input.dispatchTouchEvent", type="touchStart", touchPoints=touched)
+            await self.do("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+            clicked_s = time.monotonic()
+            while time.monotonic() - clicked_s < AGAIN_S and not await self.evaluate(CLICKED):
+                await asyncio.sleep(0.05)
 
     async def press(self, *keys: str) -> None:
         """Touch the large buttons of these keys of the app."""
@@ -105,14 +128,13 @@ class Telephone(Browser):
             await self.tap(f"document.querySelector('nav [data-key={json.dumps(key)}]')")
 
     async def fill(self, label: str, text: str) -> None:
-        """Touch a field and write: the first touch selects its text. A list above that has just
-        closed may have moved it away from under the finger: a person who sees that touches it
-        again.
+        """Touch a field and write: the first touch selects its text. A page that is drawn anew
+        takes the letters away from it: a person who sees that touches it again.
         """
         field = f"document.getElementById({json.dumps(f'field-{label}')})"
         start_s = time.monotonic()
         while not await self.evaluate(f"document.activeElement === {field}"):
-            assert time.monotonic() - start_s < 60, f"{label} takes no letters"
+            assert time.monotonic() - start_s < HANGS_S, f"{label} takes no letters"
             await self.tap(field)
             await asyncio.sleep(0.1)
         await self.do("Input.insertText", text=text)
