@@ -63,6 +63,10 @@ MAX_IDLE_S = 4 * 3600.0
 """The time in s after which an untouched app ends: moving a board takes an hour at most."""
 GRACE_S = 5.0
 """The time in s that an app gets to end, or to take a key, before it is killed."""
+HEARTBEAT_S = 60.0
+"""The time in s between questions whether the window is there. It has half of that to answer: a
+busy machine may stand still for ten seconds, and an app that ends then loses what was typed.
+"""
 MAX_MESSAGE_BYTES = 1 << 16
 """The maximum size of a message from the browser, bytes; a longer one ends the connection."""
 MAX_PASTE_LENGTH = 4096
@@ -173,7 +177,7 @@ class GuardedServer(Server):
 
     async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
         """Serve one window and its app, until either has ended."""
-        websocket = web.WebSocketResponse(heartbeat=15, max_msg_size=MAX_MESSAGE_BYTES)
+        websocket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_MESSAGE_BYTES)
         await websocket.prepare(request)
         service = ServedApp(
             self.command,

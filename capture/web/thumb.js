@@ -10,7 +10,7 @@ const SMALLEST = 9; // px, the smallest readable letter
 const SETTLE_MS = 300; // ms for a touch to end where it began: no widget may move under the finger
 const LONG = 200; // letters, from which on a sentence is a text to read and not a short call
 const SHORT = 480; // px, the height below which a keyboard is open: the header makes room
-let screen = "", shape = "", focused = "";
+let screen = "", focused = "";
 
 function make(tag, about = {}, ...inside) {
   const made = Object.assign(document.createElement(tag), about);
@@ -33,11 +33,7 @@ export function drawScreen(said) {
   const form = said.blocks.some((each) => each.kind === "field"); // its fields keep their places while somebody types
   const calls = said.blocks.filter((each) => each.spoken && (form || each.text.length <= LONG));
   const kept = said.blocks.filter((each) => !calls.includes(each)).sort((one, other) => Boolean(other.spoken) - Boolean(one.spoken));
-  const shaped = JSON.stringify([screen, kept.map((each) => [each.kind, each.name, each.columns])]);
-  if (shaped !== shape) {
-    shape = shaped;
-    main.replaceChildren(...kept.map(drawn));
-  }
+  arrange(kept);
   const news = kept.some((block, place) => block.spoken && main.children[place].textContent !== block.text);
   kept.forEach((block, place) => renew(main.children[place], block));
   main.scrollTop = news ? 0 : scrolled;
@@ -49,6 +45,25 @@ export function drawScreen(said) {
   const refused = said.blocks.some((each) => each.name === "problem" && each.text);
   if (said.focus !== focused && refused && document.activeElement === document.body) find(said.focus)?.scrollIntoView({block: "nearest"});
   focused = said.focus;
+}
+
+/** Draw the boxes of these blocks. Those that are there already stay: a list that is open, and a field that somebody types in. */
+function arrange(blocks) {
+  if (main.dataset.screen !== screen) main.replaceChildren();
+  main.dataset.screen = screen;
+  const shapes = blocks.map((each) => JSON.stringify([each.kind, each.name, each.columns]));
+  const rest = [...shapes];
+  for (const box of [...main.children]) {
+    const place = rest.indexOf(box.dataset.shape);
+    if (place < 0) box.remove();
+    else rest.splice(place, 1);
+  }
+  shapes.forEach((shape, place) => {
+    const there = [...main.children].slice(place).find((box) => box.dataset.shape === shape);
+    const box = there ?? drawn(blocks[place]);
+    box.dataset.shape = shape;
+    if (main.children[place] !== box) main.insertBefore(box, main.children[place] ?? null);
+  });
 }
 
 /** Show what must be done now, outside of what scrolls. */
