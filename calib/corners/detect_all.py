@@ -183,7 +183,8 @@ def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
         raise OtherBoardError(
             f"a board of {shown.columns}x{shown.rows} inner corners is seen in"
             f" {len(shown.pictures)} pictures, the declared {board} in none of these: write"
-            f" board.columns: {shown.columns}, board.rows: {shown.rows} in session.yaml."
+            f" board.columns: {shown.columns}, board.rows: {shown.rows} in session.yaml, or call"
+            f" calib fit with --board {shown.columns}x{shown.rows}."
         )
 
 
