@@ -22,6 +22,8 @@ MAX_RAYS = 600
 """Rays in a page, of all views together."""
 LINE_RAYS = 9
 """Rays of a view through the middle row of its board, and as many through its middle column."""
+RED = 3.0
+"""The error over the corners' noise from which a board is red."""
 MESH = (49, 17)
 """Points of a surface around and along the cover."""
 PROFILE_POINTS = 161
@@ -54,7 +56,8 @@ def session_in_space(evidence: Evidence) -> Drawing:
         "scene",
         "The session in space",
         f"The camera{cover} and every board where it stood. Turn it by dragging; click into it and"
-        " the wheel comes nearer. A board's colour is its error. Over a board, the rays of its"
+        " the wheel comes nearer. A board's colour is its error: blue is the corners' noise, red"
+        " three times as much. Over a board, the rays of its"
         " middle row and column are drawn as they were bent; a click shows its picture.",
         {
             "half": [half + board.square for half in board.half],
@@ -65,6 +68,7 @@ def session_in_space(evidence: Evidence) -> Drawing:
             "rayCorner": evidence.corner[shown][traced.arrived],
             "rayView": evidence.view[shown][traced.arrived],
             "reach": list(evidence.reach),
+            "errors": _error_range(evidence),
         },
     )
 
@@ -94,6 +98,15 @@ def side_view(evidence: Evidence) -> Drawing | None:
             ],
         },
     )
+
+
+def _error_range(evidence: Evidence) -> tuple[float, float]:
+    """Return the error (px) of a board that is drawn in the first colour, and in the last."""
+    noise = evidence.calibration.noise_px
+    if noise:
+        return noise, RED * noise
+    errors = np.asarray(evidence.rms_by_view)
+    return float(errors.min()), float(errors.max())
 
 
 def corners_with_rays(evidence: Evidence) -> NDArray[np.int64]:

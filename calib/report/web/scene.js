@@ -100,7 +100,7 @@ function drawScene(host, packed) {
     if (pointed !== null) openView(pointed);
   });
   goTo(places.whole);
-  addColourKey(host, `${digits(Math.min(...VIEW_ERRORS))} px`, `${digits(Math.max(...VIEW_ERRORS))} px`, `${errorColour(0)}, ${errorColour(0.5)}`, errorColour(1));
+  addColourKey(host, `${digits(packed.errors[0], 2)} px`, `${digits(packed.errors[1], 2)} px or more`, `${errorColour(0)}, ${errorColour(0.5)}`, errorColour(1));
   box.camera = camera; // for whoever looks at the page with a program
 }
 
@@ -115,14 +115,14 @@ function boundingSphere(three, boards) {
 
 /** Add a quadrilateral for every board, with lines through its corners, and return them. */
 function addBoards(three, world, packed, colour) {
-  const largest = Math.max(...VIEW_ERRORS), smallest = Math.min(...VIEW_ERRORS);
+  const [smallest, largest] = packed.errors;
   const points = rows(DATA.board.points), {columns} = DATA.board, count = points.length;
   return POSES.map((pose, view) => {
     const outline = boardOutline(view, packed.half), corners = points.map(place => onBoard(pose, place));
     const geometry = new three.BufferGeometry();
     geometry.setAttribute("position", new three.Float32BufferAttribute(outline.flat(), 3));
     geometry.setIndex([0, 1, 2, 0, 2, 3]);
-    const part = largest > smallest ? (VIEW_ERRORS[view] - smallest) / (largest - smallest) : 0;
+    const part = largest > smallest ? Math.min(1, Math.max(0, (VIEW_ERRORS[view] - smallest) / (largest - smallest))) : 0;
     const board = new three.Mesh(geometry, new three.MeshBasicMaterial({
       color: new three.Color(errorColour(part)), side: three.DoubleSide, transparent: true, opacity: 0.92,
     }));

@@ -91,7 +91,7 @@ function sidePanel(host, packed, space, viewOf, plane, title, axes, downName) {
           })),
           ...glassBodies(surfaces),
           ...rays.map(ray => Libraries.Plot.line(ray.points, {x: "x", y: "y", stroke: "var(--series-1)", strokeWidth: 1.2})),
-          ...dimensionMarks(packed, surfaces, flat, [top, bottom]),
+          ...dimensionMarks(packed, surfaces, flat, [top, bottom], rays.flatMap(ray => heightsOf(ray.points, 0.35 * (right - left)))),
           Libraries.Plot.dot([{x: 0, y: 0}], {x: "x", y: "y", r: 4, fill: "var(--ink)"}),
           tip(bends, ({corner, step, x, y}) => `ray to the corner in column ${corner % DATA.board.columns + 1}, row ${Math.floor(corner / DATA.board.columns) + 1}`
             + `\n${step === 0 ? "leaves the lens" : step > surfaces.length ? "reaches the corner" : `meets surface ${step}`} at ${digits(x, 4)}, ${digits(y, 4)} mm`),
@@ -113,26 +113,37 @@ function glassBodies(surfaces) {
   });
 }
 
-/** Marks of the numbers that place and size the cover, as docs/measuring.md draws them. */
-function dimensionMarks(packed, surfaces, flat, [top, bottom]) {
+/** Return the heights of a ray in the glass, and so far behind it as a label reaches. */
+function heightsOf(points, reach) {
+  const last = points.at(-2), corner = points.at(-1), part = Math.min(1, reach / (corner.x - last.x));
+  return [...points.slice(1, -1).map(point => point.y), last.y + part * (corner.y - last.y)].filter(Number.isFinite);
+}
+
+/** Marks of the numbers that place and size the cover, as docs/measuring.md draws them, above and below the rays. */
+function dimensionMarks(packed, surfaces, flat, [top, bottom], heights) {
   const texts = new Map(packed.numbers), origin = flat(packed.origin);
   const crossing = (surface, level) => surface.filter(point => Number.isFinite(point.x + point.y) && point.x > 0)
     .reduce((best, point) => Math.abs(point.y - level) < Math.abs(best.y - level) ? point : best, {x: NaN, y: Infinity});
-  const inner = crossing(surfaces[0], 0), outer = surfaces[1] && crossing(surfaces[1], 0), tall = bottom - top;
-  const lines = [];
-  const add = (name, x1, x2, y) => texts.has(name) && lines.push({x1, x2, y, text: `${name} ${texts.get(name)}`});
+  const tall = bottom - top, middle = (top + bottom) / 2;
+  const visible = level => Math.min(middle + 0.62 * tall, Math.max(middle - 0.62 * tall, level));
+  const above = visible(Math.min(0, ...heights) - 0.1 * tall), below = visible(Math.max(0, ...heights) + 0.12 * tall);
+  const inner = crossing(surfaces[0], packed.round ? 0 : below), wall = packed.round ? 0 : above;
+  const lines = [], labels = [];
+  const add = (name, x1, x2, y, level = y) => {
+    if (!texts.has(name)) return;
+    lines.push({x1, x2, y});
+    labels.push({x: (x1 + x2) / 2, y: level, text: `${name} ${texts.get(name)}`});
+  };
   if (packed.round) {
-    add("inner_radius", origin.x, inner.x, 0.2 * tall);
-    for (const name of ["axis_offset.z", "centre.z"]) add(name, 0, origin.x, 0.4 * tall);
+    add("inner_radius", origin.x, inner.x, below);
+    for (const name of ["axis_offset.z", "centre.z"]) add(name, 0, origin.x, visible(below + 0.16 * tall));
   } else {
-    add("distance", 0, inner.x, 0.16 * tall);
+    add("distance", 0, inner.x, below);
   }
-  if (outer) add("thickness", inner.x, outer.x, -0.2 * tall);
+  if (surfaces[1]) add("thickness", crossing(surfaces[0], wall).x, crossing(surfaces[1], wall).x, wall, above);
   return [
     ...packed.round ? [Libraries.Plot.dot([origin], {x: "x", y: "y", symbol: "times", r: 6, stroke: "var(--faint)", strokeWidth: 2})] : [],
     Libraries.Plot.link(lines, {x1: "x1", x2: "x2", y1: "y", y2: "y", stroke: "var(--series-4)", strokeWidth: 1.4, markerStart: "arrow-reverse", markerEnd: "arrow"}),
-    Libraries.Plot.text(lines, {
-      x: line => (line.x1 + line.x2) / 2, y: "y", text: "text", dy: -9, fill: "var(--series-4)", stroke: "var(--paper)", strokeWidth: 4, fontWeight: 600,
-    }),
+    Libraries.Plot.text(labels, {x: "x", y: "y", text: "text", dy: -9, fill: "var(--series-4)", stroke: "var(--paper)", strokeWidth: 4, fontWeight: 600}),
   ];
 }
