@@ -18,6 +18,7 @@ from calib.effects.effect import EACH_VIEW, Effect, EffectContext, EffectParamet
 from calib.effects.view_effect import ViewEffect
 from calib.optics.board_target import CENTRE, FOCAL
 from calib.optics.exposure import Exposure
+from calib.optics.lens import normalise_pixels
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session import tolerances
@@ -52,6 +53,10 @@ VARYING_NUMBERS: Mapping[str, str] = {
 FOCAL_LENGTH = "focal"
 """The number that stands for fx and fy, by the same fraction."""
 FIRST_RADIAL = CAMERA.of("k1")
+RADIAL_CHANGE = "lens.k1"
+"""The number that stands for the first radial coefficient of a lens that has none: it moves pixels
+in front of the lens, as the effect `lens` does.
+"""
 
 
 def varying_number(name: str) -> EffectParameter:
@@ -65,6 +70,8 @@ def varying_number(name: str) -> EffectParameter:
         return EffectParameter.of(name, tolerances.PRINCIPAL_POINT, (name,))
     if name == FIRST_RADIAL:
         return EffectParameter.of(name, tolerances.RADIAL, (name,))
+    if name == RADIAL_CHANGE:
+        return EffectParameter.of(name, tolerances.RADIAL)
     dimension = find_dimension(number_of(name))
     if not (dimension and dimension.tolerance):
         raise LookupError(name)
@@ -130,6 +137,12 @@ class Varying(Effect):
             for name in number.shifts:
                 value = values[name]
                 shifted[name] = value * (1 + change) if number.relative else value + change
+        if RADIAL_CHANGE in self.numbers:
+            change = values[self._name(varying_number(RADIAL_CHANGE))] * followed
+            x, y = normalise_pixels(pixels, shifted)
+            gain = change * (x * x + y * y)
+            shift = (shifted[CAMERA.fx] * x * gain, shifted[CAMERA.fy] * y * gain)
+            pixels = pixels + torch.stack(shift, -1)
         return pixels, shifted
 
     def _name(self, number: EffectParameter) -> str:

@@ -16,7 +16,14 @@ from calib.calibration import AddedEffect, Calibration, Stage
 from calib.corners.view import View
 from calib.effects.effect import Effect, EffectContext, PlaceOnGlass
 from calib.effects.registry import KINDS, OF_VIEW
-from calib.effects.varying import FOCAL_LENGTH, FROM_VIEW, WITH_TIME, Varying
+from calib.effects.varying import (
+    ALTERNATING,
+    FOCAL_LENGTH,
+    FROM_VIEW,
+    RADIAL_CHANGE,
+    WITH_TIME,
+    Varying,
+)
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.priors import NONE
@@ -193,6 +200,7 @@ class Form:
 def varying(there: Situation) -> Iterator[Varying]:
     """Yield effects whose numbers follow a pattern over the views."""
     yield Varying("focal", WITH_TIME, (FOCAL_LENGTH,), (-1.0, -0.5, 0.5, 1.0))
+    yield Varying("lens", ALTERNATING, (FOCAL_LENGTH, RADIAL_CHANGE), (-1.0, 1.0, -1.0, 1.0))
     if there.path.cover:
         numbers = [name for name in there.values if "tilt" in name or name.endswith("thickness")]
         yield Varying("cover_tilt", FROM_VIEW, tuple(numbers), (-1.0, -1.0, 0.0, 0.0))

@@ -14,6 +14,7 @@ from calib.effects.lens_field import LensField
 from calib.effects.principal_point import PrincipalPoint
 from calib.effects.rolling_shutter import RollingShutter
 from calib.effects.varying import (
+    ALTERNATING,
     FROM_VIEW,
     WITH_TIME,
     FocalOfView,
@@ -167,20 +168,31 @@ def test_focal_is_a_camera_with_longer_ones() -> None:
     [
         Varying("focal", FROM_VIEW, ("focal",), (-1.0, -1.0, 0.0)),
         Varying("principal_point", WITH_TIME, ("camera.cx", "camera.cy"), (-1.0, 0.2, 0.8)),
+        Varying("lens", ALTERNATING, ("focal", "camera.cx", "lens.k1"), (-1.0, 1.0, 0.0)),
     ],
     ids=lambda effect: effect.name,
 )
 def test_numbers_that_follow_a_pattern_are_a_camera_for_each_view(effect: Varying) -> None:
-    """With the step of a focal length, and with a principal point that follows time."""
-    sizes = {"focal": 5e-3} if effect.name == "focal" else {"camera.cx": 3.0, "camera.cy": -2.0}
-    assert tuple(sizes) == effect.numbers
+    """With the step of a focal length, with a principal point that follows time, and with two
+    lenses. Their radial term leads from the distorted pixel to the undistorted one.
+    """
+    all_sizes = {"focal": 5e-3, "camera.cx": 3.0, "camera.cy": -2.0, "lens.k1": 0.02}
+    sizes = {name: all_sizes[name] for name in effect.numbers}
     corners = []
     for pose, follows in zip(POSES, effect.pattern, strict=True):
         matrix = camera_matrix()
         matrix[[0, 1], [0, 1]] *= 1 + sizes.get("focal", 0.0) * follows
         matrix[0, 2] += sizes.get("camera.cx", 0.0) * follows
         matrix[1, 2] += sizes.get("camera.cy", 0.0) * follows
-        corners.append(projected(SOLID, pose, matrix))
+        undistorted = projected(SOLID, pose, matrix)
+        radial = np.array([sizes.get("lens.k1", 0.0) * follows, 0, 0, 0])
+        distorted = undistorted.copy()
+        for _ in range(30):  # until a pixel comes out where it was
+            centred = (distorted - matrix[:2, 2]) / matrix.diagonal()[:2]
+            solid = np.column_stack([centred, np.ones(len(centred))])
+            reached = cv2.projectPoints(solid, np.zeros(3), np.zeros(3), matrix, radial)[0]
+            distorted -= reached.reshape(-1, 2) - undistorted
+        corners.append(distorted)
     names = (u.param.name.replace(".", "__") for u in effect.effect_parameters)
     parameters = dict(zip(names, sizes.values(), strict=True))
     times = [0.0, 1.0, 2.0]

@@ -20,7 +20,9 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses
 from calib.estimation.priors import Priors
+from calib.fit_record.request import Settings
 from calib.fitting.differing import Differing
+from calib.fitting.stages import Setup
 from calib.inference.fitted_model import FittedModel
 from calib.inference.varying_numbers import VariationKind, groups_of, time_patterns
 from calib.inference.view_variation import (
@@ -29,7 +31,7 @@ from calib.inference.view_variation import (
     find_variations,
     largest_gain,
 )
-from calib.optics.build import pinhole_path
+from calib.optics.build import covered_path, pinhole_path
 from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.projection import project
@@ -37,6 +39,7 @@ from calib.session.board import Board
 from calib.session.parameter_names import CAMERA
 from calib.session.shutter import Shutter
 from calib.threads import single_thread
+from fixtures.calibrated import CAMERA as SIMULATED
 from fixtures.synthetic import COVERS, HEIGHT, INTRINSICS, WIDTH, Scene, bare_views, scene
 
 Array = NDArray[np.float64]
@@ -173,6 +176,25 @@ def test_a_window_that_an_effect_added_has_no_numbers_that_differ() -> None:
     context = EffectContext(board, WIDTH, HEIGHT, extended.path, joint.values)
     assert not {"thickness", "index"} & {group.name for group in groups_of(context)}
     assert largest_gain(FittedModel(extended, observations, joint), context) < 7
+
+
+@pytest.mark.parametrize(
+    ("cover", "moves"),
+    [
+        ("thick-cone", {"cover_offset", "cover_tilt", "cover_radius"}),
+        ("cylinder", {"cover_offset", "cover_tilt", "cover_radius"}),
+        ("wet-flat", {"cover_offset", "cover_tilt"}),
+        ("dome", {"cover_offset", "cover_radius"}),
+    ],
+)
+def test_every_number_of_a_cover_may_differ(cover: str, moves: set[str]) -> None:
+    setup = Setup(Board(9, 9, 0.020), SIMULATED, INTRINSICS, COVERS[cover][0])
+    setup = setup.with_tolerances(Settings())
+    path, values = covered_path(setup.intrinsics, setup.cover)
+    context = EffectContext(setup.board, WIDTH, HEIGHT, path, values)
+    names = {group.name for group in groups_of(context)}
+    assert {name for name in names if name.startswith("cover_")} == moves
+    assert {"thickness", "refractive_index"} <= names
 
 
 def test_few_views_are_not_asked() -> None:

@@ -52,6 +52,7 @@ AXIS = (
             " straight."
         ),
         tolerance=COVER_TILT,
+        effect="cover_tilt",
         option="tilt",
     ),
 )

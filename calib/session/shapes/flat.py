@@ -29,6 +29,7 @@ FLAT = Shape(
                 " straight."
             ),
             tolerance=COVER_TILT,
+            effect="cover_tilt",
             option="tilt",
         ),
     ),
