@@ -129,6 +129,7 @@ async def wait_for_typing(screen: Screen[Any]) -> None:
     """
     for widget in reversed(list(screen.query("*"))):  # inner widgets before outer ones
         done = asyncio.Event()
-        widget.call_later(done.set)
+        if not widget.call_later(done.set):
+            continue  # it is on its way out
         while widget.is_attached and not done.is_set():
             await asyncio.sleep(0.001)
