@@ -91,9 +91,8 @@ async def _from_nothing(address: str, folder: Path) -> None:
             await phone.fill(name, text)
         await phone.let_go()
         await _keep(phone, "2-set-up")
-        await phone.press("ctrl+s")
+        await phone.press_until("ctrl+s", "Touch Cover on to go on")
         await phone.see("Without cover")
-        await phone.see("Touch Cover on to go on")
         await _keep(phone, "3-without-cover")
         assert await phone.evaluate(PICTURE) == 820
         assert "taken" in str(await phone.evaluate(HEARD))
@@ -101,9 +100,8 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await phone.see("NOW PUT THE COVER ON")
         await phone.fill("source", f"folder:{FIXTURE}")
         await phone.let_go()
-        await phone.press("ctrl+s")
+        await phone.press_until("ctrl+s", "Touch Fit to fit")
         await phone.see("Through cover")
-        await phone.see("Touch Fit to fit")
         await phone.see("Enough")
         maps = json.loads(str(await phone.evaluate(MAPS)))
         assert [(entry["name"], entry["size"]) for entry in maps] == [

@@ -127,6 +127,23 @@ class Telephone(Browser):
         for key in keys:
             await self.tap(f"document.querySelector('nav [data-key={json.dumps(key)}]')")
 
+    async def press_until(self, key: str, words: str) -> None:
+        """Touch the large button of a key until the page shows these words: on a busy machine a
+        touch may be lost, and a person touches again what is still there.
+        """
+        start_s = time.monotonic()
+        button = f"document.querySelector('nav [data-key={json.dumps(key)}]')"
+        while True:
+            if await self.evaluate(f"{button} !== null"):
+                await self.tap(button)
+            for _ in range(300):
+                if words in " ".join((await self.words()).split()):
+                    return
+                await asyncio.sleep(0.1)
+            assert time.monotonic() - start_s < HANGS_S, (
+                f"{words!r} never came:\n{await self.words()}"
+            )
+
     async def fill(self, label: str, text: str) -> None:
         """Touch a field and write: the first touch selects its text. A page that is drawn anew
         takes the letters away from it: a person who sees that touches it again.
@@ -142,7 +159,13 @@ class Telephone(Browser):
     async def choose(self, label: str, option: str) -> None:
         """Open a choice, and take the option that begins with this text."""
         choice = f"document.getElementById({json.dumps(f'choice-{label}')})"
-        await self.tap(choice)
+        is_open = f"!{choice}.parentElement.querySelector('ul').hidden"
+        while not await self.evaluate(is_open):
+            await self.tap(choice)
+            for _ in range(100):
+                if await self.evaluate(is_open):
+                    break
+                await asyncio.sleep(0.1)
         options = f"[...{choice}.parentElement.querySelectorAll('li button')]"
         await self.tap(
             f"{options}.find((each) => each.textContent.startsWith({json.dumps(option)}))"
