@@ -40,15 +40,23 @@ class LensEffect(CameraEffect):
     def __call__(
         self, pixels: Tensor, values: Values, _exposure: Exposure | None, /
     ) -> tuple[Tensor, Values]:
-        k1 = values["lens.k1"]
-        k2 = values["lens.k2"]
-        k3 = values["lens.k3"]
-        p1 = values["lens.p1"]
-        p2 = values["lens.p2"]
-        x, y = normalise_pixels(pixels, values)
-        r2 = x * x + y * y
-        gain = r2 * (k1 + r2 * (k2 + r2 * k3))
-        shift_x = x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-        shift_y = y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-        shift = torch.stack([values[CAMERA.fx] * shift_x, values[CAMERA.fy] * shift_y], -1)
-        return pixels + shift, values
+        coefficients = (values[number.param.name] for number in UNKNOWNS)
+        return pixels + brown_shift(pixels, values, *coefficients), values
+
+
+def brown_shift(
+    pixels: Tensor,
+    values: Values,
+    k1: Tensor,
+    k2: Tensor | float = 0.0,
+    k3: Tensor | float = 0.0,
+    p1: Tensor | float = 0.0,
+    p2: Tensor | float = 0.0,
+) -> Tensor:
+    """Return the (..., 2) px by which Brown's terms move (..., 2) px."""
+    x, y = normalise_pixels(pixels, values)
+    r2 = x * x + y * y
+    gain = r2 * (k1 + r2 * (k2 + r2 * k3))
+    shift_x = x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    shift_y = y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return torch.stack([values[CAMERA.fx] * shift_x, values[CAMERA.fy] * shift_y], -1)

@@ -15,10 +15,10 @@ import torch
 from torch import Tensor
 
 from calib.effects.effect import EACH_VIEW, Effect, EffectContext, EffectParameter
+from calib.effects.lens import brown_shift
 from calib.effects.view_effect import ViewEffect
 from calib.optics.board_target import CENTRE, FOCAL
 from calib.optics.exposure import Exposure
-from calib.optics.lens import normalise_pixels
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session import tolerances
@@ -52,10 +52,9 @@ VARYING_NUMBERS: Mapping[str, str] = {
 """Plain words for the numbers, by the name of the effect."""
 FOCAL_LENGTH = "focal"
 """The number that stands for fx and fy, by the same fraction."""
-FIRST_RADIAL = CAMERA.of("k1")
 RADIAL_CHANGE = "lens.k1"
-"""The number that stands for the first radial coefficient of a lens that has none: it moves pixels
-in front of the lens, as the effect `lens` does.
+"""The number that stands for a change of the lens's distortion: it moves pixels in front of the
+stated lens, as the effect `lens` does.
 """
 
 
@@ -68,8 +67,6 @@ def varying_number(name: str) -> EffectParameter:
         return EffectParameter.of(name, tolerances.FOCAL, CAMERA.focal, relative=True)
     if name in CAMERA.centre:
         return EffectParameter.of(name, tolerances.PRINCIPAL_POINT, (name,))
-    if name == FIRST_RADIAL:
-        return EffectParameter.of(name, tolerances.RADIAL, (name,))
     if name == RADIAL_CHANGE:
         return EffectParameter.of(name, tolerances.RADIAL)
     dimension = find_dimension(number_of(name))
@@ -139,10 +136,7 @@ class Varying(Effect):
                 shifted[name] = value * (1 + change) if number.relative else value + change
         if RADIAL_CHANGE in self.numbers:
             change = values[self._name(varying_number(RADIAL_CHANGE))] * followed
-            x, y = normalise_pixels(pixels, shifted)
-            gain = change * (x * x + y * y)
-            shift = (shifted[CAMERA.fx] * x * gain, shifted[CAMERA.fy] * y * gain)
-            pixels = pixels + torch.stack(shift, -1)
+            pixels = pixels + brown_shift(pixels, shifted, change)
         return pixels, shifted
 
     def _name(self, number: EffectParameter) -> str:

@@ -15,6 +15,7 @@ from calib.effects.varying import (
     ALTERNATING,
     FOCAL_LENGTH,
     FROM_VIEW,
+    RADIAL_CHANGE,
     WITH_NEARNESS,
     WITH_TILT,
     WITH_TIME,
@@ -24,7 +25,7 @@ from calib.inference.fitted_model import FittedModel
 from calib.optics import rotation
 from calib.session.parameter_names import CAMERA, number_of
 from calib.session.shapes.registry import find_dimension
-from calib.session.tolerances import BOARD_FLEX, RADIAL
+from calib.session.tolerances import BOARD_FLEX
 
 Array = NDArray[np.float64]
 WARM_UPS = (1 / 16, 1 / 8, 1 / 4)
@@ -92,7 +93,7 @@ def groups_of(context: EffectContext) -> tuple[Group, ...]:
     """Return the groups of numbers that may differ from view to view in this session."""
     focal = varying_number(FOCAL_LENGTH)
     centre = tuple(map(varying_number, CAMERA.centre))
-    radial = EffectParameter.of("k1", RADIAL, ("lens.k1",))
+    radial = replace(varying_number(RADIAL_CHANGE), shifts=(RADIAL_CHANGE,))
     bend = tuple(
         EffectParameter.of(name, BOARD_FLEX, (f"board_shape.{name}",))
         for name in ("xx", "xy", "yy")

@@ -32,7 +32,7 @@ from calib.effects.effect import Effect, EffectContext
 from calib.effects.lens import LensEffect
 from calib.effects.registry import EFFECTS, OF_VIEW
 from calib.effects.rolling_shutter import RollingShutter
-from calib.effects.varying import FIRST_RADIAL, FOCAL_LENGTH, RADIAL_CHANGE, Varying
+from calib.effects.varying import Varying
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.normal_equations import ReducedProducts
 from calib.estimation.objective import view_precision
@@ -53,7 +53,6 @@ from calib.inference.varying_numbers import (
 )
 from calib.optics.board_target import MOTION, block_columns
 from calib.optics.relief import AMPLITUDES
-from calib.session.parameter_names import CAMERA
 from calib.session.tolerances import (
     BOARD_MOVE,
     BOARD_SPIN,
@@ -115,9 +114,6 @@ class Variation:
         if name == BoardScale.name:
             return ()
         numbers = [number.param.name for number in self.group.numbers]
-        if name == LensEffect.name:
-            numbers = [FOCAL_LENGTH, *CAMERA.centre]
-            numbers += [FIRST_RADIAL if FIRST_RADIAL in context.values else RADIAL_CHANGE]
         # The maps are of the state at the end, which the next picture has, or of the mean.
         ends = {VariationKind.STEP: self.pattern.max(), VariationKind.WARM_UP: self.pattern.min()}
         pattern = self.pattern - ends.get(self.kind, 0.0)

@@ -21,7 +21,7 @@ glass hardly changes it.
 """
 NO_BETTER = 0.95
 """Fit with a cover over pinhole stage, from which the cover explains nothing: pictures without the
-cover that declared one left 1.03, and the weakest cover of twenty drawn sessions 0.87.
+cover that declared one left 1.03, and the weakest cover of 22 drawn sessions 0.87.
 """
 EXPLAINED = 3.0
 """Pinhole stage over the corners' noise, up to where the camera alone explains them: a lens that

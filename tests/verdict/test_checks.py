@@ -143,6 +143,9 @@ def with_stages(calibration: Calibration, pinhole: float, cover: float, last: fl
 def test_a_cover_that_is_worse_than_none(good: Calibration) -> None:
     (reason,) = asked(worse_than_none, with_stages(good, 1.0, 1.01 * WORSE_THAN_BARE, 1.0))
     assert "larger than no cover at all" in reason.sentence
+    even = with_stages(good, 1.0, 1.01 * WORSE_THAN_BARE, 1.0)
+    even = replace(even, stages=even.stages[:-1])
+    assert len(list(asked(worse_than_none, even))) == 1, "the paper's method with even glass"
     assert not asked(worse_than_none, with_stages(good, 1.0, 0.99 * WORSE_THAN_BARE, 1.0))
 
 

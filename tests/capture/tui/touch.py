@@ -61,11 +61,14 @@ class Telephone(Browser):
     async def see(self, words: str) -> None:
         """Wait until the page shows these words."""
         start_s = time.monotonic()
-        while words not in " ".join((await self.words()).split()):
+        while not await self.shows(words):
             assert time.monotonic() - start_s < HANGS_S, (
                 f"{words!r} never came:\n{await self.words()}"
             )
             await asyncio.sleep(0.1)
+
+    async def shows(self, words: str) -> bool:
+        return words in " ".join((await self.words()).split())
 
     async def words(self) -> str:
         return str(await self.evaluate(WORDS))
@@ -137,7 +140,7 @@ class Telephone(Browser):
             if await self.evaluate(f"{button} !== null"):
                 await self.tap(button)
             for _ in range(300):
-                if words in " ".join((await self.words()).split()):
+                if await self.shows(words):
                     return
                 await asyncio.sleep(0.1)
             assert time.monotonic() - start_s < HANGS_S, (
@@ -160,7 +163,9 @@ class Telephone(Browser):
         """Open a choice, and take the option that begins with this text."""
         choice = f"document.getElementById({json.dumps(f'choice-{label}')})"
         is_open = f"!{choice}.parentElement.querySelector('ul').hidden"
+        start_s = time.monotonic()
         while not await self.evaluate(is_open):
+            assert time.monotonic() - start_s < HANGS_S, f"{label} does not open"
             await self.tap(choice)
             for _ in range(100):
                 if await self.evaluate(is_open):
