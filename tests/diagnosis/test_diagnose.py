@@ -42,12 +42,14 @@ def bowed() -> Calibration:
 
 
 @pytest.fixture(scope="module")
-def found(bowed: Calibration) -> tuple[Calibration, Diagnosis]:
+def diagnosed(bowed: Calibration) -> tuple[Calibration, Diagnosis]:
     return diagnose(bowed, Silent())
 
 
-def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Diagnosis]) -> None:
-    _, finding = found
+def test_a_bowed_board_is_named_with_its_parameters(
+    diagnosed: tuple[Calibration, Diagnosis],
+) -> None:
+    _, finding = diagnosed
     assert finding.accepted == ("board_shape",)
     candidates = [candidate for candidate in finding.candidates if candidate.accepted]
     (accepted,) = candidates
@@ -69,9 +71,9 @@ def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Di
 
 @pytest.mark.usefixtures("without_figures")
 def test_the_command_s_json_carries_the_verdict(
-    found: tuple[Calibration, Diagnosis], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    diagnosed: tuple[Calibration, Diagnosis], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    better, finding = found
+    better, finding = diagnosed
     better = replace(better, request=FitRequest(Settings(grid=None, free=())))
     assert main(["diagnose", str(better.save(tmp_path)), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
@@ -83,8 +85,8 @@ def test_the_command_s_json_carries_the_verdict(
     assert list(answer["verdict"]) == ["word", "reasons", "suspects", "next"]
 
 
-def test_the_contract_s_json_has_its_keys(found: tuple[Calibration, Diagnosis]) -> None:
-    report = found[1].as_json()
+def test_the_contract_s_json_has_its_keys(diagnosed: tuple[Calibration, Diagnosis]) -> None:
+    report = diagnosed[1].as_json()
     assert {"residual", "candidates", "accepted", "before", "after", "unexplained"} <= set(report)
     assert set(report["before"]) == {"rms_px", "rmse_cm", "held_out_px"}
     keys = {
@@ -103,9 +105,9 @@ def test_the_contract_s_json_has_its_keys(found: tuple[Calibration, Diagnosis]) 
 
 
 def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(
-    found: tuple[Calibration, Diagnosis], tmp_path: Path
+    diagnosed: tuple[Calibration, Diagnosis], tmp_path: Path
 ) -> None:
-    better, finding = found
+    better, finding = diagnosed
     better.save(tmp_path)
     read_back = Calibration.load(tmp_path)
     pixels = np.array([[1600.0, 1200.0], [400.0, 300.0]])
@@ -197,9 +199,9 @@ def test_the_presence_of_an_effect_is_detected_before_its_gain() -> None:
     true = rng.normal(0, 0.3, (80, 2))
     predicted = true + rng.normal(0, 0.3, (12, 80, 2))
     views = true + rng.normal(0, 1, (12, 80, 2))
-    found = held_out_gain(held(views), held(views - predicted))
-    assert found.p_value > 0.05
-    assert found.presence_p_value < 1e-3
+    gain = held_out_gain(held(views), held(views - predicted))
+    assert gain.p_value > 0.05
+    assert gain.presence_p_value < 1e-3
     assert held_out_gain(held(views), held(views - predicted, half=True)).presence_p_value == 1
 
 
@@ -290,12 +292,12 @@ def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
 
 
 def test_maps_of_a_diagnosed_calibration_carry_their_sigma(
-    found: tuple[Calibration, Diagnosis],
+    diagnosed: tuple[Calibration, Diagnosis],
 ) -> None:
     """A bend of the board moves no ray, but makes the fit less certain of the glass: sigma grows a
     little.
     """
-    better, _ = found
+    better, _ = diagnosed
     field = predicted_sigma(better)
     assert field
     at = np.full((1, 1), 1600.0), np.full((1, 1), 1200.0)

@@ -169,11 +169,11 @@ class Form:
     """One effect in one situation."""
 
     effect: Effect
-    there: Situation
+    situation: Situation
 
     @property
     def model(self) -> CameraModel:
-        return self.there.model.with_effect(self.effect)
+        return self.situation.model.with_effect(self.effect)
 
     def present(self) -> tuple[dict[str, Tensor], Tensor]:
         """Numbers with which it is there, and the (V, B) numbers of the views."""
@@ -186,34 +186,36 @@ class Form:
             values[unknown.param.name] = values[
                 unknown.param.name
             ] + unknown.param.scale * torch.from_numpy(np.asarray(error))
-        poses = self.model.pad_poses(self.there.poses)
+        poses = self.model.pad_poses(self.situation.poses)
         size = {FLEX: 1e-3, CENTRE: 5.0}.get(self.effect.per_view, 0.01)
         block_values = torch.from_numpy(rng.uniform(-size, size, (len(poses), poses.shape[1] - 6)))
         return values, torch.cat([poses[:, :6], block_values], 1)
 
     def __str__(self) -> str:
         choice = str(getattr(self.effect, "behind", getattr(self.effect, "over", "")))
-        words = (self.effect.name, self.effect.varies, self.there.cover.shape, choice)
+        words = (self.effect.name, self.effect.varies, self.situation.cover.shape, choice)
         return "-".join(filter(None, words))
 
 
-def varying(there: Situation) -> Iterator[Varying]:
+def varying(situation: Situation) -> Iterator[Varying]:
     """Yield effects whose numbers follow a pattern over the views."""
     yield Varying("focal", WITH_TIME, (FOCAL_LENGTH,), (-1.0, -0.5, 0.5, 1.0))
     yield Varying("lens", ALTERNATING, (FOCAL_LENGTH, RADIAL_CHANGE), (-1.0, 1.0, -1.0, 1.0))
-    if there.path.cover:
-        numbers = [name for name in there.values if "tilt" in name or name.endswith("thickness")]
+    if situation.path.cover:
+        numbers = [
+            name for name in situation.values if "tilt" in name or name.endswith("thickness")
+        ]
         yield Varying("cover_tilt", FROM_VIEW, tuple(numbers), (-1.0, -1.0, 0.0, 0.0))
 
 
 FORMS = (
     *(
-        Form(effect, there)
+        Form(effect, situation)
         for kind in (*KINDS, *OF_VIEW)
-        for there in SITUATIONS
-        for effect in kind.propose(there.surroundings())
+        for situation in SITUATIONS
+        for effect in kind.propose(situation.surroundings())
     ),
-    *(Form(effect, there) for there in SITUATIONS for effect in varying(there)),
+    *(Form(effect, situation) for situation in SITUATIONS for effect in varying(situation)),
 )
 
 each_form = pytest.mark.parametrize("form", FORMS, ids=str)

@@ -38,11 +38,13 @@ MOST = 12
 """
 
 each_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
-each_situation = pytest.mark.parametrize("there", SITUATIONS, ids=lambda there: there.cover.shape)
+each_situation = pytest.mark.parametrize(
+    "situation", SITUATIONS, ids=lambda situation: situation.cover.shape
+)
 
 
 def land(form: Form, values: dict[str, Tensor], poses: Tensor) -> Tensor:
-    observations = form.there.observations
+    observations = form.situation.observations
     landed, failure = form.model.path.land(
         observations.pixels, values, poses[observations.view], observations.exposure
     )
@@ -78,9 +80,9 @@ def test_every_effect_has_a_plain_description(kind: type[Effect]) -> None:
 @each_form
 def test_neutral_parameters_change_no_landing(form: Form) -> None:
     model = form.model
-    neutral = {**form.there.values, **model.neutral_values(form.effect)}
+    neutral = {**form.situation.values, **model.neutral_values(form.effect)}
     assert (
-        land(form, neutral, model.pad_poses(form.there.poses)) - land_without(form.there)
+        land(form, neutral, model.pad_poses(form.situation.poses)) - land_without(form.situation)
     ).abs().max() < 1e-14  # m
 
 
@@ -105,7 +107,7 @@ def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
     for unknown in form.effect.effect_parameters:
         if unknown.shifts:
             name = unknown.param.name
-            other_values = {**form.there.values, **form.model.neutral_values(form.effect)}
+            other_values = {**form.situation.values, **form.model.neutral_values(form.effect)}
             by_effect = land(form, {**other_values, name: values[name]}, poses)
             change = values[name]
             moved = {
@@ -188,7 +190,7 @@ def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
     """The relief's derivatives go through probes and the chart of the glass, which an effect may
     move.
     """
-    if not form.there.relief:
+    if not form.situation.relief:
         return
     values, poses = form.present()
     landing = _landing(form, values, poses, relief_moves=True)
@@ -231,7 +233,7 @@ def test_an_effect_is_read_as_it_was_written(form: Form) -> None:
 @each_form
 def test_a_calibration_keeps_it(form: Form, tmp_path: Path) -> None:
     values, poses = form.present()
-    made = form.there.calibration([AddedEffect(form.effect, _estimated(form, values))], poses)
+    made = form.situation.calibration([AddedEffect(form.effect, _estimated(form, values))], poses)
     read_back = Calibration.load(made.save(tmp_path))
     observations = read_back.observations
     for written_rays, read_rays in zip(
@@ -248,25 +250,27 @@ def test_a_calibration_keeps_it(form: Form, tmp_path: Path) -> None:
         observations.exposure,
     )
     assert torch.equal(landed, land(form, values, poses))
-    assert (landed - land_without(form.there)).abs().max() > 1e-7, "it is there"
+    assert (landed - land_without(form.situation)).abs().max() > 1e-7, "it is there"
 
 
 @each_situation
-def test_estimated_numbers_are_not_proposed_again(there: Situation) -> None:
-    names = [param.name for param in there.path.params]
+def test_estimated_numbers_are_not_proposed_again(situation: Situation) -> None:
+    names = [param.name for param in situation.path.params]
     kinds: tuple[type[Effect], ...] = (PrincipalPoint, Focal, CoverOffset, CoverTilt)
-    assert not [effect for kind in kinds for effect in kind.propose(there.surroundings(names))]
+    assert not [effect for kind in kinds for effect in kind.propose(situation.surroundings(names))]
 
 
 @each_situation
-def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
-    assert not FineSurface.propose(there.surroundings(placed=False))
-    proposed = FineSurface.propose(there.surroundings())
-    assert [effect.form for effect in proposed] == (["", "bump"] if there.relief else [])
+def test_finer_glass_needs_a_place_that_asks_for_it(situation: Situation) -> None:
+    assert not FineSurface.propose(situation.surroundings(placed=False))
+    proposed = FineSurface.propose(situation.surroundings())
+    assert [effect.form for effect in proposed] == (["", "bump"] if situation.relief else [])
     for effect in proposed[:1]:
-        assert there.relief
+        assert situation.relief
         assert isinstance(effect.relief, Relief)
-        assert effect.relief.spacing == pytest.approx([step / 7 for step in there.relief.spacing])
+        assert effect.relief.spacing == pytest.approx(
+            [step / 7 for step in situation.relief.spacing]
+        )
 
 
 @pytest.mark.parametrize(
@@ -296,7 +300,7 @@ def test_a_file_without_a_known_effect_is_refused(change: dict[str, object], rea
 def _landing(
     form: Form, values: dict[str, Tensor], poses: Tensor, *, relief_moves: bool = False
 ) -> ResidualBlock:
-    observations = form.there.observations
+    observations = form.situation.observations
     weights = torch.eye(2, dtype=torch.float64).expand(len(observations.pixels), 2, 2)
     relief = form.model.path.relief if relief_moves else None
     parameters = Parameters(

@@ -53,7 +53,7 @@ def setup(made: Scene) -> Setup:
 
 
 @pytest.fixture(scope="module")
-def few(made: Scene, setup: Setup) -> PlanningFit:
+def small_fit(made: Scene, setup: Setup) -> PlanningFit:
     return estimate(setup, made.views[:2], GRID)
 
 
@@ -61,8 +61,8 @@ def some_poses() -> np.ndarray:
     return make_pose_bank(scene(1, 1).board, CAMERA, REACH).poses[::12]
 
 
-def test_the_jacobian_is_central_differences_of_rays(few: PlanningFit) -> None:
-    model = few.model
+def test_the_jacobian_is_central_differences_of_rays(small_fit: PlanningFit) -> None:
+    model = small_fit.model
     pixels = np.array([[300.0, 200], [1600, 1200], [3000, 2300]])
     jacobian, motions, failed = undistorted_jacobian(model.path, model.parameters, pixels)
     assert not failed.any()
@@ -118,13 +118,13 @@ def test_the_jacobian_is_central_differences_of_rays(few: PlanningFit) -> None:
 ZERO = np.zeros(3)
 
 
-def test_a_view_s_information_is_the_schur_complement_of_its_pose(few: PlanningFit) -> None:
+def test_a_view_s_information_is_the_schur_complement_of_its_pose(small_fit: PlanningFit) -> None:
     """Oracle: the solver's own normal equations, each view by itself; and that they add up."""
-    model, observations = few.model, few.observations
-    weights = pixel_weights(model.path, model.means, observations, few.poses, 1.0)
-    ours = view_information(model, observations, few.poses)
+    model, observations = small_fit.model, small_fit.observations
+    weights = pixel_weights(model.path, model.means, observations, small_fit.poses, 1.0)
+    ours = view_information(model, observations, small_fit.poses)
     pieces = make_residual_blocks(model.path, model.parameters, observations, weights)
-    equations = normal_equations(piece.linearise(model.means, few.poses) for piece in pieces)
+    equations = normal_equations(piece.linearise(model.means, small_fit.poses) for piece in pieces)
     total = equations.eliminate_blocks().hessian
     assert ours.shape == (2, *total.shape)
     assert ours.sum(0) == pytest.approx(
@@ -150,11 +150,13 @@ def test_the_predicted_sigma_is_the_calibrations_own(made: Scene) -> None:
     assert 0.7 < np.median(ours / theirs) < 1
 
 
-def test_neglected_modes_change_nothing(few: PlanningFit, setup: Setup) -> None:
+def test_neglected_modes_change_nothing(small_fit: PlanningFit, setup: Setup) -> None:
     """Oracle: the covariance of all shared parameters, without modes."""
-    surveyed_design = few.design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
-    model = few.model
-    information = view_information(model, few.observations, few.poses).sum(0) / few.sigma**2
+    surveyed_design = small_fit.design(setup, some_poses(), COVERAGE_CELLS, DEPTHS)
+    model = small_fit.model
+    information = (
+        view_information(model, small_fit.observations, small_fit.poses).sum(0) / small_fit.sigma**2
+    )
     fixed = [
         (param.scale / float(model.priors.sigmas[param.name])) ** 2
         for param in model.parameters.free
@@ -162,7 +164,7 @@ def test_neglected_modes_change_nothing(few: PlanningFit, setup: Setup) -> None:
     precision = np.zeros_like(information)
     assert model.path.relief
     amplitudes = GRID[0] * GRID[1]
-    precision[:amplitudes, :amplitudes] = few.smoothness.precision(model.path.relief)
+    precision[:amplitudes, :amplitudes] = small_fit.smoothness.precision(model.path.relief)
     precision[amplitudes:, amplitudes:] = np.diag(fixed)
     covariance = np.linalg.inv(information + precision)
     cell_rows, cell_columns = COVERAGE_CELLS
@@ -182,25 +184,27 @@ def test_neglected_modes_change_nothing(few: PlanningFit, setup: Setup) -> None:
 
 
 def test_poses_that_the_cover_pushes_out_of_the_picture_are_dropped(
-    few: PlanningFit, setup: Setup
+    small_fit: PlanningFit, setup: Setup
 ) -> None:
     poses = np.array([[0, 0, 0, 0, 0, 0.8], [0, 0, 0, 0.6, 0, 0.8]])
-    design = few.design(setup, poses, COVERAGE_CELLS, DEPTHS)
+    design = small_fit.design(setup, poses, COVERAGE_CELLS, DEPTHS)
     assert design.poses == pytest.approx(poses[:1])
 
 
-def test_visible_corners_of_a_board_with_markers_count(few: PlanningFit, made: Scene) -> None:
+def test_visible_corners_of_a_board_with_markers_count(small_fit: PlanningFit, made: Scene) -> None:
     """Oracle: the same view with the other corners taken from its observations.
 
     A pose in which too little is seen is dropped.
     """
     board = replace(made.board, coding=Charuco(0.75 * made.board.square, "DICT_4X4_250"))
     half_out, far_out = np.array([0.1, -0.2, 0, 0.5, 0, 0.8]), np.array([0, 0, 0, 0.62, 0.46, 0.8])
-    result = survey(few.model, board, CAMERA, np.array([half_out, far_out]), COVERAGE_CELLS, DEPTHS)
+    result = survey(
+        small_fit.model, board, CAMERA, np.array([half_out, far_out]), COVERAGE_CELLS, DEPTHS
+    )
     assert (
         len(
             survey(
-                few.model, made.board, CAMERA, np.array([half_out]), COVERAGE_CELLS, DEPTHS
+                small_fit.model, made.board, CAMERA, np.array([half_out]), COVERAGE_CELLS, DEPTHS
             ).poses
         )
         == 0
@@ -213,7 +217,7 @@ def test_visible_corners_of_a_board_with_markers_count(few: PlanningFit, made: S
     full = Observations.of((view,), made.board)
     assert len(full.pixels) == visible.sum()
     assert result.information == pytest.approx(
-        view_information(few.model, full, torch.from_numpy(half_out[None])), rel=1e-6
+        view_information(small_fit.model, full, torch.from_numpy(half_out[None])), rel=1e-6
     )
 
 
@@ -247,11 +251,11 @@ def test_planned_views_beat_others(setup: Setup) -> None:
 
 
 def test_a_rougher_prior_and_more_noise_make_maps_less_certain(
-    few: PlanningFit, setup: Setup
+    small_fit: PlanningFit, setup: Setup
 ) -> None:
     def sigma(height: float, noise: float) -> float:
         changed = PlanningFit(
-            few.model, few.poses, few.observations, Smoothness(height, 0.4), noise
+            small_fit.model, small_fit.poses, small_fit.observations, Smoothness(height, 0.4), noise
         )
         design = changed.design(setup, some_poses()[:3], COVERAGE_CELLS, DEPTHS)
         return design.sigma(design.precision())

@@ -262,8 +262,8 @@ async def _both_phases(address: str, size: tuple[int, int], source: Path, folder
             await phone.fill(name, text)
         await phone.resize(with_keyboard)
         await phone.see("if metres were meant")
-        for part in (CALL.format("problem"), BUTTON.format("ctrl+s"), "document.activeElement"):
-            await phone.until(VISIBLE % part)
+        for script in (CALL.format("problem"), BUTTON.format("ctrl+s"), "document.activeElement"):
+            await phone.until(VISIBLE % script)
         await _keep(phone, "keyboard-wrong", size)
         await phone.let_go()
         await phone.fill("square_mm", "20")  # the touch selects what is there
@@ -282,24 +282,24 @@ async def _both_phases(address: str, size: tuple[int, int], source: Path, folder
         await phone.until(VISIBLE % CALL.format("now"))
         await asyncio.sleep(1.0)  # whatever moves the page after that has moved it
         await _keep(phone, "phase-cover-on", size)
-        for part in (CALL.format("now"), BUTTON.format("ctrl+s")):
-            assert await phone.sees_whole(part), part
+        for script in (CALL.format("now"), BUTTON.format("ctrl+s")):
+            assert await phone.sees_whole(script), script
         assert await phone.evaluate("document.querySelector('main').scrollTop") == 0
         await phone.tap("document.getElementById('field-source')")
         await phone.resize(with_keyboard)
-        for part in (
+        for script in (
             CALL.format("now"),
             BUTTON.format("ctrl+s"),
             "document.getElementById('field-source')",
         ):
-            await phone.until(VISIBLE % part)
+            await phone.until(VISIBLE % script)
         await _keep(phone, "keyboard-cover-on", size)
         await phone.press("ctrl+s")
         await phone.resize(size)
         await phone.see("Through cover")
         await phone.see("no more pictures")
-        for part in (CALL.format("verdict"), BUTTON.format("f")):
-            await phone.until(VISIBLE % part)
+        for script in (CALL.format("verdict"), BUTTON.format("f")):
+            await phone.until(VISIBLE % script)
         await _keep(phone, "phase-covered", size)
         assert phone.complaints == []
 
