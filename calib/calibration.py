@@ -6,7 +6,7 @@ they are enough to fit again.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from hashlib import sha256
 from os import PathLike
@@ -38,7 +38,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
 from calib.fit_record.history import History
-from calib.fit_record.outcome import FitOutcome
+from calib.fit_record.outcome import FitOutcome, Uncertainty
 from calib.fit_record.record_file import record_from_yaml, record_to_yaml
 from calib.fit_record.request import FitRequest
 from calib.io.array_arguments import on_finite_rows, pixel_rows, point_rows
@@ -442,6 +442,7 @@ class Calibration:
             "inset": self.relief.inset,
             **({"anchor": list(self.relief.anchor)} if self.relief.anchor else {}),
         }
+        uncertainty = self.outcome.uncertainty
         return {
             "format": FORMAT,
             "refracal": self.refracal,
@@ -455,6 +456,7 @@ class Calibration:
             "relief": relief,
             "effects": [effect_to_yaml(added.effect, added.parameters) for added in self.effects],
             "gauge": self.gauge,
+            **({} if uncertainty is None else {"uncertainty": asdict(uncertainty)}),
             "settings": self.record(),
             "noise_px": math.nan if self.noise_px is None else self.noise_px,
             "stages": [
@@ -560,6 +562,8 @@ def _from_mapping(
         has_views=len(arrays["names"]) > 0,
     )
     request, outcome, history = record_from_yaml(document["settings"])
+    if "uncertainty" in document:
+        outcome = replace(outcome, uncertainty=Uncertainty(**document["uncertainty"]))
     check_joint(
         outcome.joint,
         has_covariance=arrays["covariance"].size > 0,

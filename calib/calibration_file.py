@@ -23,6 +23,7 @@ from calib.io.frames_table import LATEST_S
 from calib.io.shapes import (
     anything,
     choice,
+    count,
     either,
     flag,
     many,
@@ -80,7 +81,18 @@ CALIBRATION = record(
         "noise_px": number,
         "stages": many(record({"name": choice(*STAGES), "rms_px": number, "rmse_cm": number})),
         "frames_rejected": many(record({"file": text, "reason": text})),
-    }
+    },
+    {
+        "uncertainty": record(
+            {
+                "method": text,
+                "views": count,
+                "inflation": positive,
+                "view_scatter": number,
+                "corner_scatter": number,
+            }
+        )
+    },
 )
 
 

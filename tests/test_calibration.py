@@ -22,7 +22,13 @@ from calib.fit_record.history import (
     MediumChange,
     UpdateRecord,
 )
-from calib.fit_record.outcome import CrossValidation, FitOutcome, FleetPriorTest, Redetection
+from calib.fit_record.outcome import (
+    CrossValidation,
+    FitOutcome,
+    FleetPriorTest,
+    Redetection,
+    Uncertainty,
+)
 from calib.fit_record.request import CommandOptions, Settings
 from calib.fit_record.shapes import RECORD
 from calib.fitting.fit import fit
@@ -172,7 +178,7 @@ def test_the_record_comes_back_equal(calibration: Calibration, tmp_path: Path) -
         calibration.outcome,
         shape_log_odds={"cone": 0.0, "dome": -12.5},
         lens_held_out_px={"0": 1.0, "12": 0.25},
-        view_scatter=1.25,
+        uncertainty=Uncertainty(24, 1.5, 1.25, 1.1),
         turned_boards=("0001.png",),
         mixed_settings=("the pictures' names are those of two cameras",),
         redetections=(Redetection("0000.png", new_corners=3, refused=1, dropped=0),),

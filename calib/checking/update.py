@@ -195,7 +195,7 @@ def _apply_fit(
         relief_prior=former.relief_prior if former else None,
     )
     # The covariance is that of the prior and the later corners; `overdispersion` has their scatter.
-    return replace(updated, outcome=replace(calibration.outcome, joint=joint, view_scatter=None))
+    return replace(updated, outcome=replace(calibration.outcome, joint=joint, uncertainty=None))
 
 
 def _free_name(name: str, taken: set[str]) -> str:

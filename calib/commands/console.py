@@ -62,7 +62,7 @@ class Bars:
 
 
 MIN_SCATTER = 1.5
-"""The scatter of the views from which a fit says so; noise alone gives up to 1.2."""
+"""The scatter of views or board corners from which a fit says so; noise alone gives up to 1.2."""
 
 
 def print_fit(calibration: Calibration, seconds: float) -> None:
@@ -160,11 +160,16 @@ def _bend(calibration: Calibration) -> Iterator[str]:
 
 def _scatter(calibration: Calibration) -> Iterator[str]:
     """Yield a line on the scatter of the views, if it is more than noise."""
-    scatter = calibration.outcome.view_scatter
-    if scatter and scatter > MIN_SCATTER:
+    uncertainty = calibration.outcome.uncertainty
+    if uncertainty and uncertainty.view_scatter > MIN_SCATTER:
         yield (
-            f"The views scatter {scatter:.1f} times as much about the fit as independent corners"
-            " would: the standard deviations allow for it."
+            f"The views scatter {uncertainty.view_scatter:.1f} times as much about the fit as"
+            " independent corners would: the standard deviations allow for it."
+        )
+    if uncertainty and uncertainty.corner_scatter > MIN_SCATTER:
+        yield (
+            f"The board's corners scatter {uncertainty.corner_scatter:.1f} times as much about the"
+            " fit as a print without errors would: the standard deviations allow for it."
         )
 
 

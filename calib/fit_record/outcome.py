@@ -96,6 +96,23 @@ class JointOutcome:
 
 
 @dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """How the covariance of a fit counts views and corners of the board."""
+
+    views: int
+    """The number of different poses of the board."""
+    inflation: float
+    """The root mean square, over what the corners determine, of the standard deviations over those
+    of independent corners.
+    """
+    view_scatter: float
+    """The scatter of the views about the fit, over that of independent corners."""
+    corner_scatter: float
+    """The same of the corners of the board, each in all views: what its print leaves."""
+    method: str = "views and board corners"
+
+
+@dataclass(frozen=True, slots=True)
 class FitOutcome:
     """The outcome that a calibration records. None stands for what is not recorded."""
 
@@ -121,9 +138,9 @@ class FitOutcome:
     """None if the request has no folds."""
     fleet_prior: FleetPriorTest | None = None
     """None if the session names no prior."""
-    view_scatter: float | None = None
-    """The scatter of the views about the fit, over that of independent corners; the covariance is
-    of views that scatter so. None if the covariance counts corners.
+    uncertainty: Uncertainty | None = None
+    """How the covariance counts views and corners of the board; None if it counts every corner of
+    every view as independent.
     """
     joint: JointOutcome | None = None
     """None if no joint fit was made: a camera without a cover, or the paper's method."""

@@ -41,7 +41,6 @@ RECORD: Mapping[str, Shape] = {
     "intrinsics_from": choice("session.yaml", "bare", "prior", "views"),
     "shape_log_odds": table(number),
     "lens_held_out_px": table(number),
-    "view_scatter": positive,
     "turned_boards": many(text),
     "mixed_settings": many(text),
     "second_look": many(record({"file": text, "found": count, "refused": count, "dropped": count})),

@@ -13,7 +13,13 @@ from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals
 from calib.estimation.robust import outlier_mask
 from calib.estimation.stated_priors import with_estimates
-from calib.fit_record.outcome import FitOutcome, FleetPriorTest, JointOutcome, Redetection
+from calib.fit_record.outcome import (
+    FitOutcome,
+    FleetPriorTest,
+    JointOutcome,
+    Redetection,
+    Uncertainty,
+)
 from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.board_turns import turn_back
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
@@ -173,13 +179,13 @@ def fit(
             resolved = resolve_prior_conflict(fitted, setup, nominal, views, settings, progress)
     fitted, setup = resolved.fitted, resolved.setup
     joint = fitted.joint
-    scatter: float | None = None
+    uncertainty: Uncertainty | None = None
     if joint and fitted.model:
         with single_thread():
             observations = Observations.of(views, session.board)
             unknown = unknown_names(setup.intrinsics, setup.cover)
             labels = pose_labels(views)
-            joint, scatter = count_views(fitted.model, observations, joint, labels, unknown)
+            joint, uncertainty = count_views(fitted.model, observations, joint, labels, unknown)
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, joint)
     validation = None
     if settings.folds:
@@ -213,7 +219,7 @@ def fit(
             view_noise=noise_ratios,
             cross_validation=validation,
             fleet_prior=prior,
-            view_scatter=scatter,
+            uncertainty=uncertainty,
             joint=JointOutcome.of(joint) if joint else None,
         ),
         effects=added_effects(fitted.effects, joint) if joint else (),

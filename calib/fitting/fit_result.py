@@ -17,7 +17,7 @@ from calib.estimation.joint_fit import Estimate, JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.estimation.stated_priors import with_estimates
-from calib.fit_record.outcome import JointOutcome
+from calib.fit_record.outcome import JointOutcome, Uncertainty
 from calib.inference.fitted_model import FittedModel
 from calib.inference.view_scatter import ViewScatter
 from calib.session.numbers import unknown_names
@@ -34,9 +34,9 @@ def with_fit(
     declared = calibration.declared
     unknown = unknown_names(declared.intrinsics, declared.cover)
     labels = pose_labels(calibration.views)
-    reported, scatter = count_views(model, observations, joint, labels, unknown)
+    reported, uncertainty = count_views(model, observations, joint, labels, unknown)
     estimated = with_estimate(calibration, model, reported, observations)
-    outcome = replace(calibration.outcome, joint=JointOutcome.of(joint), view_scatter=scatter)
+    outcome = replace(calibration.outcome, joint=JointOutcome.of(joint), uncertainty=uncertainty)
     return replace(estimated, outcome=outcome)
 
 
@@ -46,15 +46,19 @@ def count_views(
     joint: JointFit,
     labels: NDArray[np.int64],
     unknown: Sequence[str] = (),
-) -> tuple[JointFit, float]:
-    """Return the fit with a covariance that counts views, and the scatter of the views.
+) -> tuple[JointFit, Uncertainty]:
+    """Return the fit with a covariance that counts views and corners of the board, and how it
+    counts them.
 
     Args:
         unknown: the names of the unknown numbers. None becomes less certain than its wide prior:
             the prior is no measurement that scatters with the views.
     """
     scatter = ViewScatter.of(FittedModel(model, observations, joint), labels)
-    return _limited_by_priors(scatter.widen(joint), unknown), scatter.ratio
+    uncertainty = Uncertainty(
+        len(np.unique(labels)), scatter.inflation, scatter.ratio, scatter.corner_ratio
+    )
+    return _limited_by_priors(scatter.widen(joint), unknown), uncertainty
 
 
 def _limited_by_priors(joint: JointFit, names: Sequence[str]) -> JointFit:

@@ -3,18 +3,22 @@
 The corners of one view share what the model lacks: a board that flexed, a focus that moved, a print
 that is not even. Their errors are not independent, and a covariance that counts them as such is too
 small: on twelve measured sets, fits of two halves of the views differ by three to five of its
-standard deviations. The scores of whole views tell by how much they scatter.
+standard deviations. The scores of whole views tell by how much they scatter. What all views share
+is not seen there: an error of the print is in every view at the same corner of the board, and the
+scores of the board's corners, each summed over all views, tell by how much these scatter.
 
 Sources: H. White, Maximum likelihood estimation of misspecified models (1982), for the covariance
     under a model that is not exact; R. M. Bell, D. F. McCaffrey, Bias reduction in standard errors
     for linear regression with multi-stage samples (2002), for a view's leverage (HC2): under an
     exact model the expected scatter is 1, however many parameters a view determines. J. G.
     MacKinnon, H. White, Some heteroskedasticity-consistent covariance matrix estimators with
-    improved finite sample properties (1985), for HC3.
+    improved finite sample properties (1985), for HC3; A. C. Cameron, J. B. Gelbach, D. L. Miller,
+    Robust inference with multiway clustering (2011), for views and corners of the board together.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -38,7 +42,7 @@ E = TypeVar("E", bound=Estimate)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewScatter:
-    """The scatter of the views about a fit.
+    """The scatter of the views, and of the board's corners, about a fit.
 
     It differs between directions: a focal length that moves from view to view scatters in its own.
     One ratio stands for all directions but those in which the views scatter by more than chance
@@ -49,6 +53,14 @@ class ViewScatter:
     ratio: float
     """The root mean square of the views' scores over that of independent corners with the fit's
     noise. Noise alone gives about 1.
+    """
+    corner_ratio: float
+    """The same of the scores of the board's corners, each summed over all views: what the print
+    of the board leaves.
+    """
+    inflation: float
+    """The root mean square of the standard deviations over those of independent corners, over the
+    directions that the corners determine.
     """
     excess: Array
     """(S, S) covariance of the parameters' vector beyond that of independent corners; it is
@@ -65,35 +77,80 @@ class ViewScatter:
         """
         count = fitted.parameters().count
         if not count or len(np.unique(labels)) < MIN_VIEWS or not fitted.joint.finite:
-            return ViewScatter(1.0, np.zeros((count, count)))
-        information = np.zeros((labels.max() + 1, count, count))
-        scores = np.zeros((labels.max() + 1, count))
-        for label, equations in zip(labels.tolist(), fitted.equations(), strict=True):
-            view = equations.reduce()
-            information[label] += view.information
-            scores[label] += view.jacobian.T @ view.residual
+            return ViewScatter(1.0, 1.0, 1.0, np.zeros((count, count)))
+        views, corners, information = _scores(fitted, labels)
         root = np.linalg.cholesky(fitted.joint.covariance.numpy())
         leverages = root.T @ information @ root
         expected = leverages.sum(0)
-        determined = np.trace(expected)  # the number of directions that the corners determine
+        determined = float(np.trace(expected))  # the directions that the corners determine
+        sizes, directions = np.linalg.eigh(expected)
+        scale = np.sqrt(sizes.clip(1e-12))
+        whitening = directions / scale
+
         shares, bases = np.linalg.eigh(leverages)  # (V, S), (V, S, S)
         remainder = 1 - shares.clip(0, MAX_LEVERAGE)
-        pulls = np.einsum("vji,vj->vi", bases, scores @ root)
+        pulls = np.einsum("vji,vj->vi", bases, views @ root)
         squares = (pulls**2 / remainder).sum()  # HC2: the expected square is the leverage
         ratio = float(np.sqrt(squares / max(determined, 1e-300)))
-        corrected = np.einsum("vij,vj->vi", bases, pulls / np.sqrt(remainder))
-        sizes, directions = np.linalg.eigh(expected)
-        half = directions * np.sqrt(sizes.clip(1e-12))  # (S, S), half half^T = expected
-        whitened = corrected @ (directions / np.sqrt(sizes.clip(1e-12)))
-        scatter, axes = np.linalg.eigh(whitened.T @ whitened)
-        count = len(np.unique(labels))
-        true = _true_scatter(scatter, determined / count, max(1.0, ratio**2))
-        spread = root @ half @ (axes * np.sqrt(true - 1.0))
-        return ViewScatter(ratio, np.asarray(spread @ spread.T))
+        corrected = np.einsum("vij,vj->vi", bases, pulls / np.sqrt(remainder)) @ whitening
+        share = determined / len(np.unique(labels))
+        level = max(1.0, ratio**2)
+        scatter = _by_direction(corrected.T @ corrected, lambda s: _true_scatter(s, share, level))
+
+        numbers = 2 * len(corners)  # of a print; the fit follows `determined` of them
+        pulls = corners @ root * np.sqrt(numbers / (numbers - min(determined, len(corners))))
+        corner_ratio = float(np.sqrt((pulls**2).sum() / max(determined, 1e-300)))
+        shrunk = _shrunk_scatter(pulls @ whitening, corner_ratio**2)
+        scatter += _by_direction(shrunk, lambda s: s.clip(1.0))
+
+        inflation = float(np.sqrt(1 + (sizes * np.diagonal(scatter)).sum() / determined))
+        half = root @ (directions * scale)
+        return ViewScatter(ratio, corner_ratio, inflation, half @ scatter @ half.T)
 
     def widen(self, estimate: E) -> E:
         """Return the estimate with the covariance of views that scatter like this."""
         return replace(estimate, covariance=estimate.covariance + torch.from_numpy(self.excess))
+
+
+def _scores(fitted: FittedModel, labels: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+    """Return the (L, S) scores of the poses of the board, the (K, S) scores of its corners, each
+    summed over all views, and the (L, S, S) information of the poses.
+    """
+    count = fitted.parameters().count
+    observations = fitted.observations
+    _, corners = np.unique(observations.corners.numpy(), axis=0, return_inverse=True)
+    starts = observations.starts.tolist()
+    information = np.zeros((labels.max() + 1, count, count))
+    view_scores = np.zeros((labels.max() + 1, count))
+    corner_scores = np.zeros((corners.max() + 1, count))
+    for view, equations in enumerate(fitted.equations()):
+        reduced = equations.reduce()
+        rows = reduced.jacobian * reduced.residual[:, None]
+        information[labels[view]] += reduced.information
+        view_scores[labels[view]] += rows.sum(0)
+        of_view = corners[starts[view] : starts[view + 1]]
+        np.add.at(corner_scores, of_view, rows.reshape(len(of_view), 2, count).sum(1))
+    return view_scores, corner_scores, information
+
+
+def _by_direction(scatter: Array, true: Callable[[Array], Array]) -> Array:
+    """Return the (S, S) excess over 1 of the true scatter in each direction of a (S, S) scatter."""
+    variances, axes = np.linalg.eigh(scatter)
+    return np.asarray((axes * (true(variances) - 1.0)) @ axes.T)
+
+
+def _shrunk_scatter(pulls: Array, level: float) -> Array:
+    """Return the (S, S) scatter of C pulls (C, S), shrunk towards the same level in all directions
+    by as much as chance asks for: O. Ledoit, M. Wolf, A well-conditioned estimator for
+    large-dimensional covariance matrices (2004).
+    """
+    scatter = pulls.T @ pulls
+    target = level * np.eye(len(scatter))
+    count = len(pulls)
+    fourth = (np.square(pulls).sum(1) ** 2).sum() * count - np.square(scatter).sum()
+    distance = count * np.square(scatter - target).sum()
+    shrinkage = min(1.0, fourth / max(distance, 1e-300))
+    return np.asarray(shrinkage * target + (1 - shrinkage) * scatter)
 
 
 def _true_scatter(scatter: Array, share: float, level: float) -> Array:
