@@ -10,7 +10,7 @@ from fixtures.later import NOISE, Later, mirrored, shaken, uncovered, zoomed
 from tests.checking.conftest import Made
 
 CASES = (
-    ("cone", "focal"),
+    pytest.param("cone", "focal", marks=pytest.mark.slow),
     ("dome", "principal_point"),
     pytest.param("flat", "lens", marks=pytest.mark.slow),
     ("dome", "board_scale"),

@@ -180,6 +180,7 @@ def test_a_requested_print_leaves_the_bend(tmp_path: Path) -> None:
     assert bend_mm(requested)[:3] == pytest.approx([1, 0.3, -0.6], abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_quarter_turn_in_every_other_view_is_found(tmp_path: Path) -> None:
     """The corners of the turned views are renumbered, and the bend is the whole one."""
 
@@ -240,6 +241,7 @@ def test_half_a_turn_changes_nothing(tmp_path: Path) -> None:
     assert bend_mm(calibration) == pytest.approx([2, 0.5, 0], abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_wide_lens_is_fitted_as_a_fisheye_without_being_asked(tmp_path: Path) -> None:
     from fixtures.wide import BOARD as WIDE_BOARD
     from fixtures.wide import CAMERA as WIDE_CAMERA

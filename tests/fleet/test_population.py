@@ -68,7 +68,7 @@ def test_an_uncertain_camera_does_not_widen_the_fleet() -> None:
     assert (np.sqrt(expected.covariance.diagonal()) < 0.6).all()
 
 
-@pytest.mark.parametrize("cameras", [4, 10, 40])
+@pytest.mark.parametrize("cameras", [4, 10, pytest.param(40, marks=pytest.mark.slow)])
 def test_cameras_of_the_fleet_rarely_conflict_with_its_expectation(cameras: int) -> None:
     """One of a hundred would be; of 240, more than eight come once in a thousand tries."""
     alarms = 0

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 import torch
 from numpy.typing import NDArray
 
@@ -80,6 +81,7 @@ def test_an_exact_model_scatters_as_noise_does(tmp_path: Path) -> None:
     assert 0.8 < np.median(scatters) < 1.2
 
 
+@pytest.mark.slow
 def test_the_focal_length_holds_where_views_differ(tmp_path: Path) -> None:
     """A focal length that is another by 0.5 % in each view. Of 12 sessions, its error is 1 of the
     standard deviations by views, within what chance leaves, and several of those by corners.

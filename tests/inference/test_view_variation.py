@@ -211,7 +211,10 @@ PATTERNS: dict[str, tuple[Array, VariationKind]] = {
 }
 
 
-@pytest.mark.parametrize("name", PATTERNS)
+@pytest.mark.parametrize(
+    "name",
+    ["step", *(pytest.param(name, marks=pytest.mark.slow) for name in ("alternating", "warm-up"))],
+)
 def test_a_focal_length_that_differs_is_named_with_its_kind(name: str) -> None:
     sizes, kind = PATTERNS[name]
     made = refocused(session(5, "wet-flat"), sizes)

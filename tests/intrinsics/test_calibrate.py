@@ -59,6 +59,7 @@ def test_standard_deviations_agree_with_those_of_opencv() -> None:
     assert ours == pytest.approx(np.ravel(theirs)[:9], rel=1e-2)
 
 
+@pytest.mark.slow
 def test_errors_scatter_as_the_covariance_says() -> None:
     """Other poses and other noise each time. In each of the nine directions in which errors are
     independent, the tightest as well as the loosest, the mean square is 1, within what chance
@@ -80,6 +81,7 @@ def test_errors_scatter_as_the_covariance_says() -> None:
     assert alone[0] < 0.05
 
 
+@pytest.mark.slow
 def test_a_covered_fit_gains_from_the_correlations() -> None:
     """Few covered views and a noisy bare/: the ratio of the focal lengths, which the sigmas alone
     leave to the glass, stays nearer to what bare/ knows (0.63 px against 0.87 px), and the maps are

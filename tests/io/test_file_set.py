@@ -67,7 +67,7 @@ def contents(folder: Path) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize("disk", ["links", "no links"])
+@pytest.mark.parametrize("disk", ["links", pytest.param("no links", marks=pytest.mark.slow)])
 def test_a_writer_killed_at_any_change_leaves_the_old_set_or_the_new_one(
     disk: str, tmp_path: Path
 ) -> None:

@@ -76,7 +76,7 @@ def test_tilted_boards_confirm_the_right_focal_length(tmp_path: Path) -> None:
         assert judge(estimate).word is Trust.TRUSTED
 
 
-@pytest.mark.parametrize("times", [1.02, 1.1])
+@pytest.mark.parametrize("times", [1.02, pytest.param(1.1, marks=pytest.mark.slow)])
 def test_tilted_boards_contradict_a_wrong_focal_length(tmp_path: Path, times: float) -> None:
     """The reason names the value that the views ask for, to a tenth of the error, and the change of
     lengths. A number with a standard deviation is estimated, and the declared one contradicted.

@@ -148,6 +148,7 @@ def test_a_form_is_filled_by_name_and_nonsense_is_passed_over(tmp_path: Path) ->
     tried(Served(tmp_path / "session"), story)
 
 
+@pytest.mark.slow
 def test_pictures_come_as_fast_as_they_are_drawn(tmp_path: Path) -> None:
     recording = write_recording(tmp_path / "bare", noise(300, 1640, 1232)[:1] * 300, interval_s=0.1)
     session = tmp_path / "session"
