@@ -4,6 +4,7 @@ the cover's relief.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
@@ -29,7 +30,7 @@ from calib.estimation.uneven_glass import uneven_log_odds
 from calib.fit_record.request import Settings
 from calib.fitting.board_turns import find_turned
 from calib.fitting.fit_result import EFFECTS_STAGE
-from calib.inference.board_bend import MIN_LOG_ODDS, estimate_board
+from calib.inference.board_bend import estimate_board
 from calib.optics.build import covered_path, footprint, pinhole_path, relief_over, with_relief
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -48,6 +49,8 @@ MAX_SHIFT = 0.08
 """The largest change of the seen glass, as a fraction of it, for which a relief is kept: its prior
 is that of the glass within the picture.
 """
+MIN_LOG_ODDS = math.log(100)
+"""The least log odds of uneven glass, or of a bent board behind even glass, against less."""
 PINHOLE_STAGE = "pinhole"
 COVER_STAGE = "cover+rbf"
 LINEARISATIONS = 12
