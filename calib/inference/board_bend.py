@@ -10,22 +10,21 @@ per cent, and unevenly. It is estimated without a cover only: glass can imitate 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from calib.effects.board_scale import DEGREES as PRINT_DEGREES
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import DEGREES, BoardShape
 from calib.effects.effect import Effect, log_bayes_factor, scaled_prior_sigmas
+from calib.effects.focal import Focal
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.inference.fitted_model import FittedModel
-from calib.inference.score_test import tuned_score_tests
+from calib.inference.score_test import ScoreTest, tuned_score_tests
 from calib.inference.view_scatter import ViewScatter
 from calib.session.board import Board
 
@@ -35,6 +34,8 @@ there has -16 (flat boards in 72 simulated sessions) and would cost nearly nothi
 moves the principal point by many standard deviations, and few boards are flat: ten to one is
 enough.
 """
+MIN_COVERED_LOG_ODDS = math.log(100)
+"""The same behind a cover: glass and its numbers can imitate a bend."""
 MIN_BEND_VIEWS = 5
 """The fewest poses of the board from which a bend is estimated."""
 MIN_PRINT_VIEWS = 12
@@ -85,35 +86,35 @@ def _with_effect(
     """Return the model with the most probable form of an effect, and its fit; the same model and
     fit if the views do not show it, or show what is not possible for a board.
 
-    The evidence counts corners as independent. It is reduced by what the effect is less certain
-    of where views and corners of the board are counted: R. E. Chandler, S. Bate, Inference for
-    clustered data using the independence loglikelihood (2007), section 3.
+    The evidence counts corners as independent. It is divided by the variance that views and corners
+    of the board have over that of independent corners: R. E. Chandler, S. Bate, Inference for
+    clustered data using the independence loglikelihood (2007), with one factor for all directions.
+
+    Where the focal length is held, a wrong one must explain less.
 
     Args:
         richest: the form with the most parameters.
     """
     if joint.outcome is not Outcome.CONVERGED:
         return model, joint
-    (test,) = tuned_score_tests(FittedModel(model, observations, joint), [richest])
-    log_odds = log_bayes_factor(test.information, test.score, scaled_prior_sigmas(test.effect))
-    if log_odds < MIN_LOG_ODDS:
+    min_log_odds = MIN_COVERED_LOG_ODDS if model.path.cover else MIN_LOG_ODDS
+    is_held = "camera.fx" not in {param.name for param in joint.parameters.free}
+    rivals = [Focal()] if is_held else []
+    test, *others = tuned_score_tests(FittedModel(model, observations, joint), [richest, *rivals])
+    log_odds = _log_odds(test)
+    if log_odds < max([min_log_odds, *map(_log_odds, others)]):
         return model, joint
     extended = model.with_effect(test.effect)
     fit = extended.fit(observations, joint.poses, joint.start, ROUNDS)
     if fit.outcome is not Outcome.CONVERGED or not _is_possible(fit, test.effect):
         return model, joint
     scatter = ViewScatter.of(FittedModel(extended, observations, fit), labels)
-    names = [number.param.name for number in test.effect.effect_parameters]
-    distances = [_distance(estimate, names) for estimate in (scatter.widen(fit), fit)]
-    log_odds = (fit.log_marginal - joint.log_marginal) * distances[0] / distances[1]
-    return (extended, fit) if log_odds > MIN_LOG_ODDS else (model, joint)
+    log_odds = (fit.log_marginal - joint.log_marginal) / scatter.inflation**2
+    return (extended, fit) if log_odds > min_log_odds else (model, joint)
 
 
-def _distance(joint: JointFit, names: Sequence[str]) -> float:
-    """Return the squared distance of some numbers from 0 in standard deviations."""
-    at = joint.parameters.entries(names)
-    vector = joint.parameters.vector(joint.values)[at]
-    return float(vector @ torch.linalg.solve(joint.covariance[np.ix_(at, at)], vector))
+def _log_odds(test: ScoreTest) -> float:
+    return log_bayes_factor(test.information, test.score, scaled_prior_sigmas(test.effect))
 
 
 def _is_possible(joint: JointFit, effect: Effect) -> bool:

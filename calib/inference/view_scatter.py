@@ -18,7 +18,6 @@ Sources: H. White, Maximum likelihood estimation of misspecified models (1982), 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -32,6 +31,10 @@ from calib.inference.fitted_model import FittedModel
 MAX_LEVERAGE = 0.9
 """The largest leverage of a view along a direction that is corrected in full: a view that holds
 nearly all that is known there has no residual there.
+"""
+MIN_SHARE = 0.1
+"""The part of the information on a direction that comes from the corners, from which its scatter
+counts: the rest is the prior's, which does not scatter.
 """
 MIN_VIEWS = 4
 """The fewest poses of the board from which the scatter is estimated."""
@@ -84,8 +87,8 @@ class ViewScatter:
         expected = leverages.sum(0)
         determined = float(np.trace(expected))  # the directions that the corners determine
         sizes, directions = np.linalg.eigh(expected)
-        scale = np.sqrt(sizes.clip(1e-12))
-        whitening = directions / scale
+        told = sizes > MIN_SHARE
+        whitening = directions[:, told] / np.sqrt(sizes[told])
 
         shares, bases = np.linalg.eigh(leverages)  # (V, S), (V, S, S)
         remainder = 1 - shares.clip(0, MAX_LEVERAGE)
@@ -93,18 +96,14 @@ class ViewScatter:
         squares = (pulls**2 / remainder).sum()  # HC2: the expected square is the leverage
         ratio = float(np.sqrt(squares / max(determined, 1e-300)))
         corrected = np.einsum("vij,vj->vi", bases, pulls / np.sqrt(remainder)) @ whitening
-        share = determined / len(np.unique(labels))
-        level = max(1.0, ratio**2)
-        scatter = _by_direction(corrected.T @ corrected, lambda s: _true_scatter(s, share, level))
+        scatter = _excess(corrected, ratio)
 
-        numbers = 2 * len(corners)  # of a print; the fit follows `determined` of them
-        pulls = corners @ root * np.sqrt(numbers / (numbers - min(determined, len(corners))))
+        pulls = corners @ root  # a corner of the board has little leverage: many see it
         corner_ratio = float(np.sqrt((pulls**2).sum() / max(determined, 1e-300)))
-        shrunk = _shrunk_scatter(pulls @ whitening, corner_ratio**2)
-        scatter += _by_direction(shrunk, lambda s: s.clip(1.0))
+        scatter += _excess(pulls @ whitening, corner_ratio)
 
-        inflation = float(np.sqrt(1 + (sizes * np.diagonal(scatter)).sum() / determined))
-        half = root @ (directions * scale)
+        inflation = float(np.sqrt(1 + np.trace(scatter) / len(scatter)))
+        half = root @ (directions[:, told] * np.sqrt(sizes[told]))
         return ViewScatter(ratio, corner_ratio, inflation, half @ scatter @ half.T)
 
     def widen(self, estimate: E) -> E:
@@ -133,24 +132,17 @@ def _scores(fitted: FittedModel, labels: NDArray[np.int64]) -> tuple[Array, Arra
     return view_scores, corner_scores, information
 
 
-def _by_direction(scatter: Array, true: Callable[[Array], Array]) -> Array:
-    """Return the (S, S) excess over 1 of the true scatter in each direction of a (S, S) scatter."""
-    variances, axes = np.linalg.eigh(scatter)
-    return np.asarray((axes * (true(variances) - 1.0)) @ axes.T)
+def _excess(pulls: Array, ratio: float) -> Array:
+    """Return the (S, S) scatter of clusters of corners beyond that of independent corners.
 
-
-def _shrunk_scatter(pulls: Array, level: float) -> Array:
-    """Return the (S, S) scatter of C pulls (C, S), shrunk towards the same level in all directions
-    by as much as chance asks for: O. Ledoit, M. Wolf, A well-conditioned estimator for
-    large-dimensional covariance matrices (2004).
+    Args:
+        pulls: (C, S) the clusters' scores where that of independent corners is the unit matrix.
+        ratio: the root mean square of the clusters' scores over that of independent corners.
     """
-    scatter = pulls.T @ pulls
-    target = level * np.eye(len(scatter))
-    count = len(pulls)
-    fourth = (np.square(pulls).sum(1) ** 2).sum() * count - np.square(scatter).sum()
-    distance = count * np.square(scatter - target).sum()
-    shrinkage = min(1.0, fourth / max(distance, 1e-300))
-    return np.asarray(shrinkage * target + (1 - shrinkage) * scatter)
+    variances, axes = np.linalg.eigh(pulls.T @ pulls)
+    share = pulls.shape[1] / len(pulls)
+    true = _true_scatter(variances, share, max(1.0, ratio**2))
+    return np.asarray((axes * (true - 1.0)) @ axes.T)
 
 
 def _true_scatter(scatter: Array, share: float, level: float) -> Array:
