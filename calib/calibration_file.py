@@ -90,6 +90,7 @@ CALIBRATION = record(
                 "inflation": positive,
                 "view_scatter": number,
                 "corner_scatter": number,
+                "heavy_views": table(number),
             }
         )
     },

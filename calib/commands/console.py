@@ -166,6 +166,11 @@ def _scatter(calibration: Calibration) -> Iterator[str]:
             f"The views scatter {uncertainty.view_scatter:.1f} times as much about the fit as"
             " independent corners would: the standard deviations allow for it."
         )
+    for name, share in uncertainty.heavy_views.items() if uncertainty else ():
+        yield (
+            f"{name} alone tells {100 * share:.0f} % of what all views tell of the camera and its"
+            " cover: take more views like it, so that not one picture decides."
+        )
     if uncertainty and uncertainty.corner_scatter > MIN_SCATTER:
         yield (
             f"The board's corners scatter {uncertainty.corner_scatter:.1f} times as much about the"

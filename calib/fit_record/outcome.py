@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.surface_prior import Smoothness
@@ -109,6 +109,8 @@ class Uncertainty:
     """The scatter of the views about the fit, over that of independent corners."""
     corner_scatter: float
     """The same of the corners of the board, each in all views: what its print leaves."""
+    heavy_views: Mapping[str, float] = field(default_factory=dict)
+    """The views that tell more than a tenth of what all tell, by file, with that part."""
     method: str = "views and board corners"
 
 

@@ -23,6 +23,10 @@ from calib.inference.view_scatter import ViewScatter
 from calib.session.numbers import unknown_names
 
 EFFECTS_STAGE = "cover+rbf+effects"
+HEAVY = 0.1
+"""The part of what all views tell from which a view that tells so much is listed, or twice its
+fair part where the views are few.
+"""
 
 
 def with_fit(
@@ -55,8 +59,18 @@ def count_views(
             the prior is no measurement that scatters with the views.
     """
     scatter = ViewScatter.of(FittedModel(model, observations, joint), labels)
+    poses = len(np.unique(labels))
+    limit = max(HEAVY, 2 / poses)
     uncertainty = Uncertainty(
-        len(np.unique(labels)), scatter.inflation, scatter.ratio, scatter.corner_ratio
+        poses,
+        scatter.inflation,
+        scatter.ratio,
+        scatter.corner_ratio,
+        {
+            observations.names[int(np.argmax(labels == label))]: float(share)
+            for label, share in enumerate(scatter.shares)
+            if share > limit
+        },
     )
     return _limited_by_priors(scatter.widen(joint), unknown), uncertainty
 

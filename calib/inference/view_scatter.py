@@ -65,6 +65,8 @@ class ViewScatter:
     """The root mean square of the standard deviations over those of independent corners, over the
     directions that the corners determine.
     """
+    shares: Array
+    """(L,) the part of what all views tell that each pose of the board tells."""
     excess: Array
     """(S, S) covariance of the parameters' vector beyond that of independent corners; it is
     positive semidefinite.
@@ -80,7 +82,7 @@ class ViewScatter:
         """
         count = fitted.parameters().count
         if not count or len(np.unique(labels)) < MIN_VIEWS or not fitted.joint.finite:
-            return ViewScatter(1.0, 1.0, 1.0, np.zeros((count, count)))
+            return ViewScatter(1.0, 1.0, 1.0, np.zeros(0), np.zeros((count, count)))
         views, corners, information = _scores(fitted, labels)
         root = np.linalg.cholesky(fitted.joint.covariance.numpy())
         leverages = root.T @ information @ root
@@ -104,7 +106,8 @@ class ViewScatter:
 
         inflation = float(np.sqrt(1 + np.trace(scatter) / len(scatter)))
         half = root @ (directions[:, told] * np.sqrt(sizes[told]))
-        return ViewScatter(ratio, corner_ratio, inflation, half @ scatter @ half.T)
+        view_shares = np.trace(leverages, axis1=1, axis2=2) / max(determined, 1e-300)
+        return ViewScatter(ratio, corner_ratio, inflation, view_shares, half @ scatter @ half.T)
 
     def widen(self, estimate: E) -> E:
         """Return the estimate with the covariance of views that scatter like this."""

@@ -33,6 +33,7 @@ from calib.verdict.orientation import orientation
 from calib.verdict.other_medium import other_medium
 from calib.verdict.principal_point import principal_point
 from calib.verdict.residual import residual
+from calib.verdict.scatter import scatter
 from calib.verdict.square_pixels import square_pixels
 from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, uncertain_maps
 from calib.verdict.unevenness import unevenness
@@ -56,6 +57,7 @@ CHECKS: tuple[Check, ...] = (
     contradicted_numbers,
     differing_views,
     residual,
+    scatter,
     cover_stage,
     fleet_prior,
     declared_numbers,

@@ -53,6 +53,10 @@ in the median after a diagnosis, 2.8 before.
 """
 SQUARE_SIGMAS = 4.0
 """Standard deviations by views that this difference must have."""
+SCATTER = 2.0
+"""The scatter of views or board corners over that of noise: clean sessions have up to 1.4, the
+fixtures that hide an effect 5 to 7.
+"""
 
 SCORED = 1e-3
 """Chance of an effect's score, over all that are asked: one good calibration in a thousand is

@@ -166,3 +166,18 @@ def test_the_principal_point_holds_where_the_print_is_uneven(tmp_path: Path) -> 
     print(f"rms z of cx, cy: {independent:.2f} by independent corners, {both:.2f} by both")
     assert independent > 1.8
     assert 0.6 < both < 1.4  # a chi of 24
+
+
+def test_the_views_shares_are_of_all_that_they_tell(tmp_path: Path) -> None:
+    """A view that weighs 10 times as much tells more than a tenth of what 16 tell."""
+    views = breathing(3, 0.0)
+    optimum = fitted(session(tmp_path / "even", BOARD, views))
+    shares = ViewScatter.of(optimum, labels(optimum)).shares
+    assert shares.sum() == pytest.approx(1)
+    assert shares.max() < 0.2
+    light = [replace(view, weight=np.full(BOARD.count, 0.3)) for view in views[1:]]
+    calibration = fit(stated(session(tmp_path / "heavy", BOARD, (views[0], *light))))
+    assert calibration.outcome.uncertainty
+    heavy = calibration.outcome.uncertainty.heavy_views
+    assert max(heavy, key=heavy.__getitem__) == views[0].name
+    assert heavy[views[0].name] > 0.25

@@ -1,0 +1,41 @@
+"""Views and corners of the board that scatter more than noise are a reason for care, and the fit
+says which view decides.
+"""
+
+from dataclasses import replace
+
+import pytest
+
+from calib.calibration import Calibration
+from calib.commands.console import print_fit
+from calib.fit_record.outcome import Uncertainty
+from calib.verdict.scatter import scatter
+from calib.verdict.thresholds import SCATTER
+from tests.verdict.cases import asked
+
+
+def with_scatter(calibration: Calibration, views: float, corners: float) -> Calibration:
+    uncertainty = Uncertainty(24, max(views, corners, 1.0), views, corners, {"0003.png": 0.31})
+    return replace(calibration, outcome=replace(calibration.outcome, uncertainty=uncertainty))
+
+
+def test_noise_is_no_reason(good: Calibration) -> None:
+    assert not asked(scatter, with_scatter(good, 0.99 * SCATTER, 0.99 * SCATTER))
+    without = replace(good, outcome=replace(good.outcome, uncertainty=None))
+    assert not asked(scatter, without)
+
+
+def test_each_scatter_is_said_for_what_it_is(good: Calibration) -> None:
+    (views,) = asked(scatter, with_scatter(good, 3.2, 1.0))
+    assert "views scatter 3.2 times" in views.sentence
+    assert views.next.startswith("calib diagnose")
+    (corners,) = asked(scatter, with_scatter(good, 1.0, 2.5))
+    assert "corners of the board scatter 2.5 times" in corners.sentence
+
+
+def test_the_fit_says_which_view_decides(
+    good: Calibration, capsys: pytest.CaptureFixture[str]
+) -> None:
+    print_fit(with_scatter(good, 1.0, 1.0), 1.0)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "0003.png alone tells 31 % of what all views tell" in printed
