@@ -18,6 +18,7 @@ from calib.commands import (
     measure_command,
     pose_command,
     report_command,
+    stream_command,
     undistort_command,
 )
 from calib.commands.command_line import run_command
@@ -38,7 +39,14 @@ GROUPS = (
     ),
     CommandGroup(
         "Use a calibration",
-        (undistort_command, export_command, measure_command, pose_command, immerse_command),
+        (
+            undistort_command,
+            stream_command,
+            export_command,
+            measure_command,
+            pose_command,
+            immerse_command,
+        ),
     ),
     CommandGroup("Calibrate many cameras", (batch_command, fleet_prior_command)),
 )

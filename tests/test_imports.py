@@ -58,8 +58,17 @@ LAYERS = {
         ("finder", "coded_finder", "source_folder"),
         ("finders", "gate", "recorder"),
         ("coverage", "recording_loop"),
-        ("guidance", "narrator", "qr_code", "served_app", "doorkeeper", "offered_files"),
-        ("serve",),
+        (
+            "guidance",
+            "narrator",
+            "qr_code",
+            "served_app",
+            "doorkeeper",
+            "guard",
+            "listening",
+            "offered_files",
+        ),
+        ("serve", "streaming"),
         ("tui",),
         ("commands",),
         ("cli",),
@@ -129,6 +138,7 @@ LOADS = {
     "capture.tui.app": {"cv2", "numpy", "scipy", "rich", "textual"},
     "capture.sources.registry": {"numpy"},
     "capture.sources.libcamera": {"numpy"},
+    "capture.commands.stream": set(),
 }
 """The module, and which of the slow libraries importing it may load: a Pi captures without torch,
 and help comes at once.

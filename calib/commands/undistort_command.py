@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--crop",
-        type=_alpha,
+        type=crop_alpha,
         metavar="ALPHA",
         help=(
             "0: only valid pixels; 1: everything that the camera sees (default: the camera's focal"
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> None:
         raise NotEnoughDataError(done.cut_off[0] + addition)
 
 
-def _alpha(text: str) -> float:
+def crop_alpha(text: str) -> float:
     try:
         alpha = float(text)
     except ValueError:

@@ -24,7 +24,15 @@ from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sensors import sensor_in, shutter_of
 from capture.sources import libcamera_device as device
-from capture.sources.options import EXPOSURE_US, GAIN, PATIENCE_S, read_number, read_size
+from capture.sources.options import (
+    COLOUR,
+    EXPOSURE_US,
+    GAIN,
+    PATIENCE_S,
+    read_colour,
+    read_number,
+    read_size,
+)
 from capture.sources.registry import Inventory
 
 LENS_POSITION = Quantity("lens_position", low=0, high=100)
@@ -249,8 +257,10 @@ class LibcameraSource:
 
 def open_source(place: str, options: Section) -> LibcameraSource:
     options.allow_only(
-        ("size", EXPOSURE_US.key, GAIN.key, LENS_POSITION.key, PATIENCE_S.key), "known option"
+        ("size", COLOUR, EXPOSURE_US.key, GAIN.key, LENS_POSITION.key, PATIENCE_S.key),
+        "known option",
     )
+    read_colour(options)  # it is accepted, and the pictures are grey
     controls: dict[str, float | int] = {}
     if (exposure := read_number(options, EXPOSURE_US)) is not None:
         controls["ExposureTime"] = round(exposure)

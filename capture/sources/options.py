@@ -12,6 +12,10 @@ told after one second.
 """
 
 
+COLOUR = "colour"
+"""The option for pictures in colour. Calibrations need grey values alone, which are exact."""
+
+
 def read_number(options: Section, quantity: Quantity) -> float | None:
     """Return the option's value; None where it is not given and has no default."""
     if quantity.key not in options.values and quantity.default is None:
@@ -28,3 +32,10 @@ def read_size(options: Section) -> tuple[int, int] | None:
     if not match:
         raise options.error("size", options.values["size"], expected)
     return int(match[1]), int(match[2])
+
+
+def read_colour(options: Section) -> bool:
+    """Return True if `colour=yes` asks for pictures in colour; without it they are grey."""
+    if COLOUR not in options.values:
+        return False
+    return options.choice(COLOUR, ("yes", "no"), "yes or no") == "yes"

@@ -4,7 +4,7 @@ bindings.
 `rpicam:0?size=1640x1232&exposure_us=8000&gain=1&lens_position=2.0`; `mode=3280:2464:10:P` selects
 the sensor's mode, `awbgains=1.8,1.6` the colours, `fps=10` the rate. Focus, exposure, gain and
 white balance are fixed from the start. The program writes YUV420 with rows padded to 64 bytes; its
-Y plane is the full-range grey picture.
+Y plane is the full-range grey picture. `colour=yes` gives BGR pictures instead.
 """
 
 import os
@@ -19,7 +19,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import IO, Self
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.io.numerals import whole_number
@@ -28,7 +30,7 @@ from calib.session.shutter import Shutter
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sensors import sensor_in, shutter_of
-from capture.sources.options import read_number, read_size
+from capture.sources.options import COLOUR, read_colour, read_number, read_size
 from capture.sources.registry import Inventory, ListedCamera
 
 ROW_ALIGNMENT = 64  # bytes, the alignment of a row
@@ -61,8 +63,11 @@ class RpicamSource:
         settings: Mapping[str, float],
         mode: str,
         awbgains: str,
+        *,
+        colour: bool = False,
     ) -> None:
         self._size = size
+        self._colour = colour
         self._fps = settings["fps"]
         self._state: dict[str, float | str] = {
             key: value for key, value in settings.items() if key != "fps"
@@ -185,6 +190,8 @@ class RpicamSource:
             return None
         self._check_configured()
         pixels = np.frombuffer(buffer, np.uint8, stride * height).reshape(height, stride)[:, :width]
+        if self._colour:
+            pixels = _with_colour(pixels, np.frombuffer(buffer, np.uint8)[stride * height :])
         return Frame(np.ascontiguousarray(pixels), sequence, time.monotonic(), dict(self._state))
 
     def _check_end(self, filled: int) -> None:
@@ -232,9 +239,23 @@ class RpicamSource:
         )
 
 
+def _with_colour(grey: NDArray[np.uint8], chroma: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the (h, w, 3) BGR picture of full-range YUV420.
+
+    Args:
+        grey: (h, w), the Y plane.
+        chroma: the U plane and then the V plane, of half the height and width, with padded rows.
+    """
+    height, width = grey.shape
+    blue, red = chroma.reshape(2, height // 2, -1)[:, :, : (width + 1) // 2]
+    planes = [grey, *(cv2.resize(plane, (width, height)) for plane in (red, blue))]
+    return np.asarray(cv2.cvtColor(cv2.merge(planes), cv2.COLOR_YCrCb2BGR), np.uint8)
+
+
 def open_source(place: str, options: Section) -> RpicamSource:
     options.allow_only(
-        ("size", "mode", "awbgains", *(quantity.key for quantity in QUANTITIES)), "known option"
+        ("size", "mode", "awbgains", COLOUR, *(quantity.key for quantity in QUANTITIES)),
+        "known option",
     )
     number = whole_number(place)
     if number is None:
@@ -249,7 +270,14 @@ def open_source(place: str, options: Section) -> RpicamSource:
         if text and not re.fullmatch(pattern, text):
             raise options.error(key, text, f"it like {example}")
         texts.append(text)
-    return RpicamSource(number, read_size(options) or (1640, 1232), settings, texts[0], texts[1])
+    return RpicamSource(
+        number,
+        read_size(options) or (1640, 1232),
+        settings,
+        texts[0],
+        texts[1],
+        colour=read_colour(options),
+    )
 
 
 def inventory() -> Inventory:

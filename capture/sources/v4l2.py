@@ -4,7 +4,7 @@
 format that the camera has. The driver's own grey values are kept: those of YUYV are its Y, not a
 colour picture converted to grey. `exposure_us`, `gain` and `focus` (in the driver's units) set
 controls that are otherwise held at their present value; `patience_s` is the time that a connected
-camera may send nothing.
+camera may send nothing. `colour=yes` gives BGR pictures instead of grey ones.
 """
 
 import os
@@ -27,9 +27,17 @@ from calib.session.shutter import Shutter
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sources import v4l2_device as device
-from capture.sources.options import EXPOSURE_US, GAIN, PATIENCE_S, read_number, read_size
+from capture.sources.options import (
+    COLOUR,
+    EXPOSURE_US,
+    GAIN,
+    PATIENCE_S,
+    read_colour,
+    read_number,
+    read_size,
+)
 from capture.sources.registry import Inventory, ListedCamera
-from capture.sources.v4l2_formats import FORMATS, ROWS, Grey
+from capture.sources.v4l2_formats import COLOURS, FORMATS, ROWS, Grey, Picture
 
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 """The time in s that OpenCV waits for a frame; after it, the source checks that the camera is still
@@ -55,6 +63,8 @@ class V4l2Source:
         pixels: str | None = None,
         controls: Mapping[int, int] | None = None,
         patience_s: float = 10.0,
+        *,
+        colour: bool = False,
     ) -> None:
         """`controls` are set after the locking, by their V4L2 numbers."""
         self.remarks: Sequence[str] = ()
@@ -63,6 +73,7 @@ class V4l2Source:
         self._pixels = pixels
         self._controls = controls or {}
         self._patience_s = patience_s
+        self._colour = colour
         self._closed = threading.Event()
         self._open = ExitStack()
 
@@ -100,15 +111,15 @@ class V4l2Source:
         self._open.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        grey, time_s = self._first
+        pixels, time_s = self._first
         sequence, nominal = 0, 1 / (self._capture.get(cv2.CAP_PROP_FPS) or 30.0)  # s
         recent: deque[float] = deque(maxlen=15)  # s, from frame to frame
         while not self._closed.is_set():
-            yield Frame(grey, sequence, time_s, self._read_controls())
+            yield Frame(pixels, sequence, time_s, self._read_controls())
             previous_s = time_s
             if (picture := self._take()) is None:
                 return
-            grey, time_s = picture
+            pixels, time_s = picture
             elapsed = time_s - previous_s  # OpenCV hides the driver's counter, but not its clock
             sequence += max(round(elapsed / max(nominal, min(recent))), 1) if recent else 1
             recent.append(elapsed)
@@ -136,7 +147,12 @@ class V4l2Source:
             )
         best = min(
             fit,
-            key=lambda m: (m.format == "MJPG", -m.width * m.height, list(FORMATS).index(m.format)),
+            key=lambda m: (
+                m.format == "MJPG",
+                -m.width * m.height,
+                self._colour and m.format not in COLOURS,
+                list(FORMATS).index(m.format),
+            ),
         )
         if self._size:
             return replace(best, width=self._size[0], height=self._size[1])
@@ -182,17 +198,17 @@ class V4l2Source:
             raise CaptureError(f"{self._path} was closed before its first picture.")
         self._first = first
 
-    def _take(self) -> tuple[Grey, float] | None:
+    def _take(self) -> tuple[Picture, float] | None:
         """Return the next picture and its time in s; None once closed. It skips damaged buffers."""
         start_s = time.monotonic()
         while not self._closed.is_set():
             good, raw = self._capture.read()
-            if good and (grey := self._grey(np.asarray(raw, np.uint8))) is not None:
+            if good and (pixels := self._decode(np.asarray(raw, np.uint8))) is not None:
                 arrival_s = time.monotonic()
                 driver_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
                 # some drivers have another clock
                 is_monotonic = 0 <= arrival_s - driver_s < MAX_FRAME_AGE
-                return grey, driver_s if is_monotonic else arrival_s
+                return pixels, driver_s if is_monotonic else arrival_s
             if not good and not device.is_connected(self._handle):
                 raise CaptureError(
                     f"{self._path} was unplugged: plug the camera in again, and run the same"
@@ -207,13 +223,16 @@ class V4l2Source:
                 self._closed.wait(0.01)
         return None
 
-    def _grey(self, raw: Grey) -> Grey | None:
+    def _decode(self, raw: Grey) -> Picture | None:
+        """Return the picture of a raw buffer; None for a damaged one."""
         width, height = self._size or (0, 0)
+        name = self._pixels or "GREY"
         try:
-            grey = FORMATS[self._pixels or "GREY"](raw, width, height)
-        except ValueError:  # the buffer has another length
+            in_colour = self._colour and name in COLOURS
+            pixels = (COLOURS if in_colour else FORMATS)[name](raw, width, height)
+        except (ValueError, cv2.error):  # the buffer has another length
             return None
-        return None if grey is None or grey.shape != (height, width) else np.array(grey)
+        return None if pixels is None or pixels.shape[:2] != (height, width) else np.array(pixels)
 
     def _read_controls(self) -> dict[str, float | str]:
         """Return the values of the controls that the camera has."""
@@ -231,7 +250,8 @@ class V4l2Source:
 
 def open_source(place: str, options: Section) -> V4l2Source:
     options.allow_only(
-        ("size", "format", EXPOSURE_US.key, GAIN.key, FOCUS.key, PATIENCE_S.key), "known option"
+        ("size", "format", COLOUR, EXPOSURE_US.key, GAIN.key, FOCUS.key, PATIENCE_S.key),
+        "known option",
     )
     pixels = (
         options.choice("format", tuple(FORMATS), f"one of {', '.join(FORMATS)}")
@@ -247,7 +267,12 @@ def open_source(place: str, options: Section) -> V4l2Source:
         if (value := read_number(options, quantity)) is not None:
             controls[control] = round(value / unit)
     return V4l2Source(
-        place, read_size(options), pixels, controls, read_number(options, PATIENCE_S) or 0.0
+        place,
+        read_size(options),
+        pixels,
+        controls,
+        read_number(options, PATIENCE_S) or 0.0,
+        colour=read_colour(options),
     )
 
 
