@@ -79,7 +79,7 @@ def test_of_a_long_recording_the_sharpest_pictures_are_kept(tmp_path: Path) -> N
 
 def test_the_camera_info_is_a_remark_that_can_be_pasted(tmp_path: Path) -> None:
     text = (imported(tmp_path, "mcap", [raw("bgr8", noise(1)[0])]) / "session.yaml").read_text()
-    (line,) = [line for line in text.splitlines() if "intrinsics: {" in line]
+    line = next(line for line in text.splitlines() if "intrinsics: {" in line)
     intrinsics = yaml.safe_load(line.lstrip("# "))["intrinsics"]
     assert intrinsics == {"fx": 500, "fy": 510, "cx": 70, "cy": 50} | {
         "distortion": [0.1, -0.2, 0, 0, 0]
