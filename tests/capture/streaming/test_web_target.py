@@ -56,7 +56,7 @@ class Served:
                 thread.join(HANGS_S)
 
     def _show(self) -> None:
-        while not self._over.wait(0.005):
+        while not self._over.wait(0.002):
             self.target.show(self.straightener.straighten(self._picture))
             self.shown += 1
 
@@ -159,6 +159,7 @@ def test_a_viewer_that_takes_nothing_is_disconnected_and_the_others_go_on(
     calibration: Calibration, pictures: list[np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(web_target, "STALL_S", 0.2)
+    monkeypatch.setattr(web_target, "JPEG", [cv2.IMWRITE_JPEG_QUALITY, 100])  # fills buffers soon
     with Served(calibration, pictures[0]).running() as served:
         address = urlsplit(served.target.address)
         assert address.hostname
