@@ -108,6 +108,17 @@ def test_the_grey_plane_is_kept_without_its_padding(program: Path) -> None:
     assert not np.shares_memory(frames[0].pixels, frames[1].pixels)
 
 
+def test_in_colour_the_padding_is_left_out_and_grey_stays_grey(program: Path) -> None:
+    """The stand-in's colours are 85 everywhere, in full range: less blue and less red than grey."""
+    (program / "script").write_text("0 1")
+    with open_source(f"{SOURCE}&colour=yes") as source:
+        pixels = next(iter(source)).pixels.astype(int)
+    y = PICTURES[0].astype(int)
+    expected = [y + 1.772 * -43, y - 0.34414 * -43 - 0.71414 * -43, y + 1.402 * -43]  # BT.601
+    assert pixels.shape == (HEIGHT, WIDTH, 3)
+    np.testing.assert_allclose(pixels, np.clip(np.dstack(expected), 0, 255), atol=1)
+
+
 def test_the_shutter_of_the_sensor_that_the_program_names_is_written(
     program: Path, tmp_path: Path
 ) -> None:
