@@ -28,8 +28,8 @@ DESCRIPTION = """
 Calibrate a camera that looks through a refractive cover, and undistort its pictures at any depth.
 
 stdout carries the result, stderr progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong usage
-or input, 3 not enough good data, 5 the checked calibration is not valid, 6 a fleet lost its
-cluster, or none of its workers could start, before every camera was done.
+or input, 3 not enough good data, 4 a device failed, 5 the checked calibration is not valid, 6 a
+fleet lost its cluster, or none of its workers could start, before every camera was done.
 """
 GROUPS = (
     CommandGroup("Begin", (demo_command, init_command, board_command, import_command)),

@@ -28,9 +28,8 @@ and so does the reader of a pipe that closes it. With --json the last line is on
 or on stderr if stdout has the pictures.
 """
 EXAMPLES = (
+    "calib stream cam0/calibration --source rpicam:0 --depth 0.5 --to http",
     "calib stream cam0/calibration --source v4l2:/dev/video0 --depth 0.5 --to v4l2:/dev/video9",
-    "calib stream cam0/calibration --source rpicam:0?fps=30 --depth 0.5 --to http",
-    "calib stream cam0/calibration --source video:film.mp4 --depth 0.5 --to - | ffmpeg -i - o.mp4",
 )
 
 
