@@ -57,9 +57,9 @@ class StreamStatistics:
     def line(self) -> str:
         """Return the counts in one line."""
         losses = f", {self.camera_losses} lost by the camera" if self.camera_losses else ""
-        gone = f", camera gone {self.interruptions} times" if self.interruptions else ""
+        gone = f", {_count(self.interruptions, 'interruption')}" if self.interruptions else ""
         return (
-            f"{self.frames} frames, {self.rate:.1f} a second, {self.latency_ms(50):.0f} ms from"
+            f"{_count(self.frames, 'frame')}, {self.rate:.1f} a second, {self.latency_ms(50):.0f} ms from"
             f" frame to picture (95 %: {self.latency_ms(95):.0f} ms), {self.skipped} passed"
             f" over{losses}{gone}"
         )
@@ -78,3 +78,7 @@ class StreamStatistics:
                 "maximum": 1e3 * self._maximum_s,
             },
         }
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}{'s' * (number != 1)}"

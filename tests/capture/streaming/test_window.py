@@ -54,7 +54,7 @@ def test_the_picture_is_drawn_and_keys_change_the_view(
         await until(pilot, lambda: picture.preview is not None)
         assert picture.preview
         assert picture.preview.size == (328, 246)
-        await see(pilot, "1 frames")
+        await see(pilot, "1 frame,")
         assert app._straightener
         await pilot.press("up", "up", "c", "minus")
         assert app._straightener.requested == StreamView(0.605, None, 0.8).changed({"crop": 0.0})
