@@ -6,9 +6,12 @@ import socket
 from calib.errors import InputError, brief
 
 
-def open_sockets(host: str, port: int) -> list[socket.socket]:
+def open_sockets(host: str, port: int, option: str = "--port") -> list[socket.socket]:
     """Open a listening socket for every address that a name stands for; InputError if an address
     cannot be used.
+
+    Args:
+        option: the option for another port, as the message names it.
     """
     sockets: list[socket.socket] = []
     try:
@@ -26,7 +29,7 @@ def open_sockets(host: str, port: int) -> list[socket.socket]:
             opened.close()
         why = error.strerror if isinstance(error, OSError) else "not an address"
         raise InputError(
-            f"{brief(host)}:{port} cannot be served on ({why}): choose another --host or --port."
+            f"{brief(host)}:{port} cannot be served on ({why}): choose another --host or {option}."
         ) from error
     return sockets
 

@@ -139,6 +139,9 @@ LOADS = {
     "capture.sources.registry": {"numpy"},
     "capture.sources.libcamera": {"numpy"},
     "capture.commands.stream": set(),
+    "capture.streaming.stream": {"numpy"},
+    "capture.streaming.loopback": {"cv2", "numpy"},
+    "capture.streaming.pipe": {"cv2", "numpy"},
 }
 """The module, and which of the slow libraries importing it may load: a Pi captures without torch,
 and help comes at once.

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> None:
     if args.json:
         result = {**counts.as_json(), "view": asdict(straightener.view), "ended": ended}
         if any(place.kind == "pipe" for place in places):
-            print(json_text(result), file=sys.stderr)
+            print(json_text(result), file=sys.__stderr__)  # also if remarks are silenced
         else:
             print_json(result)
 

@@ -58,9 +58,10 @@ class StreamStatistics:
         """Return the counts in one line."""
         losses = f", {self.camera_losses} lost by the camera" if self.camera_losses else ""
         gone = f", {_count(self.interruptions, 'interruption')}" if self.interruptions else ""
+        frames = _count(self.frames, "frame")
         return (
-            f"{_count(self.frames, 'frame')}, {self.rate:.1f} a second, {self.latency_ms(50):.0f} ms from"
-            f" frame to picture (95 %: {self.latency_ms(95):.0f} ms), {self.skipped} passed"
+            f"{frames}, {self.rate:.1f} a second, {self.latency_ms(50):.0f} ms from frame to"
+            f" picture (95 %: {self.latency_ms(95):.0f} ms), {self.skipped} passed"
             f" over{losses}{gone}"
         )
 

@@ -4,14 +4,16 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from capture.errors import CaptureError
 from capture.frames import FrameSource
 from capture.reader import Reader
 from capture.streaming.statistics import StreamStatistics
-from capture.streaming.straightener import Straightener
 from capture.streaming.target import ReaderGoneError, StreamTarget, TargetError
+
+if TYPE_CHECKING:  # it loads torch
+    from capture.streaming.straightener import Straightener
 
 RETRY_S = 1.0
 """The time in s between two attempts to open a camera that has gone."""
@@ -40,7 +42,7 @@ class Stream:
     def __init__(
         self,
         open_source: Callable[[], FrameSource],
-        straightener: Straightener,
+        straightener: "Straightener",
         targets: Sequence[StreamTarget],
         listener: StreamListener,
     ) -> None:

@@ -84,7 +84,7 @@ class WebTarget:
         return f"http://{shown}:{self._port}/?token={self._guard.token}"
 
     def __enter__(self) -> Self:
-        sockets = open_sockets(self._host, self._port)
+        sockets = open_sockets(self._host, self._port, "port, as --to http:8081")
         self._port = sockets[0].getsockname()[1]
         for noisy in ("aiohttp", "asyncio"):  # requests of strangers are no news
             logging.getLogger(noisy).setLevel(logging.CRITICAL)

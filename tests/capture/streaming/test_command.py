@@ -65,7 +65,7 @@ def test_ffmpeg_reads_the_pictures(
     calibration: Calibration,
     pictures: list[np.ndarray],
 ) -> None:
-    stream = streaming(saved, recording, "--to", "-")
+    stream = streaming(saved, recording, "--to", "-", "--quiet")
     reader = subprocess.run(
         [ffmpeg(), "-v", "error", "-i", "-", "-f", "rawvideo", "-pix_fmt", "bgr24", "-"],
         stdin=stream.stdout,
@@ -82,6 +82,7 @@ def test_ffmpeg_reads_the_pictures(
     for frame, picture in zip(frames, pictures, strict=True):
         difference = np.abs(frame.astype(int) - undistorter.undistort(picture)).mean()
         assert difference < 3, "grey levels, of half the colours"
+    assert len(errors.splitlines()) == 1, "the result, and no remark"
     result = result_of(errors)
     assert (result["frames"], result["frames_passed_over"]) == (COUNT, 0)
     assert result["ended"] == "source"
@@ -118,6 +119,23 @@ def test_ctrl_c_ends_the_stream(saved: Path, camera: Path) -> None:
     assert result["ended"] == "interrupted"
     frame_bytes = len(b"FRAME\n") + 164 * 124 * 3 // 2
     assert len(pictures) == result["frames"] * frame_bytes, "no frame is cut"
+
+
+@pytest.mark.skipif(not shutil.which("tmux"), reason="tmux is not installed")
+def test_the_window_in_a_real_terminal(saved: Path, camera: Path, tmp_path: Path) -> None:
+    from tests.capture.tui.test_terminal import Tmux  # a file that is skipped without tmux
+
+    command = [sys.executable, "-m", "calib", "stream", str(saved), "--depth", "0.5"]
+    options = ["--source", str(camera), "--to", "window", "--json"]
+    terminal = Tmux(tmp_path / "socket", [*command, *options])
+    try:
+        terminal.see("straight at 0.5 m, crop as the camera, scale 1, 328x246 px")
+        terminal.press("Up")
+        terminal.see("straight at 0.55 m")
+        terminal.press("q")
+        terminal.see('"ended": "interrupted"')
+    finally:
+        terminal.hang_up()
 
 
 def test_http_prints_its_address_and_the_result_on_stdout(saved: Path, camera: Path) -> None:

@@ -203,5 +203,7 @@ def test_an_occupied_port_is_refused() -> None:
         other.listen()
         port = other.getsockname()[1]
         target = WebTarget("127.0.0.1", port, print, dict, print)
-        with pytest.raises(InputError, match=f"127.0.0.1:{port} cannot be served on"):
+        with pytest.raises(
+            InputError, match=f"127.0.0.1:{port} cannot be served on .* or port, as --to http:8081"
+        ):
             target.__enter__()
