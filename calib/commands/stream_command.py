@@ -14,8 +14,8 @@ WORK = "capture.commands.stream"
 SUMMARY = "Straighten a camera's picture live: for programs, a browser, a pipe or the terminal."
 DESCRIPTION = """
 SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE, as for capture; a
-camera is opened in the size of the calibration, in colour. TARGET is where the straight pictures
-go, and may be given several times.
+camera is opened in the size of the calibration, in colour, and follows the light. TARGET is where
+the straight pictures go, and may be given several times.
 
   v4l2:/dev/videoN   a loopback device, which other programs open as a camera
   http[:PORT]        a page with the picture and its controls, and MJPEG by itself

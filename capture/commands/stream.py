@@ -34,7 +34,8 @@ def run(args: argparse.Namespace) -> None:
     places = parse_places(args.to)
     calibration = Calibration.load(args.calibration)
     size = f"{calibration.camera.width}x{calibration.camera.height}"
-    source = partial(open_source, args.source, camera_options={"size": size, "colour": "yes"})
+    camera_options = {"size": size, "colour": "yes", "auto": "yes"}
+    source = partial(open_source, args.source, camera_options=camera_options)
     source()  # a text that names no source is refused before anything is opened
     window = _window() if any(place.kind == "window" for place in places) else None
     narrator = StreamNarrator()
@@ -115,6 +116,7 @@ def _target(
         return {
             "view": asdict(straightener.view),
             "size": straightener.size,
+            "problem": straightener.problem,
             "counts": stream.statistics.line(),
             **stream.statistics.as_json(),
         }

@@ -13,7 +13,11 @@ told after one second.
 
 
 COLOUR = "colour"
-"""The option for pictures in colour. Calibrations need grey values alone, which are exact."""
+"""The switch for pictures in colour. Calibrations need grey values alone, which are exact."""
+AUTO = "auto"
+"""The switch for exposure, gain and white balance that follow the light, as a stream wants them;
+those that an option states are still fixed, and so is the focus.
+"""
 
 
 def read_number(options: Section, quantity: Quantity) -> float | None:
@@ -34,8 +38,6 @@ def read_size(options: Section) -> tuple[int, int] | None:
     return int(match[1]), int(match[2])
 
 
-def read_colour(options: Section) -> bool:
-    """Return True if `colour=yes` asks for pictures in colour; without it they are grey."""
-    if COLOUR not in options.values:
-        return False
-    return options.choice(COLOUR, ("yes", "no"), "yes or no") == "yes"
+def read_switch(options: Section, key: str) -> bool:
+    """Return True for `key=yes`; False for `key=no`, and where it is not given."""
+    return key in options.values and options.choice(key, ("yes", "no"), "yes or no") == "yes"

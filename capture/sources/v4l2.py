@@ -4,14 +4,15 @@
 format that the camera has. The driver's own grey values are kept: those of YUYV are its Y, not a
 colour picture converted to grey. `exposure_us`, `gain` and `focus` (in the driver's units) set
 controls that are otherwise held at their present value; `patience_s` is the time that a connected
-camera may send nothing. `colour=yes` gives BGR pictures instead of grey ones.
+camera may send nothing. `colour=yes` gives BGR pictures instead of grey ones; with `auto=yes` the
+controls that are not stated follow the light, all but the focus.
 """
 
 import os
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -28,13 +29,14 @@ from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sources import v4l2_device as device
 from capture.sources.options import (
+    AUTO,
     COLOUR,
     EXPOSURE_US,
     GAIN,
     PATIENCE_S,
-    read_colour,
     read_number,
     read_size,
+    read_switch,
 )
 from capture.sources.registry import Inventory, ListedCamera
 from capture.sources.v4l2_formats import COLOURS, FORMATS, ROWS, Grey, Picture
@@ -65,8 +67,11 @@ class V4l2Source:
         patience_s: float = 10.0,
         *,
         colour: bool = False,
+        automatic: Collection[int] = (),
     ) -> None:
-        """`controls` are set after the locking, by their V4L2 numbers."""
+        """`controls` are set after the locking, by their V4L2 numbers; those that are `automatic`
+        follow the light.
+        """
         self.remarks: Sequence[str] = ()
         self._path = path
         self._size = size
@@ -74,6 +79,7 @@ class V4l2Source:
         self._controls = controls or {}
         self._patience_s = patience_s
         self._colour = colour
+        self._automatic = automatic
         self._closed = threading.Event()
         self._open = ExitStack()
 
@@ -81,7 +87,8 @@ class V4l2Source:
         with ExitStack() as stack:
             self._handle = stack.enter_context(device.open_node(self._path))
             mode = self._mode()
-            remarks = device.lock(self._handle)
+            device.follow_light(self._handle, self._automatic)
+            remarks = device.lock(self._handle, self._automatic)
             for control, value in self._controls.items():
                 try:
                     device.write(self._handle, control, value)
@@ -250,7 +257,7 @@ class V4l2Source:
 
 def open_source(place: str, options: Section) -> V4l2Source:
     options.allow_only(
-        ("size", "format", COLOUR, EXPOSURE_US.key, GAIN.key, FOCUS.key, PATIENCE_S.key),
+        ("size", "format", COLOUR, AUTO, EXPOSURE_US.key, GAIN.key, FOCUS.key, PATIENCE_S.key),
         "known option",
     )
     pixels = (
@@ -266,13 +273,17 @@ def open_source(place: str, options: Section) -> V4l2Source:
     ):
         if (value := read_number(options, quantity)) is not None:
             controls[control] = round(value / unit)
+    automatic = set(device.AUTOMATIC) if read_switch(options, AUTO) else set()
+    automatic -= {device.EXPOSURE_AUTO} if device.EXPOSURE_100US in controls else set()
+    automatic -= {device.AUTOGAIN} if device.GAIN in controls else set()
     return V4l2Source(
         place,
         read_size(options),
         pixels,
         controls,
         read_number(options, PATIENCE_S) or 0.0,
-        colour=read_colour(options),
+        colour=read_switch(options, COLOUR),
+        automatic=automatic,
     )
 
 

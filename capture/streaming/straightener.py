@@ -36,6 +36,8 @@ class Straightener:
         self._tell = tell
         self._maps: tuple[StreamView, Undistorter] = view, view.undistorter(calibration)
         self._straight: NDArray[np.uint8] = np.empty(0, np.uint8)
+        self.problem = ""
+        """The sentence that says why the maps of the last change could not be made."""
         self._lock = threading.Lock()
         self._next: StreamView | None = None
         self._maker: threading.Thread | None = None
@@ -102,8 +104,10 @@ class Straightener:
             assert view
             try:
                 self._maps = view, self._undistorter(view)
+                self.problem = ""
             except RefracalError as error:
-                self._tell(str(error))
+                self.problem = str(error)
+                self._tell(self.problem)
             with self._lock:
                 if view == self._next:
                     self._next = self._maker = None

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.extras import how_to_install
+from calib.io.json_text import json_text
 from capture.listening import open_sockets, reachable_address
 
 try:
@@ -192,7 +193,10 @@ class WebTarget:
             await asyncio.wait_for(response.write(part), STALL_S)
 
     async def _send_state(self, _: web.Request) -> web.StreamResponse:
-        return web.json_response(dict(self._state()))
+        return self._state_response()
+
+    def _state_response(self) -> web.Response:
+        return web.Response(text=json_text(self._state()), content_type="application/json")
 
     async def _change_view(self, request: web.Request) -> web.StreamResponse:
         try:
@@ -204,4 +208,4 @@ class WebTarget:
             return web.json_response({"error": "The request is not JSON."}, status=400)
         except InputError as error:
             return web.json_response({"error": str(error)}, status=400)
-        return web.json_response(dict(self._state()))
+        return self._state_response()

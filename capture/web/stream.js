@@ -15,6 +15,7 @@ function show(state) {
     field.value = text;
   }
   counts.textContent = state.counts;
+  if (state.problem) problem.textContent = state.problem;
 }
 
 async function ask(path, options) {

@@ -158,6 +158,25 @@ def test_everything_is_locked_from_the_start(program: Path) -> None:
     assert "--mode 3280:2464:10:P" in (program / "arguments").read_text()
 
 
+@pytest.mark.parametrize(
+    ("options", "fixed"),
+    [
+        ("auto=yes", ""),
+        ("auto=yes&gain=2", "--gain 2 "),
+        ("auto=yes&exposure_us=900&awbgains=1,2", "--shutter 900 --awbgains 1,2 "),
+        ("auto=no", "--shutter 8000 --gain 1 --awbgains 1.8,1.6 "),
+    ],
+)
+def test_what_is_automatic_follows_the_light_and_the_focus_does_not(
+    program: Path, options: str, fixed: str
+) -> None:
+    (program / "script").write_text("0 1")
+    with open_source(f"rpicam:0?size={WIDTH}x{HEIGHT}&{options}") as source:
+        assert next(iter(source))
+    words = f"--autofocus-mode manual --lens-position 0 {fixed}--denoise off"
+    assert words in (program / "arguments").read_text()
+
+
 def test_a_truncated_last_frame_is_dropped(program: Path) -> None:
     assert same(frames_of(program, "0 1 half"), PICTURES[:2])
 

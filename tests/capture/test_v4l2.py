@@ -89,6 +89,43 @@ def test_every_colour_format_gives_the_colour_that_was_sent() -> None:
     assert COLOURS["MJPG"](np.zeros(9, np.uint8), 16, 8) is None
 
 
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ("", {"focus": 0, "exposure": 1, "gain": 0, "white": 0}),
+        ("?auto=yes", {"focus": 0, "exposure": 3, "gain": 1, "white": 1}),
+        ("?auto=yes&exposure_us=2000", {"focus": 0, "exposure": 1, "gain": 1, "white": 1}),
+        ("?auto=yes&gain=5", {"focus": 0, "exposure": 3, "gain": 0, "white": 1}),
+    ],
+)
+def test_what_is_automatic_follows_the_light_and_the_focus_does_not(
+    camera: "Camera", monkeypatch: pytest.MonkeyPatch, options: str, expected: dict[str, int]
+) -> None:
+    controls = {
+        device.FOCUS_AUTO: 1,
+        device.EXPOSURE_AUTO: 0,
+        device.AUTOGAIN: 1,
+        device.AUTO_WHITE_BALANCE: 0,
+        device.EXPOSURE_100US: 10,
+        device.GAIN: 3,
+    }
+
+    def ioctl(handle: int, request: int, argument: bytes = b"") -> bytes:
+        number = int.from_bytes(argument[:4], "little")
+        if request in (device.QUERYCTRL, device.G_CTRL, device.S_CTRL) and number in controls:
+            if request == device.S_CTRL:
+                controls[number] = struct.unpack("=Ii", argument)[1]
+            value = struct.pack("=Ii", number, controls[number])
+            return value if request == device.G_CTRL else argument
+        return camera.ioctl(handle, request, argument)
+
+    monkeypatch.setattr(device, "ioctl", ioctl)
+    camera.interval = 0.0
+    with open_source(f"v4l2:/dev/null{options}"):
+        names = ("focus", "exposure", "gain", "white")
+        assert dict(zip(names, list(controls.values())[:4], strict=True)) == expected
+
+
 class Camera:
     """A driver with one mode, 64x48 grey, and OpenCV's way to read it: a wait that ends without a
     picture is not an error.

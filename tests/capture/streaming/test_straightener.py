@@ -81,6 +81,7 @@ def test_maps_that_cannot_be_made_are_reported_and_the_old_ones_stay(
     straightener.change({"depth": 0.001})
     straightener.wait()
     assert sentences == ["no ray reaches it."]
+    assert straightener.problem == "no ray reaches it."
     assert straightener.view == straightener.requested == StreamView(0.5)
 
 

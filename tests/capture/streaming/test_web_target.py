@@ -133,6 +133,13 @@ def test_a_request_changes_the_view(served: Served) -> None:
     assert served.straightener.view == StreamView(0.3, 0.0, 0.5)
 
 
+def test_an_infinite_depth_is_json_for_a_browser(served: Served) -> None:
+    served.straightener.change({"depth": float("inf")})
+    served.straightener.wait()
+    state = served.ask(f"/state?{served.query}")[1]
+    assert json.loads(state, parse_constant=pytest.fail)["view"]["depth"] is None
+
+
 @pytest.mark.parametrize(
     ("body", "sentence"),
     [

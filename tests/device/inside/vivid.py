@@ -119,8 +119,8 @@ class Script:
         self.sentences: list[str] = []
         self.shapes: set[tuple[int, ...]] = set()
         straightener: Any = Unchanged()
-        colour = {"colour": "yes"}
-        source = partial(open_source, SOURCE, camera_options=colour)
+        options = {"colour": "yes", "auto": "yes"}
+        source = partial(open_source, SOURCE, camera_options=options)
         self.stream = Stream(source, straightener, [self], self)
 
     def __enter__(self) -> Self:
