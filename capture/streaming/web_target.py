@@ -89,9 +89,7 @@ class WebTarget:
         self._port = sockets[0].getsockname()[1]
         for noisy in ("aiohttp", "asyncio"):  # requests of strangers are no news
             logging.getLogger(noisy).setLevel(logging.CRITICAL)
-        self._thread = threading.Thread(
-            target=lambda: asyncio.run(self._serve(sockets)), name="http", daemon=True
-        )
+        self._thread = threading.Thread(target=self._run, args=(sockets,), name="http", daemon=True)
         self._thread.start()
         self._ready.wait()
         self._tell(f"The page with picture and controls: {self.address}")
@@ -112,6 +110,12 @@ class WebTarget:
         if self._viewers:
             jpeg = cv2.imencode(".jpg", picture, JPEG)[1].tobytes()
             self._loop.call_soon_threadsafe(self._publish, jpeg)
+
+    def _run(self, sockets: list[socket.socket]) -> None:
+        try:
+            asyncio.run(self._serve(sockets))
+        finally:
+            self._ready.set()  # whoever waits sees an error instead of nothing
 
     async def _serve(self, sockets: list[socket.socket]) -> None:
         self._loop = asyncio.get_running_loop()
