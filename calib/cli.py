@@ -18,6 +18,7 @@ from calib.commands import (
     measure_command,
     pose_command,
     report_command,
+    stream_command,
     undistort_command,
 )
 from calib.commands.command_line import run_command
@@ -27,8 +28,8 @@ DESCRIPTION = """
 Calibrate a camera that looks through a refractive cover, and undistort its pictures at any depth.
 
 stdout carries the result, stderr progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong usage
-or input, 3 not enough good data, 5 the checked calibration is not valid, 6 a fleet lost its
-cluster, or none of its workers could start, before every camera was done.
+or input, 3 not enough good data, 4 a device failed, 5 the checked calibration is not valid, 6 a
+fleet lost its cluster, or none of its workers could start, before every camera was done.
 """
 GROUPS = (
     CommandGroup("Begin", (demo_command, init_command, board_command, import_command)),
@@ -38,7 +39,14 @@ GROUPS = (
     ),
     CommandGroup(
         "Use a calibration",
-        (undistort_command, export_command, measure_command, pose_command, immerse_command),
+        (
+            undistort_command,
+            stream_command,
+            export_command,
+            measure_command,
+            pose_command,
+            immerse_command,
+        ),
     ),
     CommandGroup("Calibrate many cameras", (batch_command, fleet_prior_command)),
 )

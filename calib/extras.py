@@ -8,6 +8,7 @@ import shlex
 import sys
 
 EXTRAS = {
+    "bags": ("rosbags>=0.11,<1",),
     "completion": ("shtab>=1.9,<2",),
     "exr": ("OpenEXR>=3.3",),
     "fleet": ("cryptography>=42", "dask-jobqueue>=0.9", "distributed>=2024.8", "fsspec>=2024.6"),

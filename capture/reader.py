@@ -38,8 +38,12 @@ class Reader:
         """The number of frames that never came: the gaps in the driver's counter, except between
         photographs.
         """
+        self.arrival_s = 0.0
+        """The time of the monotonic clock, s, at which the frame came that the iteration gave last.
+        """
         self._changed = threading.Condition()
         self._newest: Frame | None = None
+        self._newest_s = 0.0
         self._ended = False
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
@@ -76,6 +80,7 @@ class Reader:
                     lambda: self._newest or self._ended, SILENT_S if self.source.live else None
                 )
                 frame, self._newest = self._newest, None
+                self.arrival_s = self._newest_s
                 self._changed.notify_all()
             if frame is not None:
                 yield frame
@@ -116,4 +121,5 @@ class Reader:
                     self.lost += max(frame.sequence - expected, 0)
                 expected = frame.sequence + 1
                 self._newest = frame
+                self._newest_s = time.monotonic()
                 self._changed.notify_all()

@@ -12,8 +12,6 @@ has touched it for hours.
 """
 
 import asyncio
-import hmac
-import ipaddress
 import json
 import logging
 import os
@@ -27,10 +25,10 @@ from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from urllib.parse import urlsplit
 
-from calib.errors import InputError, brief
+from calib.errors import InputError
 from calib.extras import how_to_install
+from capture.listening import is_loopback, open_sockets, reachable_address
 from capture.orphan import SERVER
 
 try:
@@ -38,6 +36,7 @@ try:
     from textual_serve.server import Server
 
     from capture.doorkeeper import Doorkeeper
+    from capture.guard import HEADERS, Guard
     from capture.offered_files import send_files
     from capture.qr_code import qr_code
     from capture.served_app import ServedApp
@@ -48,16 +47,6 @@ COOKIE = "refracal"
 WEB = Path(__file__).parent / "web"
 """The folder of our pages: the one around Textual's terminal, and the one that draws the same app
 for a thumb.
-"""
-HEADERS = {
-    "X-Frame-Options": "DENY",
-    "Content-Security-Policy": (
-        "frame-ancestors 'none'; base-uri 'none'; object-src 'none'; script-src 'self'"
-    ),
-    "X-Content-Type-Options": "nosniff",
-}
-"""The headers of every answer: a page that framed ours could make a person press its keys, and no
-script may run except those that we serve.
 """
 MAX_IDLE_S = 4 * 3600.0
 """The time in s after which an untouched app ends: moving a board takes an hour at most."""
@@ -88,7 +77,7 @@ class GuardedServer(Server):
         at a time.
         """
         super().__init__(command, host, port, title="Refracal", templates_path=WEB)
-        self.token = token
+        self.guard = Guard(token, COOKIE)
         self._max_apps = apps
         self._running: dict[ServedApp, web.WebSocketResponse] = {}
         """The running apps, the oldest first."""
@@ -137,39 +126,16 @@ class GuardedServer(Server):
             await runner.cleanup()
 
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        if not self._admits(request):
+        hosts = {f"{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]", self.host)}
+        if not self.guard.admits(request, hosts):
             return web.Response(status=403, headers=HEADERS)
         if self._door:
             self._door.admit(request.protocol)
         # the address as the browser knows it
         self.public_url = f"{request.scheme}://{request.host}"
         response = await handler(request)
-        if not response.prepared:
-            for name, value in HEADERS.items():
-                response.headers.setdefault(name, value)
-        if request.path.startswith("/page/"):
-            # a file of an older version would not fit
-            response.headers["Cache-Control"] = "no-cache"
-        if request.path == "/":
-            response.headers["Referrer-Policy"] = "no-referrer"
-            response.headers["Cache-Control"] = "no-store"
-            if self.token:
-                response.set_cookie(COOKIE, self.token, httponly=True, samesite="Strict")
+        self.guard.seal(request, response)
         return response
-
-    def _admits(self, request: web.Request) -> bool:
-        origin = request.headers.get("Origin")
-        try:
-            if origin is not None and urlsplit(origin).netloc != request.host:
-                return False
-        except ValueError:  # the text is not an address
-            return False
-        if self.token is None:
-            return request.host in {
-                f"{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]", self.host)
-            }
-        token = request.query.get("token") or request.cookies.get(COOKIE, "")
-        return hmac.compare_digest(token.encode(errors="surrogateescape"), self.token.encode())
 
     async def handle_offer(self, request: web.Request) -> web.StreamResponse:
         """Serve files that an app has offered, and no others; also after its window was closed."""
@@ -281,7 +247,7 @@ def _size(requested: dict[str, object]) -> dict[str, int]:
 
 def serve(session: Path, source: str, host: str, port: int, apps: int = 1) -> None:
     """Serve until Ctrl-C; InputError if the address cannot be used."""
-    listening = _open_sockets(host, port)
+    listening = open_sockets(host, port)
     os.environ[SERVER] = str(os.getpid())
     command = [
         "exec",
@@ -292,12 +258,12 @@ def serve(session: Path, source: str, host: str, port: int, apps: int = 1) -> No
         str(session),
         *(["--source", source] if source else []),
     ]
-    token = None if _is_loopback(host) else secrets.token_urlsafe(24)
+    token = None if is_loopback(host) else secrets.token_urlsafe(24)
     server = GuardedServer(shlex.join(command), host, port, token, apps)
     logging.getLogger("textual-serve").setLevel(logging.WARNING)
     for noisy in ("aiohttp", "asyncio"):  # requests of strangers are answered, and no news
         logging.getLogger(noisy).setLevel(logging.CRITICAL)
-    reached = _reachable_address(host)
+    reached = reachable_address(host)
     shown = f"[{reached}]" if ":" in reached else reached
     address = f"http://{shown}:{port}/{f'?token={token}' if token else ''}"
     print(address, flush=True)
@@ -321,55 +287,3 @@ def _show_phones(address: str) -> None:
         file=sys.stderr,
         flush=True,
     )
-
-
-def _open_sockets(host: str, port: int) -> list[socket.socket]:
-    """Open a listening socket for every address that a name stands for."""
-    sockets: list[socket.socket] = []
-    try:
-        for family, kind, protocol, _, address in socket.getaddrinfo(
-            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        ):
-            sockets.append(socket.socket(family, kind, protocol))
-            sockets[-1].setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            if family == socket.AF_INET6:
-                sockets[-1].setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-            sockets[-1].bind(address)
-            sockets[-1].listen()
-    except (OSError, UnicodeError, OverflowError) as error:
-        for opened in sockets:
-            opened.close()
-        why = error.strerror if isinstance(error, OSError) else "not an address"
-        raise InputError(
-            f"{brief(host)}:{port} cannot be served on ({why}): choose another --host or --port."
-        ) from error
-    return sockets
-
-
-def _reachable_address(host: str) -> str:
-    """Return the address by which others reach this machine if it serves on all its addresses; its
-    name if it is in no network.
-
-    Nothing is sent: a connected datagram socket knows from which of its addresses it would send.
-    192.0.2.1 and 2001:db8::1 belong to nobody (RFC 5737, RFC 3849).
-    """
-    try:
-        if not ipaddress.ip_address(host).is_unspecified:
-            return host
-        is_ipv4 = ":" not in host
-        with socket.socket(
-            socket.AF_INET if is_ipv4 else socket.AF_INET6, socket.SOCK_DGRAM
-        ) as probe:
-            probe.connect(("192.0.2.1" if is_ipv4 else "2001:db8::1", 9))
-            return str(probe.getsockname()[0])
-    except ValueError:  # the host is a name
-        return host
-    except OSError:
-        return socket.gethostname()
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

@@ -34,7 +34,8 @@ class Typed:
         """`run`; `parsed`: ours, but it needs a camera, a person, a fleet, or hours; `shell`: it
         changes this machine, so bash reads it alone.
         """
-        if self.line.startswith("calib fleet-prior") or "--scheduler" in self.line:
+        needs_camera = self.line.startswith("calib stream") and "--source video:" not in self.line
+        if needs_camera or self.line.startswith("calib fleet-prior") or "--scheduler" in self.line:
             return "parsed"
         if (
             self.program == "calib"

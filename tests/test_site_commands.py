@@ -27,6 +27,7 @@ from calib.commands.command_line import _parser
 from calib.extras import EXTRAS
 from capture import cli as capture_cli
 from tests.importing import recordings
+from tests.io.bags import raw, write_bag
 from tests.site_commands import ROOT, Typed, commands, mentioned
 
 ALL = tuple(dict.fromkeys(commands()))
@@ -152,6 +153,9 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "points.csv").write_text(
         "name,image,x,y\nleft,picture.jpg,412.4,300.9\nright,picture.jpg,604.0,315.2\n"
     )
+    if find_spec("rosbags"):
+        bag = write_bag(folder / "dive", "mcap", [raw("bgr8", np.asarray(picture, np.uint8))] * 3)
+        bag.rename(folder / "dive.mcap")
     recordings.cameramodel(folder / "camera-0.cameramodel")
     recordings.tar(folder / "calibrationdata.tar.gz")
     recordings.kalibr(folder / "FOLDER")

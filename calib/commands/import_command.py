@@ -38,6 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             ),
         ),
         ("images", "FOLDER", "pictures of a board"),
+        (
+            "bag",
+            "FILE",
+            "a bag of ROS 1, a bag or MCAP of ROS 2: its sharpest pictures, spread over its length",
+        ),
         ("video", "FILE", "a video of a board: its sharpest frames, spread over its length"),
     ):
         source = sources.add_parser(
@@ -46,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         source.add_argument("path", type=Path, metavar=metavar)
         if name != "mrcal":
             required = name != "kalibr"
-            pictured = name in ("ros", "images", "video")
+            pictured = name in ("ros", "images", "video", "bag")
             tags = ", or a grid's tags" if pictured else ""
             source.add_argument(
                 "--board",
@@ -67,6 +72,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         if name == "ros":
             source.add_argument(
                 "--camera", choices=("left", "right"), help="the camera of a stereo pair"
+            )
+        if name == "bag":
+            source.add_argument(
+                "--topic",
+                metavar="TOPIC",
+                help="the pictures' topic, such as /camera/image_raw, if there are several",
             )
         if name == "kalibr":
             source.add_argument(
@@ -98,6 +109,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _draft(args: argparse.Namespace) -> "SessionDraft":
+    from calib.importing.from_bag import from_bag
     from calib.importing.from_kalibr import from_kalibr
     from calib.importing.from_mrcal import from_cameramodel, from_corners
     from calib.importing.from_pictures import from_pictures
@@ -116,4 +128,6 @@ def _draft(args: argparse.Namespace) -> "SessionDraft":
         return from_ros_archive(args.path, board, args.camera)
     if args.source == "video":
         return from_video(args.path, board)
+    if args.source == "bag":
+        return from_bag(args.path, board, args.topic)
     return from_pictures(args.path, board, camera=args.camera)

@@ -2,7 +2,9 @@
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from calib.commands.arguments import (
     add_calibration,
@@ -15,11 +17,19 @@ from calib.commands.arguments import (
 )
 from calib.commands.loading import fast_imports
 
-SUMMARY = "Undistort pictures and videos: remove the distortion of cover and lens."
+if TYPE_CHECKING:
+    from calib.calibration import Calibration
+    from calib.progress import Progress
+
+SUMMARY = "Undistort pictures, videos and ROS bags: remove the distortion of cover and lens."
 DESCRIPTION = """
 Pictures may be colour or grey, 8 or 16 bit. Pixels that the camera does not see through its cover
 become 0. Videos lose their sound. If a video is cut off, the command undistorts the frames that it
 has, and the exit code is 3.
+
+Of a bag of ROS, one topic of pictures becomes straight: -o names the new file, .mcap, or .bag for
+ROS 1. Its camera_info is that of the straight camera, whose place a static transform states. All
+other messages are copied.
 """
 EXAMPLES = (
     "calib undistort cam0/calibration photos --depth 1 -o straight",
@@ -30,7 +40,11 @@ EXAMPLES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
     parser.add_argument(
-        "images", type=Path, nargs="+", metavar="FILE", help="pictures, videos, or folders of them"
+        "images",
+        type=Path,
+        nargs="+",
+        metavar="FILE",
+        help="pictures, videos, folders of them, or one bag",
     )
     how_far = parser.add_mutually_exclusive_group(required=True)
     how_far.add_argument(
@@ -55,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--crop",
-        type=_alpha,
+        type=crop_alpha,
         metavar="ALPHA",
         help=(
             "0: only valid pixels; 1: everything that the camera sees (default: the camera's focal"
@@ -68,39 +82,90 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="WxH",
         help="size of the straightened pictures, in px (default: the camera's)",
     )
-    add_output(parser, "folder for the straightened files, which keep their names", required=True)
+    parser.add_argument(
+        "--topic",
+        metavar="TOPIC",
+        help="the pictures' topic of a bag, such as /camera/image_raw, if there are several",
+    )
+    add_output(
+        parser,
+        "folder for the straightened files, which keep their names; of a bag the new file",
+        required=True,
+    )
     add_overwrite(parser)
 
 
 def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from calib.apply.angular_reach import undistortion_limit
-        from calib.apply.undistort_files import UndistortOptions, undistort_files
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
-        from calib.errors import NotEnoughDataError
-        from calib.io.output_folder import OutputFolder
+        from calib.errors import InputError, NotEnoughDataError
+        from calib.io.bag import is_bag
 
+    bags = [path for path in args.images if is_bag(path)]
+    if args.topic and not bags:
+        raise InputError("--topic is for a bag of ROS: leave it out, or give a bag.")
+    if bags and len(args.images) > 1:
+        raise InputError("A bag is undistorted by itself: give it alone.")
     calibration = Calibration.load(args.calibration)
+    with Bars() as bars:
+        paths, cut_off = (_straighten_bag if bags else _straighten_files)(args, calibration, bars)
+    print_paths(paths)
+    if limit := undistortion_limit(calibration):
+        print(limit, file=sys.stderr)
+    if cut_off:
+        count = len(cut_off) - 1
+        addition = f" {count} more video{'s' * (count > 1)} of these break off." if count else ""
+        raise NotEnoughDataError(cut_off[0] + addition)
+
+
+Straightened = tuple[Sequence[Path], Sequence[str]]
+"""The written files, and a sentence for each video that is cut off."""
+
+
+def _straighten_files(
+    args: argparse.Namespace, calibration: "Calibration", progress: "Progress"
+) -> Straightened:
+    from calib.apply.undistort_files import UndistortOptions, undistort_files
+    from calib.io.output_folder import OutputFolder
+
     wanted = UndistortOptions(
         args.depth if args.depth is not None else args.depth_image, args.crop, args.size, args.near
     )
     output = OutputFolder(
         args.output, overwrite=args.overwrite, inputs=calibration_files(args.calibration)
     )
-    with Bars() as bars:
-        done = undistort_files(calibration, args.images, wanted, output, bars)
-    print_paths(done.paths)
-    if limit := undistortion_limit(calibration):
-        print(limit, file=sys.stderr)
-    if done.cut_off:
-        count = len(done.cut_off) - 1
-        addition = f" {count} more video{'s' * (count > 1)} of these break off." if count else ""
-        raise NotEnoughDataError(done.cut_off[0] + addition)
+    done = undistort_files(calibration, args.images, wanted, output, progress)
+    return done.paths, done.cut_off
 
 
-def _alpha(text: str) -> float:
+def _straighten_bag(
+    args: argparse.Namespace, calibration: "Calibration", progress: "Progress"
+) -> Straightened:
+    from calib.apply.undistorter import Undistorter
+    from calib.errors import InputError
+    from calib.export.straight_bag import straighten_bag
+    from calib.io.output_folder import ANOTHER_FILE, OutputFolder
+
+    if args.depth is None:
+        raise InputError("A bag is undistorted at one depth: write --depth, in metres.")
+    (path,) = args.images
+    inputs = (path, *calibration_files(args.calibration))
+    output = OutputFolder(
+        args.output.absolute().parent,
+        overwrite=args.overwrite,
+        inputs=inputs,
+        elsewhere=ANOTHER_FILE,
+    )
+    output.check([args.output.name])
+    undistorter = Undistorter(calibration, args.depth, crop=args.crop, size=args.size)
+    written = straighten_bag(path, args.topic, undistorter, output, args.output.name, progress)
+    return (args.output.parent / written.name,), ()
+
+
+def crop_alpha(text: str) -> float:
     try:
         alpha = float(text)
     except ValueError:

@@ -1,6 +1,6 @@
 """Import a video of a board: its sharpest frames, spread over its whole length."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.importing.session_draft import SessionDraft
+from calib.io.images import Image
 from calib.io.videos import open_video, promised_frames
-from calib.progress import Progress, Silent
+from calib.progress import Advance, Progress, Silent
 from calib.session.board import Board
 from calib.session.camera import Camera
 
@@ -32,8 +33,10 @@ class VideoFrame:
     """The place in the video, from 0 on."""
     time_s: float
     """s from the beginning of the video."""
-    pixels: Picture
-    """(H, W, 3) BGR as stored: not turned by what the file says of the camera's position."""
+    pixels: Image
+    """(H, W) grey or (H, W, 3) BGR as stored: not turned by what the file says of the camera's
+    position.
+    """
     sharpness: float
 
 
@@ -85,11 +88,20 @@ def sharpest_frames(path: Path, sections: int, progress: Progress) -> Iterator[V
         InputError: the file is no video that can be read.
     """
     _, _, count = _measure(path)
-    sections = min(count, sections)
     advance = progress.task(f"Frames of {path.name}", count)
+    yield from sharpest_of(_read_frames(path), count, sections, advance)
+
+
+def sharpest_of(
+    frames: Iterable[VideoFrame], count: int, sections: int, advance: Advance
+) -> Iterator[VideoFrame]:
+    """Yield the sharpest frame of each of so many equal parts of a recording with `count` frames,
+    or of as many parts as it has frames.
+    """
+    sections = min(count, sections)
     best: VideoFrame | None = None
     section = 0
-    for frame in _read_frames(path):
+    for frame in frames:
         advance(min(frame.number + 1, count), "")
         if frame.number * sections >= (section + 1) * count and section + 1 < sections:
             section = frame.number * sections // count
@@ -112,16 +124,16 @@ def _read_frames(path: Path) -> Iterator[VideoFrame]:
             if not success:
                 return
             picture = np.asarray(pixels, np.uint8)
-            yield VideoFrame(number, time_s, picture, _sharpness(picture))
+            yield VideoFrame(number, time_s, picture, measure_sharpness(picture))
             number += 1
     finally:
         video.release()
 
 
-def _sharpness(picture: Picture) -> float:
-    """Return the variance of the Laplacian, which blur lowers."""
+def measure_sharpness(picture: Picture) -> float:
+    """Return the variance of the Laplacian of a BGR or grey picture, which blur lowers."""
     factor = min(1.0, SHARPNESS_SIDE / max(picture.shape))
-    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
     if factor < 1:
         grey = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     return float(cv2.Laplacian(grey, cv2.CV_32F).var())

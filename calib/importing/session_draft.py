@@ -5,7 +5,7 @@ No existing file is ever overwritten.
 
 import secrets
 import shutil
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from calib.corners.corners_file import write_corners
 from calib.corners.view import View
 from calib.errors import InputError
 from calib.io.files import make_folder, write_atomically
+from calib.io.frames_table import NAME, columns, to_csv
 from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.session.cover import Cover
@@ -39,6 +40,10 @@ class SessionDraft:
     views: tuple[View, ...] = ()
     frames: Iterable[tuple[str, bytes]] = ()
     """File names and contents. They are read one by one while they are written."""
+    times: Callable[[], Mapping[str, float]] | None = None
+    """Returns the time in s of each frame by its file name, once all frames were read. None: the
+    source has no times.
+    """
     remarks: tuple[str, ...] = ()
     """Comment lines for session.yaml: what the source knows and a session does not state."""
     notices: tuple[str, ...] = ()
@@ -105,6 +110,9 @@ def _fill(draft: SessionDraft, folder: Path, setup: dict[str, object]) -> int:
     make_folder(frames)
     for name, data in draft.frames:
         write_atomically(frames / name, data)
+    if draft.times:
+        rows = [{"file": name, "time_s": f"{time:.6f}"} for name, time in draft.times().items()]
+        write_atomically(folder / NAME, to_csv(rows, columns(rows)))
     try:
         session = read_session(folder)
         check_images(session)

@@ -24,7 +24,16 @@ from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sensors import sensor_in, shutter_of
 from capture.sources import libcamera_device as device
-from capture.sources.options import EXPOSURE_US, GAIN, PATIENCE_S, read_number, read_size
+from capture.sources.options import (
+    AUTO,
+    COLOUR,
+    EXPOSURE_US,
+    GAIN,
+    PATIENCE_S,
+    read_number,
+    read_size,
+    read_switch,
+)
 from capture.sources.registry import Inventory
 
 LENS_POSITION = Quantity("lens_position", low=0, high=100)
@@ -55,8 +64,13 @@ class LibcameraSource:
         size: tuple[int, int] | None,
         controls: Mapping[str, float],
         patience_s: float,
+        *,
+        automatic: bool = False,
     ) -> None:
-        """`controls` are named as in libcamera: ExposureTime, AnalogueGain, LensPosition."""
+        """`controls` are named as in libcamera: ExposureTime, AnalogueGain, LensPosition. With
+        `automatic`, exposure, gain and white balance follow the light.
+        """
+        self._automatic = automatic
         self._place = place
         self._size = size or (0, 0)
         self._requested = controls
@@ -177,10 +191,12 @@ class LibcameraSource:
         }
 
     def _settle(self) -> Frame | None:
-        """Return the first frame with fixed exposure, gain and white balance; None if the source
-        was closed before.
+        """Return the first frame with fixed exposure, gain and white balance, unless they are
+        automatic; None if the source was closed before.
         """
         frame = self._take()
+        if self._automatic:
+            return frame
         for _ in range(MAX_SETTLING_FRAMES if "AeEnable" in self._ids else 0):
             if frame is None or self._metadata.get(
                 "AeLocked", self._metadata.get("AeState") == CONVERGED
@@ -249,8 +265,10 @@ class LibcameraSource:
 
 def open_source(place: str, options: Section) -> LibcameraSource:
     options.allow_only(
-        ("size", EXPOSURE_US.key, GAIN.key, LENS_POSITION.key, PATIENCE_S.key), "known option"
+        ("size", COLOUR, AUTO, EXPOSURE_US.key, GAIN.key, LENS_POSITION.key, PATIENCE_S.key),
+        "known option",
     )
+    read_switch(options, COLOUR)  # it is accepted, and the pictures are grey
     controls: dict[str, float | int] = {}
     if (exposure := read_number(options, EXPOSURE_US)) is not None:
         controls["ExposureTime"] = round(exposure)
@@ -258,7 +276,11 @@ def open_source(place: str, options: Section) -> LibcameraSource:
         if (value := read_number(options, quantity)) is not None:
             controls[name] = value
     return LibcameraSource(
-        place, read_size(options), controls, read_number(options, PATIENCE_S) or 0.0
+        place,
+        read_size(options),
+        controls,
+        read_number(options, PATIENCE_S) or 0.0,
+        automatic=read_switch(options, AUTO),
     )
 
 

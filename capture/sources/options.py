@@ -12,6 +12,14 @@ told after one second.
 """
 
 
+COLOUR = "colour"
+"""The switch for pictures in colour. Calibrations need grey values alone, which are exact."""
+AUTO = "auto"
+"""The switch for exposure, gain and white balance that follow the light, as a stream wants them;
+those that an option states are still fixed, and so is the focus.
+"""
+
+
 def read_number(options: Section, quantity: Quantity) -> float | None:
     """Return the option's value; None where it is not given and has no default."""
     if quantity.key not in options.values and quantity.default is None:
@@ -28,3 +36,8 @@ def read_size(options: Section) -> tuple[int, int] | None:
     if not match:
         raise options.error("size", options.values["size"], expected)
     return int(match[1]), int(match[2])
+
+
+def read_switch(options: Section, key: str) -> bool:
+    """Return True for `key=yes`; False for `key=no`, and where it is not given."""
+    return key in options.values and options.choice(key, ("yes", "no"), "yes or no") == "yes"

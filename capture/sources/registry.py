@@ -1,5 +1,6 @@
 """The registry of sources: where frames can come from, by the first word of `--source`."""
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -57,27 +58,32 @@ class Scheme:
     name: str
     module: str
     example: str
+    camera: bool = False
+    """True for a camera, which is told the size of its pictures, and whether they are in colour."""
 
     def backend(self) -> Backend:
         return cast(Backend, import_module(self.module))
 
 
 SCHEMES: tuple[Scheme, ...] = (
-    Scheme("v4l2", "capture.sources.v4l2", "v4l2:/dev/video0"),
-    Scheme("libcamera", "capture.sources.libcamera", "libcamera:0"),
-    Scheme("rpicam", "capture.sources.rpicam", "rpicam:0"),
+    Scheme("v4l2", "capture.sources.v4l2", "v4l2:/dev/video0", camera=True),
+    Scheme("libcamera", "capture.sources.libcamera", "libcamera:0", camera=True),
+    Scheme("rpicam", "capture.sources.rpicam", "rpicam:0", camera=True),
     Scheme("folder", "capture.sources.folder", "folder:PATH"),
     Scheme("video", "capture.sources.video", "video:FILE"),
 )
 """Cameras first, in the order in which `capture sources` lists them."""
 
 
-def open_source(text: str, option: str = "--source") -> FrameSource:
+def open_source(
+    text: str, option: str = "--source", camera_options: Mapping[str, object] | None = None
+) -> FrameSource:
     """Return the source that `SCHEME:PLACE?key=value&...` names, or the path of a folder, a video
     or a camera's device by itself; an InputError says what is wrong with the text.
 
     Args:
         option: the name of the option or field in messages.
+        camera_options: options that a camera gets where the text does not state them.
     """
     if not text.strip():
         raise InputError(f"{option} is empty: {_expected()}")
@@ -91,7 +97,10 @@ def open_source(text: str, option: str = "--source") -> FrameSource:
         place, query = location, ""
     if not place:
         raise InputError(f"{context} does not say which one: write it like {scheme.example}.")
-    return scheme.backend().open_source(place, Section(_pairs(context, query), context))
+    pairs = _pairs(context, query)
+    if scheme.camera:
+        pairs = {**(camera_options or {}), **pairs}
+    return scheme.backend().open_source(place, Section(pairs, context))
 
 
 def full_source(text: str) -> str:

@@ -4,7 +4,8 @@ bindings.
 `rpicam:0?size=1640x1232&exposure_us=8000&gain=1&lens_position=2.0`; `mode=3280:2464:10:P` selects
 the sensor's mode, `awbgains=1.8,1.6` the colours, `fps=10` the rate. Focus, exposure, gain and
 white balance are fixed from the start. The program writes YUV420 with rows padded to 64 bytes; its
-Y plane is the full-range grey picture.
+Y plane is the full-range grey picture. `colour=yes` gives BGR pictures instead; with
+`auto=yes` exposure, gain and white balance that are not stated follow the light.
 """
 
 import os
@@ -15,11 +16,13 @@ import subprocess
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import IO, Self
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.io.numerals import whole_number
@@ -28,7 +31,7 @@ from calib.session.shutter import Shutter
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sensors import sensor_in, shutter_of
-from capture.sources.options import read_number, read_size
+from capture.sources.options import AUTO, COLOUR, read_number, read_size, read_switch
 from capture.sources.registry import Inventory, ListedCamera
 
 ROW_ALIGNMENT = 64  # bytes, the alignment of a row
@@ -42,6 +45,8 @@ QUANTITIES = (
     Quantity("lens_position", low=0, high=100, default=0.0),
     Quantity("fps", low=0.1, high=1000, default=10.0),
 )
+LIGHT = ("exposure_us", "gain", "awbgains")
+"""The settings that may follow the light."""
 CONFIGURED = re.compile(r"configuring streams: \(0\) (\d+)x(\d+)")
 SELECTED_FORMAT = "Selected sensor format"
 """The beginning of the line that names the opened camera."""
@@ -61,13 +66,25 @@ class RpicamSource:
         settings: Mapping[str, float],
         mode: str,
         awbgains: str,
+        *,
+        colour: bool = False,
+        automatic: Collection[str] = (),
     ) -> None:
+        """`automatic` are the settings, exposure_us, gain or awbgains, that follow the light."""
         self._size = size
+        self._colour = colour
         self._fps = settings["fps"]
         self._state: dict[str, float | str] = {
-            key: value for key, value in settings.items() if key != "fps"
+            key: value for key, value in settings.items() if key != "fps" and key not in automatic
         }
-        self._state |= {"awbgains": awbgains.replace(",", " ")} | ({"mode": mode} if mode else {})
+        fixed = {
+            "exposure_us": ("--shutter", f"{settings['exposure_us']:.0f}"),
+            "gain": ("--gain", f"{settings['gain']:g}"),
+            "awbgains": ("--awbgains", awbgains),
+        }
+        if "awbgains" not in automatic:
+            self._state["awbgains"] = awbgains.replace(",", " ")
+        self._state |= {"mode": mode} if mode else {}
         self._command = [
             *(
                 "rpicam-vid",
@@ -82,14 +99,7 @@ class RpicamSource:
             ),
             *("--width", str(size[0]), "--height", str(size[1]), "--framerate", f"{self._fps:g}"),
             *("--autofocus-mode", "manual", "--lens-position", f"{settings['lens_position']:g}"),
-            *(
-                "--shutter",
-                f"{settings['exposure_us']:.0f}",
-                "--gain",
-                f"{settings['gain']:g}",
-                "--awbgains",
-                awbgains,
-            ),
+            *(word for key, words in fixed.items() if key not in automatic for word in words),
             *("--denoise", "off", *(("--mode", mode) if mode else ()), "--output", "-"),
         ]
         self._lines: deque[str] = deque(maxlen=50)
@@ -185,6 +195,8 @@ class RpicamSource:
             return None
         self._check_configured()
         pixels = np.frombuffer(buffer, np.uint8, stride * height).reshape(height, stride)[:, :width]
+        if self._colour:
+            pixels = _with_colour(pixels, np.frombuffer(buffer, np.uint8)[stride * height :])
         return Frame(np.ascontiguousarray(pixels), sequence, time.monotonic(), dict(self._state))
 
     def _check_end(self, filled: int) -> None:
@@ -232,13 +244,29 @@ class RpicamSource:
         )
 
 
+def _with_colour(grey: NDArray[np.uint8], chroma: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the (h, w, 3) BGR picture of full-range YUV420.
+
+    Args:
+        grey: (h, w), the Y plane.
+        chroma: the U plane and then the V plane, of half the height and width, with padded rows.
+    """
+    height, width = grey.shape
+    blue, red = chroma.reshape(2, height // 2, -1)[:, :, : (width + 1) // 2]
+    planes = [grey, *(cv2.resize(plane, (width, height)) for plane in (red, blue))]
+    return np.asarray(cv2.cvtColor(cv2.merge(planes), cv2.COLOR_YCrCb2BGR), np.uint8)
+
+
 def open_source(place: str, options: Section) -> RpicamSource:
     options.allow_only(
-        ("size", "mode", "awbgains", *(quantity.key for quantity in QUANTITIES)), "known option"
+        ("size", "mode", "awbgains", COLOUR, AUTO, *(quantity.key for quantity in QUANTITIES)),
+        "known option",
     )
     number = whole_number(place)
     if number is None:
         raise InputError(f"{options.file} names no camera: write its number, such as rpicam:0.")
+    automatic = [key for key in LIGHT if key not in options.values]
+    automatic = automatic if read_switch(options, AUTO) else []
     settings = {quantity.key: read_number(options, quantity) or 0.0 for quantity in QUANTITIES}
     texts = []
     for key, default, pattern, example in (
@@ -249,7 +277,15 @@ def open_source(place: str, options: Section) -> RpicamSource:
         if text and not re.fullmatch(pattern, text):
             raise options.error(key, text, f"it like {example}")
         texts.append(text)
-    return RpicamSource(number, read_size(options) or (1640, 1232), settings, texts[0], texts[1])
+    return RpicamSource(
+        number,
+        read_size(options) or (1640, 1232),
+        settings,
+        texts[0],
+        texts[1],
+        colour=read_switch(options, COLOUR),
+        automatic=automatic,
+    )
 
 
 def inventory() -> Inventory:

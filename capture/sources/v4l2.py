@@ -4,14 +4,15 @@
 format that the camera has. The driver's own grey values are kept: those of YUYV are its Y, not a
 colour picture converted to grey. `exposure_us`, `gain` and `focus` (in the driver's units) set
 controls that are otherwise held at their present value; `patience_s` is the time that a connected
-camera may send nothing.
+camera may send nothing. `colour=yes` gives BGR pictures instead of grey ones; with `auto=yes` the
+controls that are not stated follow the light, all but the focus.
 """
 
 import os
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -27,9 +28,18 @@ from calib.session.shutter import Shutter
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sources import v4l2_device as device
-from capture.sources.options import EXPOSURE_US, GAIN, PATIENCE_S, read_number, read_size
+from capture.sources.options import (
+    AUTO,
+    COLOUR,
+    EXPOSURE_US,
+    GAIN,
+    PATIENCE_S,
+    read_number,
+    read_size,
+    read_switch,
+)
 from capture.sources.registry import Inventory, ListedCamera
-from capture.sources.v4l2_formats import FORMATS, ROWS, Grey
+from capture.sources.v4l2_formats import COLOURS, FORMATS, ROWS, Grey, Picture
 
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 """The time in s that OpenCV waits for a frame; after it, the source checks that the camera is still
@@ -55,14 +65,21 @@ class V4l2Source:
         pixels: str | None = None,
         controls: Mapping[int, int] | None = None,
         patience_s: float = 10.0,
+        *,
+        colour: bool = False,
+        automatic: Collection[int] = (),
     ) -> None:
-        """`controls` are set after the locking, by their V4L2 numbers."""
+        """`controls` are set after the locking, by their V4L2 numbers; those that are `automatic`
+        follow the light.
+        """
         self.remarks: Sequence[str] = ()
         self._path = path
         self._size = size
         self._pixels = pixels
         self._controls = controls or {}
         self._patience_s = patience_s
+        self._colour = colour
+        self._automatic = automatic
         self._closed = threading.Event()
         self._open = ExitStack()
 
@@ -70,7 +87,8 @@ class V4l2Source:
         with ExitStack() as stack:
             self._handle = stack.enter_context(device.open_node(self._path))
             mode = self._mode()
-            remarks = device.lock(self._handle)
+            device.follow_light(self._handle, self._automatic)
+            remarks = device.lock(self._handle, self._automatic)
             for control, value in self._controls.items():
                 try:
                     device.write(self._handle, control, value)
@@ -100,15 +118,15 @@ class V4l2Source:
         self._open.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        grey, time_s = self._first
+        pixels, time_s = self._first
         sequence, nominal = 0, 1 / (self._capture.get(cv2.CAP_PROP_FPS) or 30.0)  # s
         recent: deque[float] = deque(maxlen=15)  # s, from frame to frame
         while not self._closed.is_set():
-            yield Frame(grey, sequence, time_s, self._read_controls())
+            yield Frame(pixels, sequence, time_s, self._read_controls())
             previous_s = time_s
             if (picture := self._take()) is None:
                 return
-            grey, time_s = picture
+            pixels, time_s = picture
             elapsed = time_s - previous_s  # OpenCV hides the driver's counter, but not its clock
             sequence += max(round(elapsed / max(nominal, min(recent))), 1) if recent else 1
             recent.append(elapsed)
@@ -136,7 +154,12 @@ class V4l2Source:
             )
         best = min(
             fit,
-            key=lambda m: (m.format == "MJPG", -m.width * m.height, list(FORMATS).index(m.format)),
+            key=lambda m: (
+                m.format == "MJPG",
+                -m.width * m.height,
+                self._colour and m.format not in COLOURS,
+                list(FORMATS).index(m.format),
+            ),
         )
         if self._size:
             return replace(best, width=self._size[0], height=self._size[1])
@@ -182,17 +205,17 @@ class V4l2Source:
             raise CaptureError(f"{self._path} was closed before its first picture.")
         self._first = first
 
-    def _take(self) -> tuple[Grey, float] | None:
+    def _take(self) -> tuple[Picture, float] | None:
         """Return the next picture and its time in s; None once closed. It skips damaged buffers."""
         start_s = time.monotonic()
         while not self._closed.is_set():
             good, raw = self._capture.read()
-            if good and (grey := self._grey(np.asarray(raw, np.uint8))) is not None:
+            if good and (pixels := self._decode(np.asarray(raw, np.uint8))) is not None:
                 arrival_s = time.monotonic()
                 driver_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
                 # some drivers have another clock
                 is_monotonic = 0 <= arrival_s - driver_s < MAX_FRAME_AGE
-                return grey, driver_s if is_monotonic else arrival_s
+                return pixels, driver_s if is_monotonic else arrival_s
             if not good and not device.is_connected(self._handle):
                 raise CaptureError(
                     f"{self._path} was unplugged: plug the camera in again, and run the same"
@@ -207,13 +230,16 @@ class V4l2Source:
                 self._closed.wait(0.01)
         return None
 
-    def _grey(self, raw: Grey) -> Grey | None:
+    def _decode(self, raw: Grey) -> Picture | None:
+        """Return the picture of a raw buffer; None for a damaged one."""
         width, height = self._size or (0, 0)
+        name = self._pixels or "GREY"
         try:
-            grey = FORMATS[self._pixels or "GREY"](raw, width, height)
-        except ValueError:  # the buffer has another length
+            in_colour = self._colour and name in COLOURS
+            pixels = (COLOURS if in_colour else FORMATS)[name](raw, width, height)
+        except (ValueError, cv2.error):  # the buffer has another length
             return None
-        return None if grey is None or grey.shape != (height, width) else np.array(grey)
+        return None if pixels is None or pixels.shape[:2] != (height, width) else np.array(pixels)
 
     def _read_controls(self) -> dict[str, float | str]:
         """Return the values of the controls that the camera has."""
@@ -231,7 +257,8 @@ class V4l2Source:
 
 def open_source(place: str, options: Section) -> V4l2Source:
     options.allow_only(
-        ("size", "format", EXPOSURE_US.key, GAIN.key, FOCUS.key, PATIENCE_S.key), "known option"
+        ("size", "format", COLOUR, AUTO, EXPOSURE_US.key, GAIN.key, FOCUS.key, PATIENCE_S.key),
+        "known option",
     )
     pixels = (
         options.choice("format", tuple(FORMATS), f"one of {', '.join(FORMATS)}")
@@ -246,8 +273,17 @@ def open_source(place: str, options: Section) -> V4l2Source:
     ):
         if (value := read_number(options, quantity)) is not None:
             controls[control] = round(value / unit)
+    automatic = set(device.AUTOMATIC) if read_switch(options, AUTO) else set()
+    automatic -= {device.EXPOSURE_AUTO} if device.EXPOSURE_100US in controls else set()
+    automatic -= {device.AUTOGAIN} if device.GAIN in controls else set()
     return V4l2Source(
-        place, read_size(options), pixels, controls, read_number(options, PATIENCE_S) or 0.0
+        place,
+        read_size(options),
+        pixels,
+        controls,
+        read_number(options, PATIENCE_S) or 0.0,
+        colour=read_switch(options, COLOUR),
+        automatic=automatic,
     )
 
 

@@ -8,7 +8,7 @@ used here.
 import errno
 import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fcntl import ioctl
@@ -35,6 +35,10 @@ EXPOSURE_AUTO, EXPOSURE_100US, EXPOSURE_PRIORITY = 0x009A0901, 0x009A0902, 0x009
 FOCUS, FOCUS_AUTO = 0x009A090A, 0x009A090C
 LOCKED = {FOCUS_AUTO: 0, EXPOSURE_AUTO: 1, EXPOSURE_PRIORITY: 0, AUTOGAIN: 0, AUTO_WHITE_BALANCE: 0}
 """The controls that let a camera change itself, and the value that stops it."""
+AUTOMATIC = {EXPOSURE_AUTO: (3, 0), AUTOGAIN: (1,), AUTO_WHITE_BALANCE: (1,)}
+"""The controls that may follow the light, and the values that let them, the most usual first: a
+camera whose exposure alone is automatic has 3, one whose aperture is as well 0.
+"""
 NAMES = {
     FOCUS_AUTO: "focus",
     EXPOSURE_AUTO: "exposure",
@@ -145,13 +149,27 @@ def padding(handle: int, pixel: int, rows: float) -> int:
     return max(row - width * pixel, 0) if total >= int(row * height * rows) else 0
 
 
-def lock(handle: int) -> list[str]:
+def follow_light(handle: int, controls: Collection[int]) -> None:
+    """Let the camera change some of the controls of AUTOMATIC by itself, as far as it can."""
+    for control in controls:
+        if read(handle, control) is None:
+            continue
+        for value in AUTOMATIC[control]:
+            with suppress(OSError):
+                write(handle, control, value)
+                break
+
+
+def lock(handle: int, automatic: Collection[int] = ()) -> list[str]:
     """Lock focus, exposure, gain and white balance at their present values. Return a sentence for
     each that the camera keeps changing.
+
+    Args:
+        automatic: the controls that stay as they are.
     """
     remarks = []
     for control, value in LOCKED.items():
-        if read(handle, control) is None:
+        if control in automatic or read(handle, control) is None:
             continue
         try:
             write(handle, control, value)

@@ -1,4 +1,4 @@
-"""The grey values in the raw buffers of V4L2 cameras."""
+"""The grey values and the colours in the raw buffers of V4L2 cameras."""
 
 from collections.abc import Callable, Mapping
 
@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Grey = NDArray[np.uint8]
+Picture = NDArray[np.uint8]
 
 
 def _plane(raw: Grey, width: int, height: int) -> Grey:
@@ -28,6 +29,40 @@ FORMATS: Mapping[str, Callable[[Grey, int, int], Grey | None]] = {
 }
 """The functions that take the (height, width) grey values from a raw buffer, the exact and cheap
 formats first. They return None for a damaged JPEG.
+"""
+
+
+def _decode_colour(raw: Grey, _width: int, _height: int) -> Picture | None:
+    picture = cv2.imdecode(raw.reshape(-1), cv2.IMREAD_COLOR)
+    return None if picture is None else np.asarray(picture, np.uint8)
+
+
+def _packed(code: int) -> Callable[[Grey, int, int], Picture]:
+    """Return the conversion of two bytes for a pixel."""
+    return lambda raw, width, height: np.asarray(
+        cv2.cvtColor(raw.reshape(height, width, 2), code), np.uint8
+    )
+
+
+def _planar(code: int) -> Callable[[Grey, int, int], Picture]:
+    """Return the conversion of a plane of brightness, and colours of half its width and height."""
+
+    def convert(raw: Grey, width: int, height: int) -> Picture:
+        planes = raw.reshape(-1)[: width * height * 3 // 2].reshape(-1, width)
+        return np.asarray(cv2.cvtColor(planes, code), np.uint8)
+
+    return convert
+
+
+COLOURS: Mapping[str, Callable[[Grey, int, int], Picture | None]] = {
+    "YUYV": _packed(cv2.COLOR_YUV2BGR_YUYV),
+    "UYVY": _packed(cv2.COLOR_YUV2BGR_UYVY),
+    "NV12": _planar(cv2.COLOR_YUV2BGR_NV12),
+    "YU12": _planar(cv2.COLOR_YUV2BGR_I420),
+    "MJPG": _decode_colour,
+}
+"""The functions that make the (height, width, 3) BGR picture of a raw buffer. Formats without
+colours are missing.
 """
 ROWS: Mapping[str, tuple[int, float]] = {
     "GREY": (1, 1),

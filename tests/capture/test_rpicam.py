@@ -108,6 +108,17 @@ def test_the_grey_plane_is_kept_without_its_padding(program: Path) -> None:
     assert not np.shares_memory(frames[0].pixels, frames[1].pixels)
 
 
+def test_in_colour_the_padding_is_left_out_and_grey_stays_grey(program: Path) -> None:
+    """The stand-in's colours are 85 everywhere, in full range: less blue and less red than grey."""
+    (program / "script").write_text("0 1")
+    with open_source(f"{SOURCE}&colour=yes") as source:
+        pixels = next(iter(source)).pixels.astype(int)
+    y = PICTURES[0].astype(int)
+    expected = [y + 1.772 * -43, y - 0.34414 * -43 - 0.71414 * -43, y + 1.402 * -43]  # BT.601
+    assert pixels.shape == (HEIGHT, WIDTH, 3)
+    np.testing.assert_allclose(pixels, np.clip(np.dstack(expected), 0, 255), atol=1)
+
+
 def test_the_shutter_of_the_sensor_that_the_program_names_is_written(
     program: Path, tmp_path: Path
 ) -> None:
@@ -145,6 +156,25 @@ def test_everything_is_locked_from_the_start(program: Path) -> None:
     with open_source(SOURCE + "&mode=3280:2464:10:P"):
         pass
     assert "--mode 3280:2464:10:P" in (program / "arguments").read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "fixed"),
+    [
+        ("auto=yes", ""),
+        ("auto=yes&gain=2", "--gain 2 "),
+        ("auto=yes&exposure_us=900&awbgains=1,2", "--shutter 900 --awbgains 1,2 "),
+        ("auto=no", "--shutter 8000 --gain 1 --awbgains 1.8,1.6 "),
+    ],
+)
+def test_what_is_automatic_follows_the_light_and_the_focus_does_not(
+    program: Path, options: str, fixed: str
+) -> None:
+    (program / "script").write_text("0 1")
+    with open_source(f"rpicam:0?size={WIDTH}x{HEIGHT}&{options}") as source:
+        assert next(iter(source))
+    words = f"--autofocus-mode manual --lens-position 0 {fixed}--denoise off"
+    assert words in (program / "arguments").read_text()
 
 
 def test_a_truncated_last_frame_is_dropped(program: Path) -> None:

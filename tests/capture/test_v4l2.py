@@ -13,7 +13,7 @@ import pytest
 from capture.errors import CaptureError
 from capture.sources import v4l2_device as device
 from capture.sources.registry import open_source
-from capture.sources.v4l2_formats import FORMATS, ROWS
+from capture.sources.v4l2_formats import COLOURS, FORMATS, ROWS
 
 CASES = [
     ("GREY", 322, 322 * 250, 0),
@@ -63,6 +63,67 @@ def test_a_driver_that_gives_no_row_length_is_taken_to_pad_nothing(
 
 def test_every_format_but_jpeg_has_rows() -> None:
     assert set(FORMATS) - set(ROWS) == {"MJPG"}
+
+
+def test_every_colour_format_gives_the_colour_that_was_sent() -> None:
+    """One colour, so that halved colours lose nothing, of BT.601 from 16 to 235."""
+    picture = np.full((8, 16, 3), (40, 120, 200), np.uint8)
+    planes = cv2.cvtColor(picture, cv2.COLOR_BGR2YUV_I420)
+    y = int(planes[0, 0])
+    u = int(planes[8, 0])
+    v = int(planes[10, 0])
+    grey = np.full((8, 16), y, np.uint8)
+    pairs = np.full((4, 8, 2), (u, v), np.uint8)
+    buffers = {
+        "YUYV": np.tile(np.array([y, u, y, v], np.uint8), 8 * 8),
+        "UYVY": np.tile(np.array([u, y, v, y], np.uint8), 8 * 8),
+        "NV12": np.concatenate([grey.ravel(), pairs.ravel()]),
+        "YU12": planes.ravel(),
+        "MJPG": cv2.imencode(".jpg", picture)[1].ravel(),
+    }
+    assert buffers.keys() == COLOURS.keys() == FORMATS.keys() - {"GREY"}
+    for name, buffer in buffers.items():
+        pixels = COLOURS[name](np.asarray(buffer, np.uint8), 16, 8)
+        assert pixels is not None
+        np.testing.assert_allclose(pixels.astype(int), picture, atol=3, err_msg=name)
+    assert COLOURS["MJPG"](np.zeros(9, np.uint8), 16, 8) is None
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ("", {"focus": 0, "exposure": 1, "gain": 0, "white": 0}),
+        ("?auto=yes", {"focus": 0, "exposure": 3, "gain": 1, "white": 1}),
+        ("?auto=yes&exposure_us=2000", {"focus": 0, "exposure": 1, "gain": 1, "white": 1}),
+        ("?auto=yes&gain=5", {"focus": 0, "exposure": 3, "gain": 0, "white": 1}),
+    ],
+)
+def test_what_is_automatic_follows_the_light_and_the_focus_does_not(
+    camera: "Camera", monkeypatch: pytest.MonkeyPatch, options: str, expected: dict[str, int]
+) -> None:
+    controls = {
+        device.FOCUS_AUTO: 1,
+        device.EXPOSURE_AUTO: 0,
+        device.AUTOGAIN: 1,
+        device.AUTO_WHITE_BALANCE: 0,
+        device.EXPOSURE_100US: 10,
+        device.GAIN: 3,
+    }
+
+    def ioctl(handle: int, request: int, argument: bytes = b"") -> bytes:
+        number = int.from_bytes(argument[:4], "little")
+        if request in (device.QUERYCTRL, device.G_CTRL, device.S_CTRL) and number in controls:
+            if request == device.S_CTRL:
+                controls[number] = struct.unpack("=Ii", argument)[1]
+            value = struct.pack("=Ii", number, controls[number])
+            return value if request == device.G_CTRL else argument
+        return camera.ioctl(handle, request, argument)
+
+    monkeypatch.setattr(device, "ioctl", ioctl)
+    camera.interval = 0.0
+    with open_source(f"v4l2:/dev/null{options}"):
+        names = ("focus", "exposure", "gain", "white")
+        assert dict(zip(names, list(controls.values())[:4], strict=True)) == expected
 
 
 class Camera:

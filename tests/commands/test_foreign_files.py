@@ -89,6 +89,7 @@ COMMANDS = {
     "undistort": Command(
         ("undistort", "small", "pictures", "--depth", "1", "-o", "OUT"), ("0.png", "1.png")
     ),
+    "stream": Command(words("stream small --source pictures --depth 1 --to http:0")),
     "measure": Command(("measure", "fitted", "points.csv", "--depth", "0.5")),
     "pose": Command(
         words("pose tagged tag.png --tags DICT_4X4_50 --size-mm 50 -o OUT/poses.csv"),

@@ -65,6 +65,13 @@ def test_a_camera_slower_than_a_frame_a_second_is_waited_for(shared: Path) -> No
     assert "waiting for the next one." in slow["stderr"]
 
 
+def test_a_stream_to_the_device_is_a_camera_for_others(shared: Path) -> None:
+    streamed = json.loads((shared / "result.json").read_text())["streamed"]
+    assert streamed["opencv"] <= 3, "grey levels, of 219"
+    assert streamed["colour"] <= 3
+    assert (streamed["format"], streamed["size"]) == ("YU12", [320, 240])
+
+
 def test_the_recording_calibrates_to_the_same_numbers(shared: Path, tmp_path: Path) -> None:
     shutil.copytree(FIXTURE / "frames", tmp_path / "fixture" / "frames")
     shutil.copy(FIXTURE / "session.yaml", tmp_path / "fixture")
@@ -78,5 +85,5 @@ def _fit(session: Path, output: Path) -> dict[str, Any]:
     command = [sys.executable, "-m", "calib", "fit", str(session), "-o", str(output), "--json"]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
     result: dict[str, Any] = json.loads(done.stdout)
-    del result["seconds"], result["written"], result["verdict"]["next"]
+    del result["seconds"], result["written"], result["calibration"], result["verdict"]["next"]
     return result

@@ -33,6 +33,17 @@ def steps(shared: Path) -> dict[str, Any]:
     return result
 
 
+def test_a_stream_waits_for_its_camera_and_goes_on(steps: dict[str, Any]) -> None:
+    step = steps["streamed"]
+    assert step["ended"] == "interrupted"
+    assert step["frames"] == 10
+    assert step["interruptions"] == 1
+    gone = "/dev/video0 was unplugged: the stream goes on when the camera is back."
+    assert gone in step["sentences"]
+    assert step["sentences"][-1].startswith("The camera is back, after ")
+    assert step["shapes"] == [[180, 320, 3]], "in colour"
+
+
 def test_unplugging_is_reported_within_two_seconds(steps: dict[str, Any]) -> None:
     step = steps["unplugged"]
     assert step["code"] == 4

@@ -319,9 +319,9 @@ def test_the_requested_window_size_is_limited() -> None:
 def test_an_address_of_one_interface_is_printed_as_it_is_and_without_a_network_the_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from capture.serve import _reachable_address
+    from capture.listening import reachable_address
 
-    assert [_reachable_address(host) for host in ("192.168.1.5", "fe80::1", "pi.local")] == [
+    assert [reachable_address(host) for host in ("192.168.1.5", "fe80::1", "pi.local")] == [
         "192.168.1.5",
         "fe80::1",
         "pi.local",
@@ -331,4 +331,4 @@ def test_an_address_of_one_interface_is_printed_as_it_is_and_without_a_network_t
         raise OSError("Network is unreachable")
 
     monkeypatch.setattr(socket.socket, "connect", unreachable)
-    assert _reachable_address("0.0.0.0") == socket.gethostname()
+    assert reachable_address("0.0.0.0") == socket.gethostname()

@@ -1,6 +1,6 @@
 """In the guest: a loopback device shows one picture in each format, then a session's pictures, each
-when the one before is recorded, and at last it is a camera that sends a picture every three
-seconds.
+when the one before is recorded, then it is a camera that sends a picture every three seconds.
+Before all that, the target of `calib stream` writes pictures there.
 
 Usage: python -m tests.device.inside.loopback FIXTURE SHARED
 """
@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy as np
 from calib.io.images import list_images, read_grey
 from capture.errors import CaptureError
 from capture.sources.registry import open_source
+from capture.streaming.loopback import LoopbackTarget
 from tests.device.inside.feed import BUFFERS, DEVICE, feeding, written_every
 from tests.device.inside.recording import PATIENCE, Recording
 
@@ -73,7 +75,51 @@ def slow() -> dict[str, Any]:
         ).ended()
 
 
-result = {"formats": {pixels: furthest(pixels) for pixels in BUFFERS}, **recorded(), "slow": slow()}
+def streamed() -> dict[str, Any]:
+    """Return the grey levels between a picture of three colours that a stream's target writes to
+    the device and what OpenCV, and our own source, read there; and the format that they find.
+    """
+    size = 320, 240
+    shown = np.zeros((size[1], size[0], 3), np.uint8)
+    for column, colour in enumerate(((200, 60, 40), (40, 180, 90), (30, 90, 220))):
+        shown[:, 112 * column : 112 * (column + 1)] = colour
+    inner = (slice(16, 224), slice(16, 96))  # within one colour: two pixels share theirs
+    over = threading.Event()
+    results: dict[str, Any] = {}
+
+    def furthest_from(pixels: np.ndarray) -> int:
+        return int(np.abs(pixels[inner].astype(int) - shown[inner]).max())
+
+    def stream() -> None:
+        while not over.wait(0.05):
+            target.show(shown)
+
+    with LoopbackTarget(DEVICE, size) as target:
+        target.show(shown)
+        thread = threading.Thread(target=stream)
+        thread.start()
+        try:
+            video = cv2.VideoCapture(DEVICE, cv2.CAP_V4L2)
+            success, pixels = video.read()
+            results["opencv"] = furthest_from(np.asarray(pixels)) if success else "no picture"
+            video.release()
+            with open_source(f"v4l2:{DEVICE}?colour=yes") as source:
+                results["colour"] = furthest_from(next(iter(source)).pixels)
+            with open_source(f"v4l2:{DEVICE}") as source:
+                results["format"] = source._pixels  # type: ignore[attr-defined]
+                results["size"] = next(iter(source)).size
+        finally:
+            over.set()
+            thread.join()
+    return results
+
+
+result = {
+    "streamed": streamed(),
+    "formats": {pixels: furthest(pixels) for pixels in BUFFERS},
+    **recorded(),
+    "slow": slow(),
+}
 (shared / "result.json").write_text(json.dumps(result))
 if session.exists():
     shutil.copytree(session, shared / "session")

@@ -11,9 +11,16 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
+import numpy as np
+
+from capture.sources.registry import open_source
+from capture.streaming.statistics import StreamStatistics
+from capture.streaming.stream import Stream
 from tests.device.inside.controls import set_control
 from tests.device.inside.recording import Recording, pictures
 
@@ -96,7 +103,65 @@ def refusing() -> dict[str, Any]:
         thread.join()
 
 
-STEPS = (unplugged, plugged_in_again, dropped, whole, silent, refusing)
+class Unchanged:
+    """The straightener of a stream without maps, which would load torch."""
+
+    def straighten(self, pixels: np.ndarray) -> np.ndarray:
+        return pixels
+
+
+class Script:
+    """A target and a listener that unplugs the camera after five pictures, and ends the stream five
+    pictures after it is back.
+    """
+
+    def __init__(self) -> None:
+        self.sentences: list[str] = []
+        self.shapes: set[tuple[int, ...]] = set()
+        straightener: Any = Unchanged()
+        options = {"colour": "yes", "auto": "yes"}
+        source = partial(open_source, SOURCE, camera_options=options)
+        self.stream = Stream(source, straightener, [self], self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None: ...
+
+    def show(self, picture: np.ndarray) -> None:
+        self.shapes.add(picture.shape)
+
+    def tell(self, sentence: str) -> None:
+        self.sentences.append(sentence)
+
+    def report_silence(self, seconds: float) -> None: ...
+
+    def report_counts(self, statistics: StreamStatistics) -> None:
+        if statistics.frames == 5:
+            with opened() as handle:
+                set_control(handle, "Disconnect")
+        if statistics.frames == 10:
+            self.stream.close()
+
+
+def streamed() -> dict[str, Any]:
+    """A stream whose camera is unplugged, and plugged in again when nobody holds it open."""
+    script = Script()
+    ended = script.stream.run()
+    return {
+        "ended": ended,
+        "sentences": script.sentences,
+        "shapes": sorted(script.shapes),
+        **script.stream.statistics.as_json(),
+    }
+
+
+STEPS = (streamed, unplugged, plugged_in_again, dropped, whole, silent, refusing)
 shared = Path(sys.argv[1])
 (shared / "result.json").write_text(json.dumps({step.__name__: step() for step in STEPS}))
 if SESSIONS.exists():
