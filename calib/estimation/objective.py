@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from calib.estimation.levenberg_marquardt import RowLinearised
 from calib.estimation.normal_equations import LinearisedBlocks
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ResidualBlock
@@ -47,7 +48,7 @@ def view_precision(path: Path, blocks: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True, slots=True)
-class LandingProblem:
+class LandingProblem(RowLinearised):
     """The solver's problem for boards seen through a ray path; its blocks are the view
     parameters.
     """
