@@ -15,6 +15,7 @@ Sources: H. White, Maximum likelihood estimation of misspecified models (1982), 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -34,6 +35,16 @@ MIN_VIEWS = 4
 
 Array = NDArray[np.float64]
 E = TypeVar("E", bound=Estimate)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WhitenedRows:
+    """The linearised residuals of some corners, px over sigma."""
+
+    jacobian: Array
+    """(n, S) derivatives by independent parameters of unit variance."""
+    residual: Array
+    """(n,)"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,27 +77,48 @@ class ViewScatter:
         count = fitted.parameters().count
         if not count or len(np.unique(labels)) < MIN_VIEWS or not fitted.joint.finite:
             return ViewScatter(1.0, np.zeros((count, count)))
-        information = np.zeros((labels.max() + 1, count, count))
-        scores = np.zeros((labels.max() + 1, count))
+        root = np.linalg.cholesky(fitted.joint.covariance.numpy())
+        rows: dict[int, list[tuple[Array, Array]]] = {}
         for label, equations in zip(labels.tolist(), fitted.equations(), strict=True):
             view = equations.reduce()
-            information[label] += view.information
-            scores[label] += view.jacobian.T @ view.residual
-        root = np.linalg.cholesky(fitted.joint.covariance.numpy())
-        leverages = root.T @ information @ root
-        expected = leverages.sum(0)
+            rows.setdefault(label, []).append((view.jacobian @ root, view.residual))
+        groups = (
+            WhitenedRows(
+                np.concatenate([jacobian for jacobian, _ in views]),
+                np.concatenate([residual for _, residual in views]),
+            )
+            for views in rows.values()
+        )
+        return ViewScatter.of_groups(groups, root)
+
+    @staticmethod
+    def of_groups(groups: Iterable[WhitenedRows], root: Array) -> ViewScatter:
+        """Estimate the scatter of independent groups of rows, one for each pose of the board.
+
+        Args:
+            groups: the rows of each group, with the group's own parameters eliminated.
+            root: (S, S) R with R R^T the covariance of the parameters.
+        """
+        size = len(root)
+        expected = np.zeros((size, size))  # the sum of the leverages of all groups
+        corrected_squares = np.zeros((size, size))
+        squares = 0.0
+        count = 0
+        for rows in groups:
+            expected += rows.jacobian.T @ rows.jacobian
+            shares, axes = np.linalg.eigh(rows.jacobian @ rows.jacobian.T)
+            # HC2: the expected square is the leverage.
+            whitened = axes.T @ rows.residual / np.sqrt(1 - shares.clip(0, MAX_LEVERAGE))
+            squares += float(shares.clip(0) @ whitened**2)
+            corrected = rows.jacobian.T @ (axes @ whitened)
+            corrected_squares += np.outer(corrected, corrected)
+            count += 1
         determined = np.trace(expected)  # the number of directions that the corners determine
-        shares, bases = np.linalg.eigh(leverages)  # (V, S), (V, S, S)
-        remainder = 1 - shares.clip(0, MAX_LEVERAGE)
-        pulls = np.einsum("vji,vj->vi", bases, scores @ root)
-        squares = (pulls**2 / remainder).sum()  # HC2: the expected square is the leverage
         ratio = float(np.sqrt(squares / max(determined, 1e-300)))
-        corrected = np.einsum("vij,vj->vi", bases, pulls / np.sqrt(remainder))
         sizes, directions = np.linalg.eigh(expected)
         half = directions * np.sqrt(sizes.clip(1e-12))  # (S, S), half half^T = expected
-        whitened = corrected @ (directions / np.sqrt(sizes.clip(1e-12)))
-        scatter, axes = np.linalg.eigh(whitened.T @ whitened)
-        count = len(np.unique(labels))
+        to_white = directions / np.sqrt(sizes.clip(1e-12))
+        scatter, axes = np.linalg.eigh(to_white.T @ corrected_squares @ to_white)
         true = _true_scatter(scatter, determined / count, max(1.0, ratio**2))
         spread = root @ half @ (axes * np.sqrt(true - 1.0))
         return ViewScatter(ratio, np.asarray(spread @ spread.T))
