@@ -95,6 +95,17 @@ class RigState:
                 mountings[camera] += vector[entries]
         return replace(self, cameras=cameras, mountings=mountings, placements=placements)
 
+    def select_placements(self, placements: range) -> RigState:
+        """Return the state with some consecutive placements and their views only."""
+        cameras = []
+        for camera in self.cameras:
+            inside = (camera.placement >= placements.start) & (camera.placement < placements.stop)
+            views = camera.observations.without_views(~inside)
+            placement = camera.placement[inside] - placements.start
+            cameras.append(replace(camera, observations=views, placement=placement))
+        selected = self.placements[placements.start : placements.stop]
+        return replace(self, cameras=tuple(cameras), placements=selected)
+
     def problem(self) -> RigProblem:
         """Return the solver's problem, linearised in the weights of the corners at this state."""
         problems = []
