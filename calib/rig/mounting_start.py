@@ -124,6 +124,22 @@ def turn_view(view: View, board: Board, quarters: int) -> View:
     )
 
 
+def nearest_turns(poses: Tensor, expected: Tensor, board: Board) -> tuple[Indices, Tensor]:
+    """Return the (V,) quarter turns by which the boards of (V, 6) poses stand turned against the
+    expected (V, 6) poses, and the poses without these turns. A view whose expected pose is NaN
+    counts as not turned.
+    """
+    steps = _turn_steps(board)
+    candidates = torch.stack(
+        [compose(poses, _turn_poses(np.full(len(poses), step))) for step in steps], 1
+    )
+    turns = rotation.matrix(candidates[..., :3])
+    trace = torch.einsum("vij,vkij->vk", rotation.matrix(expected[:, :3]), turns)
+    chosen = trace.nan_to_num(0.0).argmax(-1)
+    nearest = candidates[torch.arange(len(poses)), chosen]
+    return np.array(steps, np.int64)[chosen.numpy()], nearest
+
+
 def _turn_steps(board: Board) -> tuple[int, ...]:
     """Return the numbers of quarter turns after which the board looks the same."""
     if board.coding:
