@@ -18,6 +18,7 @@ from calib.commands import (
     measure_command,
     pose_command,
     report_command,
+    rig_command,
     undistort_command,
 )
 from calib.commands.command_line import run_command
@@ -40,7 +41,7 @@ GROUPS = (
         "Use a calibration",
         (undistort_command, export_command, measure_command, pose_command, immerse_command),
     ),
-    CommandGroup("Calibrate many cameras", (batch_command, fleet_prior_command)),
+    CommandGroup("Calibrate several cameras", (rig_command, batch_command, fleet_prior_command)),
 )
 """The commands in the order of the help."""
 COMMANDS = tuple(command for group in GROUPS for command in group.commands)

@@ -17,7 +17,7 @@ from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
 from calib.estimation.joint_fit import Estimate
 from calib.estimation.observations import Observations
-from calib.estimation.residuals import residuals
+from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.robust import outlier_mask
 from calib.fit_record.outcome import JointOutcome
 from calib.fit_record.request import Settings
@@ -98,6 +98,7 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
         scatter=scatter,
         turned=turned,
         rejected=tuple(rejected),
+        alone_px={name: _alone_px(c, dropped[name]) for name, c in calibrations.items()},
     )
     with single_thread():
         return _result(description, calibrations, dropped, estimate, placements, record)
@@ -319,6 +320,16 @@ def _result(
         of_views={camera.name: camera.placement.numpy() for camera in state.cameras},
         record=record,
     )
+
+
+def _alone_px(calibration: Calibration, dropped: NDArray[np.bool_]) -> float:
+    """Return the error, px, of the views that the rig uses, in the camera's own fit."""
+    path, values = calibration.model()
+    observations = Observations.of(calibration.views, calibration.board)
+    poses = torch.from_numpy(calibration.poses)
+    image = residuals(path, values, observations, poses).image
+    used = torch.from_numpy(~dropped)[observations.view]
+    return Residuals(image[used], image[used]).rms_px
 
 
 def _used_placements(placements: Placements, dropped: Mapping[str, NDArray[np.bool_]]) -> list[int]:

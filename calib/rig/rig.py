@@ -83,6 +83,8 @@ class RigRecord:
     there.
     """
     rejected: tuple[RejectedView, ...] = ()
+    alone_px: Mapping[str, float] = field(default_factory=dict)
+    """For each camera, the error of its views in the fit of this camera alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,6 +328,7 @@ class Rig:
                 "calibration": f"{name}/calibration.yaml",
                 "arrays_sha256": calibration.digest,
                 "rms_px": calibration.stages[-1].rms_px,
+                "rms_alone_px": self.record.alone_px.get(name, calibration.stages[-1].rms_px),
                 "views": len(calibration.views),
                 "T_camera_reference": mounting.T_camera_reference.tolist(),
                 "sigma": mounting.sigma.tolist(),
@@ -642,6 +645,7 @@ def _from_mapping(
                 RejectedView(str(r["camera"]), str(r["file"]), str(r["reason"]))
                 for r in document["frames_rejected"]
             ),
+            alone_px={name: float(entry["rms_alone_px"]) for name, entry in cameras.items()},
         ),
         refracal=str(document["refracal"]),
     )
