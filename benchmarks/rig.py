@@ -3,8 +3,8 @@ same corners: `python -m benchmarks.rig [--rigs N]`.
 
 Two cameras are 60 mm apart, each behind its own cover: an uneven cone of 1.15 mm, an uneven dome in
 air, or a flat window in water. 30 pictures of one board at 0.4 to 1.2 m, 0.1 px of noise. Every
-declared number is off by a draw of `fixtures.rigs.DECLARED`. The distances of 400 points at 0.2 to 2 m are
-measured, 2 to a pair, within each band of depth.
+declared number is off by a draw of `fixtures.rigs.DECLARED`. The distances of 400 points at 0.2 to
+2 m are measured, 2 to a pair, within each band of depth.
 
 - error over sigma: root mean square over the distances of all rigs, with exact pixels (the
   calibration's own part) and with 0.1 px of noise in the points; and the part of the distances
