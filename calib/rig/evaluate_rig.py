@@ -31,7 +31,7 @@ from calib.optics.exposure import MIDDLE
 from calib.progress import Progress, Silent, check_progress
 from calib.rig.mounting_start import nearest_turns, turn_view
 from calib.rig.placements import Indices, Placements
-from calib.rig.poses import compose, invert
+from calib.rig.poses import compose, invert_poses
 from calib.rig.problem import CameraProblem, RigProblem
 from calib.rig.rig import RejectedView, Rig, RigCalibrationSource
 from calib.rig.rig_file import RigDescription, RigSource, read_rig
@@ -196,10 +196,10 @@ def _renumbered(
             turn_view(view, board, count)
             for view, count in zip(camera.views, quarters.tolist(), strict=True)
         )
-        seen = compose(invert(mounting), poses)
+        placed_poses = compose(invert_poses(mounting), poses)
         for row, index in enumerate(place.tolist()):
             if bool(placed[index, 0].isnan()):
-                placed[index] = seen[row]
+                placed[index] = placed_poses[row]
         renumbered[name] = replace(camera, views=views, poses=poses)
     return renumbered
 
@@ -227,9 +227,9 @@ def _fit_placements(
             parameters, blocks, weights.new_zeros(0, 0), view_precision(path, camera.poses)
         )
         problems.append(CameraProblem(landing, empty, mounting, empty, place))
-        seen = compose(invert(mounting), camera.poses)
+        placed_poses = compose(invert_poses(mounting), camera.poses)
         is_new = start[place, 0].isnan()
-        start[place[is_new]] = seen[is_new]
+        start[place[is_new]] = placed_poses[is_new]
     problem = RigProblem(tuple(problems), start.new_zeros(0, 0))
     solution = minimise(problem, start.new_zeros(0), start)
     return {
@@ -292,7 +292,7 @@ def _length_bands(
 def _points(rig: Rig, pixels: Mapping[str, Array], pairs: Indices) -> Array:
     """Return the (M, 2, 3) m ends of the pairs."""
     chosen, places = np.unique(pairs, return_inverse=True)
-    points, _ = rig.triangulate({name: seen[chosen] for name, seen in pixels.items()})
+    points, _ = rig.triangulate({name: camera[chosen] for name, camera in pixels.items()})
     return points[places.reshape(pairs.shape)]
 
 

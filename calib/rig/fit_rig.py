@@ -77,8 +77,8 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
     views = _renumbered(calibrations, start)
     for name, inconsistent in start.inconsistent.items():
         rejected += _rejections(name, calibrations[name].views, inconsistent, INCONSISTENT)
-        kept = ~inconsistent
-        views[name] = tuple(v for v, use in zip(views[name], kept, strict=True) if use)
+        usable = ~inconsistent
+        views[name] = tuple(v for v, use in zip(views[name], usable, strict=True) if use)
     changed = [name for name in calibrations if name in turned or start.inconsistent[name].any()]
     for name in changed:
         calibrations[name] = fit(description.sessions[name], settings, progress, views=views[name])
@@ -220,8 +220,10 @@ def _initial_state(
     cameras = []
     for name, calibration in calibrations.items():
         model = full_model(calibration)
-        others = tuple(e for e in model.effects if not _is_of_board(e))
-        model = full_model(replace(calibration, effects=())).with_effects((*others, *effects))
+        camera_effects = tuple(e for e in model.effects if not _is_of_board(e))
+        model = full_model(replace(calibration, effects=())).with_effects(
+            (*camera_effects, *effects)
+        )
         estimated = calibration.model()[1]
         values = {
             parameter: bend.get(parameter, estimated.get(parameter, mean))
@@ -242,8 +244,8 @@ def _initial_state(
     names = tuple(calibrations)
     baseline = None
     if description.baseline:
-        (other,) = (i for i, name in enumerate(names) if name != description.reference)
-        baseline = BaselinePrior(other, description.baseline.value, description.baseline.sigma)
+        second = next(i for i, name in enumerate(names) if name != description.reference)
+        baseline = BaselinePrior(second, description.baseline.value, description.baseline.sigma)
     return RigState(
         cameras=tuple(cameras),
         layout=RigLayout.of(names, [camera.model for camera in cameras], description.reference),

@@ -99,9 +99,11 @@ class RigState:
         """Return the state with some consecutive placements and their views only."""
         cameras = []
         for camera in self.cameras:
-            inside = (camera.placement >= placements.start) & (camera.placement < placements.stop)
-            views = camera.observations.without_views(~inside)
-            placement = camera.placement[inside] - placements.start
+            selected_views = (camera.placement >= placements.start) & (
+                camera.placement < placements.stop
+            )
+            views = camera.observations.without_views(~selected_views)
+            placement = camera.placement[selected_views] - placements.start
             cameras.append(replace(camera, observations=views, placement=placement))
         selected = self.placements[placements.start : placements.stop]
         return replace(self, cameras=tuple(cameras), placements=selected)
@@ -227,12 +229,12 @@ def _with_smoothness(state: RigState, problem: RigProblem, solution: Solution) -
             continue
         is_other = torch.ones(state.layout.count, dtype=torch.bool)
         is_other[columns] = False
-        others = is_other.nonzero().squeeze(-1)
-        prior = problem.precision[others[:, None], others]
-        cross = hessian[others[:, None], columns]  # (O, S_c)
-        pull = gradient[others] + prior @ solution.shared[others]
+        rest_entries = is_other.nonzero().squeeze(-1)
+        prior = problem.precision[rest_entries[:, None], rest_entries]
+        cross = hessian[rest_entries[:, None], columns]  # (O, S_c)
+        pull = gradient[rest_entries] + prior @ solution.shared[rest_entries]
         right_side = torch.cat([cross, pull[:, None]], 1)
-        response = solve(hessian[others[:, None], others] + prior, right_side)
+        response = solve(hessian[rest_entries[:, None], rest_entries] + prior, right_side)
         marginal = hessian[columns[:, None], columns] - cross.mT @ response[:, :-1]
         score = gradient[columns] - cross.mT @ response[:, -1]
         vector = solution.shared[columns].numpy()

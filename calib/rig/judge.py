@@ -71,7 +71,7 @@ def judge_rig(
     return Verdict(reasons, command)
 
 
-def not_converged(case: RigCase) -> Iterator[Reason]:
+def rig_not_converged(case: RigCase) -> Iterator[Reason]:
     """Yield a reason if the joint estimate did not end at an optimum."""
     if not case.rig.covariance.size:
         sentence = Outcome.NOT_FINITE.value[0].lower() + Outcome.NOT_FINITE.value[1:]
@@ -126,7 +126,7 @@ def uncertain_baselines(case: RigCase) -> Iterator[Reason]:
             )
 
 
-def held_out(case: RigCase) -> Iterator[Reason]:
+def rig_held_out(case: RigCase) -> Iterator[Reason]:
     """Yield reasons from held-out placements."""
     evaluation = case.evaluation
     if not evaluation:
@@ -158,11 +158,11 @@ def camera_reasons(case: RigCase) -> Iterator[Reason]:
 
 
 RIG_CHECKS: tuple[RigCheck, ...] = (
-    not_converged,
+    rig_not_converged,
     few_shared,
     disagreement,
     camera_reasons,
     uncertain_baselines,
-    held_out,
+    rig_held_out,
 )
 """The checks in the order of their reasons; those that explain others come first."""

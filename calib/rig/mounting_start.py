@@ -20,7 +20,7 @@ from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.optics import rotation
 from calib.rig.placements import Indices, Placements
-from calib.rig.poses import compose, invert
+from calib.rig.poses import compose, invert_poses
 from calib.session.board import Board
 
 MAX_ANGLE = 0.05
@@ -89,14 +89,14 @@ def start_rig(
         place = placements.of_views[name]
         common = np.flatnonzero(is_placed[place])
         views = poses[name][common]
-        mounting, found_turns, agrees = _mounting(views, placed[place[common]], steps, name)
+        mounting, quarters, agrees = _mounting(views, placed[place[common]], steps, name)
         mountings[name] = mounting
-        turns[name][common] = found_turns
+        turns[name][common] = quarters
         inconsistent[name][common] = ~agrees
         turned = compose(poses[name], _turn_poses(turns[name]))
         usable = torch.from_numpy(~inconsistent[name])
-        seen = compose(invert(mounting), turned)
-        _place(placed, seen[usable], place[usable.numpy()])
+        placed_poses = compose(invert_poses(mounting), turned)
+        _place(placed, placed_poses[usable], place[usable.numpy()])
     return RigStart(mountings, placed, turns, inconsistent)
 
 
@@ -172,7 +172,7 @@ def _mounting(
         placements: (V, 6) T_reference_board.
         steps: the possible quarter turns.
     """
-    inverses = invert(placements)
+    inverses = invert_poses(placements)
     candidates = torch.stack(
         [
             compose(compose(views, _turn_poses(np.full(len(views), step))), inverses)
@@ -214,8 +214,8 @@ def _deviations(mountings: Tensor, candidates: Tensor, distance: Tensor) -> Tens
     of agreement. `distance` is the (V,) m distance of each view's board.
     """
     turns = rotation.matrix(mountings[:, :3])
-    others = rotation.matrix(candidates[..., :3])
-    trace = torch.einsum("nij,vkij->nvk", turns, others)
+    candidate_turns = rotation.matrix(candidates[..., :3])
+    trace = torch.einsum("nij,vkij->nvk", turns, candidate_turns)
     angle = torch.arccos(((trace - 1) / 2).clamp(-1.0, 1.0))
     shift = (mountings[:, None, None, 3:] - candidates[..., 3:]).norm(dim=-1)
     return torch.maximum(angle / MAX_ANGLE, shift / (MAX_SHIFT * distance[:, None]))
@@ -223,5 +223,5 @@ def _deviations(mountings: Tensor, candidates: Tensor, distance: Tensor) -> Tens
 
 def _average(mountings: Tensor, middle: Tensor) -> Tensor:
     """Return the (6,) median of (N, 6) mountings, by components about one of them."""
-    relative = compose(mountings, invert(middle).expand(len(mountings), 6))
+    relative = compose(mountings, invert_poses(middle).expand(len(mountings), 6))
     return compose(relative.median(0).values, middle)

@@ -66,7 +66,7 @@ def compose_with_derivatives(mounting: Tensor, placements: Tensor) -> ComposedPo
     return ComposedPoses(poses, by_mounting, by_placement)
 
 
-def invert(poses: Tensor) -> Tensor:
+def invert_poses(poses: Tensor) -> Tensor:
     """Return the (..., 6) inverses of (..., 6) poses."""
     turn = rotation.matrix(poses[..., :3]).mT
     shift = -(turn @ poses[..., 3:].unsqueeze(-1)).squeeze(-1)

@@ -9,7 +9,7 @@ from torch import Tensor
 from calib.rig.poses import (
     compose,
     compose_with_derivatives,
-    invert,
+    invert_poses,
     pose_matrix,
     rotation_vector,
 )
@@ -35,7 +35,7 @@ def test_composition_is_the_product_of_matrices() -> None:
 
 def test_inverse_undoes_a_pose() -> None:
     poses = draw(3, 20, 2.0)
-    assert float(compose(invert(poses), poses).abs().max()) < 1e-13
+    assert float(compose(invert_poses(poses), poses).abs().max()) < 1e-13
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 1.0, 3.0, np.pi - 1e-9, np.pi])
