@@ -30,10 +30,18 @@ from calib.rig.joint_estimate import CameraState, RigEstimate, RigState, estimat
 from calib.rig.layout import RigLayout
 from calib.rig.mounting_start import RigStart, start_rig, turn_view
 from calib.rig.placements import Placements
+from calib.rig.poses import compose, invert_poses
 from calib.rig.problem import BaselinePrior
 from calib.rig.rig import RejectedView, Rig, RigRecord
 from calib.rig.rig_file import RigDescription, RigSource, read_rig
 from calib.rig.scatter import count_placements
+from calib.rig.shared_cover import (
+    cover_in_camera,
+    is_of_cover,
+    relief_in_camera,
+    share_cover,
+    with_joined_relief,
+)
 from calib.threads import single_thread
 
 INCONSISTENT = "the board does not stand where the other cameras see it at that moment"
@@ -55,9 +63,13 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
     """
     check_progress(progress)
     description = read_rig(rig)
-    calibrations = {
-        name: fit(session, settings, progress) for name, session in description.sessions.items()
+    sessions = {
+        name: replace(session, cover=description.sessions[description.covers[name]].cover)
+        if name in description.covers
+        else session
+        for name, session in description.sessions.items()
     }
+    calibrations = {name: fit(session, settings, progress) for name, session in sessions.items()}
     rejected = [
         RejectedView(name, view.name, view.reason)
         for name, calibration in calibrations.items()
@@ -81,7 +93,7 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
         views[name] = tuple(v for v, use in zip(views[name], usable, strict=True) if use)
     changed = [name for name in calibrations if name in turned or start.inconsistent[name].any()]
     for name in changed:
-        calibrations[name] = fit(description.sessions[name], settings, progress, views=views[name])
+        calibrations[name] = fit(sessions[name], settings, progress, views=views[name])
     if changed:
         with single_thread():
             start, placements = _start(description, calibrations)
@@ -242,17 +254,54 @@ def _initial_state(
             )
         )
     names = tuple(calibrations)
+    mountings = torch.stack([start.mountings[name] for name in names])
+    cameras = _share_covers(description, calibrations, cameras, start.mountings)
     baseline = None
     if description.baseline:
         second = next(i for i, name in enumerate(names) if name != description.reference)
         baseline = BaselinePrior(second, description.baseline.value, description.baseline.sigma)
     return RigState(
         cameras=tuple(cameras),
-        layout=RigLayout.of(names, [camera.model for camera in cameras], description.reference),
-        mountings=torch.stack([start.mountings[name] for name in names]),
+        layout=RigLayout.of(
+            names,
+            [camera.model for camera in cameras],
+            description.reference,
+            description.covers,
+        ),
+        nominal=mountings,
+        mountings=mountings,
         placements=start.placements,
         baseline=baseline,
     )
+
+
+def _share_covers(
+    description: RigDescription,
+    calibrations: Mapping[str, Calibration],
+    cameras: Sequence[CameraState],
+    mountings: Mapping[str, torch.Tensor],
+) -> list[CameraState]:
+    """Return the cameras with the covers that they share: those of the first cameras, with a relief
+    of the glass that all of them see.
+    """
+    shared = {camera.name: camera for camera in cameras}
+    for first in dict.fromkeys(description.covers.values()):
+        frame = "" if first == description.reference else first
+        behind = [name for name, leader in description.covers.items() if leader == first]
+        leader = shared[first]
+        for name in behind:
+            model = share_cover(name, shared[name].model, frame, leader.model, mountings)
+            values = {key: shared[name].values.get(key, mean) for key, mean in model.means.items()}
+            values |= {key: leader.values[key] for key in leader.model.means if is_of_cover(key)}
+            shared[name] = replace(
+                shared[name], model=model, values=values, smoothness=leader.smoothness
+            )
+        if leader.model.path.relief:
+            members = [shared[name] for name in (first, *behind)]
+            pictures = [calibrations[camera.name].camera for camera in members]
+            for camera in with_joined_relief(members, pictures):
+                shared[camera.name] = camera
+    return list(shared.values())
 
 
 def _is_of_board(effect: Effect) -> bool:
@@ -311,6 +360,16 @@ def _result(
         cameras[camera.name] = _calibration(
             calibration, dropped[camera.name], camera, result, record
         )
+        if camera.name in description.covers:
+            frame = state.layout.frames[index]
+            mounting = state.mountings[index]
+            in_own_frame = replace(
+                result, poses=compose(mounting, state.placements[camera.placement])
+            )
+            to_camera = compose(mounting, invert_poses(state.mountings[frame]))
+            cameras[camera.name] = _with_own_cover(
+                cameras[camera.name], camera, in_own_frame, to_camera
+            )
     names = [placements.names[i] for i in _used_placements(placements, dropped)]
     return Rig(
         calibrations=cameras,
@@ -320,8 +379,36 @@ def _result(
         placements=state.placements.numpy(),
         placement_names=tuple(names),
         of_views={camera.name: camera.placement.numpy() for camera in state.cameras},
+        covers=description.covers,
         record=record,
     )
+
+
+def _with_own_cover(
+    calibration: Calibration, camera: CameraState, estimate: Estimate, to_camera: torch.Tensor
+) -> Calibration:
+    """Return the calibration of a camera behind a shared cover, with the cover in its own frame and
+    without a covariance: that of the rig has the cover in the first camera's frame.
+
+    Args:
+        estimate: the estimate with the board's poses in the camera's own frame.
+        to_camera: (6,) T_camera_first.
+    """
+    path, values = camera.model.path, camera.values
+    cover = cover_in_camera(calibration.camera, calibration.cover, path, values, to_camera)
+    even = replace(
+        calibration,
+        cover=cover,
+        relief=None,
+        amplitudes=np.zeros((0, 0)),
+        poses=estimate.poses.numpy(),
+        covariance=np.zeros((0, 0)),
+        stated=None,
+    )
+    if not path.relief:
+        return even
+    relief, amplitudes = relief_in_camera(even, path, values)
+    return replace(even, relief=relief, amplitudes=amplitudes)
 
 
 def _alone_px(calibration: Calibration, dropped: NDArray[np.bool_]) -> float:

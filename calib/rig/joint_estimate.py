@@ -60,8 +60,10 @@ class RigState:
 
     cameras: tuple[CameraState, ...]
     layout: RigLayout
+    nominal: Tensor
+    """(C, 6) T_camera_reference at the zero vector; zero for the reference."""
     mountings: Tensor
-    """(C, 6) T_camera_reference; zero for the reference."""
+    """(C, 6) T_camera_reference."""
     placements: Tensor
     """(P, 6) T_reference_board."""
     baseline: BaselinePrior | None = None
@@ -76,11 +78,14 @@ class RigState:
 
     def vector(self) -> Tensor:
         """Return the (S,) vector: each parameter as its deviation from the mean of its prior, and
-        zero for the mountings.
+        each mounting from the nominal one.
         """
         vector = torch.zeros(self.layout.count, dtype=torch.float64)
         for camera, columns in zip(self.cameras, self.layout.columns, strict=True):
             vector[columns] = camera.model.parameters.vector(camera.values)
+        for index, entries in enumerate(self.layout.mountings):
+            if len(entries):
+                vector[entries] = self.mountings[index] - self.nominal[index]
         return vector
 
     def at(self, vector: Tensor, placements: Tensor) -> RigState:
@@ -89,10 +94,10 @@ class RigState:
             replace(camera, values=camera.model.parameters.values(vector[columns]))
             for camera, columns in zip(self.cameras, self.layout.columns, strict=True)
         )
-        mountings = self.mountings.clone()
-        for camera, entries in enumerate(self.layout.mountings):
+        mountings = self.nominal.clone()
+        for index, entries in enumerate(self.layout.mountings):
             if len(entries):
-                mountings[camera] += vector[entries]
+                mountings[index] += vector[entries]
         return replace(self, cameras=cameras, mountings=mountings, placements=placements)
 
     def select_placements(self, placements: range) -> RigState:
@@ -128,7 +133,7 @@ class RigState:
                 CameraProblem(
                     landing,
                     self.layout.columns[index],
-                    self.mountings[frame],
+                    self.nominal[frame],
                     self.layout.mountings[frame],
                     camera.placement,
                 )

@@ -21,10 +21,12 @@ import numpy as np
 import torch
 import yaml
 from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
 
 from calib.calibration import DERIVED, Calibration
 from calib.calibration_file import read_arrays
 from calib.errors import InputError, brief, harmless, wrong_type
+from calib.estimation.camera_model import CameraModel
 from calib.estimation.covariance import covariance_root
 from calib.fitting.corner_range import corner_points
 from calib.io.array_arguments import FARTHEST_PX, numbers, pixel_rows, point_rows
@@ -35,7 +37,8 @@ from calib.io.yaml_reader import read_yaml
 from calib.rig.gauge import gauge_motion, mounting_motion, point_motion, ray_motion
 from calib.rig.layout import RigLayout
 from calib.rig.placements import Indices
-from calib.rig.poses import pose_matrix
+from calib.rig.poses import invert_poses, move_points, pose_matrix
+from calib.rig.shared_cover import share_cover
 from calib.rig.triangulation import PlacedCamera, TriangulatedPoints, triangulate_points
 from calib.threads import single_thread
 from calib.version import VERSION
@@ -139,6 +142,8 @@ class Rig:
     """P names, each that of its first picture."""
     of_views: Mapping[str, Indices]
     """For each camera, the (V,) placement of each view of its calibration."""
+    covers: Mapping[str, str] = field(default_factory=dict)
+    """The first camera behind the same cover, by the name of each further camera behind it."""
     record: RigRecord = field(default_factory=RigRecord)
     refracal: str = VERSION
     """The version of Refracal that made it."""
@@ -339,6 +344,7 @@ class Rig:
             "refracal": self.refracal,
             "arrays_sha256": sha256(self.arrays()).hexdigest(),
             "reference": self.reference,
+            "shared_cover": dict(self.covers),
             "cameras": cameras,
             "baselines": [
                 {
@@ -461,6 +467,13 @@ class _Geometry:
 
     names: tuple[str, ...]
     cameras: tuple[PlacedCamera, ...]
+    """A camera behind a shared cover has the mounting of the first camera behind it, in whose frame
+    its rays are.
+    """
+    mountings: Tensor
+    """(C, 6) T_camera_reference."""
+    mounting_columns: tuple[Indices, ...]
+    """For each camera, (6,) the places of its mounting in the vector; (0,) for the reference."""
     root: Array
     """(S, Q) R with R R^T the covariance; Q is 0 without one."""
     gauge: Array
@@ -497,25 +510,31 @@ class _Geometry:
 
     def mounting(self, index: int) -> Mounting:
         camera = self.cameras[index]
-        by_numbers = np.zeros((6, len(self.root)))
-        reference = next(i for i, c in enumerate(self.cameras) if not len(c.mounting_columns))
-        by_rays = by_numbers
+        count = len(self.root)
+        reference = next(i for i, places in enumerate(self.mounting_columns) if not len(places))
+        by_numbers, by_rays = np.zeros((6, count)), np.zeros((6, count))
         if index != reference:
-            by_numbers[:, camera.mounting_columns] = mounting_motion(camera.mounting)
+            mounting = self.mountings[index]
+            by_numbers[:, self.mounting_columns[index]] = mounting_motion(mounting)
+            if len(camera.mounting_columns):
+                by_rays[:, camera.mounting_columns] = mounting_motion(camera.mounting)
             to_camera = _adjoint(camera.mounting)
-            by_rays = by_numbers - self.ray_motions[index] + to_camera @ self.ray_motions[reference]
-        return Mounting(pose_matrix(camera.mounting), self._sigma(by_numbers), self._sigma(by_rays))
+            by_rays += to_camera @ self.ray_motions[reference] - self.ray_motions[index]
+        return Mounting(
+            pose_matrix(self.mountings[index]), self._sigma(by_numbers), self._sigma(by_rays)
+        )
 
     def baseline(self, first: int, second: int) -> Baseline:
         centres, slopes = [], []
-        for camera in (self.cameras[first], self.cameras[second]):
-            matrix = pose_matrix(camera.mounting)
+        for index in (first, second):
+            matrix = pose_matrix(self.mountings[index])
+            columns = self.mounting_columns[index]
             centres.append(-matrix[:3, :3].T @ matrix[:3, 3])
             slope = np.zeros((3, len(self.root)))
-            if len(camera.mounting_columns):
+            if len(columns):
                 # A motion of everything outside by d moves the pinhole by -R^T d.
-                motion = mounting_motion(camera.mounting)
-                slope[:, camera.mounting_columns] = -matrix[:3, :3].T @ motion[3:]
+                motion = mounting_motion(self.mountings[index])
+                slope[:, columns] = -matrix[:3, :3].T @ motion[3:]
             slopes.append(slope)
         offset = centres[1] - centres[0]
         length = float(np.linalg.norm(offset))
@@ -529,30 +548,45 @@ class _Geometry:
 
 @lru_cache(maxsize=4)
 def _geometry(rig: Rig) -> _Geometry:
-    models = [calibration.camera_model() for calibration in rig.calibrations.values()]
-    layout = RigLayout.of(rig.names, models, rig.reference)
+    models = _models(rig.calibrations, rig.reference, rig.covers, rig.mountings)
+    layout = RigLayout.of(rig.names, models, rig.reference, rig.covers)
     cameras = tuple(
         PlacedCamera(
             model.path,
             model.means,
             model.parameters,
             layout.columns[index].numpy(),
-            torch.from_numpy(rig.mountings[index]),
-            layout.mountings[index].numpy(),
+            torch.from_numpy(rig.mountings[layout.frames[index]]),
+            layout.mountings[layout.frames[index]].numpy(),
         )
         for index, model in enumerate(models)
     )
+    mountings = torch.from_numpy(rig.mountings)
+    mounting_columns = tuple(entries.numpy() for entries in layout.mountings)
     if not rig.covariance.size:
         empty = np.zeros((6, layout.count))
         return _Geometry(
-            rig.names, cameras, np.zeros((layout.count, 0)), empty, (empty,) * len(cameras)
+            names=rig.names,
+            cameras=cameras,
+            mountings=mountings,
+            mounting_columns=mounting_columns,
+            root=np.zeros((layout.count, 0)),
+            gauge=empty,
+            ray_motions=(empty,) * len(cameras),
         )
     pixels = [c.observations.pixels.numpy() for c in rig.calibrations.values()]
-    points = [corner_points(c) for c in rig.calibrations.values()]
+    points = []
+    for index, calibration in enumerate(rig.calibrations.values()):
+        in_camera = torch.from_numpy(corner_points(calibration))
+        to_reference = invert_poses(mountings[index])
+        placed = move_points(cameras[index].mounting, move_points(to_reference, in_camera))
+        points.append(placed.numpy())
     with single_thread():
         return _Geometry(
             names=rig.names,
             cameras=cameras,
+            mountings=mountings,
+            mounting_columns=mounting_columns,
             root=covariance_root(rig.covariance),
             gauge=gauge_motion(cameras, pixels, points, layout.count),
             ray_motions=tuple(
@@ -562,12 +596,27 @@ def _geometry(rig: Rig) -> _Geometry:
         )
 
 
+def _models(
+    calibrations: Mapping[str, Calibration],
+    reference: str,
+    covers: Mapping[str, str],
+    mountings: Array,
+) -> list[CameraModel]:
+    """Return the models of the cameras, with the covers that they share."""
+    models = {name: calibration.camera_model() for name, calibration in calibrations.items()}
+    placed = dict(zip(calibrations, torch.from_numpy(mountings), strict=True))
+    for name, first in covers.items():
+        frame = "" if first == reference else first
+        models[name] = share_cover(name, models[name], frame, models[first], placed)
+    return list(models.values())
+
+
 def placed_cameras(rig: Rig) -> tuple[PlacedCamera, ...]:
     """Return the cameras of a rig as triangulation takes them."""
     return _geometry(rig).cameras
 
 
-def _adjoint(mounting: torch.Tensor) -> Array:
+def _adjoint(mounting: Tensor) -> Array:
     """Return the (6, 6) matrix from a small motion in the reference's frame to that in a camera's
     frame.
     """
@@ -622,8 +671,9 @@ def _from_mapping(
     mountings = arrays["mountings"].astype(np.float64)
     if mountings.shape != (len(calibrations), 6):
         raise ValueError("mountings is not of these cameras")
-    models = [calibration.camera_model() for calibration in calibrations.values()]
-    layout = RigLayout.of(tuple(calibrations), models, document["reference"])
+    covers = {str(name): str(first) for name, first in document["shared_cover"].items()}
+    models = _models(calibrations, document["reference"], covers, mountings)
+    layout = RigLayout.of(tuple(calibrations), models, document["reference"], covers)
     covariance = arrays["covariance"].astype(np.float64)
     if covariance.size and covariance.shape != (layout.count, layout.count):
         raise ValueError(f"covariance is not of {layout.count} numbers")
@@ -635,6 +685,7 @@ def _from_mapping(
         placements=placements,
         placement_names=tuple(map(str, arrays["placement_names"])),
         of_views=of_views,
+        covers=covers,
         record=RigRecord(
             source=str(document["source"]),
             outcome=str(document["outcome"]),

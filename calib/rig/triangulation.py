@@ -100,7 +100,7 @@ class PlacedCamera:
             by_mounting = torch.cat(
                 [-cross_matrix(arm) @ left_jacobian(self.mounting[:3]), _eye(arm)], -1
             )
-            columns[..., self.mounting_columns] = (by_point @ by_mounting).numpy()
+            columns[..., self.mounting_columns] += (by_point @ by_mounting).numpy()
         return columns
 
     def _differentiate(self, pixels: Tensor, points: Tensor) -> tuple[Tensor, Tensor, Array | None]:
