@@ -9,7 +9,10 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.errors import harmless
+from calib.rig.depth import DepthPicture
 from calib.rig.evaluate_rig import RigEvaluation
+from calib.rig.exports import CentralRig
+from calib.rig.rectify import RectifiedPair
 from calib.rig.rig import RejectedView, Rig
 
 MAX_LISTED = 3
@@ -141,6 +144,85 @@ def print_rig_evaluation(evaluation: RigEvaluation) -> None:
         " cameras saw.",
     )
     _list_rejected(console, evaluation.rejected)
+
+
+def rectification_json(pair: RectifiedPair) -> dict[str, object]:
+    """Return the JSON object of a rectified pair."""
+    return {
+        "left": pair.names[0],
+        "right": pair.names[1],
+        "depth_m": pair.depth,
+        "baseline_m": pair.baseline,
+        "focal_px": pair.focal,
+        "rows": [
+            {"depth_m": row.depth, "rms_px": row.rms_px, "worst_px": row.worst_px}
+            for row in pair.rows
+        ],
+    }
+
+
+def print_rows(pair: RectifiedPair) -> None:
+    """Print how far the rows of a rectified pair are off, by depth."""
+    console = Console()
+    table = Table("depth", "RMS", "at worst", title="How far rows are off")
+    for column in table.columns:
+        column.justify = "right"
+    for row in pair.rows:
+        table.add_row(f"{row.depth:.3g} m", f"{row.rms_px:.3f} px", f"{row.worst_px:.3f} px")
+    console.print(table)
+
+
+def depth_json(picture: DepthPicture) -> dict[str, object]:
+    """Return the JSON object of a depth picture."""
+    measured = np.isfinite(picture.depth)
+    if not measured.any():
+        return {"pixels": 0}
+    return {
+        "pixels": int(measured.sum()),
+        "fraction": float(measured.mean()),
+        "median_m": float(np.median(picture.depth[measured])),
+        "median_sigma_m": float(np.median(picture.sigma[measured])),
+    }
+
+
+def print_depth(picture: DepthPicture) -> None:
+    """Print how many pixels of a depth picture have a depth, and how sure these are."""
+    measured = np.isfinite(picture.depth)
+    console = Console()
+    if not measured.any():
+        _print(console, "No pixel has a match: search other depths, or light the scene.")
+        return
+    _print(
+        console,
+        f"{100 * measured.mean():.0f} % of the pixels have a depth, in the middle"
+        f" {np.median(picture.depth[measured]):.3f} m +-"
+        f" {1000 * np.median(picture.sigma[measured]):.1f} mm.",
+    )
+
+
+def misfits_json(rig: CentralRig) -> dict[str, object]:
+    """Return the JSON object of the central cameras of a rig."""
+    return {
+        "cameras": {
+            name: {
+                "lens": model.lens.name,
+                "misfits": [
+                    {"depth_m": m.depth, "rms_px": m.rms_px, "worst_px": m.worst_px}
+                    for m in model.misfits
+                ],
+            }
+            for name, model in rig.models.items()
+        }
+    }
+
+
+def print_misfits(rig: CentralRig) -> None:
+    """Print how far each central camera is from the one behind the cover."""
+    console = Console()
+    for name, model in rig.models.items():
+        _print(console, f"{name}: misfit {model.misfit_at_depth}.")
+        for remark in model.remarks():
+            _print(console, f"{name}: {remark}")
 
 
 def _rejected_json(view: RejectedView) -> Mapping[str, str]:

@@ -39,7 +39,12 @@ from calib.rig.layout import RigLayout
 from calib.rig.placements import Indices
 from calib.rig.poses import invert_poses, move_points, pose_matrix
 from calib.rig.shared_cover import share_cover
-from calib.rig.triangulation import PlacedCamera, TriangulatedPoints, triangulate_points
+from calib.rig.triangulation import (
+    PlacedCamera,
+    TriangulatedPoints,
+    solve_points,
+    triangulate_points,
+)
 from calib.threads import single_thread
 from calib.version import VERSION
 
@@ -169,7 +174,7 @@ class Rig:
         Raises:
             InputError: the rig has no camera of this name.
         """
-        return _geometry(self).mounting(self._index(name))
+        return _geometry(self).mounting(self.index(name))
 
     @property
     def baselines(self) -> tuple[Baseline, ...]:
@@ -224,6 +229,14 @@ class Rig:
                 points.append(result.points)
                 covariances.append(noise**2 * result.noise + errors @ errors.swapaxes(1, 2))
         return np.concatenate(points), np.concatenate(covariances)
+
+    def points(self, pixels: Mapping[str, ArrayLike]) -> Array:
+        """Return the (N, 3) m points of `triangulate` alone, in a fraction of the time."""
+        rows = self._pixel_rows(pixels)
+        cameras = _geometry(self).cameras
+        with single_thread():
+            parts = [solve_points(cameras, part) for part in _chunks(rows)]
+        return np.concatenate([np.zeros((0, 3)), *parts])
 
     def distances(
         self, pixels: Mapping[str, ArrayLike], pairs: ArrayLike, noise_px: float = 0.1
@@ -370,7 +383,12 @@ class Rig:
             ],
         }
 
-    def _index(self, name: str) -> int:
+    def index(self, name: str) -> int:
+        """Return the place of a camera among the names.
+
+        Raises:
+            InputError: the rig has no camera of this name.
+        """
         if name not in self.calibrations:
             raise InputError(
                 f"The rig has no camera {brief(repr(name))}: its cameras are"
@@ -385,7 +403,7 @@ class Rig:
         if not isinstance(pixels, Mapping):
             raise wrong_type("pixels", pixels, "a mapping from the names of cameras to (N, 2) px")
         for name in pixels:
-            self._index(name)
+            self.index(name)
         rows = {name: pixel_rows(values, f"pixels[{name!r}]") for name, values in pixels.items()}
         sizes = {len(values) for values in rows.values()}
         if len(sizes) != 1:

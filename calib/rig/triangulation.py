@@ -178,6 +178,11 @@ def triangulate_points(
     return TriangulatedPoints(points.numpy(), noise, by_numbers)
 
 
+def solve_points(cameras: Sequence[PlacedCamera], pixels: Sequence[Array]) -> Array:
+    """Return the (N, 3) m points of `triangulate_points` without their derivatives."""
+    return _solve(cameras, torch.from_numpy(np.stack(pixels)))[0].numpy()
+
+
 def _solve(cameras: Sequence[PlacedCamera], observed: Tensor) -> tuple[Tensor, Tensor]:
     """Return the (N, 3) m points for (C, N, 2) px, NaN where there is none, and their (N, 3, 3)
     normal matrices.
