@@ -19,6 +19,7 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from calib.errors import InputError
 from calib.rig.rectify import Map, RectifiedPair
 from calib.rig.rig import Rig
+from calib.undistortion.remap import remap
 
 BLOCK = 5
 """px: the side of the block that is compared."""
@@ -61,7 +62,7 @@ def depth_picture(
         rig: the calibrated rig.
         pair: its rectification.
         pictures: (height, width) or (height, width, 3) pixels of the left and right camera, of 8
-            bits.
+            or 16 bits.
         depths: m, the nearest and the farthest depth that is searched.
         noise_px: the standard deviation of a match.
 
@@ -76,7 +77,8 @@ def depth_picture(
                 f"The picture of {name} is {picture.shape[1]}x{picture.shape[0]} px and the"
                 f" calibration for {camera.width}x{camera.height}."
             )
-        rectified.append(cv2.remap(picture, map_x, map_y, cv2.INTER_CUBIC))
+        eight_bits = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
+        rectified.append(remap(eight_bits, map_x, map_y, cv2.INTER_CUBIC, cv2.BORDER_CONSTANT))
     disparity = _match(rectified, pair, depths)
     rows, columns = np.nonzero(np.isfinite(disparity))
     shape = disparity.shape

@@ -26,12 +26,14 @@ from calib.undistortion.grids import all_corners_true, cell_index, extrapolate, 
 from calib.undistortion.ray_field import check_depth
 from calib.undistortion.spline import Spline
 
-LATTICE = (15, 11)
+LATTICE = (11, 9)
 """Points across and down at which rows are compared."""
-DEPTHS = 7
+DEPTHS = 5
 """The number of depths of the range at which rows are compared, even in inverse depth."""
 MAP_STEP = 16
 """Pixels between the nodes at which a map is exact; in between it is cubic."""
+TURN_TOLERANCE = 1e-4
+"""The relative tolerance of the choice of the direction: rows depend on it to second order."""
 TURN_SCALE = 1e-3
 """rad: the size of a typical change of the direction."""
 
@@ -127,19 +129,15 @@ def rectify(
 
         def off(turn: Array) -> Array:
             rotation, places = pinholes(turn)
-            rows = [
-                _rows(cameras, rotation, places, (focal, principal, size), depth, 1 / reciprocal)
-                for reciprocal in inverse
-            ]
-            return np.nan_to_num(np.concatenate(rows))
+            lens = focal, principal, size
+            return np.nan_to_num(_rows(cameras, rotation, places, lens, depth, 1 / inverse).ravel())
 
-        solution = least_squares(off, np.zeros(3), jac="3-point")
+        solution = least_squares(off, np.zeros(3), xtol=TURN_TOLERANCE, ftol=TURN_TOLERANCE)
         rotation, places = pinholes(solution.x)
         lens = focal, principal, size
-        errors = [
-            _row_error(_rows(cameras, rotation, places, lens, depth, at), at)
-            for at in sorted({*(1 / inverse), depth})
-        ]
+        shown_depths = np.array(sorted({*(1 / inverse).tolist(), depth}))
+        rows = _rows(cameras, rotation, places, lens, depth, shown_depths)
+        errors = [_row_error(at_depth, at) for at_depth, at in zip(rows, shown_depths, strict=True)]
         maps = tuple(
             _map(camera, rotation, place, lens, depth)
             for camera, place in zip(cameras, places, strict=True)
@@ -184,16 +182,16 @@ def _rows(
     places: Sequence[Array],
     lens: Lens,
     depth: float,
-    at: float,
+    at: Array,
 ) -> Array:
-    """Return (N,) px: the rows of points at the depth `at` in the first picture minus those in the
-    second, for maps that are exact at `depth`; NaN for a point that one camera does not see.
+    """Return (K, N) px: the rows of points at the (K,) depths `at` in the first picture minus those
+    in the second, for maps that are exact at `depth`; NaN for a point that one camera does not see.
     """
     focal, principal, size = lens
     grid = [np.linspace(0, length - 1, count) for length, count in zip(size, LATTICE, strict=True)]
     pixels = np.stack(np.meshgrid(*grid), -1).reshape(-1, 2)
     middle = (places[0] + places[1]) / 2
-    points = _points(pixels, rotation, middle, lens, at)
+    points = np.concatenate([_points(pixels, rotation, middle, lens, float(z)) for z in at])
     rows = []
     for camera, place in zip(cameras, places, strict=True):
         seen = camera.project(torch.from_numpy(points))
@@ -203,7 +201,7 @@ def _rows(
         y = origin[:, 1] + direction[:, 1] * (depth - origin[:, 2]) / direction[:, 2]
         inside = ((seen >= -0.5) & (seen <= torch.tensor(size) - 0.5)).all(-1).numpy()
         rows.append(np.where(inside, focal * y / depth + principal[1], np.nan))
-    return np.asarray(rows[0] - rows[1])
+    return np.asarray(rows[0] - rows[1]).reshape(len(at), -1)
 
 
 def _row_error(rows: Array, depth: float) -> RowError:
