@@ -92,18 +92,23 @@ class ViewScatter:
         return ViewScatter.of_groups(groups, root)
 
     @staticmethod
-    def of_groups(groups: Iterable[WhitenedRows], root: Array) -> ViewScatter:
+    def of_groups(groups: Iterable[WhitenedRows], root: Array, draws: int = 0) -> ViewScatter:
         """Estimate the scatter of independent groups of rows, one for each pose of the board.
 
         Args:
             groups: the rows of each group, with the group's own parameters eliminated.
             root: (S, S) R with R R^T the covariance of the parameters.
+            draws: the number of draws of the groups' scores from noise alone, which show by how
+                much so few groups scatter by chance where some tell far more than others; 0 for
+                the law of groups that all tell alike.
         """
+        rng = np.random.default_rng(0)
         size = len(root)
         expected = np.zeros((size, size))  # the sum of the leverages of all groups
         corrected_squares = np.zeros((size, size))
         squares = 0.0
         count = 0
+        noise: list[Array] = []  # (draws, S) scores of each group from noise alone
         for rows in groups:
             expected += rows.jacobian.T @ rows.jacobian
             shares, axes = np.linalg.eigh(rows.jacobian @ rows.jacobian.T)
@@ -112,6 +117,7 @@ class ViewScatter:
             squares += float(shares.clip(0) @ whitened**2)
             corrected = rows.jacobian.T @ (axes @ whitened)
             corrected_squares += np.outer(corrected, corrected)
+            noise.append(rng.standard_normal((draws, len(rows.residual))) @ rows.jacobian)
             count += 1
         determined = np.trace(expected)  # the number of directions that the corners determine
         ratio = float(np.sqrt(squares / max(determined, 1e-300)))
@@ -119,7 +125,10 @@ class ViewScatter:
         half = directions * np.sqrt(sizes.clip(1e-12))  # (S, S), half half^T = expected
         to_white = directions / np.sqrt(sizes.clip(1e-12))
         scatter, axes = np.linalg.eigh(to_white.T @ corrected_squares @ to_white)
-        true = _true_scatter(scatter, determined / count, max(1.0, ratio**2))
+        chance = max(
+            (_largest(np.array(noise)[:, draw] @ to_white) for draw in range(draws)), default=0.0
+        )
+        true = _true_scatter(scatter, determined / count, max(1.0, ratio**2), chance)
         spread = root @ half @ (axes * np.sqrt(true - 1.0))
         return ViewScatter(ratio, np.asarray(spread @ spread.T))
 
@@ -128,7 +137,12 @@ class ViewScatter:
         return replace(estimate, covariance=estimate.covariance + torch.from_numpy(self.excess))
 
 
-def _true_scatter(scatter: Array, share: float, level: float) -> Array:
+def _largest(scores: Array) -> float:
+    """Return the largest eigenvalue of the sum of squares of (G, S) scores."""
+    return float(np.linalg.eigvalsh(scores @ scores.T)[-1])
+
+
+def _true_scatter(scatter: Array, share: float, level: float, chance: float = 0.0) -> Array:
     """Return the (S,) true scatter along the directions in which few views scatter by so much, all
     over that of independent corners.
 
@@ -139,9 +153,10 @@ def _true_scatter(scatter: Array, share: float, level: float) -> Array:
     Args:
         scatter: (S,) the eigenvalues of the scatter.
         share: the number of directions over that of the views.
+        chance: the largest scatter of noise alone that was drawn.
     """
     seen = scatter / level
-    edge = (1 + np.sqrt(share)) ** 2
+    edge = max((1 + np.sqrt(share)) ** 2, chance)
     half = (np.maximum(seen, edge) + 1 - share) / 2
     spike = half + np.sqrt(np.maximum(half**2 - np.maximum(seen, edge), 0.0))
     return np.asarray(level * np.where(seen > edge, spike, 1.0))

@@ -166,10 +166,10 @@ def test_optimum_is_that_of_scipy_on_projected_corners() -> None:
         rows = []
         for index, camera in enumerate(state.cameras):
             values = dict(camera.model.means)
-            own = shared[layout.columns[index]]
+            entries = shared[layout.columns[index]]
             priors = camera.model.priors.sigmas
             for name, entry, param in zip(
-                names[index], own, camera.model.parameters.free, strict=True
+                names[index], entries, camera.model.parameters.free, strict=True
             ):
                 values[name] = values[name] + param.scale * entry
                 rows.append((param.scale * entry / priors[name]).reshape(1))
@@ -204,9 +204,9 @@ def test_measured_baseline_is_a_prior() -> None:
     rig = simulate_rig(12, WINDOW, placements=3, amplitude=0.0, board=BOARD)
     state = replace(initial_state(rig, {}), baseline=None)
     free = estimate_rig(state).state.mountings[1, 3:].norm()
-    told = estimate_rig(replace(state, baseline=BaselinePrior(1, 0.0605, 1e-7)))
+    informed = estimate_rig(replace(state, baseline=BaselinePrior(1, 0.0605, 1e-7)))
     assert abs(float(free) - 0.0605) > 1e-4
-    assert abs(float(told.state.mountings[1, 3:].norm()) - 0.0605) < 1e-6
+    assert abs(float(informed.state.mountings[1, 3:].norm()) - 0.0605) < 1e-6
 
 
 def test_placements_of_one_camera_alone_count() -> None:

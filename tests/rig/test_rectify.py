@@ -70,9 +70,11 @@ def wall_pictures(rig: Rig) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     x, y = np.meshgrid(np.arange(WIDTH, dtype=np.float64), np.arange(HEIGHT, dtype=np.float64))
     for camera in placed_cameras(rig):
         pixels = torch.from_numpy(np.stack([x.ravel(), y.ravel()], -1))
-        origins, directions = (part.numpy() for part in camera.rays(pixels))
-        along = (DEPTH - origins @ PLANE) / (directions @ PLANE)
-        places = origins + along[:, None] * directions
+        rays = camera.rays(pixels)
+        origins = rays[0].numpy()
+        directions = rays[1].numpy()
+        distance = (DEPTH - origins @ PLANE) / (directions @ PLANE)
+        places = origins + distance[:, None] * directions
         u = ((places[:, 0] + 0.8) * 1000).reshape(HEIGHT, WIDTH).astype(np.float32)
         v = ((places[:, 1] + 0.6) * 1000).reshape(HEIGHT, WIDTH).astype(np.float32)
         pictures.append(cv2.remap(texture, u, v, cv2.INTER_LINEAR).astype(np.uint8))
@@ -99,8 +101,8 @@ def test_rows_are_aligned_where_it_says(small: Rig, rectified: RectifiedPair) ->
                 for values in (map_x, map_y)
             ]
         )
-        seen = small.project(in_pair)[name]
-        assert np.abs(sampled - seen).max() < 0.02
+        visible = small.project(in_pair)[name]
+        assert np.abs(sampled - visible).max() < 0.02
         columns[name] = x, y
     assert np.abs(columns["left"][1] - columns["right"][1]).max() < 1e-9
     disparity = columns["left"][0] - columns["right"][0]
@@ -156,9 +158,9 @@ def test_exports_say_where_the_cameras_are(small: Rig) -> None:
     first = cv2.projectPoints(from_first, np.zeros(3), np.zeros(3), matrices["M1"], matrices["D1"])
     turn = cv2.Rodrigues(matrices["R"])[0]
     second = cv2.projectPoints(from_first, turn, matrices["T"], matrices["M2"], matrices["D2"])
-    seen = small.project(place)
-    assert np.abs(first[0].reshape(-1, 2) - seen["left"]).max() < 0.1
-    assert np.abs(second[0].reshape(-1, 2) - seen["right"]).max() < 0.1
+    visible = small.project(place)
+    assert np.abs(first[0].reshape(-1, 2) - visible["left"]).max() < 0.1
+    assert np.abs(second[0].reshape(-1, 2) - visible["right"]).max() < 0.1
     assert "Misfit over the image" in text
     texts = ros_files(central, "0.7")
     assert list(texts) == ["left_0.7m.yaml", "right_0.7m.yaml"]

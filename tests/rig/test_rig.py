@@ -38,7 +38,7 @@ def test_points_are_those_of_least_pixel_error(pair: SimulatedRig, fitted: Rig) 
     """Oracle: SciPy over the point's coordinates, with `Calibration.project` of each camera."""
     _, pixels = pair.points(1, 5)
     rng = np.random.default_rng(0)
-    noisy = {name: seen + rng.normal(0, 0.5, seen.shape) for name, seen in pixels.items()}
+    noisy = {name: clean + rng.normal(0, 0.5, clean.shape) for name, clean in pixels.items()}
     points, _ = fitted.triangulate(noisy)
     for index, point in enumerate(points):
 
@@ -92,7 +92,7 @@ def test_covariance_is_the_scatter_of_noisy_pixels(pair: SimulatedRig, fitted: R
     """Negative control of the noise's part: without the calibration's, the sigma is the scatter."""
     _, pixels = pair.points(3, 1)
     rng = np.random.default_rng(0)
-    many = {name: seen + rng.normal(0, 0.3, (1000, 2)) for name, seen in pixels.items()}
+    many = {name: clean + rng.normal(0, 0.3, (1000, 2)) for name, clean in pixels.items()}
     certain = replace(fitted, covariance=np.zeros((0, 0)))
     points, covariance = certain.triangulate(many, noise_px=0.3)
     scatter = np.cov(points.T)
@@ -111,7 +111,7 @@ def test_error_over_sigma_of_simulated_lengths(pair: SimulatedRig, fitted: Rig) 
     length, sigma = fitted.distances(pixels, pairs, 0.0)
     assert 0.3 < np.sqrt(np.mean(((length - true) / sigma) ** 2)) < 2
     rng = np.random.default_rng(5)
-    noisy = {name: seen + rng.normal(0, 0.1, seen.shape) for name, seen in pixels.items()}
+    noisy = {name: clean + rng.normal(0, 0.1, clean.shape) for name, clean in pixels.items()}
     length, sigma = fitted.distances(noisy, pairs, 0.1)
     assert 0.7 < np.sqrt(np.mean(((length - true) / sigma) ** 2)) < 1.3
 
@@ -195,8 +195,8 @@ def test_a_saved_rig_measures_the_same(fitted: Rig, pair: SimulatedRig, tmp_path
     assert loaded.placement_names == fitted.placement_names
     assert [b.sigma for b in loaded.baselines] == pytest.approx([b.sigma for b in fitted.baselines])
     fitted.save(tmp_path / "out")
-    other = replace(fitted, placements=fitted.placements + 1e-3)
-    (tmp_path / "out" / "rig_calibration.npz").write_bytes(bytes(other.arrays()))
+    changed_rig = replace(fitted, placements=fitted.placements + 1e-3)
+    (tmp_path / "out" / "rig_calibration.npz").write_bytes(bytes(changed_rig.arrays()))
     with pytest.raises(InputError, match="do not belong together"):
         Rig.load(path)
 

@@ -50,15 +50,17 @@ def test_the_rays_are_those_through_the_same_plane(first: str) -> None:
     frame = MOUNTINGS["first"] if first else torch.zeros(6, dtype=torch.float64)
     to_camera = compose(MOUNTINGS["second"], invert_poses(frame))
     path, values = covered_path(INTRINSICS, plane_from(WINDOW, to_camera))
-    own = path.trace(PIXELS, values, MIDDLE)
+    own_rays = path.trace(PIXELS, values, MIDDLE)
     assert int(rays.failure.max()) == 0
     ahead = (rays.origin + rays.direction).stacked()
     for place, expected in (
-        (rays.origin.stacked(), own.origin.stacked()),
-        (ahead, (own.origin + own.direction).stacked()),
+        (rays.origin.stacked(), own_rays.origin.stacked()),
+        (ahead, (own_rays.origin + own_rays.direction).stacked()),
     ):
         assert float((move_points(to_camera, place) - expected).abs().max()) < 1e-12
-    points = move_points(invert_poses(to_camera), own.origin.stacked() + own.direction.stacked())
+    points = move_points(
+        invert_poses(to_camera), own_rays.origin.stacked() + own_rays.direction.stacked()
+    )
     pixels = shared.path.lens.project(points, shared.means)
     bare = path.lens.project(move_points(to_camera, points), values)
     assert float((pixels - bare).abs().max()) < 1e-8
@@ -83,12 +85,12 @@ def test_a_relief_is_described_in_the_other_cameras_chart(fitted: Rig) -> None:
     relief, amplitudes = relief_in_camera(calibration, shared.path, shared.means)
     uneven = replace(calibration, relief=relief, amplitudes=amplitudes)
     path, values = uneven.model()
-    own = path.trace(PIXELS, values, MIDDLE)
+    own_rays = path.trace(PIXELS, values, MIDDLE)
     rays = shared.path.trace(PIXELS, shared.means, MIDDLE)
     even, even_values = calibration.model()
     flat = even.trace(PIXELS, even_values, MIDDLE)
     turned = move_points(mountings["second"], rays.direction.stacked()) - mountings["second"][3:]
-    off = (turned - own.direction.stacked()).norm(dim=-1)
+    off = (turned - own_rays.direction.stacked()).norm(dim=-1)
     effect = (turned - flat.direction.stacked()).norm(dim=-1)
     assert float(effect.max()) > 1e-4
     assert float(off.max()) < 0.05 * float(effect.max())
@@ -116,15 +118,17 @@ def test_a_pair_behind_one_window(rig: SimulatedRig, tmp_path: Path) -> None:
     assert evaluate_rig(loaded, file).rms_px < 0.16
     apart = fit_rig(rig.write(tmp_path / "apart"), EVEN)
     assert len(made.covariance) < len(apart.covariance), "one set of numbers"
-    own = made.calibrations["right"]
-    seen = own.project(np.array([[0.1, 0.05, 0.8]]))
+    own_rays = made.calibrations["right"]
+    own_pixels = own_rays.project(np.array([[0.1, 0.05, 0.8]]))
     to_reference = invert_poses(torch.from_numpy(made.mountings[1]))
     in_reference = move_points(to_reference, torch.tensor([[0.1, 0.05, 0.8]]).double()).numpy()
-    assert np.abs(seen - made.project(in_reference)["right"]).max() < 1e-6
-    known, _ = made.distances(pixels, pairs, 0.0)
-    other, other_sigma = apart.distances(pixels, pairs, 0.0)
+    assert np.abs(own_pixels - made.project(in_reference)["right"]).max() < 1e-6
+    shared_lengths, _ = made.distances(pixels, pairs, 0.0)
+    apart_lengths, other_sigma = apart.distances(pixels, pairs, 0.0)
     _, shared_sigma = made.distances(pixels, pairs, 0.0)
     assert np.median(shared_sigma / other_sigma) < 1.0, (
         "the window's numbers are known twice as well"
     )
-    assert np.sqrt(np.mean((known - true) ** 2)) < 3 * np.sqrt(np.mean((other - true) ** 2))
+    assert np.sqrt(np.mean((shared_lengths - true) ** 2)) < 3 * np.sqrt(
+        np.mean((apart_lengths - true) ** 2)
+    )
