@@ -136,8 +136,10 @@ def _fit(args: argparse.Namespace) -> None:
         from calib.commands.printing import print_json, verdict_mapping
         from calib.commands.rig_lines import print_rig, rig_json
         from calib.commands.verdict_lines import print_verdict
+        from calib.report.write import NAME
         from calib.rig.fit_rig import fit_rig
         from calib.rig.judge import judge_rig
+        from calib.rig.report import write_rig_report
         from calib.rig.rig import RigFiles
         from calib.rig.rig_file import read_rig
 
@@ -150,12 +152,15 @@ def _fit(args: argparse.Namespace) -> None:
         inputs=description.files,
     )
     with files:
-        files.reserve()
+        files.reserve([NAME])
         with Bars() as bars:
             rig = fit_rig(description, settings_of(args), bars)
         written = files.write(rig)
-        files.commit()
-    verdict = judge_rig(rig, folder=args.output)
+        verdict = judge_rig(rig, folder=args.output)
+        try:
+            written.append(write_rig_report(rig, verdict, files.rig))
+        finally:  # if the report fails, the calibration is still written
+            files.commit()
     seconds = time.monotonic() - start
     if args.json:
         print_json(rig_json(rig, seconds) | verdict_mapping(verdict, written))

@@ -476,7 +476,7 @@ class RigFiles:
         """Make the files the current ones."""
         for files in self.cameras.values():
             files.commit(instead_of=DERIVED)
-        self.rig.commit()
+        self.rig.commit(instead_of=("report.html",))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

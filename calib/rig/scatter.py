@@ -35,7 +35,9 @@ def count_placements(estimate: RigEstimate) -> tuple[RigEstimate, float]:
     if len(estimate.state.placements) < MIN_VIEWS or not finite:
         return estimate, 1.0
     root = np.linalg.cholesky(estimate.covariance.numpy())
-    scatter = ViewScatter.of_groups(_placement_rows(estimate.state, root), root, NOISE_DRAWS)
+    # One camera alone is as `calib fit` has it.
+    draws = NOISE_DRAWS if len(estimate.state.cameras) > 1 else 0
+    scatter = ViewScatter.of_groups(_placement_rows(estimate.state, root), root, draws)
     covariance = estimate.covariance + torch.from_numpy(scatter.excess)
     return replace(estimate, covariance=covariance), scatter.ratio
 
