@@ -152,7 +152,7 @@ def test_optimum_is_that_of_scipy_on_projected_corners() -> None:
     """SciPy minimises reprojection errors, from `project`, over free 6-number poses; the rig
     minimises where rays land, in image units, by eliminated placements.
     """
-    rig = simulate_rig(11, WINDOW, placements=3, amplitude=0.0, noise_px=0.02, board=BOARD)
+    rig = simulate_rig(11, WINDOW, placements=2, amplitude=0.0, noise_px=0.02, board=BOARD)
     free = ("camera.fx", "camera.cy", "cover.distance", "cover.tilt.x")
     state = replace(initial_state(rig, {}, free), baseline=None)
     estimate = estimate_rig(state, rounds=(1e-8, 1e-12))

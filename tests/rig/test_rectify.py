@@ -110,6 +110,7 @@ def test_rows_are_aligned_where_it_says(small: Rig, rectified: RectifiedPair) ->
     assert rectified.projections[1][0, 3] == -rectified.focal * rectified.baseline
 
 
+@pytest.mark.slow
 def test_the_chosen_direction_is_better_than_its_neighbours(small: Rig) -> None:
     near = rectify(small, ("left", "right"), DEPTH, (0.35, 1.4))
     errors = np.array([row.rms_px for row in near.rows])

@@ -101,6 +101,7 @@ def rig() -> SimulatedRig:
     return simulate_rig(31, WINDOW, placements=12, amplitude=0.0, board=BOARD, shared=True)
 
 
+@pytest.mark.slow
 def test_a_pair_behind_one_window(rig: SimulatedRig, tmp_path: Path) -> None:
     file = rig.write(tmp_path, shared_cover=[["left", "right"]])
     made = fit_rig(file, EVEN)
