@@ -1,5 +1,6 @@
 """Lengths by simulated pairs of cameras behind covers, beside OpenCV's stereo calibration on the
-same corners: `python -m benchmarks.rig [--rigs N]`.
+same corners: `python -m benchmarks.rig [--rigs N]`; and how the estimate grows with the
+placements: `python -m benchmarks.rig --growth CAMERAS`.
 
 Two cameras are 60 mm apart, each behind its own cover: an uneven cone of 1.15 mm, an uneven dome in
 air, or a flat window in water. 30 pictures of one board at 0.4 to 1.2 m, 0.1 px of noise. Every
@@ -17,7 +18,9 @@ declared number is off by a draw of `fixtures.rigs.DECLARED`. The distances of 4
 from __future__ import annotations
 
 import argparse
+import resource
 import tempfile
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -25,11 +28,20 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.joint_fit import UNEVEN_GLASS
+from calib.estimation.observations import Observations
+from calib.estimation.stated_priors import priors_of
+from calib.optics.build import covered_path, with_relief
+from calib.optics.relief import Relief
 from calib.rig.fit_rig import fit_rig
+from calib.rig.joint_estimate import CameraState, RigState
+from calib.rig.layout import RigLayout
 from calib.session.cover import Cover
 from fixtures.rigs import SimulatedRig, simulate_rig
 from fixtures.synthetic import (
@@ -50,6 +62,10 @@ POINTS = 400
 BANDS = (0.2, 0.4, 0.7, 1.2, 2.0)
 """m: the bands of depth."""
 NOISE_PX = 0.1
+PLACEMENTS = (125, 250, 500)
+"""The placements of the boards whose estimates' growth is measured."""
+GRID = (12, 12)
+"""The centres of each relief there."""
 FLAGS = cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL | cv2.CALIB_TILTED_MODEL
 """The 14 coefficients of OpenCV."""
 
@@ -92,11 +108,63 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rigs", type=int, default=5, help="rigs of each kind (default: 5)")
     parser.add_argument("--kind", choices=KINDS, action="append", help="only this kind")
+    growth = "only the growth of the estimate, with this many cameras"
+    parser.add_argument("--growth", type=int, metavar="CAMERAS", help=growth)
     options = parser.parse_args()
     console = Console(soft_wrap=True)
+    if options.growth:
+        print_growth(options.growth, console)
+        return
     for name in options.kind or KINDS:
         results = [measure(KINDS[name], seed) for seed in range(options.rigs)]
         console.print(_table(name, results))
+
+
+def print_growth(cameras: int, console: Console) -> None:
+    """Print the CPU time of one linearisation with the elimination of all placements, and the size
+    of its equations and the peak of the process's memory, for several numbers of placements.
+    """
+    for placements in PLACEMENTS:
+        state = uneven_state(cameras, placements)
+        problem = state.problem()
+        start = time.process_time()
+        equations = problem.linearisation(state.vector(), state.placements).equations
+        reduced = equations.eliminate_blocks()
+        seconds = time.process_time() - start
+        tensors = (equations.hessian_cross, equations.hessian_block, equations.hessian_shared)
+        size = sum(tensor.numel() * tensor.element_size() for tensor in tensors) / 1e6
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+        console.print(
+            f"{cameras} cameras, {placements} placements, {len(reduced.gradient)} numbers:"
+            f" {seconds:.1f} s, equations {size:.0f} MB, peak {peak:.0f} MB"
+        )
+
+
+def uneven_state(cameras: int, placements: int) -> RigState:
+    """Return the start of an estimate of cameras behind uneven cones, which all see every board.
+    Their mountings are alike, so that they do.
+    """
+    names = tuple(f"camera{index}" for index in range(cameras))
+    simulated = simulate_rig(0, THIN, placements=placements, amplitude=0.0, names=names[:2])
+    first, second = simulated.cameras
+    states = []
+    mountings = []
+    for index, name in enumerate(names):
+        source = second if index else first
+        camera = simulated.cameras[source]
+        path, means = covered_path(camera.intrinsics, camera.cover)
+        path = with_relief(path, Relief(*PATCH, GRID))
+        means["relief.amplitudes"] = torch.zeros(GRID, dtype=torch.float64)
+        priors = priors_of(camera.intrinsics, camera.cover, path)
+        model = CameraModel(path, means, priors)
+        observations = Observations.of(simulated.views[source], simulated.board)
+        place = torch.arange(placements)
+        state = CameraState(name, model, observations, place, means, NOISE_PX, UNEVEN_GLASS)
+        states.append(state)
+        mountings.append(camera.mounting)
+    nominal = torch.stack(mountings)
+    layout = RigLayout.of(names, [state.model for state in states], names[0])
+    return RigState(tuple(states), layout, nominal, nominal, simulated.placements)
 
 
 def measure(kind: Kind, seed: int) -> Lengths:
