@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from calib import Rig as PublicRig
+from calib.corners.corners_file import read_corners, write_corners
 from calib.errors import InputError
 from calib.fit_record.request import Settings
 from calib.fitting.corner_range import corner_points
@@ -22,6 +23,7 @@ from calib.rig.judge import judge_rig
 from calib.rig.poses import pose_matrix
 from calib.rig.rig import Rig, placed_cameras
 from calib.rig.triangulation import triangulate_points
+from calib.session.session import read_session
 from fixtures.rigs import SimulatedRig, simulate_rig
 from fixtures.synthetic import BUMPS, THIN
 from tests.rig.conftest import EVEN
@@ -271,6 +273,38 @@ def test_lengths_behind_uneven_cones(tmp_path: Path) -> None:
         length, sigma = made.distances(pixels, pairs, 0.0)
         squares.append(((length - lengths_of(points, pairs)) / sigma) ** 2)
     assert 0.6 < np.sqrt(np.mean(squares)) < 1.25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "limit_px"), [("stereo-air", 0.36), ("stereo-water", 0.105)])
+def test_measured_pairs(name: str, limit_px: float, tmp_path: Path) -> None:
+    """Every third placement is held out, with one pose for both cameras: hardly more than the error
+    of each camera alone.
+    """
+    folder = SHARED_DATA / name
+    if not folder.is_dir():
+        pytest.skip(f"{folder} is not here")
+    sessions = {side: read_session(folder / side) for side in ("left", "right")}
+    views = {}
+    for side, session in sessions.items():
+        assert session.corners
+        views[side] = read_corners(session.corners, session.board)
+    names = sorted({view.name for side in views.values() for view in side})
+    for part, chosen in (("train", {*names} - {*names[2::3]}), ("holdout", {*names[2::3]})):
+        for side, session in sessions.items():
+            (tmp_path / part / side).mkdir(parents=True)
+            text = (session.path / "session.yaml").read_text()
+            (tmp_path / part / side / "session.yaml").write_text(text)
+            written = [view for view in views[side] if view.name in chosen]
+            write_corners(tmp_path / part / side / "corners.vnl", written)
+        (tmp_path / part / "rig.yaml").write_text(
+            "format: 1\ncameras: {left: left, right: right}\nreference: left\ntogether: by_name\n"
+        )
+    rig = fit_rig(tmp_path / "train")
+    evaluation = evaluate_rig(rig, tmp_path / "holdout")
+    assert evaluation.shared_placements == evaluation.placements
+    assert evaluation.rms_px < limit_px
+    assert all(band.normalised < 2 for band in evaluation.lengths)
 
 
 @pytest.mark.slow
