@@ -31,8 +31,8 @@ class Typed:
 
     @property
     def kind(self) -> str:
-        """`run`; `parsed`: ours, but it needs a camera, a person, a fleet, a rig, or hours; `shell`:
-        it changes this machine, so bash reads it alone.
+        """`run`; `parsed`: ours, but it needs a camera, a person, a fleet, a rig, or hours;
+        `shell`: it changes this machine, so bash reads it alone.
         """
         if self.line.startswith(("calib fleet-prior", "calib rig")) or "--scheduler" in self.line:
             return "parsed"
