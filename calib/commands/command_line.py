@@ -47,6 +47,7 @@ def run_command(
         parser.print_help()
         parser.exit(2, f"{program}: name a COMMAND; {program} COMMAND --help explains it.\n")
     args = parser.parse_args(words)
+    args.words = list(words)
     try:
         with _silence_remarks() if getattr(args, "quiet", False) else contextlib.nullcontext():
             code: int | None = args.run(args)

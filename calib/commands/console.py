@@ -20,12 +20,10 @@ from calib.corners.copies import describe_still
 from calib.corners.view import RejectedPicture
 from calib.errors import brief, harmless
 from calib.fitting.board_turns import describe_turned
-from calib.fitting.description import PRINTED_COLUMNS, describe
+from calib.fitting.description import PRINTED_COLUMNS, describe, describe_bend
 from calib.fitting.evaluate import Evaluation
-from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.fitting.guided_redetection import describe_redetection
 from calib.fitting.view_noise import describe_noisy_views
-from calib.inference.calibration_model import without_own_bend
 from calib.progress import Advance
 from calib.session.lens import NAMES
 
@@ -99,7 +97,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         *_prior(calibration),
         *describe_still(calibration.views),
         *_turned_boards(calibration),
-        *_bend(calibration),
+        *filter(None, [describe_bend(calibration)]),
         *_scatter(calibration),
         *reach,
     ):
@@ -131,31 +129,6 @@ def _turned_boards(calibration: Calibration) -> Iterator[str]:
     """Yield a line on the views that showed the board turned, if there are any."""
     if names := calibration.outcome.turned_boards:
         yield describe_turned(names)
-
-
-def _bend(calibration: Calibration) -> Iterator[str]:
-    """Yield a line on the board's bend, if the fit found one."""
-    stages = calibration.stages
-    if without_own_bend(calibration) is calibration or stages[-1].name != EFFECTS_STAGE:
-        return
-    numbers = {
-        name: float(value)
-        for effect in calibration.effects
-        for name, (value, _) in effect.parameters.items()
-    }
-    found = []
-    if "board_shape.xx" in numbers:
-        found.append(
-            f"bent by {1e3 * numbers['board_shape.xx']:.2f} mm along x and"
-            f" {1e3 * numbers['board_shape.yy']:.2f} mm along y"
-        )
-    if "board_scale.x_over_y" in numbers:
-        percent = 100 * numbers["board_scale.x_over_y"]
-        found.append(f"unevenly printed ({percent:.2f} % longer along x than along y)")
-    yield (
-        f"The board is {' and '.join(found)}: {stages[-2].rms_px:.3f} px with a flat"
-        f" board, {stages[-1].rms_px:.3f} px with this one."
-    )
 
 
 def _scatter(calibration: Calibration) -> Iterator[str]:

@@ -14,6 +14,8 @@ from calib.session.shapes.registry import dimensions, find_shape, shape_names, s
 from calib.session.typed_number import join_sigmas, typed_number
 
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?", re.IGNORECASE)
+UNKNOWN_KEY = "?"
+"""The key for an unknown number in the form of `capture`."""
 PREFIX = "cover_"
 """The beginning of these options' names among the arguments."""
 
@@ -60,6 +62,7 @@ def typed_list(text: str) -> list[object]:
     them.
     """
     words = [word.strip() for word in join_sigmas(text).split(",")]
+    words = [UNKNOWN if word == UNKNOWN_KEY else word for word in words]
     for word in words:
         if (not is_unknown(word) and not all(map(NUMBER.fullmatch, word.split("±")))) or word.count(
             "±"

@@ -3,6 +3,7 @@ that the options describe.
 """
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -138,6 +139,19 @@ def _declared_board(
     return other.board
 
 
+def _words_without_board(args: argparse.Namespace) -> list[str]:
+    """Return the options that were typed, without those of the board and of the pictures."""
+    left_out = {"--board", "--camera", *(f"--{key.replace('_', '-')}" for key in OPTIONS)}
+    words: list[str] = []
+    is_left_out = False
+    for word in args.words[1:]:
+        if word.startswith("-") and not word[1:2].isdigit():
+            is_left_out = word.partition("=")[0] in left_out
+        if not is_left_out and Path(word) not in args.session:
+            words.append(word)
+    return words
+
+
 def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Progress") -> "Board":
     """Look for a board in the pictures, and return it with what the options state.
 
@@ -178,7 +192,8 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
         or args.board not in (None, finding.size)
         or ("spacing" not in options and finding.is_vague)
     ):
-        command = f"calib fit {source.words} {finding.options}"
+        kept = shlex.join(_words_without_board(args))
+        command = " ".join(filter(None, ("calib fit", source.words, kept, finding.options)))
         reason = (
             "What they cannot say is its size"
             if args.board in (None, finding.size)

@@ -129,7 +129,15 @@ def _straighten_files(
     args: argparse.Namespace, calibration: "Calibration", progress: "Progress"
 ) -> Straightened:
     from calib.apply.undistort_files import UndistortOptions, undistort_files
+    from calib.errors import InputError
+    from calib.io.images import SUFFIXES
     from calib.io.output_folder import OutputFolder
+
+    if args.output.suffix.lower() in SUFFIXES and not args.output.is_dir():
+        raise InputError(
+            f"-o is a folder, and {args.output.name} looks like a picture: write"
+            f" -o {args.output.with_suffix('')}. Straight pictures keep their names."
+        )
 
     wanted = UndistortOptions(
         args.depth if args.depth is not None else args.depth_image, args.crop, args.size, args.near

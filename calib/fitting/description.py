@@ -18,6 +18,8 @@ from calib.fitting.declared import (
     comparisons,
     effect_comparisons,
 )
+from calib.fitting.fit_result import EFFECTS_STAGE
+from calib.inference.calibration_model import without_own_bend
 from calib.session.lens import OPENCV
 from calib.session.parameter_names import CAMERA
 from calib.session.schema import UNKNOWN
@@ -199,3 +201,28 @@ def _range_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
     if np.isfinite(distance).any():
         near, far = distance_range(distance[np.isfinite(distance)])
         yield name, f"{near:.3g} to {far:.3g} m", "", "", ""
+
+
+def describe_bend(calibration: Calibration) -> str:
+    """Return a sentence on the board's bend and print; empty if the fit found none."""
+    stages = calibration.stages
+    if without_own_bend(calibration) is calibration or stages[-1].name != EFFECTS_STAGE:
+        return ""
+    numbers = {
+        name: float(value)
+        for effect in calibration.effects
+        for name, (value, _) in effect.parameters.items()
+    }
+    findings = []
+    if "board_shape.xx" in numbers:
+        findings.append(
+            f"bent by {1e3 * numbers['board_shape.xx']:.2f} mm along x and"
+            f" {1e3 * numbers['board_shape.yy']:.2f} mm along y"
+        )
+    if "board_scale.x_over_y" in numbers:
+        percent = 100 * numbers["board_scale.x_over_y"]
+        findings.append(f"unevenly printed ({percent:.2f} % longer along x than along y)")
+    return (
+        f"The board is {' and '.join(findings)}: {stages[-2].rms_px:.3f} px with a flat"
+        f" board, {stages[-1].rms_px:.3f} px with this one."
+    )

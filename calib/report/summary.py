@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.apply.angular_reach import undistortion_limit
+from calib.fitting.description import describe_bend
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
 from calib.session.cover import Cover
@@ -26,7 +27,7 @@ no path of its author's disk.
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    sentences: tuple[str, str, str]
+    sentences: tuple[str, ...]
     verdict: Verdict
 
 
@@ -36,7 +37,9 @@ def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
     verdict = judge(evidence.calibration, depths=depths, folder=HERE, session=Path(session))
     limit = undistortion_limit(evidence.calibration)
     coverage = " ".join(filter(None, [_coverage(evidence), limit]))
-    return Summary((_subject(evidence), _fit(evidence, verdict), coverage), verdict)
+    bend = describe_bend(evidence.calibration)
+    sentences = (_subject(evidence), bend, _fit(evidence, verdict), coverage)
+    return Summary(tuple(filter(None, sentences)), verdict)
 
 
 def _subject(evidence: Evidence) -> str:

@@ -10,7 +10,7 @@ MEANING = {
     "pinhole": "the camera alone, with its lens",
     "cover": "through a smooth cover, with its described numbers",
     "cover+rbf": "with the estimated numbers, and with the bumps of the glass if it is uneven",
-    "cover+rbf+effects": "with the effects that the diagnosis found",
+    "cover+rbf+effects": "with the board as the views show it, and with all effects found",
 }
 
 

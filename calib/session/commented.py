@@ -14,7 +14,7 @@ from calib.session.camera import EXPLANATIONS as CAMERA
 from calib.session.cover_section import SURFACE_EXPLANATION, SURFACE_KEY
 from calib.session.shapes.dimension import Dimension
 from calib.session.shapes.none import NONE
-from calib.session.shapes.registry import find_shape, shape_names
+from calib.session.shapes.registry import find_shape, shape_names, stated_shape_names
 from calib.session.shapes.shape import Shape
 
 HEAD = """\
@@ -104,7 +104,10 @@ def _optional_keys(camera: Mapping[str, object]) -> list[str]:
 
 def _explain_cover(shape: Shape) -> dict[str, str]:
     """Return the comment on each key of a cover of this shape."""
-    comments = {"shape": f"one of {', '.join(shape_names())}", SURFACE_KEY: SURFACE_EXPLANATION}
+    comments = {
+        "shape": f"one of {', '.join(stated_shape_names())}",
+        SURFACE_KEY: SURFACE_EXPLANATION,
+    }
     return comments | {kind.quantity.key: _explain(kind) for kind in shape.keys}
 
 

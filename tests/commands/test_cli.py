@@ -308,6 +308,7 @@ def test_undistort_refuses_existing_outputs_and_pictures_of_another_size(
     picture = tmp_path / "small.png"
     cv2.imwrite(str(picture), np.zeros((48, 64), np.uint8))
     (tmp_path / "loop.png").symlink_to(tmp_path / "loop.png")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
     for arguments, says in (
         ([str(picture), "-o", str(tmp_path)], "would be overwritten"),
         (
@@ -321,7 +322,8 @@ def test_undistort_refuses_existing_outputs_and_pictures_of_another_size(
         ),
         ([str(tmp_path / f"{'x' * 300}.jpg"), "-o", str(tmp_path / "out")], "File name too long"),
         ([str(tmp_path / "loop.png"), "-o", str(tmp_path / "out")], "loop.png cannot be read"),
-        ([str(picture), "-o", str(tmp_path / "loop.png")], "loop.png cannot be made"),
+        ([str(picture), "-o", str(tmp_path / "loop")], "loop cannot be made"),
+        ([str(picture), "-o", str(tmp_path / "straight.jpg")], "looks like a picture: write -o"),
         (
             [str(tmp_path / "noext"), "-o", str(tmp_path / "out")],
             "noext does not say what to write",

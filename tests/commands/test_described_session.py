@@ -30,7 +30,9 @@ BOARD = ["--board", "7x6", "--square-mm", "25"]
 
 
 def parsed(*words: str) -> argparse.Namespace:
-    return _parser("calib", "", cli.COMMANDS, cli.GROUPS).parse_args(["fit", *words])
+    args = _parser("calib", "", cli.COMMANDS, cli.GROUPS).parse_args(["fit", *words])
+    args.words = ["fit", *words]
+    return args
 
 
 def described(*words: str) -> Session:
@@ -407,3 +409,22 @@ def test_the_examples_of_init_can_be_used(tmp_path: Path) -> None:
         assert read_session(folder).board.coding
     assert len(boards) == 3
     assert main(["init", str(folder)]) == 2
+
+
+def test_the_suggested_command_keeps_what_was_typed(photos: Path) -> None:
+    typed = ("--cover", "dome", "--radius", "50+-0.3", "--centre", "0,0,?", "--folds", "3")
+    with pytest.raises(InputError) as refused:
+        described(str(photos), *typed)
+    _, _, command = str(refused.value).partition("its size: ")
+    words = shlex.split(command.partition(", with your own")[0])
+    assert words[:3] == ["calib", "fit", str(photos)]
+    assert words[3 : 3 + len(typed)] == list(typed)
+    session = described(*words[2:])
+    assert session.cover.parameters["centre.z"].unknown
+    assert session.cover.parameters["inner_radius"].sigma == pytest.approx(0.0003)
+
+
+def test_a_wrong_board_is_not_in_the_suggested_command(photos: Path) -> None:
+    with pytest.raises(InputError, match="--board") as refused:
+        described(str(photos), "--type", "charuco", "--board", "5x5", "--cover", "flat")
+    assert "--type" not in str(refused.value).partition("calib fit")[2].partition("--board")[0]
