@@ -8,12 +8,14 @@ import numpy as np
 
 from calib.session.board import Board
 from calib.session.coding import AprilGrid
+from calib.session.parameter_names import number_of
 from calib.verdict.case import Case
 from calib.verdict.thresholds import (
     FAR_AWAY,
     INSIDE,
     LARGEST_BOARD,
     SMALL_COVER,
+    SMALL_RADIUS,
     SMALLEST_BOARD,
     UNSURE_SQUARE,
 )
@@ -60,6 +62,17 @@ def board_size(case: Case) -> Iterator[Reason]:
             f" {board.cell}s."
         )
         yield Reason(sentence, case.next.fit(), (key,))
+
+
+def cover_size(case: Case) -> Iterator[Reason]:
+    """Check that a declared radius is in the right unit."""
+    for name, number in case.calibration.declared.cover.numbers.items():
+        if number_of(name) == "inner_radius" and not number.unknown and number.value < SMALL_RADIUS:
+            sentence = (
+                f"{name} is declared as {1e3 * number.value:.3g} mm, and hardly any cover is so"
+                " small: lengths are in millimetres, check it."
+            )
+            yield Reason(sentence, case.next.fit(), (name,))
 
 
 def _key(board: Board) -> str:

@@ -15,7 +15,7 @@ from calib.fit_record.request import Settings
 from calib.fitting.evaluate import Evaluation
 from calib.threads import single_thread
 from calib.verdict.bare_pictures import bare_pictures
-from calib.verdict.board_place import board_place, board_size
+from calib.verdict.board_place import board_place, board_size, cover_size
 from calib.verdict.case import Case
 from calib.verdict.confirmation import contradicted_numbers, unconfirmed_numbers
 from calib.verdict.convergence import not_converged, not_finite
@@ -46,6 +46,7 @@ CHECKS: tuple[Check, ...] = (
     principal_point,
     board_place,
     board_size,
+    cover_size,
     unseen_row,
     extra_rows,
     mixed_settings,

@@ -154,6 +154,10 @@ FAR_AWAY = 1000.0
 """The same: a board that fills a part of the picture 40 m away from a cover of 40 mm is as large as
 a house.
 """
+SMALL_RADIUS = 0.01
+"""m: covers are made for cameras, of which few fit behind 10 mm. Centimetres that are written for
+millimetres make 2.5 to 10 mm of domes and tubes of 25 to 100.
+"""
 SMALL_COVER = 0.02
 """m: the distance of a cover that FAR_AWAY counts with at least; a window right before the lens
 says nothing of boards.

@@ -21,7 +21,7 @@ from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import AprilGrid, Charuco, Coding
 from calib.session.freeing import AUTO
 from calib.session.schema import Number
-from calib.verdict.board_place import board_place, board_size
+from calib.verdict.board_place import board_place, board_size, cover_size
 from calib.verdict.case import Case
 from calib.verdict.convergence import not_converged, not_finite
 from calib.verdict.cover_stage import cover_stage, worse_than_none
@@ -490,3 +490,17 @@ def calibrated_from(session: Path) -> Calibration:
     from calib.session.session import read_session
 
     return fit(read_session(session), FAST)
+
+
+def test_a_radius_in_centimetres_is_a_reason(good: Calibration) -> None:
+    assert not asked(cover_size, good)
+    radius = good.declared.cover.parameters["inner_radius"]
+    for value, expected in ((0.0042, 1), (0.0105, 0)):
+        parameters = {
+            **good.declared.cover.parameters,
+            "inner_radius": replace(radius, value=value),
+        }
+        stated = replace(good.declared, cover=replace(good.declared.cover, parameters=parameters))
+        reasons = asked(cover_size, replace(good, stated=stated))
+        assert len(reasons) == expected
+        assert all("declared as 4.2 mm" in reason.sentence for reason in reasons)
