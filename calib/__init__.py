@@ -15,6 +15,7 @@ __all__ = [
     "NotEnoughDataError",
     "Progress",
     "RefracalError",
+    "Rig",
     "Settings",
     "Silent",
     "TagLocator",
@@ -25,7 +26,9 @@ __all__ = [
     "describe",
     "diagnose",
     "evaluate",
+    "evaluate_rig",
     "fit",
+    "fit_rig",
     "judge",
     "read_session",
 ]
@@ -43,6 +46,9 @@ if TYPE_CHECKING:
     from calib.fitting.fit import fit
     from calib.fitting.from_points import calibrate
     from calib.progress import Progress, Silent
+    from calib.rig.evaluate_rig import evaluate_rig
+    from calib.rig.fit_rig import fit_rig
+    from calib.rig.rig import Rig
     from calib.session.session import read_session
     from calib.verdict.judge import judge
 else:  # hidden from the type checker, so that it still refuses a misspelt name
@@ -53,6 +59,7 @@ else:  # hidden from the type checker, so that it still refuses a misspelt name
         "NotEnoughDataError": "calib.errors",
         "Progress": "calib.progress",
         "RefracalError": "calib.errors",
+        "Rig": "calib.rig.rig",
         "Settings": "calib.fit_record.request",
         "Silent": "calib.progress",
         "TagLocator": "calib.apply.tags",
@@ -62,7 +69,9 @@ else:  # hidden from the type checker, so that it still refuses a misspelt name
         "describe": "calib.fitting.description",
         "diagnose": "calib.diagnosis.diagnose",
         "evaluate": "calib.fitting.evaluate",
+        "evaluate_rig": "calib.rig.evaluate_rig",
         "fit": "calib.fitting.fit",
+        "fit_rig": "calib.rig.fit_rig",
         "judge": "calib.verdict.judge",
         "read_session": "calib.session.session",
     }

@@ -18,6 +18,7 @@ from calib.commands import (
     measure_command,
     pose_command,
     report_command,
+    rig_command,
     stream_command,
     undistort_command,
 )
@@ -48,7 +49,7 @@ GROUPS = (
             immerse_command,
         ),
     ),
-    CommandGroup("Calibrate many cameras", (batch_command, fleet_prior_command)),
+    CommandGroup("Calibrate several cameras", (rig_command, batch_command, fleet_prior_command)),
 )
 """The commands in the order of the help."""
 COMMANDS = tuple(command for group in GROUPS for command in group.commands)

@@ -31,11 +31,12 @@ class Typed:
 
     @property
     def kind(self) -> str:
-        """`run`; `parsed`: ours, but it needs a camera, a person, a fleet, or hours; `shell`: it
-        changes this machine, so bash reads it alone.
+        """`run`; `parsed`: ours, but it needs a camera, a person, a fleet, a rig, or hours;
+        `shell`: it changes this machine, so bash reads it alone.
         """
         needs_camera = self.line.startswith("calib stream") and "--source video:" not in self.line
-        if needs_camera or self.line.startswith("calib fleet-prior") or "--scheduler" in self.line:
+        needs_many = self.line.startswith(("calib fleet-prior", "calib rig"))
+        if needs_camera or needs_many or "--scheduler" in self.line:
             return "parsed"
         if (
             self.program == "calib"

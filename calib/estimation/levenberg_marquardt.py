@@ -84,6 +84,21 @@ class Outcome(Enum):
     )
 
 
+class Linearisation(Protocol):
+    """The linearised rows of a problem at one point."""
+
+    @property
+    def equations(self) -> NormalEquations:
+        """The normal equations of the rows, without the priors."""
+        ...
+
+    def curvature_gradient(self, move: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+        """Return the (V, B) and (S,) products J^T r'' of the Jacobian with the second derivatives
+        of the residuals along a (S,) and (V, B) move.
+        """
+        ...
+
+
 class Problem(Protocol):
     """A cost to minimise: a sum over rows, plus quadratic priors on the parameters."""
 
@@ -105,16 +120,24 @@ class Problem(Protocol):
         """
         ...
 
-    def linearise(self, shared: Tensor, blocks: Tensor) -> Iterable[LinearisedBlocks]:
-        """Return rows whose sum of squares has the cost's gradient and approximately its Hessian at
-        (S,) and (V, B) parameters: all blocks, some at a time, so that the full Jacobian need not
-        fit into memory.
-        """
+    def linearisation(self, shared: Tensor, blocks: Tensor) -> Linearisation:
+        """Return the linearised rows at (S,) and (V, B) parameters."""
         ...
 
     def inner_step(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
         """Return (V, B) blocks after one step of each block at fixed (S,) shared parameters, no
         worse than the given ones, and the cost at them, without the priors.
+        """
+        ...
+
+
+class RowProblem(Problem, Protocol):
+    """A problem that returns its linearised rows (`RowLinearised`)."""
+
+    def linearise(self, shared: Tensor, blocks: Tensor) -> Iterable[LinearisedBlocks]:
+        """Return rows whose sum of squares has the cost's gradient and approximately its Hessian at
+        (S,) and (V, B) parameters: all blocks, some at a time, so that the full Jacobian need not
+        fit into memory.
         """
         ...
 
@@ -129,6 +152,16 @@ class Problem(Protocol):
         residuals along a (S,) and (V, B) move.
         """
         ...
+
+
+class RowLinearised:
+    """The part of a `RowProblem` that makes a `Problem` of it."""
+
+    __slots__ = ()
+
+    def linearisation(self: RowProblem, shared: Tensor, blocks: Tensor) -> Linearisation:
+        """Return the linearised rows at (S,) and (V, B) parameters."""
+        return RowLinearisation(self, shared, blocks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,25 +211,23 @@ def minimise(
             (blocks**2 @ problem.block_precision).sum()
         )
 
-    def equations_at(
-        shared: Tensor, blocks: Tensor
-    ) -> tuple[NormalEquations, Iterable[LinearisedBlocks]]:
-        pieces = _CachedPieces(lambda: problem.linearise(shared, blocks))
-        rows = normal_equations(pieces)
+    def equations_at(shared: Tensor, blocks: Tensor) -> tuple[NormalEquations, Linearisation]:
+        linearisation = problem.linearisation(shared, blocks)
+        rows = linearisation.equations
         block_precision = problem.block_precision
         with_prior = replace(
             rows,
             hessian_block=rows.hessian_block + block_precision.diag(),
             gradient_block=rows.gradient_block + block_precision * blocks,
         )
-        return with_prior, pieces
+        return with_prior, linearisation
 
     cost = problem.cost(shared, blocks) + prior(shared, blocks)
     if math.isnan(cost):
         raise ValueError("the cost at the start is not a number")
     damping = FIRST_DAMPING
     for step in range(1, steps + 1):
-        rows, pieces = equations_at(shared, blocks)
+        rows, linearisation = equations_at(shared, blocks)
         if not (rows.finite and math.isfinite(cost)):
             return Solution(Outcome.NOT_FINITE, shared, blocks, cost, step, rows)
         equations = replace(
@@ -216,9 +247,9 @@ def minimise(
             new_blocks, new_cost = problem.inner_step(new_shared, blocks + move[1])
             new_cost += prior(new_shared, new_blocks)
             if not (cost - new_cost) / promised > STRAIGHT_GAIN and math.isfinite(promised):
-                first_pass, second_pass = tee(pieces)  # the pieces may be computed again
-                curvature = problem.second_derivative_along(second_pass, shared, blocks, move)
-                bend = _acceleration_step(equations, first_pass, curvature, damping)
+                bend = _acceleration_step(
+                    equations, linearisation.curvature_gradient(move), damping
+                )
                 bent_shared = new_shared + bend[0]
                 bent_blocks, bent_cost = problem.inner_step(bent_shared, blocks + move[1] + bend[1])
                 bent_cost += prior(bent_shared, bent_blocks)
@@ -260,25 +291,37 @@ def _damped_step(equations: NormalEquations, damping: float) -> tuple[Tensor, Te
 
 
 def _acceleration_step(
-    equations: NormalEquations,
-    pieces: Iterable[LinearisedBlocks],
-    curvature: Iterable[Tensor],
-    damping: float,
+    equations: NormalEquations, gradient: tuple[Tensor, Tensor], damping: float
 ) -> tuple[Tensor, Tensor]:
     """Return half the geodesic acceleration, the correction of a damped step for the residuals'
-    second derivative along it, `curvature`.
+    second derivative along it, from its `Linearisation.curvature_gradient`.
     """
-    by_block, by_shared = [], torch.zeros_like(equations.gradient_shared)
-    for piece, bend in zip(pieces, curvature, strict=True):
-        by_shared = by_shared + piece.jacobian_shared.flatten(0, 1).mT @ bend.flatten()
-        for first, last in pairwise(piece.starts.tolist()):
-            by_block.append(
-                piece.jacobian_block[first:last].flatten(0, 1).mT @ bend[first:last].flatten()
-            )
+    by_block, by_shared = gradient
     return _damped_step(
-        replace(equations, gradient_block=torch.stack(by_block) / 2, gradient_shared=by_shared / 2),
-        damping,
+        replace(equations, gradient_block=by_block / 2, gradient_shared=by_shared / 2), damping
     )
+
+
+class RowLinearisation:
+    """The linearisation of a problem that returns its rows."""
+
+    def __init__(self, problem: RowProblem, shared: Tensor, blocks: Tensor) -> None:
+        self._problem = problem
+        self._point = shared, blocks
+        self._pieces = _CachedPieces(lambda: problem.linearise(shared, blocks))
+        self.equations = normal_equations(self._pieces)
+
+    def curvature_gradient(self, move: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+        first_pass, second_pass = tee(self._pieces)  # the pieces may be computed again
+        curvature = self._problem.second_derivative_along(second_pass, *self._point, move)
+        by_block, by_shared = [], torch.zeros_like(self.equations.gradient_shared)
+        for piece, bend in zip(first_pass, curvature, strict=True):
+            by_shared = by_shared + piece.jacobian_shared.flatten(0, 1).mT @ bend.flatten()
+            for first, last in pairwise(piece.starts.tolist()):
+                by_block.append(
+                    piece.jacobian_block[first:last].flatten(0, 1).mT @ bend[first:last].flatten()
+                )
+        return torch.stack(by_block), by_shared
 
 
 class _CachedPieces:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from calib.estimation.levenberg_marquardt import RowLinearised
 from calib.estimation.normal_equations import LinearisedBlocks
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ResidualBlock
@@ -47,7 +48,7 @@ def view_precision(path: Path, blocks: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True, slots=True)
-class LandingProblem:
+class LandingProblem(RowLinearised):
     """The solver's problem for boards seen through a ray path; its blocks are the view
     parameters.
     """
@@ -64,7 +65,7 @@ class LandingProblem:
     """
 
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
-        values = self._valid_values(shared)
+        values = self.valid_values(shared)
         if values is None:
             return math.inf
         return sum(float(losses.sum()) for losses in self._losses(values, blocks))
@@ -74,7 +75,7 @@ class LandingProblem:
         values = self.parameters.values(shared)
         results = [
             block.residual(block.rays(values, poses), values, poses)
-            for block, poses in self._split(blocks)
+            for block, poses in self.split(blocks)
         ]
         residual = torch.cat([residual for residual, _ in results])
         return residual, torch.cat([lands for _, lands in results])
@@ -98,18 +99,18 @@ class LandingProblem:
         not depend on the boards' poses, so they are traced once, unless views have cameras of their
         own.
         """
-        values = self._valid_values(shared)
+        values = self.valid_values(shared)
         if values is None:
             return blocks, math.inf
         updated, total = [], 0.0
-        for block, poses in self._split(blocks):
+        for block, poses in self.split(blocks):
             rays = block.rays(values, poses)
             residual, jacobian, lands = block.residual_with_jacobian(rays, values, poses)
             new_poses = poses - self._block_step(block, residual, jacobian, poses)
-            old_cost = self._block_cost(block, residual, lands, poses)
+            old_cost = self.view_costs(block, residual, lands, poses)
             if block.path.camera_block:
                 rays = block.rays(values, new_poses)
-            new_cost = self._block_cost(block, *block.residual(rays, values, new_poses), new_poses)
+            new_cost = self.view_costs(block, *block.residual(rays, values, new_poses), new_poses)
             best = torch.where((new_cost < old_cost)[:, None], new_poses, poses)
             updated.append(best)
             total += float(
@@ -118,7 +119,7 @@ class LandingProblem:
             )
         return torch.cat(updated), total
 
-    def _valid_values(self, shared: Tensor) -> dict[str, Tensor] | None:
+    def valid_values(self, shared: Tensor) -> dict[str, Tensor] | None:
         """Return the path's values; None if one is below its physical minimum."""
         values = self.parameters.values(shared)
         invalid = any(
@@ -132,22 +133,31 @@ class LandingProblem:
         """Return the (V, B) Gauss-Newton step of each view, which the caller subtracts; 0 where it
         cannot be computed.
         """
-        view, (count, size) = block.observations.view, poses.shape
-        weighted = jacobian * (self.huber / residual.norm(dim=-1)).clamp_max(1.0)[:, None, None]
-        hessian = (
-            poses.new_zeros(count, size, size).index_add(0, view, weighted.mT @ jacobian)
-            + self.block_precision.diag()
-        )
-        gradient = (
-            poses.new_zeros(count, size).index_add(
-                0, view, (weighted.mT @ residual[..., None]).squeeze(-1)
-            )
-            + self.block_precision * poses
-        )
+        hessian, gradient = self.view_equations(block, residual, jacobian)
+        hessian = hessian + self.block_precision.diag()
+        gradient = gradient + self.block_precision * poses
         step, singular = torch.linalg.solve_ex(hessian, gradient)
         return torch.where((singular == 0)[:, None] & step.isfinite(), step, 0.0)
 
-    def _block_cost(
+    def view_equations(
+        self, block: ResidualBlock, residual: Tensor, jacobian: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Return the (V, B, B) Hessian and the (V, B) gradient of each view's parameters, without
+        their prior, from the residuals of a block and their Jacobian by these parameters.
+        """
+        view, count, size = (
+            block.observations.view,
+            len(block.observations.names),
+            jacobian.shape[2],
+        )
+        weighted = jacobian * (self.huber / residual.norm(dim=-1)).clamp_max(1.0)[:, None, None]
+        hessian = residual.new_zeros(count, size, size).index_add(0, view, weighted.mT @ jacobian)
+        gradient = residual.new_zeros(count, size).index_add(
+            0, view, (weighted.mT @ residual[..., None]).squeeze(-1)
+        )
+        return hessian, gradient
+
+    def view_costs(
         self, block: ResidualBlock, residual: Tensor, lands: Tensor, poses: Tensor
     ) -> Tensor:
         """Return the (V,) cost of each view's corners and prior; infinity if one of its rays does
@@ -159,12 +169,12 @@ class LandingProblem:
 
     def _losses(self, values: Values, blocks: Tensor) -> Iterator[Tensor]:
         """Yield the (m,) losses of the corners, residual block by residual block."""
-        for block, poses in self._split(blocks):
+        for block, poses in self.split(blocks):
             yield self.losses(*block.residual(block.rays(values, poses), values, poses))
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> Iterator[LinearisedBlocks]:
         values = self.parameters.values(shared)
-        for block, poses in self._split(blocks):
+        for block, poses in self.split(blocks):
             piece = block.linearise(values, poses)
             size = piece.residual.norm(dim=-1)
             if bool((size > self.huber).any()):
@@ -185,7 +195,7 @@ class LandingProblem:
     ) -> Iterator[Tensor]:
         values = self.parameters.values(shared + PROBE * move[0])
         for piece, (block, poses), (_, moves) in zip(
-            pieces, self._split(blocks + PROBE * move[1]), self._split(move[1]), strict=True
+            pieces, self.split(blocks + PROBE * move[1]), self.split(move[1]), strict=True
         ):
             slope = piece.jacobian_shared @ move[0] + (
                 piece.jacobian_block @ moves[block.observations.view].unsqueeze(-1)
@@ -196,7 +206,8 @@ class LandingProblem:
             bend = 2 / PROBE * ((weight * probe - piece.residual) / PROBE - slope)
             yield torch.where(lands[:, None] & bend.isfinite(), bend, 0.0)
 
-    def _split(self, blocks: Tensor) -> Iterator[tuple[ResidualBlock, Tensor]]:
+    def split(self, blocks: Tensor) -> Iterator[tuple[ResidualBlock, Tensor]]:
+        """Yield each residual block with the (v, B) parameters of its views."""
         start = 0
         for block in self.views:
             count = len(block.observations.names)

@@ -260,12 +260,19 @@ class MarginalLikelihood:
 
 
 def maximise_evidence(
-    evidence: MarginalLikelihood, sigma: float, start: Smoothness | None
+    evidence: MarginalLikelihood,
+    sigma: float,
+    start: Smoothness | None,
+    *,
+    fixed_noise: bool = False,
 ) -> tuple[float, Smoothness | None]:
     """Return the noise (px, per axis) and the smoothness with the largest evidence; no smoothness
     without a relief.
 
     The search starts at the best of `start` and a few other points.
+
+    Args:
+        fixed_noise: True to return the noise as it is given.
     """
     if start:  # the evidence has several maxima
         start = max(
@@ -293,6 +300,8 @@ def maximise_evidence(
         return -max(evidence.log(*parts(logs)), -1e300)
 
     limits = [(float(np.log(low)), float(np.log(high))) for low, high in bounds]
+    if fixed_noise:
+        limits[0] = (float(np.log(sigma)),) * 2
     result = minimize(
         badness,
         np.clip(np.log(initial), *np.transpose(limits)),

@@ -17,15 +17,7 @@ def export(request: ExportRequest) -> ExportedFiles:
 
 def camchain(model: CentralModel) -> str:
     """Return the file's text."""
-    camera = {
-        "cam_overlaps": [],
-        "camera_model": "pinhole",
-        "distortion_coeffs": list(model.distortion),
-        "distortion_model": model.lens.name,
-        "intrinsics": [*model.focal, *model.principal],
-        "resolution": [model.width, model.height],
-        "rostopic": "/cam0/image_raw",
-    }
+    camera = camera_entry(model, "/cam0/image_raw")
     x, y, z = (0.0 - np.array(model.centre)).tolist()
     comment = (
         "# To chain it, as in T_cam_imu or T_cn_cnm1, put on the left of a transform into the"
@@ -34,3 +26,16 @@ def camchain(model: CentralModel) -> str:
     )
     chain = yaml.safe_dump({"cam0": camera}, sort_keys=False, default_flow_style=None, width=120)
     return model.commented() + comment * any(model.centre) + chain
+
+
+def camera_entry(model: CentralModel, topic: str) -> dict[str, object]:
+    """Return the entry of one camera, whose pictures come by a ROS topic."""
+    return {
+        "cam_overlaps": [],
+        "camera_model": "pinhole",
+        "distortion_coeffs": list(model.distortion),
+        "distortion_model": model.lens.name,
+        "intrinsics": [*model.focal, *model.principal],
+        "resolution": [model.width, model.height],
+        "rostopic": topic,
+    }

@@ -7,10 +7,14 @@ shift to tf2.
 
 import re
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from calib.export.central import CentralModel
 from calib.export.export import ExportedFiles, ExportRequest, export_central
+
+Array = NDArray[np.float64]
 
 
 def export(request: ExportRequest) -> ExportedFiles:
@@ -22,18 +26,9 @@ def camera_info(model: CentralModel) -> str:
 
     The rectified picture keeps the camera matrix. A name may have letters, digits and underscores.
     """
-    rows = model.matrix.tolist()
     name = re.sub(r"\W+", "_", model.name, flags=re.ASCII).strip("_") or "camera"
-    content = {
-        "image_width": model.width,
-        "image_height": model.height,
-        "camera_name": name,
-        "camera_matrix": _matrix(rows),
-        "distortion_model": model.lens.name,
-        "distortion_coefficients": _matrix([list(model.distortion)]),
-        "rectification_matrix": _matrix([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
-        "projection_matrix": _matrix([[*row, 0.0] for row in rows]),
-    }
+    projection = np.column_stack([model.matrix, np.zeros(3)])
+    content = camera_content(model, name, np.eye(3), projection)
     return (
         model.commented()
         + _publish_comment(model, name)
@@ -41,6 +36,27 @@ def camera_info(model: CentralModel) -> str:
             content, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120
         )
     )
+
+
+def camera_content(
+    model: CentralModel, name: str, rectification: Array, projection: Array
+) -> dict[str, object]:
+    """Return the file's content.
+
+    Args:
+        rectification: (3, 3) from the camera's frame to the rectified one.
+        projection: (3, 4) px, of the rectified picture.
+    """
+    return {
+        "image_width": model.width,
+        "image_height": model.height,
+        "camera_name": name,
+        "camera_matrix": _matrix(model.matrix.tolist()),
+        "distortion_model": model.lens.name,
+        "distortion_coefficients": _matrix([list(model.distortion)]),
+        "rectification_matrix": _matrix(rectification.tolist()),
+        "projection_matrix": _matrix(projection.tolist()),
+    }
 
 
 def _publish_comment(model: CentralModel, name: str) -> str:

@@ -18,9 +18,11 @@ from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.estimation.stated_priors import with_estimates
 from calib.fit_record.outcome import JointOutcome, Uncertainty
+from calib.fitting.valleys import widen_valleys
 from calib.inference.fitted_model import FittedModel
 from calib.inference.view_scatter import ViewScatter
 from calib.session.numbers import unknown_names
+from calib.session.parameter_names import CAMERA
 
 EFFECTS_STAGE = "cover+rbf+effects"
 HEAVY = 0.1
@@ -72,7 +74,9 @@ def count_views(
             if share > limit
         },
     )
-    return _limited_by_priors(scatter.widen(joint), unknown), uncertainty
+    of_cover = [name for name in unknown if not CAMERA.has(name)]
+    wide = widen_valleys(model, observations, joint, scatter.widen(joint), of_cover)
+    return _limited_by_priors(wide, unknown), uncertainty
 
 
 def _limited_by_priors(joint: JointFit, names: Sequence[str]) -> JointFit:

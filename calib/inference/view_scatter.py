@@ -18,6 +18,7 @@ Sources: H. White, Maximum likelihood estimation of misspecified models (1982), 
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -41,6 +42,32 @@ MIN_VIEWS = 4
 
 Array = NDArray[np.float64]
 E = TypeVar("E", bound=Estimate)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WhitenedRows:
+    """The linearised residuals of the corners of one pose of the board, px over sigma, x and y of
+    one corner after the other, with the pose eliminated.
+    """
+
+    jacobian: Array
+    """(2m, S) derivatives by independent parameters of unit variance."""
+    residual: Array
+    """(2m,)"""
+    corners: NDArray[np.int64] | None = None
+    """(m,) the corner of the board of each pair of rows; None to count no corners."""
+
+    def principal(self) -> tuple[Array, Array, Array]:
+        """Return the leverages (k,) along orthogonal directions, the residual's pulls (k,) there,
+        and the directions (S, k).
+        """
+        rows, size = self.jacobian.shape
+        if size <= rows:
+            shares, axes = np.linalg.eigh(self.jacobian.T @ self.jacobian)
+            return shares.clip(0), axes.T @ (self.jacobian.T @ self.residual), axes
+        shares, axes = np.linalg.eigh(self.jacobian @ self.jacobian.T)
+        length = np.sqrt(shares.clip(1e-300))
+        return shares.clip(0), length * (axes.T @ self.residual), self.jacobian.T @ (axes / length)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,72 +110,102 @@ class ViewScatter:
         count = fitted.parameters().count
         if not count or len(np.unique(labels)) < MIN_VIEWS or not fitted.joint.finite:
             return ViewScatter(1.0, 1.0, 1.0, np.zeros(0), np.zeros((count, count)))
-        views, corners, information = _scores(fitted, labels)
         root = np.linalg.cholesky(fitted.joint.covariance.numpy())
-        leverages = root.T @ information @ root
-        expected = leverages.sum(0)
-        determined = float(np.trace(expected))  # the directions that the corners determine
+        return ViewScatter.of_groups(_pose_rows(fitted, labels, root), root)
+
+    @staticmethod
+    def of_groups(groups: Iterable[WhitenedRows], root: Array, draws: int = 0) -> ViewScatter:
+        """Estimate the scatter of independent groups of rows, one for each pose of the board.
+
+        Args:
+            groups: the rows of each group.
+            root: (S, S) R with R R^T the covariance of the parameters.
+            draws: the number of draws of the groups' scores from noise alone, which show by how
+                much so few groups scatter by chance where some tell far more than others; 0 for
+                the law of groups that all tell alike.
+        """
+        rng = np.random.default_rng(0)
+        size = len(root)
+        expected = np.zeros((size, size))  # the sum of the leverages of all groups
+        corner_scores: dict[int, Array] = {}
+        corrected, noise, told = [], [], []
+        squares = 0.0
+        for rows in groups:
+            expected += rows.jacobian.T @ rows.jacobian
+            shares, pulls, axes = rows.principal()
+            # HC2: the expected square of a pull is its leverage.
+            pulls = pulls / np.sqrt(1 - shares.clip(0, MAX_LEVERAGE))
+            squares += float((pulls**2).sum())
+            corrected.append(axes @ pulls)
+            told.append(shares.sum())
+            noise.append((rng.standard_normal((draws, len(shares))) * np.sqrt(shares)) @ axes.T)
+            if rows.corners is not None:
+                scores = (rows.jacobian * rows.residual[:, None]).reshape(-1, 2, size).sum(1)
+                for corner, score in zip(rows.corners.tolist(), scores, strict=True):
+                    corner_scores[corner] = corner_scores.get(corner, 0.0) + score
+        determined = max(float(np.trace(expected)), 1e-300)  # the directions that corners determine
         sizes, directions = np.linalg.eigh(expected)
-        told = sizes > MIN_SHARE
-        whitening = directions[:, told] / np.sqrt(sizes[told])
-
-        shares, bases = np.linalg.eigh(leverages)  # (V, S), (V, S, S)
-        remainder = 1 - shares.clip(0, MAX_LEVERAGE)
-        pulls = np.einsum("vji,vj->vi", bases, views @ root)
-        squares = (pulls**2 / remainder).sum()  # HC2: the expected square is the leverage
-        ratio = float(np.sqrt(squares / max(determined, 1e-300)))
-        corrected = np.einsum("vij,vj->vi", bases, pulls / np.sqrt(remainder)) @ whitening
-        scatter = _excess(corrected, ratio)
-
-        pulls = corners @ root  # a corner of the board has little leverage: many see it
-        corner_ratio = float(np.sqrt((pulls**2).sum() / max(determined, 1e-300)))
-        scatter += _excess(pulls @ whitening, corner_ratio)
-
-        inflation = float(np.sqrt(1 + np.trace(scatter) / len(scatter)))
-        half = root @ (directions[:, told] * np.sqrt(sizes[told]))
-        view_shares = np.trace(leverages, axis1=1, axis2=2) / max(determined, 1e-300)
-        return ViewScatter(ratio, corner_ratio, inflation, view_shares, half @ scatter @ half.T)
+        seen = sizes > MIN_SHARE
+        whitening = directions[:, seen] / np.sqrt(sizes[seen])
+        ratio = float(np.sqrt(squares / determined))
+        drawn = np.array(noise).swapaxes(0, 1) @ whitening
+        chance = max((float(np.linalg.eigvalsh(one.T @ one)[-1]) for one in drawn), default=0.0)
+        scatter = _excess(np.array(corrected) @ whitening, ratio, chance)
+        corner_ratio = 1.0
+        if corner_scores:  # a corner of the board has little leverage: many views see it
+            scores = np.array(list(corner_scores.values()))
+            corner_ratio = float(np.sqrt((scores**2).sum() / determined))
+            scatter = scatter + _excess(scores @ whitening, corner_ratio)
+        inflation = float(np.sqrt(1 + np.trace(scatter) / max(len(scatter), 1)))
+        half = root @ (directions[:, seen] * np.sqrt(sizes[seen]))
+        parts = np.array(told) / determined
+        return ViewScatter(ratio, corner_ratio, inflation, parts, half @ scatter @ half.T)
 
     def widen(self, estimate: E) -> E:
         """Return the estimate with the covariance of views that scatter like this."""
         return replace(estimate, covariance=estimate.covariance + torch.from_numpy(self.excess))
 
 
-def _scores(fitted: FittedModel, labels: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-    """Return the (L, S) scores of the poses of the board, the (K, S) scores of its corners, each
-    summed over all views, and the (L, S, S) information of the poses.
-    """
-    count = fitted.parameters().count
+def _pose_rows(
+    fitted: FittedModel, labels: NDArray[np.int64], root: Array
+) -> Iterator[WhitenedRows]:
+    """Yield the rows of each pose of the board, in the order of the labels."""
     observations = fitted.observations
     _, corners = np.unique(observations.corners.numpy(), axis=0, return_inverse=True)
     starts = observations.starts.tolist()
-    information = np.zeros((labels.max() + 1, count, count))
-    view_scores = np.zeros((labels.max() + 1, count))
-    corner_scores = np.zeros((corners.max() + 1, count))
+    bursts: dict[int, list[WhitenedRows]] = {}
+    has_bursts = len(np.unique(labels)) < len(labels)
     for view, equations in enumerate(fitted.equations()):
         reduced = equations.reduce()
-        rows = reduced.jacobian * reduced.residual[:, None]
-        information[labels[view]] += reduced.information
-        view_scores[labels[view]] += rows.sum(0)
         of_view = corners[starts[view] : starts[view + 1]]
-        np.add.at(corner_scores, of_view, rows.reshape(len(of_view), 2, count).sum(1))
-    return view_scores, corner_scores, information
+        rows = WhitenedRows(reduced.jacobian @ root, reduced.residual, of_view)
+        if not has_bursts:
+            yield rows
+        else:
+            bursts.setdefault(int(labels[view]), []).append(rows)
+    for _, views in sorted(bursts.items()):
+        yield WhitenedRows(
+            np.concatenate([rows.jacobian for rows in views]),
+            np.concatenate([rows.residual for rows in views]),
+            np.concatenate([rows.corners for rows in views if rows.corners is not None]),
+        )
 
 
-def _excess(pulls: Array, ratio: float) -> Array:
+def _excess(pulls: Array, ratio: float, chance: float = 0.0) -> Array:
     """Return the (S, S) scatter of clusters of corners beyond that of independent corners.
 
     Args:
         pulls: (C, S) the clusters' scores where that of independent corners is the unit matrix.
         ratio: the root mean square of the clusters' scores over that of independent corners.
+        chance: the largest scatter of noise alone that was drawn.
     """
     variances, axes = np.linalg.eigh(pulls.T @ pulls)
     share = pulls.shape[1] / len(pulls)
-    true = _true_scatter(variances, share, max(1.0, ratio**2))
+    true = _true_scatter(variances, share, max(1.0, ratio**2), chance)
     return np.asarray((axes * (true - 1.0)) @ axes.T)
 
 
-def _true_scatter(scatter: Array, share: float, level: float) -> Array:
+def _true_scatter(scatter: Array, share: float, level: float, chance: float = 0.0) -> Array:
     """Return the (S,) true scatter along the directions in which few views scatter by so much, all
     over that of independent corners.
 
@@ -159,9 +216,10 @@ def _true_scatter(scatter: Array, share: float, level: float) -> Array:
     Args:
         scatter: (S,) the eigenvalues of the scatter.
         share: the number of directions over that of the views.
+        chance: the largest scatter of noise alone that was drawn.
     """
     seen = scatter / level
-    edge = (1 + np.sqrt(share)) ** 2
+    edge = max((1 + np.sqrt(share)) ** 2, chance)
     half = (np.maximum(seen, edge) + 1 - share) / 2
     spike = half + np.sqrt(np.maximum(half**2 - np.maximum(seen, edge), 0.0))
     return np.asarray(level * np.where(seen > edge, spike, 1.0))

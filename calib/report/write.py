@@ -90,7 +90,7 @@ def write_report(
             calibration.camera.model or "a camera",
             summarise(evidence, depths),
             sections,
-            Scripts.of(_data(evidence, drawings)),
+            Scripts.of(page_data(evidence, drawings)),
         ),
     )
     advance(len(DRAWINGS) + 2, "")
@@ -124,7 +124,7 @@ def _sections(
     ]
 
 
-def _data(evidence: Evidence, drawings: Sequence[Drawing]) -> Data:
+def page_data(evidence: Evidence, drawings: Sequence[Drawing]) -> Data:
     """Return what the page's scripts draw from."""
     camera, board = evidence.calibration.camera, evidence.calibration.board
     return {

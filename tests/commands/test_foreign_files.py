@@ -84,6 +84,14 @@ COMMANDS = {
         ("fleet.html", "fleet.csv", "cameras/a.json", *CAMERA),
         slow=True,
     ),
+    "rig": Command(
+        words("rig fit rig.yaml --grid 2x2 -o OUT"),
+        (
+            *("rig_calibration.yaml", "rig_calibration.npz", "report.html"),
+            *("a/calibration.yaml", "a/calibration.npz"),
+        ),
+        slow=True,
+    ),
     "fleet-prior": Command(("fleet-prior", "fleet", "-o", "OUT/prior.yaml"), ("prior.yaml",)),
     "report": Command(("report", "OUT", "--no-open"), ("report.html",), slow=True),
     "undistort": Command(
@@ -141,6 +149,8 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     sheet[1000:1600, 1400:2000] = np.where(marker, 225, 30)
     cv2.imwrite(str(folder / "tag.png"), sheet)
     (folder / "fleet.csv").write_text("id,session\na,session\n")
+    rig = "format: 1\ncameras: {a: session}\nreference: a\ntogether: by_name\n"
+    (folder / "rig.yaml").write_text(rig)
     calibration = Calibration.load(folder / "fitted")
     for number in range(4):
         name = f"c{number}"
@@ -201,7 +211,7 @@ def test_every_command_of_the_help_is_tested() -> None:
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_writing_command_has_the_flag(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        main([name, "--help"])
+        main([name, *(["fit"] if name == "rig" else []), "--help"])
     assert ("--overwrite" in capsys.readouterr().out) is (name != "import"), (
         "a new session is a new folder"
     )

@@ -11,11 +11,11 @@ from torch import Tensor
 
 from calib.estimation import levenberg_marquardt
 from calib.estimation import normal_equations as normal_equations_module
-from calib.estimation.levenberg_marquardt import MAX_TRIES, Outcome, minimise
+from calib.estimation.levenberg_marquardt import MAX_TRIES, Outcome, RowLinearised, minimise
 from calib.estimation.normal_equations import LinearisedBlocks, normal_equations
 
 
-class Settling:
+class Settling(RowLinearised):
     """A problem whose blocks settle by a Gauss-Newton step each, and stay where that does not lower
     the cost of all, and whose rows bend as differences of its residuals say.
     """

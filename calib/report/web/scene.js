@@ -24,6 +24,14 @@ function drawScene(host, packed) {
   const boards = addBoards(three, world, packed, colour);
   addCover(three, world, packed);
   const lines = addCamera(three, world, packed, colour);
+  for (const other of packed.others ?? []) { // the further cameras of a rig, each in its own frame
+    const frame = new three.Group();
+    frame.matrixAutoUpdate = false;
+    frame.matrix.set(...other.pose);
+    world.add(frame);
+    addCover(three, frame, other);
+    lines.push(...addCamera(three, frame, other, colour));
+  }
   const rays = new three.LineSegments(new three.BufferGeometry(), new three.LineBasicMaterial({color: new three.Color(ORANGE)}));
   world.add(rays);
 
@@ -97,7 +105,7 @@ function drawScene(host, packed) {
   canvas.addEventListener("click", event => {
     if (!pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return; // it was turned
     look(event);
-    if (pointed !== null) openView(pointed);
+    if (pointed !== null && !packed.others) openView(pointed);
   });
   goTo(places.whole);
   addColourKey(host, `${digits(packed.errors[0], 2)} px`, `${digits(packed.errors[1], 2)} px or more`, `${errorColour(0)}, ${errorColour(0.5)}`, errorColour(1));

@@ -1,0 +1,5 @@
+// The figures of a rig's report.html.
+
+const FIGURES = {scene: drawScene};
+
+drawPage((host, data, name) => FIGURES[name](host, data));

@@ -1,0 +1,462 @@
+"""Fit a rig: each camera by itself for a start, then all of them together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from calib.calibration import Calibration, Stage
+from calib.corners.view import View
+from calib.effects.board_scale import BoardScale
+from calib.effects.board_shape import BoardShape
+from calib.effects.effect import Effect
+from calib.errors import NotEnoughDataError
+from calib.estimation.joint_fit import Estimate
+from calib.estimation.observations import Observations
+from calib.estimation.residuals import Residuals, residuals
+from calib.estimation.robust import outlier_mask
+from calib.fit_record.outcome import JointOutcome, Uncertainty
+from calib.fit_record.request import Settings
+from calib.fitting.fit import fit
+from calib.fitting.fit_result import with_estimate
+from calib.inference.calibration_model import full_model
+from calib.optics.params import Values
+from calib.progress import Progress, Silent, check_progress
+from calib.rig.joint_estimate import CameraState, RigEstimate, RigState, estimate_rig
+from calib.rig.layout import RigLayout
+from calib.rig.mounting_start import RigStart, start_rig, turn_view
+from calib.rig.placements import Placements
+from calib.rig.poses import compose, invert_poses
+from calib.rig.problem import BaselinePrior
+from calib.rig.rig import RejectedView, Rig, RigRecord
+from calib.rig.rig_file import RigDescription, RigSource, read_rig
+from calib.rig.scatter import count_placements
+from calib.rig.shared_cover import (
+    cover_in_camera,
+    is_of_cover,
+    relief_in_camera,
+    share_cover,
+    with_joined_relief,
+)
+from calib.threads import single_thread
+
+INCONSISTENT = "the board does not stand where the other cameras see it at that moment"
+LINEARISATIONS = 8
+"""Length of the progress bar: a joint estimate takes about as many."""
+
+
+def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress = Silent()) -> Rig:
+    """Calibrate the cameras of a rig together.
+
+    Args:
+        rig: the rig, or the path of its rig.yaml or folder.
+        settings: the options of each camera's fit.
+        progress: the progress bars.
+
+    Raises:
+        InputError: a file is missing, wrong or damaged.
+        NotEnoughDataError: too few views show the board, or the cameras share too few of them.
+    """
+    check_progress(progress)
+    description = read_rig(rig)
+    sessions = {
+        name: replace(session, cover=description.sessions[description.covers[name]].cover)
+        if name in description.covers
+        else session
+        for name, session in description.sessions.items()
+    }
+    calibrations = {name: fit(session, settings, progress) for name, session in sessions.items()}
+    rejected = [
+        RejectedView(name, view.name, view.reason)
+        for name, calibration in calibrations.items()
+        for view in calibration.rejected
+    ]
+    with single_thread():
+        start, placements = _start(description, calibrations)
+    turned = {
+        name: tuple(
+            view.name
+            for view, quarters in zip(calibrations[name].views, turns.tolist(), strict=True)
+            if quarters
+        )
+        for name, turns in start.turns.items()
+        if turns.any()
+    }
+    views = _renumbered(calibrations, start)
+    for name, inconsistent in start.inconsistent.items():
+        rejected += _rejections(name, calibrations[name].views, inconsistent, INCONSISTENT)
+        usable = ~inconsistent
+        views[name] = tuple(v for v, use in zip(views[name], usable, strict=True) if use)
+    changed = [name for name in calibrations if name in turned or start.inconsistent[name].any()]
+    for name in changed:
+        calibrations[name] = fit(sessions[name], settings, progress, views=views[name])
+    if changed:
+        with single_thread():
+            start, placements = _start(description, calibrations)
+    with single_thread():
+        estimate, dropped = _estimate(description, calibrations, start, placements, progress)
+        estimate, scatter = count_placements(estimate)
+    for name, mask in dropped.items():
+        reason = "its error does not fit that of the other views of the rig"
+        rejected += _rejections(name, calibrations[name].views, mask, reason)
+    record = RigRecord(
+        source=str(description.file.resolve()),
+        outcome=estimate.outcome.value,
+        iterations=estimate.iterations,
+        scatter=scatter,
+        turned=turned,
+        rejected=tuple(rejected),
+        alone_px={name: _alone_px(c, dropped[name]) for name, c in calibrations.items()},
+    )
+    with single_thread():
+        return _result(description, calibrations, dropped, estimate, placements, record)
+
+
+def _start(
+    description: RigDescription, calibrations: Mapping[str, Calibration]
+) -> tuple[RigStart, Placements]:
+    placements = Placements.of(
+        description, {name: calibration.views for name, calibration in calibrations.items()}
+    )
+    poses = {
+        name: torch.from_numpy(calibration.poses[:, :6])
+        for name, calibration in calibrations.items()
+    }
+    board = calibrations[description.reference].board
+    return start_rig(poses, placements, description.reference, board), placements
+
+
+def _renumbered(
+    calibrations: Mapping[str, Calibration], start: RigStart
+) -> dict[str, tuple[View, ...]]:
+    """Return the views of each camera, with their corners in the order of the same board."""
+    return {
+        name: tuple(
+            turn_view(view, calibration.board, quarters)
+            for view, quarters in zip(calibration.views, start.turns[name].tolist(), strict=True)
+        )
+        for name, calibration in calibrations.items()
+    }
+
+
+def _rejections(
+    camera: str, views: Sequence[View], mask: NDArray[np.bool_], reason: str
+) -> list[RejectedView]:
+    return [
+        RejectedView(camera, view.name, reason)
+        for view, is_rejected in zip(views, mask, strict=True)
+        if is_rejected
+    ]
+
+
+def _estimate(
+    description: RigDescription,
+    calibrations: Mapping[str, Calibration],
+    start: RigStart,
+    placements: Placements,
+    progress: Progress,
+) -> tuple[RigEstimate, dict[str, NDArray[np.bool_]]]:
+    """Return the joint estimate without outlying views, and for each camera the (V,) mask of
+    these.
+    """
+    dropped = {name: np.zeros(len(c.views), np.bool_) for name, c in calibrations.items()}
+    state = _initial_state(description, calibrations, start, placements)
+    while True:
+        estimate = _with_bar(state, progress)
+        outliers = _outliers(estimate.state)
+        if not any(mask.any() for mask in outliers):
+            return estimate, dropped
+        for name, mask in zip(calibrations, outliers, strict=True):
+            indices = np.flatnonzero(~dropped[name])
+            dropped[name][indices[mask]] = True
+        state = _without_views(estimate.state, outliers)
+
+
+def _with_bar(state: RigState, progress: Progress) -> RigEstimate:
+    """Return `estimate_rig`, with its progress bar."""
+    advance = progress.task(f"Joint estimate of {len(state.cameras)} cameras", LINEARISATIONS)
+    estimate = estimate_rig(
+        state, progress=lambda count, _: advance(min(count, LINEARISATIONS), "")
+    )
+    advance(LINEARISATIONS, "")
+    return estimate
+
+
+def _outliers(state: RigState) -> list[NDArray[np.bool_]]:
+    """Return the (V,) mask of the outlying views of each camera."""
+    masks = []
+    for index, camera in enumerate(state.cameras):
+        poses = state.poses(index)
+        residual = residuals(camera.model.path, camera.values, camera.observations, poses)
+        masks.append(outlier_mask(residual.view_errors(camera.observations)))
+    return masks
+
+
+def _without_views(state: RigState, masks: Sequence[NDArray[np.bool_]]) -> RigState:
+    cameras = []
+    for camera, mask in zip(state.cameras, masks, strict=True):
+        outlying = torch.from_numpy(mask)
+        if bool(outlying.all()):
+            raise NotEnoughDataError(
+                f"No view of {camera.name} fits the other cameras of the rig: check that"
+                " together in rig.yaml is right, and that no camera moved."
+            )
+        observations = camera.observations.without_views(outlying)
+        placement = camera.placement[~outlying]
+        cameras.append(replace(camera, observations=observations, placement=placement))
+    return _compact(replace(state, cameras=tuple(cameras)))
+
+
+def _compact(state: RigState) -> RigState:
+    """Return the state without the placements that no camera sees any more."""
+    used = torch.zeros(len(state.placements), dtype=torch.bool)
+    for camera in state.cameras:
+        used[camera.placement] = True
+    places = used.cumsum(0) - 1
+    cameras = tuple(replace(camera, placement=places[camera.placement]) for camera in state.cameras)
+    return replace(state, cameras=cameras, placements=state.placements[used])
+
+
+def _initial_state(
+    description: RigDescription,
+    calibrations: Mapping[str, Calibration],
+    start: RigStart,
+    placements: Placements,
+) -> RigState:
+    effects = _board_effects(calibrations)
+    bend = _effect_values(calibrations)
+    cameras = []
+    for name, calibration in calibrations.items():
+        model = full_model(calibration)
+        camera_effects = tuple(e for e in model.effects if not _is_of_board(e))
+        model = full_model(replace(calibration, effects=())).with_effects(
+            (*camera_effects, *effects)
+        )
+        estimated = calibration.model()[1]
+        values = {
+            parameter: bend.get(parameter, estimated.get(parameter, mean))
+            for parameter, mean in model.means.items()
+        }
+        joint = calibration.outcome.joint
+        cameras.append(
+            CameraState(
+                name=name,
+                model=model,
+                observations=Observations.of(calibration.views, calibration.board),
+                placement=torch.from_numpy(placements.of_views[name]),
+                values=values,
+                sigma=joint.sigma_px if joint else calibration.stages[-1].rms_px / 2**0.5,
+                smoothness=joint.relief_prior if joint else None,
+            )
+        )
+    names = tuple(calibrations)
+    mountings = torch.stack([start.mountings[name] for name in names])
+    cameras = _share_covers(description, calibrations, cameras, start.mountings)
+    baseline = None
+    if description.baseline:
+        second = next(i for i, name in enumerate(names) if name != description.reference)
+        baseline = BaselinePrior(second, description.baseline.value, description.baseline.sigma)
+    return RigState(
+        cameras=tuple(cameras),
+        layout=RigLayout.of(
+            names,
+            [camera.model for camera in cameras],
+            description.reference,
+            description.covers,
+        ),
+        nominal=mountings,
+        mountings=mountings,
+        placements=start.placements,
+        baseline=baseline,
+    )
+
+
+def _share_covers(
+    description: RigDescription,
+    calibrations: Mapping[str, Calibration],
+    cameras: Sequence[CameraState],
+    mountings: Mapping[str, torch.Tensor],
+) -> list[CameraState]:
+    """Return the cameras with the covers that they share: those of the first cameras, with a relief
+    of the glass that all of them see.
+    """
+    shared = {camera.name: camera for camera in cameras}
+    for first in dict.fromkeys(description.covers.values()):
+        frame = "" if first == description.reference else first
+        behind = [name for name, leader in description.covers.items() if leader == first]
+        leader = shared[first]
+        for name in behind:
+            model = share_cover(name, shared[name].model, frame, leader.model, mountings)
+            values = {key: shared[name].values.get(key, mean) for key, mean in model.means.items()}
+            values |= {key: leader.values[key] for key in leader.model.means if is_of_cover(key)}
+            shared[name] = replace(
+                shared[name], model=model, values=values, smoothness=leader.smoothness
+            )
+        if leader.model.path.relief:
+            members = [shared[name] for name in (first, *behind)]
+            pictures = [calibrations[camera.name].camera for camera in members]
+            for camera in with_joined_relief(members, pictures):
+                shared[camera.name] = camera
+    return list(shared.values())
+
+
+def _is_of_board(effect: Effect) -> bool:
+    return isinstance(effect, BoardShape | BoardScale)
+
+
+def _board_effects(calibrations: Mapping[str, Calibration]) -> tuple[Effect, ...]:
+    """Return the board's shape and print that the cameras' own fits found, each in its form with
+    the most numbers: all cameras see the same board.
+    """
+    richest: dict[str, Effect] = {}
+    for calibration in calibrations.values():
+        for added in calibration.effects:
+            effect = added.effect
+            if not _is_of_board(effect):
+                continue
+            count = len(effect.effect_parameters)
+            if effect.name not in richest or count > len(richest[effect.name].effect_parameters):
+                richest[effect.name] = effect
+    return tuple(richest.values())
+
+
+def _effect_values(calibrations: Mapping[str, Calibration]) -> Values:
+    """Return the start of the board's numbers: those of the first camera that has them."""
+    values: dict[str, torch.Tensor] = {}
+    for calibration in calibrations.values():
+        for added in calibration.effects:
+            if _is_of_board(added.effect):
+                for name, (value, _) in added.parameters.items():
+                    values.setdefault(name, torch.from_numpy(value))
+    return values
+
+
+def _result(
+    description: RigDescription,
+    calibrations: Mapping[str, Calibration],
+    dropped: Mapping[str, NDArray[np.bool_]],
+    estimate: RigEstimate,
+    placements: Placements,
+    record: RigRecord,
+) -> Rig:
+    state = estimate.state
+    finite = bool(torch.isfinite(estimate.covariance).all())
+    cameras = {}
+    for index, camera in enumerate(state.cameras):
+        calibration = calibrations[camera.name]
+        columns = state.layout.columns[index]
+        result = Estimate(
+            values=dict(camera.values),
+            poses=state.poses(index),
+            covariance=estimate.covariance[columns[:, None], columns],
+            sigma=camera.sigma,
+            smoothness=camera.smoothness,
+            parameters=camera.model.parameters,
+        )
+        cameras[camera.name] = _calibration(
+            calibration, dropped[camera.name], camera, result, record
+        )
+        if camera.name in description.covers:
+            frame = state.layout.frames[index]
+            mounting = state.mountings[index]
+            in_own_frame = replace(
+                result, poses=compose(mounting, state.placements[camera.placement])
+            )
+            to_camera = compose(mounting, invert_poses(state.mountings[frame]))
+            cameras[camera.name] = _with_own_cover(
+                cameras[camera.name], camera, in_own_frame, to_camera
+            )
+    names = [placements.names[i] for i in _used_placements(placements, dropped)]
+    return Rig(
+        calibrations=cameras,
+        reference=description.reference,
+        mountings=state.mountings.numpy(),
+        covariance=estimate.covariance.numpy() if finite else np.zeros((0, 0)),
+        placements=state.placements.numpy(),
+        placement_names=tuple(names),
+        of_views={camera.name: camera.placement.numpy() for camera in state.cameras},
+        covers=description.covers,
+        record=record,
+    )
+
+
+def _with_own_cover(
+    calibration: Calibration, camera: CameraState, estimate: Estimate, to_camera: torch.Tensor
+) -> Calibration:
+    """Return the calibration of a camera behind a shared cover, with the cover in its own frame and
+    without a covariance: that of the rig has the cover in the first camera's frame.
+
+    Args:
+        estimate: the estimate with the board's poses in the camera's own frame.
+        to_camera: (6,) T_camera_first.
+    """
+    path, values = camera.model.path, camera.values
+    cover = cover_in_camera(calibration.camera, calibration.cover, path, values, to_camera)
+    even = replace(
+        calibration,
+        cover=cover,
+        relief=None,
+        amplitudes=np.zeros((0, 0)),
+        poses=estimate.poses.numpy(),
+        covariance=np.zeros((0, 0)),
+        stated=None,
+    )
+    if not path.relief:
+        return even
+    relief, amplitudes = relief_in_camera(even, path, values)
+    return replace(even, relief=relief, amplitudes=amplitudes)
+
+
+def _alone_px(calibration: Calibration, dropped: NDArray[np.bool_]) -> float:
+    """Return the error, px, of the views that the rig uses, in the camera's own fit."""
+    path, values = calibration.model()
+    observations = Observations.of(calibration.views, calibration.board)
+    poses = torch.from_numpy(calibration.poses)
+    image = residuals(path, values, observations, poses).image
+    used = torch.from_numpy(~dropped)[observations.view]
+    return Residuals(image[used], image[used]).rms_px
+
+
+def _used_placements(placements: Placements, dropped: Mapping[str, NDArray[np.bool_]]) -> list[int]:
+    """Return the placements of which a view is left."""
+    used = {
+        int(place)
+        for name, places in placements.of_views.items()
+        for place in places[~dropped[name]]
+    }
+    return sorted(used)
+
+
+def _calibration(
+    calibration: Calibration,
+    dropped: NDArray[np.bool_],
+    camera: CameraState,
+    estimate: Estimate,
+    record: RigRecord,
+) -> Calibration:
+    """Return a camera's calibration with its part of the joint estimate."""
+    views = tuple(v for v, out in zip(calibration.views, dropped, strict=True) if not out)
+    result = with_estimate(
+        replace(calibration, views=views), camera.model, estimate, camera.observations
+    )
+    residual = residuals(camera.model.path, camera.values, camera.observations, estimate.poses)
+    last = Stage(result.stages[-1].name, residual.rms_px, residual.rmse_cm)
+    joint = JointOutcome(
+        outcome=record.outcome,
+        iterations=record.iterations,
+        sigma_px=camera.sigma,
+        relief_prior=camera.smoothness,
+    )
+    uncertainty = Uncertainty(
+        views=len(views),
+        inflation=max(1.0, record.scatter),
+        view_scatter=record.scatter,
+        corner_scatter=1.0,
+        method="placements",
+    )
+    outcome = replace(calibration.outcome, joint=joint, uncertainty=uncertainty)
+    return replace(result, stages=(*result.stages[:-1], last), outcome=outcome)

@@ -1,0 +1,168 @@
+"""Whether to trust a rig, why not, and what to do next: the reasons of its cameras, and its own."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.estimation.levenberg_marquardt import Outcome
+from calib.rig.evaluate_rig import RigEvaluation
+from calib.rig.rig import Rig
+from calib.verdict.judge import judge
+from calib.verdict.verdict import Reason, Trust, Verdict
+
+MIN_SHARED = 6
+"""The fewest placements that a camera shares with others: its mounting has six numbers, and each
+placement that is shared by chance at a bad moment must be one of several.
+"""
+MAX_GROWTH = 1.25
+"""The largest error of a camera in the rig over that of its own fit. Sharing a pose costs a camera
+six numbers a view, a few per cent of hundreds of corners; more, and the cameras did not see the
+board at the same place.
+"""
+MAX_BASELINE_SIGMA = 0.02
+"""The largest relative standard deviation of a baseline: depths have at least the same."""
+MAX_HELD_OUT = 1.5
+"""The largest error on held-out placements over that of the fit."""
+MAX_NORMALISED = 2.0
+"""The largest root mean square of held-out lengths' errors over their sigma."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigCase:
+    """A rig to judge."""
+
+    rig: Rig
+    folder: Path
+    """The rig's folder in the commands."""
+    source: Path
+    """The rig.yaml in the commands."""
+    evaluation: RigEvaluation | None
+
+    @property
+    def fit_command(self) -> str:
+        source = shlex.quote(str(self.source))
+        return f"calib rig fit {source} -o {shlex.quote(str(self.folder))}"
+
+
+RigCheck = Callable[[RigCase], Iterable[Reason]]
+
+
+def judge_rig(
+    rig: Rig,
+    *,
+    folder: Path | None = None,
+    evaluation: RigEvaluation | None = None,
+) -> Verdict:
+    """Judge whether to trust a rig.
+
+    Args:
+        folder: the rig's folder in the commands; by default the name of rig.yaml's folder.
+        evaluation: the errors on held-out placements.
+    """
+    source = Path(rig.record.source or "RIG")
+    case = RigCase(rig, folder or source.parent / "calibration", source, evaluation)
+    reasons = tuple(reason for check in RIG_CHECKS for reason in check(case))
+    command = f"calib rig evaluate {shlex.quote(str(case.folder))} HOLDOUT"
+    return Verdict(reasons, command)
+
+
+def rig_not_converged(case: RigCase) -> Iterator[Reason]:
+    """Yield a reason if the joint estimate did not end at an optimum."""
+    if not case.rig.covariance.size:
+        sentence = Outcome.NOT_FINITE.value[0].lower() + Outcome.NOT_FINITE.value[1:]
+        yield Reason(sentence, case.fit_command, word=Trust.DO_NOT_USE)
+    elif case.rig.record.outcome != Outcome.CONVERGED.value:
+        outcome = case.rig.record.outcome
+        yield Reason(outcome[0].lower() + outcome[1:], case.fit_command)
+
+
+def few_shared(case: RigCase) -> Iterator[Reason]:
+    """Yield a reason for each camera that shares few placements with the others."""
+    rig = case.rig
+    seeing = np.zeros(len(rig.placements), np.int64)  # cameras that see each placement
+    for places in rig.of_views.values():
+        seeing[np.unique(places)] += 1
+    for name, places in rig.of_views.items():
+        shared = int((seeing[np.unique(places)] > 1).sum())
+        if len(rig.names) > 1 and shared < MIN_SHARED:
+            yield Reason(
+                f"{name} sees the board in only {shared} placements together with another camera,"
+                " so its mounting rests on these: add pictures of the board where their views"
+                " overlap.",
+                case.fit_command,
+            )
+
+
+def disagreement(case: RigCase) -> Iterator[Reason]:
+    """Yield a reason for each camera whose error grows where the cameras share the board's pose."""
+    for name, calibration in case.rig.calibrations.items():
+        error = calibration.stages[-1].rms_px
+        alone = case.rig.record.alone_px.get(name, error)
+        if len(case.rig.names) > 1 and error > MAX_GROWTH * alone:
+            yield Reason(
+                f"the error of {name} is {error:.3g} px with one pose of the board for all cameras,"
+                f" and {alone:.3g} px alone: the board moved between their pictures, or a camera"
+                " moved in the rig: hold the board still, and record again.",
+                case.fit_command,
+            )
+
+
+def uncertain_baselines(case: RigCase) -> Iterator[Reason]:
+    """Yield a reason for each uncertain distance between a camera and the reference."""
+    for baseline in case.rig.baselines:
+        relative = baseline.sigma / baseline.metres if baseline.metres else np.inf
+        is_first = case.rig.reference in (baseline.first, baseline.second)
+        if case.rig.covariance.size and is_first and relative > MAX_BASELINE_SIGMA:
+            yield Reason(
+                f"the distance from {baseline.first} to {baseline.second} is"
+                f" {1000 * baseline.metres:.2f} +- {1000 * baseline.sigma:.2f} mm: add pictures of"
+                " the board near and tilted, which both see.",
+                case.fit_command,
+            )
+
+
+def rig_held_out(case: RigCase) -> Iterator[Reason]:
+    """Yield reasons from held-out placements."""
+    evaluation = case.evaluation
+    if not evaluation:
+        return
+    errors = [calibration.stages[-1].rms_px for calibration in case.rig.calibrations.values()]
+    fitted = float(np.sqrt(np.mean(np.square(errors))))
+    if evaluation.rms_px > MAX_HELD_OUT * fitted:
+        yield Reason(
+            f"the error on held-out placements is {evaluation.rms_px:.3g} px and that of the fit"
+            f" {fitted:.3g} px: the rig has changed, or the pictures of the fit were too few.",
+            case.fit_command,
+        )
+    for band in evaluation.lengths:
+        if band.normalised > MAX_NORMALISED:
+            yield Reason(
+                f"lengths at {band.from_m:g} to {band.to_m:g} m are off by {band.rms_mm:.3g} mm,"
+                f" {band.normalised:.1f} times what the calibration predicts.",
+                case.fit_command,
+            )
+
+
+def camera_reasons(case: RigCase) -> Iterator[Reason]:
+    """Yield the reasons of each camera, with its name."""
+    for name, calibration in case.rig.calibrations.items():
+        for reason in judge(calibration, folder=case.folder / name).reasons:
+            is_fit = reason.next.startswith("calib fit ")
+            command = case.fit_command if is_fit else reason.next
+            yield replace(reason, sentence=f"{name}: {reason.sentence}", next=command)
+
+
+RIG_CHECKS: tuple[RigCheck, ...] = (
+    rig_not_converged,
+    few_shared,
+    disagreement,
+    camera_reasons,
+    uncertain_baselines,
+    rig_held_out,
+)
+"""The checks in the order of their reasons; those that explain others come first."""

@@ -1,0 +1,143 @@
+"""The composition of poses, and its derivatives.
+
+A pose is T_to_from as (6,) numbers, a rotation vector (rad) and a translation (m). A camera's
+mounting is T_camera_reference, a board's placement T_reference_board, and the board's pose in the
+camera is their product, T_camera_board.
+
+Source: T. D. Barfoot, State estimation for robotics (2017), section 7.1.5, for the left Jacobian of
+SO(3) and its inverse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from calib.optics import rotation
+
+SMALL_ANGLE = 1e-6
+"""rad: below this, a rotation vector is half the antisymmetric part of its matrix."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ComposedPoses:
+    """The (V, 6) poses of boards in a camera, and their derivatives."""
+
+    poses: Tensor
+    """(V, 6) T_camera_board."""
+    by_mounting: Tensor
+    """(V, 6, 6) derivatives by the camera's mounting."""
+    by_placement: Tensor
+    """(V, 6, 6) derivatives by the board's placement."""
+
+
+def compose(mounting: Tensor, placements: Tensor) -> Tensor:
+    """Return the (..., 6) poses T_camera_board of (..., 6) placements T_reference_board, for a
+    (..., 6) mounting T_camera_reference.
+    """
+    turn = rotation.matrix(mounting[..., :3])
+    turns = turn @ rotation.matrix(placements[..., :3])
+    shifts = (turn @ placements[..., 3:].unsqueeze(-1)).squeeze(-1) + mounting[..., 3:]
+    return torch.cat([rotation_vector(turns), shifts], -1)
+
+
+def compose_with_derivatives(mounting: Tensor, placements: Tensor) -> ComposedPoses:
+    """Return the poses of (V, 6) placements T_reference_board in a camera of a (6,) mounting
+    T_camera_reference, and their derivatives.
+    """
+    poses = compose(mounting, placements)
+    turn = rotation.matrix(mounting[:3])
+    to_vector = torch.linalg.inv(left_jacobian(poses[:, :3]))  # (V, 3, 3)
+    turn_by_mounting = left_jacobian(mounting[:3])
+    arm = (turn @ placements[:, 3:].unsqueeze(-1)).squeeze(-1)  # (V, 3) m, in the camera frame
+    by_mounting = poses.new_zeros(len(poses), 6, 6)
+    by_mounting[:, :3, :3] = to_vector @ turn_by_mounting
+    by_mounting[:, 3:, :3] = -cross_matrix(arm) @ turn_by_mounting
+    by_mounting[:, 3:, 3:] = torch.eye(3).to(poses)
+    by_placement = torch.zeros_like(by_mounting)
+    by_placement[:, :3, :3] = to_vector @ turn @ left_jacobian(placements[:, :3])
+    by_placement[:, 3:, 3:] = turn
+    return ComposedPoses(poses, by_mounting, by_placement)
+
+
+def invert_poses(poses: Tensor) -> Tensor:
+    """Return the (..., 6) inverses of (..., 6) poses."""
+    turn = rotation.matrix(poses[..., :3]).mT
+    shift = -(turn @ poses[..., 3:].unsqueeze(-1)).squeeze(-1)
+    return torch.cat([-poses[..., :3], shift], -1)
+
+
+def pose_matrix(pose: Tensor) -> Array:
+    """Return the (4, 4) matrix of a (6,) pose."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation.matrix(pose[:3]).numpy()
+    matrix[:3, 3] = pose[3:].numpy()
+    return matrix
+
+
+def move_points(pose: Tensor, points: Tensor) -> Tensor:
+    """Return (N, 3) m points in the frame to which a (6,) pose leads."""
+    return points @ rotation.matrix(pose[:3]).mT + pose[3:]
+
+
+def rotation_vector(turns: Tensor) -> Tensor:
+    """Return the (..., 3) rotation vectors, rad, of (..., 3, 3) rotation matrices, at most pi long.
+
+    They come from unit quaternions, whose largest component is computed first, so that they are
+    exact at half a turn as well.
+    """
+    diagonal = turns.diagonal(dim1=-2, dim2=-1)
+    trace = diagonal.sum(-1, keepdim=True)
+    # Four times the outer product of the quaternion (w, x, y, z) with itself.
+    squares = torch.cat([trace + 1, 2 * diagonal - trace + 1], -1)
+    skew = torch.stack(
+        [
+            turns[..., 2, 1] - turns[..., 1, 2],
+            turns[..., 0, 2] - turns[..., 2, 0],
+            turns[..., 1, 0] - turns[..., 0, 1],
+        ],
+        -1,
+    )
+    symmetric = turns + turns.mT
+    outer = turns.new_zeros(*turns.shape[:-2], 4, 4)
+    outer[..., 0, 1:] = skew
+    outer[..., 1:, 0] = skew
+    outer[..., 1:, 1:] = symmetric
+    outer.diagonal(dim1=-2, dim2=-1).copy_(squares)
+    largest = squares.argmax(-1)[..., None, None].expand(*squares.shape[:-1], 1, 4)
+    quaternion = outer.gather(-2, largest).squeeze(-2)
+    quaternion = quaternion / quaternion.norm(dim=-1, keepdim=True)
+    sign = torch.where(quaternion[..., :1] < 0, -1.0, 1.0)
+    scalar = quaternion[..., :1] * sign
+    vector = quaternion[..., 1:] * sign
+    sine = vector.norm(dim=-1, keepdim=True)  # of half the angle
+    small = sine < SMALL_ANGLE
+    safe = torch.where(small, torch.ones_like(sine), sine)
+    vectors: Tensor = vector * torch.where(small, 2 / scalar, 2 * torch.atan2(sine, scalar) / safe)
+    return vectors
+
+
+def left_jacobian(vectors: Tensor) -> Tensor:
+    """Return the (..., 3, 3) left Jacobians J of SO(3) at (..., 3) rotation vectors: a change d of
+    the vector turns its rotation further by the small rotation J d.
+    """
+    turns = rotation.matrix(vectors)
+    derivatives = rotation.derivatives(vectors, turns)  # (..., 3, 3, 3), dR / dw_i = [J e_i] R
+    crosses = derivatives @ turns.mT.unsqueeze(-3)
+    return torch.stack(
+        [crosses[..., 2, 1], crosses[..., 0, 2], crosses[..., 1, 0]], -2
+    )  # column i for component i
+
+
+def cross_matrix(vectors: Tensor) -> Tensor:
+    """Return the (..., 3, 3) matrices [v] with [v] w = v x w, of (..., 3) vectors."""
+    x, y, z = vectors.unbind(-1)
+    zero = torch.zeros_like(x)
+    rows = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1)
+    return rows.reshape(*vectors.shape[:-1], 3, 3)
