@@ -178,7 +178,9 @@ def measure(kind: Kind, seed: int) -> Lengths:
         rig = fit_rig(simulated.write(Path(folder)))
     length, sigma = rig.distances(pixels, pairs, 0.0)
     rng = np.random.default_rng(seed + 2000)
-    noisy = {name: seen + rng.normal(0, NOISE_PX, seen.shape) for name, seen in pixels.items()}
+    noisy = {
+        name: places + rng.normal(0, NOISE_PX, places.shape) for name, places in pixels.items()
+    }
     noisy_length, noisy_sigma = rig.distances(noisy, pairs, NOISE_PX)
     peer = _opencv(simulated)(pixels)
     peer_length = np.linalg.norm(peer[pairs[:, 1]] - peer[pairs[:, 0]], axis=-1)
@@ -215,10 +217,10 @@ def _opencv(rig: SimulatedRig) -> Callable[[Mapping[str, Array]], Array]:
     k = INTRINSICS
     start = np.array([[k.fx.value, 0, k.cx.value], [0, k.fy.value, k.cy.value], [0, 0, 1]])
     lenses = {}
-    for name, seen in corners.items():
+    for name, places in corners.items():
         _, camera, lens, *_ = cv2.calibrateCamera(
             boards,
-            seen,
+            places,
             (WIDTH, HEIGHT),
             start.copy(),
             np.zeros(14),

@@ -147,15 +147,15 @@ def measure(size: tuple[int, int], count: int) -> dict[str, str]:
     """Return the figures of one size by their names."""
     calibration = known(scene(1, views=1, grid=(8, 8), amplitude=3e-5), *size)
     spots = np.random.default_rng(0).integers(0, 256, (4, 30, 40, 3), dtype=np.uint8)
-    pictures = [np.asarray(cv2.resize(each, size), np.uint8) for each in spots]
+    pictures = [np.asarray(cv2.resize(spot, size), np.uint8) for spot in spots]
     straightener = Straightener(calibration, StreamView(DEPTH))
-    even = straightener.size
+    picture_size = straightener.size
     undistorter = straightener.view.undistorter(calibration)
     with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a device
 
         def pipe() -> StreamTarget:
             stop = threading.Event()
-            return PipeTarget(even, stop, lambda _: None, descriptor=nowhere.fileno())
+            return PipeTarget(picture_size, stop, lambda _: None, descriptor=nowhere.fileno())
 
         makers: dict[str, Callable[[], StreamTarget]] = {
             "stream": Nowhere,
@@ -164,7 +164,7 @@ def measure(size: tuple[int, int], count: int) -> dict[str, str]:
         }
         plain: list[Cost] = []
         costs: dict[str, list[Cost]] = {name: [] for name in makers}
-        straight = np.zeros((*even[::-1], 3), np.uint8)
+        straight = np.zeros((*picture_size[::-1], 3), np.uint8)
         for _ in range(ROUNDS):
             plain.append(remap_frames(undistorter, straight, pictures, count))
             for name, make in makers.items():

@@ -71,7 +71,7 @@ def _profile_factor(
     sigma = float(joint.sigma_of(name))
     estimate, mean = float(joint.values[name]), float(model.means[name])
     prior_sigma = torch.as_tensor(model.priors.sigmas[name])
-    least = _surprise(model, observations, joint, joint.sigma)
+    minimum = _surprise(model, observations, joint, joint.sigma)
     factors = [1.0]
     for side in (-1.0, 1.0):
         fit, distance = joint, LEVEL
@@ -79,7 +79,7 @@ def _profile_factor(
             value = estimate + side * distance * sigma
             held, fit = _held(model, name, value, observations, fit)
             prior = float(((value - mean) / prior_sigma) ** 2)
-            fall = _surprise(held, observations, fit, joint.sigma) + prior - least
+            fall = _surprise(held, observations, fit, joint.sigma) + prior - minimum
             factors.append(distance / max(fall, 1.0) ** 0.5)
             if not fall < LEVEL**2:  # also where the camera would be outside of its cover
                 break
@@ -107,7 +107,7 @@ def _held(
     smoothness.
     """
     priors = model.priors
-    sigmas = {other: sigma for other, sigma in priors.sigmas.items() if other != name}
+    sigmas = {param: sigma for param, sigma in priors.sigmas.items() if param != name}
     correlations = {pair: c for pair, c in priors.correlations.items() if name not in pair}
     means = {**model.means, name: torch.tensor(value, dtype=torch.float64)}
     held = CameraModel(

@@ -100,9 +100,11 @@ def _with_effect(
     min_log_odds = MIN_COVERED_LOG_ODDS if model.path.cover else MIN_LOG_ODDS
     is_held = "camera.fx" not in {param.name for param in joint.parameters.free}
     rivals = [Focal()] if is_held else []
-    test, *others = tuned_score_tests(FittedModel(model, observations, joint), [richest, *rivals])
+    test, *rival_tests = tuned_score_tests(
+        FittedModel(model, observations, joint), [richest, *rivals]
+    )
     log_odds = _log_odds(test)
-    if log_odds < max([min_log_odds, *map(_log_odds, others)]):
+    if log_odds < max([min_log_odds, *map(_log_odds, rival_tests)]):
         return model, joint
     extended = model.with_effect(test.effect)
     fit = extended.fit(observations, joint.poses, joint.start, ROUNDS)

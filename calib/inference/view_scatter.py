@@ -128,7 +128,7 @@ class ViewScatter:
         size = len(root)
         expected = np.zeros((size, size))  # the sum of the leverages of all groups
         corner_scores: dict[int, Array] = {}
-        corrected, noise, told = [], [], []
+        corrected, noise, traces = [], [], []
         squares = 0.0
         for rows in groups:
             expected += rows.jacobian.T @ rows.jacobian
@@ -137,7 +137,7 @@ class ViewScatter:
             pulls = pulls / np.sqrt(1 - shares.clip(0, MAX_LEVERAGE))
             squares += float((pulls**2).sum())
             corrected.append(axes @ pulls)
-            told.append(shares.sum())
+            traces.append(shares.sum())
             noise.append((rng.standard_normal((draws, len(shares))) * np.sqrt(shares)) @ axes.T)
             if rows.corners is not None:
                 scores = (rows.jacobian * rows.residual[:, None]).reshape(-1, 2, size).sum(1)
@@ -145,11 +145,13 @@ class ViewScatter:
                     corner_scores[corner] = corner_scores.get(corner, 0.0) + score
         determined = max(float(np.trace(expected)), 1e-300)  # the directions that corners determine
         sizes, directions = np.linalg.eigh(expected)
-        seen = sizes > MIN_SHARE
-        whitening = directions[:, seen] / np.sqrt(sizes[seen])
+        is_told = sizes > MIN_SHARE
+        whitening = directions[:, is_told] / np.sqrt(sizes[is_told])
         ratio = float(np.sqrt(squares / determined))
         drawn = np.array(noise).swapaxes(0, 1) @ whitening
-        chance = max((float(np.linalg.eigvalsh(one.T @ one)[-1]) for one in drawn), default=0.0)
+        chance = max(
+            (float(np.linalg.eigvalsh(sample.T @ sample)[-1]) for sample in drawn), default=0.0
+        )
         scatter = _excess(np.array(corrected) @ whitening, ratio, chance)
         corner_ratio = 1.0
         if corner_scores:  # a corner of the board has little leverage: many views see it
@@ -157,9 +159,9 @@ class ViewScatter:
             corner_ratio = float(np.sqrt((scores**2).sum() / determined))
             scatter = scatter + _excess(scores @ whitening, corner_ratio)
         inflation = float(np.sqrt(1 + np.trace(scatter) / max(len(scatter), 1)))
-        half = root @ (directions[:, seen] * np.sqrt(sizes[seen]))
-        parts = np.array(told) / determined
-        return ViewScatter(ratio, corner_ratio, inflation, parts, half @ scatter @ half.T)
+        half = root @ (directions[:, is_told] * np.sqrt(sizes[is_told]))
+        portions = np.array(traces) / determined
+        return ViewScatter(ratio, corner_ratio, inflation, portions, half @ scatter @ half.T)
 
     def widen(self, estimate: E) -> E:
         """Return the estimate with the covariance of views that scatter like this."""
@@ -218,8 +220,8 @@ def _true_scatter(scatter: Array, share: float, level: float, chance: float = 0.
         share: the number of directions over that of the views.
         chance: the largest scatter of noise alone that was drawn.
     """
-    seen = scatter / level
+    ratios = scatter / level
     edge = max((1 + np.sqrt(share)) ** 2, chance)
-    half = (np.maximum(seen, edge) + 1 - share) / 2
-    spike = half + np.sqrt(np.maximum(half**2 - np.maximum(seen, edge), 0.0))
-    return np.asarray(level * np.where(seen > edge, spike, 1.0))
+    half = (np.maximum(ratios, edge) + 1 - share) / 2
+    spike = half + np.sqrt(np.maximum(half**2 - np.maximum(ratios, edge), 0.0))
+    return np.asarray(level * np.where(ratios > edge, spike, 1.0))

@@ -91,21 +91,21 @@ def depth_picture(
         for name, places, maps in zip(pair.names, (first, second), pair.maps, strict=True)
     }
     points = rig.points(pixels)
-    along = (points - pair.centres[0]) @ pair.rotation[2]
+    axial = (points - pair.centres[0]) @ pair.rotation[2]
     near, far = depths
-    seen = np.isfinite(along) & (along >= near) & (along <= far)
-    depth[rows[seen], columns[seen]] = along[seen]
-    sample = np.flatnonzero(seen)[:: max(1, int(seen.sum()) // SIGMA_POINTS)]
+    is_matched = np.isfinite(axial) & (axial >= near) & (axial <= far)
+    depth[rows[is_matched], columns[is_matched]] = axial[is_matched]
+    sample = np.flatnonzero(is_matched)[:: max(1, int(is_matched.sum()) // SIGMA_POINTS)]
     if len(sample):
         chosen = {name: places[sample] for name, places in pixels.items()}
         _, covariance = rig.triangulate(chosen, noise_px)
         axis = pair.rotation[2]
-        relative = np.sqrt(np.einsum("i,nij,j->n", axis, covariance, axis)) / along[sample] ** 2
-        known = np.zeros(shape, np.float64)
-        known[rows[sample], columns[sample]] = relative
-        nearest = _nearest(known)
+        relative = np.sqrt(np.einsum("i,nij,j->n", axis, covariance, axis)) / axial[sample] ** 2
+        relative_sigma = np.zeros(shape, np.float64)
+        relative_sigma[rows[sample], columns[sample]] = relative
+        nearest = _nearest(relative_sigma)
         sigma = np.where(np.isfinite(depth), nearest * depth**2, np.nan).astype(np.float32)
-    return DepthPicture(depth, sigma, points[seen])
+    return DepthPicture(depth, sigma, points[is_matched])
 
 
 def _match(
@@ -142,8 +142,8 @@ def _match(
         cv2.copyMakeBorder(picture, 0, 0, margin, 0, cv2.BORDER_REPLICATE) for picture in rectified
     ]
     disparity = matcher.compute(*padded)[:, margin:].astype(np.float32) / 16
-    seen = (pair.maps[0][0] >= 0) & (disparity >= lowest)
-    return np.where(seen, disparity, np.float32(np.nan))
+    is_matched = (pair.maps[0][0] >= 0) & (disparity >= lowest)
+    return np.where(is_matched, disparity, np.float32(np.nan))
 
 
 def _source(places: Array, maps: Map) -> Array:
@@ -151,13 +151,15 @@ def _source(places: Array, maps: Map) -> Array:
     shown.
     """
     at = places.T[::-1]  # rows, columns
-    inside = map_coordinates((maps[0] >= 0).astype(np.float64), at, order=1, cval=0.0)
+    coverage = map_coordinates((maps[0] >= 0).astype(np.float64), at, order=1, cval=0.0)
     sources = [map_coordinates(values.astype(np.float64), at, order=1) for values in maps]
-    shown = (inside > 1 - 1e-6)[:, None]
+    shown = (coverage > 1 - 1e-6)[:, None]
     return np.where(shown, np.column_stack(sources), np.nan)
 
 
-def _nearest(known: Array) -> Array:
+def _nearest(relative_sigma: Array) -> Array:
     """Return the (h, w) picture with the nearest value that is not zero at each pixel."""
-    places = distance_transform_edt(known == 0, return_distances=False, return_indices=True)
-    return np.asarray(known[tuple(places)])
+    places = distance_transform_edt(
+        relative_sigma == 0, return_distances=False, return_indices=True
+    )
+    return np.asarray(relative_sigma[tuple(places)])

@@ -194,21 +194,23 @@ def _rows(
     points = np.concatenate([_points(pixels, rotation, middle, lens, float(z)) for z in at])
     rows = []
     for camera, place in zip(cameras, places, strict=True):
-        seen = camera.project(torch.from_numpy(points))
-        origins, directions = camera.rays(torch.where(seen.isnan(), 0.0, seen))
+        projected = camera.project(torch.from_numpy(points))
+        origins, directions = camera.rays(torch.where(projected.isnan(), 0.0, projected))
         origin = (origins.numpy() - place) @ rotation.T
         direction = directions.numpy() @ rotation.T
         y = origin[:, 1] + direction[:, 1] * (depth - origin[:, 2]) / direction[:, 2]
-        inside = ((seen >= -0.5) & (seen <= torch.tensor(size) - 0.5)).all(-1).numpy()
-        rows.append(np.where(inside, focal * y / depth + principal[1], np.nan))
+        is_inside = ((projected >= -0.5) & (projected <= torch.tensor(size) - 0.5)).all(-1).numpy()
+        rows.append(np.where(is_inside, focal * y / depth + principal[1], np.nan))
     return np.asarray(rows[0] - rows[1]).reshape(len(at), -1)
 
 
 def _row_error(rows: Array, depth: float) -> RowError:
-    seen = rows[np.isfinite(rows)]
-    if not len(seen):
+    projected = rows[np.isfinite(rows)]
+    if not len(projected):
         return RowError(float(depth), float("nan"), float("nan"))
-    return RowError(float(depth), float(np.sqrt(np.mean(seen**2))), float(np.abs(seen).max()))
+    return RowError(
+        float(depth), float(np.sqrt(np.mean(projected**2))), float(np.abs(projected).max())
+    )
 
 
 def _points(pixels: Array, rotation: Array, place: Array, lens: Lens, depth: float) -> Array:
@@ -227,8 +229,8 @@ def _map(camera: PlacedCamera, rotation: Array, place: Array, lens: Lens, depth:
     nodes_y = grid_nodes(height, MAP_STEP, 0.0)
     pixels = np.stack(np.meshgrid(nodes_x, nodes_y), -1).reshape(-1, 2)
     points = _points(pixels, rotation, place, lens, depth)
-    seen = camera.project(torch.from_numpy(points)).numpy()
-    nodes = seen.reshape(len(nodes_y), len(nodes_x), 2)
+    projected = camera.project(torch.from_numpy(points)).numpy()
+    nodes = projected.reshape(len(nodes_y), len(nodes_x), 2)
     valid = np.isfinite(nodes).all(-1)
     if not valid.any():
         empty = np.full((height, width), -1, np.float32)
@@ -238,6 +240,6 @@ def _map(camera: PlacedCamera, rotation: Array, place: Array, lens: Lens, depth:
     values = spline.on_grid(columns, lines)
     cells = all_corners_true(valid)
     mask = cells[np.ix_(cell_index(lines, nodes_y), cell_index(columns, nodes_x))]
-    inside = (values > -0.5).all(-1) & (values < np.array([width, height]) - 0.5).all(-1) & mask
-    x, y = np.moveaxis(np.where(inside[..., None], values, -1.0), -1, 0).astype(np.float32)
+    is_inside = (values > -0.5).all(-1) & (values < np.array([width, height]) - 0.5).all(-1) & mask
+    x, y = np.moveaxis(np.where(is_inside[..., None], values, -1.0), -1, 0).astype(np.float32)
     return x, y

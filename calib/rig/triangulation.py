@@ -158,10 +158,10 @@ def triangulate_points(
     observed = torch.from_numpy(np.stack(pixels))  # (C, N, 2)
     points, normal = _solve(cameras, observed)
     size = len(points)
-    seen = torch.isfinite(points[:, 0])
+    is_finite = torch.isfinite(points[:, 0])
     noise, by_numbers = np.full((size, 3, 3), np.nan), np.full((size, 3, count), np.nan)
-    if bool(seen.any()):
-        rows = seen.nonzero().squeeze(-1)
+    if bool(is_finite.any()):
+        rows = is_finite.nonzero().squeeze(-1)
         covariance = torch.linalg.inv(normal[rows]).numpy()
         pull = np.zeros((len(rows), 3, count))
         for camera, camera_pixels in zip(cameras, observed[:, rows], strict=True):

@@ -25,12 +25,12 @@ ALPHA = np.full((10, 14, 1), 9, np.uint8)
 
 def mosaic(picture: np.ndarray, pattern: str) -> np.ndarray:
     """Return what a sensor with this pattern of colours, rggb or so, sees of a BGR picture."""
-    seen = np.empty(picture.shape[:2], np.uint8)
+    mosaic = np.empty(picture.shape[:2], np.uint8)
     for place, letter in enumerate(pattern):
         row = place // 2
         column = place % 2
-        seen[row::2, column::2] = picture[row::2, column::2, "bgr".index(letter)]
-    return seen
+        mosaic[row::2, column::2] = picture[row::2, column::2, "bgr".index(letter)]
+    return mosaic
 
 
 def packed(picture: np.ndarray, order: str) -> np.ndarray:
@@ -83,9 +83,9 @@ def test_an_encoding_gives_its_pixels_and_gets_them_back(tmp_path: Path, encodin
     image = message_image(message)
     assert image.dtype == pixels.dtype
     np.testing.assert_allclose(image.astype(int), pixels.astype(int), atol=tolerance)
-    again = with_image(message, image)
-    np.testing.assert_array_equal(message_image(again), image)
-    assert again.encoding == ("bgr8" if encoding[:3] in ("bay", "yuy", "yuv", "uyv") else encoding)
+    reread = with_image(message, image)
+    np.testing.assert_array_equal(message_image(reread), image)
+    assert reread.encoding == ("bgr8" if encoding[:3] in ("bay", "yuy", "yuv", "uyv") else encoding)
 
 
 @pytest.mark.parametrize("compress", [jpeg, png])
@@ -95,10 +95,10 @@ def test_a_compressed_picture_stays_compressed(tmp_path: Path, compress: object)
     message = read_bag(bag)[TOPIC][0][2]
     image = message_image(message)
     np.testing.assert_allclose(image.astype(int), SMOOTH.astype(int), atol=3)
-    again = with_image(message, image)
-    assert again.format == message.format
-    assert bytes(again.data[:2]) == bytes(message.data[:2]), "of the same kind"
-    np.testing.assert_allclose(message_image(again).astype(int), SMOOTH.astype(int), atol=4)
+    reread = with_image(message, image)
+    assert reread.format == message.format
+    assert bytes(reread.data[:2]) == bytes(message.data[:2]), "of the same kind"
+    np.testing.assert_allclose(message_image(reread).astype(int), SMOOTH.astype(int), atol=4)
 
 
 def test_a_short_picture_and_a_strange_encoding_are_refused(tmp_path: Path) -> None:
@@ -127,9 +127,9 @@ def test_each_kind_of_recording_is_known_by_its_name(tmp_path: Path, kind: str) 
 @pytest.mark.parametrize("kind", ["bag", "mcap"])
 def test_a_damaged_recording_is_one_sentence(tmp_path: Path, kind: str) -> None:
     bag = write_bag(tmp_path / "b", kind, [raw("mono8", GREY)] * 20)
-    whole = bag.read_bytes()
-    for length in (0, 3, len(whole) // 2):
-        bag.write_bytes(whole[:length])
+    complete = bag.read_bytes()
+    for length in (0, 3, len(complete) // 2):
+        bag.write_bytes(complete[:length])
         with (
             pytest.raises(InputError, match="is no recording of ROS, or a damaged one"),
             open_bag(bag) as opened,

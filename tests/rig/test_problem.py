@@ -127,10 +127,10 @@ def close(value: Tensor, expected: Tensor, size: Tensor) -> bool:
 def test_inner_step_lowers_the_cost_of_each_placement(state: RigState) -> None:
     problem = state.problem()
     shared = state.vector()
-    before = problem.cost(shared, state.placements)
-    blocks, after = problem.inner_step(shared, state.placements)
-    assert after < 0.9 * before
-    assert abs(problem.cost(shared, blocks) - after) < 1e-9 * after
+    cost_before = problem.cost(shared, state.placements)
+    blocks, cost_after = problem.inner_step(shared, state.placements)
+    assert cost_after < 0.9 * cost_before
+    assert abs(problem.cost(shared, blocks) - cost_after) < 1e-9 * cost_after
 
 
 def test_acceleration_follows_the_bend_of_the_residuals(state: RigState) -> None:
@@ -139,9 +139,9 @@ def test_acceleration_follows_the_bend_of_the_residuals(state: RigState) -> None
     shared, placements = state.vector(), state.placements
     move = torch.zeros_like(shared)
     move[state.layout.columns[0]] = 1e-3
-    still = torch.zeros_like(placements)
+    standstill = torch.zeros_like(placements)
     by_block, by_shared = problem.linearisation(shared, placements).curvature_gradient(
-        (move, still)
+        (move, standstill)
     )
     assert by_block.shape == placements.shape
     assert float(by_shared[state.layout.columns[0]].abs().max()) > 0
@@ -192,8 +192,8 @@ def test_optimum_is_that_of_scipy_on_projected_corners() -> None:
     oracle = least_squares(residual, start, x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-9)
     sigma = estimate.covariance.diagonal().sqrt().numpy()
     vector = estimate.state.vector().numpy()
-    off = np.abs(vector - oracle.x[: layout.count]) / sigma
-    assert off.max() < 0.02, "both weigh the residuals alike to first order"
+    error = np.abs(vector - oracle.x[: layout.count]) / sigma
+    assert error.max() < 0.02, "both weigh the residuals alike to first order"
     jacobian = np.asarray(oracle.jac)
     oracle_covariance = np.linalg.inv(jacobian.T @ jacobian)
     ratio = sigma / np.sqrt(np.diag(oracle_covariance)[: layout.count])
@@ -213,11 +213,11 @@ def test_placements_of_one_camera_alone_count() -> None:
     """A picture that only one camera took makes that camera's numbers more certain."""
     rig = simulate_rig(13, WINDOW, placements=6, amplitude=0.0, board=BOARD)
     state = replace(initial_state(rig, {"right": [0, 1, 2]}), baseline=None)
-    fewer = replace(initial_state(rig, {"left": [0, 1, 2], "right": [0, 1, 2]}), baseline=None)
-    fewer = fewer.select_placements(range(3))
+    smaller = replace(initial_state(rig, {"left": [0, 1, 2], "right": [0, 1, 2]}), baseline=None)
+    smaller = smaller.select_placements(range(3))
     focal = state.cameras[0].model.parameters.slices()["camera.fx"].start
-    more = estimate_rig(state).covariance[focal, focal]
-    assert float(more) < 0.9 * float(estimate_rig(fewer).covariance[focal, focal])
+    larger = estimate_rig(state).covariance[focal, focal]
+    assert float(larger) < 0.9 * float(estimate_rig(smaller).covariance[focal, focal])
 
 
 def test_equations_grow_with_the_placements_alone() -> None:

@@ -130,11 +130,11 @@ def test_a_depth_picture_of_a_wall(small: Rig) -> None:
     picture = depth_picture(small, pair, wall_pictures(small), depths)
     measured = np.isfinite(picture.depth)
     assert measured.mean() > 0.4
-    off = picture.points @ PLANE - DEPTH
-    assert abs(np.median(off)) < 0.002
-    assert np.median(np.abs(off)) < 0.006
+    error = picture.points @ PLANE - DEPTH
+    assert abs(np.median(error)) < 0.002
+    assert np.median(np.abs(error)) < 0.006
     assert (picture.sigma[measured] > 0).all()
-    normalised = off / np.linalg.norm(PLANE) / picture.sigma[measured]
+    normalised = error / np.linalg.norm(PLANE) / picture.sigma[measured]
     assert 0.1 < np.median(np.abs(normalised)) < 2
 
 

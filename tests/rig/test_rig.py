@@ -102,8 +102,8 @@ def test_covariance_is_the_scatter_of_noisy_pixels(pair: SimulatedRig, fitted: R
     pairs = np.arange(1000).reshape(-1, 2)
     length, sigma = certain.distances(many, pairs, noise_px=0.3)
     assert np.isfinite(length).all()
-    along = np.abs(points[pairs[:, 1]] - points[pairs[:, 0]])
-    assert along.max() < 20 * sigma.max()
+    axial = np.abs(points[pairs[:, 1]] - points[pairs[:, 0]])
+    assert axial.max() < 20 * sigma.max()
 
 
 def test_error_over_sigma_of_simulated_lengths(pair: SimulatedRig, fitted: Rig) -> None:
@@ -130,8 +130,8 @@ def test_points_share_the_calibrations_error(pair: SimulatedRig, fitted: Rig) ->
     _, sigma = fitted.distances(pixels, pairs, 0.0)
     direction = points[pairs[:, 1]] - points[pairs[:, 0]]
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    both = covariance[pairs[:, 0]] + covariance[pairs[:, 1]]
-    independent = np.sqrt(np.einsum("mi,mij,mj->m", direction, both, direction))
+    summed = covariance[pairs[:, 0]] + covariance[pairs[:, 1]]
+    independent = np.sqrt(np.einsum("mi,mij,mj->m", direction, summed, direction))
     assert np.nanmedian(independent / sigma) > 2
 
 
@@ -257,8 +257,8 @@ def test_the_verdict_names_a_rig_that_moves(fitted: Rig) -> None:
     moving = replace(fitted, record=replace(fitted.record, alone_px={"left": 0.01, "right": 0.01}))
     sentences = [reason.sentence for reason in judge_rig(moving).reasons]
     assert any("with one pose of the board for all cameras" in text for text in sentences)
-    lost = replace(fitted, covariance=np.zeros((0, 0)))
-    assert judge_rig(lost).word.value == "do_not_use"
+    hidden = replace(fitted, covariance=np.zeros((0, 0)))
+    assert judge_rig(hidden).word.value == "do_not_use"
 
 
 @pytest.mark.slow
