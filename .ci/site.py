@@ -22,6 +22,8 @@ OUTPUT = re.compile(r'(<div class="highlight">)<pre>((?:(?!<span class).)*?)</pr
 """A block without colours: what a command prints."""
 FEWEST, MOST = 42, 110
 """Columns: fewer have room on a phone, and more could not be read there."""
+ALERT = re.compile(r"^> \[!(\w+)\]\n((?:> .*\n)+)", re.MULTILINE)
+"""A warning or a note as GitHub reads it."""
 MESSAGES = "<!-- the site lists every message here -->"
 RAISED = {
     "BusyError",
@@ -96,9 +98,11 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Links between docs/ and what came along lead to where that is in the site."""
+    """Links between docs/ and what came along lead to where that is in the site. Warnings become
+    admonitions.
+    """
     here = Path(page.file.abs_src_path)
-    markdown = markdown.replace(MESSAGES, all_messages())
+    markdown = ALERT.sub(admonition, markdown.replace(MESSAGES, all_messages()))
 
     def moved(match: re.Match[str]) -> str:
         before, target, after = match.groups()
@@ -144,6 +148,12 @@ def message_of(call: ast.Call) -> str:
             words = (part.value if isinstance(part, ast.Constant) else "…" for part in parts)
             return " ".join("".join(map(str, words)).split())
     return ""
+
+
+def admonition(alert: re.Match[str]) -> str:
+    """The same warning or note as the site's Markdown has it."""
+    text = re.sub(r"^> ", "    ", alert[2], flags=re.MULTILINE)
+    return f"!!! {alert[1].lower()}\n\n{text}"
 
 
 def coloured(block: str) -> str:

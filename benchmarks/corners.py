@@ -67,7 +67,7 @@ LIMIT = 3.0  # px: a corner further off is none
 
 
 def _others(scene: Scene) -> Iterator[tuple[str, Callable[[Drawn, Floats], Floats | None]]]:
-    yield "until now", lambda drawn, start: refine(drawn.picture, start, scene.board)
+    yield "cornerSubPix, enlarged", lambda drawn, start: refine(drawn.picture, start, scene.board)
     for name, flags in (
         ("SB", 0),
         ("SB, ACCURACY", cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE),
@@ -180,7 +180,7 @@ def _said(over: float, count: int, pictures: int) -> str:
 
 
 def _speed() -> None:
-    """Print the speed for views through a cover: of the search for a board, now and until now (SB),
+    """Print the speed for views through a cover: of the search for a board, by saddles and by SB,
     and of the steps that follow.
     """
     session = read_session(BUMPS)
