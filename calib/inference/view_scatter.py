@@ -173,13 +173,14 @@ def _pose_rows(
 ) -> Iterator[WhitenedRows]:
     """Yield the rows of each pose of the board, in the order of the labels."""
     observations = fitted.observations
-    _, corners = np.unique(observations.corners.numpy(), axis=0, return_inverse=True)
+    points, corners = np.unique(observations.corners.numpy(), axis=0, return_inverse=True)
+    repeats = 2 * len(points) <= len(corners)  # targets of points have others in each view
     starts = observations.starts.tolist()
     bursts: dict[int, list[WhitenedRows]] = {}
     has_bursts = len(np.unique(labels)) < len(labels)
     for view, equations in enumerate(fitted.equations()):
         reduced = equations.reduce()
-        of_view = corners[starts[view] : starts[view + 1]]
+        of_view = corners[starts[view] : starts[view + 1]] if repeats else None
         rows = WhitenedRows(reduced.jacobian @ root, reduced.residual, of_view)
         if not has_bursts:
             yield rows
@@ -189,7 +190,7 @@ def _pose_rows(
         yield WhitenedRows(
             np.concatenate([rows.jacobian for rows in views]),
             np.concatenate([rows.residual for rows in views]),
-            np.concatenate([rows.corners for rows in views if rows.corners is not None]),
+            np.concatenate([rows.corners for rows in views]) if repeats else None,
         )
 
 

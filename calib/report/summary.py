@@ -115,6 +115,6 @@ def _coverage(evidence: Evidence) -> str:
     )
     worst = max(float(np.nanmax(evidence.sigma_at_nodes(depth))) for depth in evidence.depths)
     return (
-        text + f". The predicted standard deviation of the maps is {at_corners} at the corners, and up to"
-        f" {worst:.2g} px elsewhere."
+        f"{text}. The predicted standard deviation of the maps is {at_corners} at the corners, and"
+        f" up to {worst:.2g} px elsewhere."
     )
