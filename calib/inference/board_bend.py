@@ -27,6 +27,7 @@ from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import ScoreTest, tuned_score_tests
 from calib.inference.view_scatter import ViewScatter
 from calib.session.board import Board
+from calib.session.parameter_names import CAMERA
 
 MIN_LOG_ODDS = math.log(10)
 """The least log Bayes factor against a flat and even board, counting views. A bend that is not
@@ -98,7 +99,7 @@ def _with_effect(
     if joint.outcome is not Outcome.CONVERGED:
         return model, joint
     min_log_odds = MIN_COVERED_LOG_ODDS if model.path.cover else MIN_LOG_ODDS
-    is_held = "camera.fx" not in {param.name for param in joint.parameters.free}
+    is_held = CAMERA.fx not in {param.name for param in joint.parameters.free}
     rivals = [Focal()] if is_held else []
     test, *rival_tests = tuned_score_tests(
         FittedModel(model, observations, joint), [richest, *rivals]
