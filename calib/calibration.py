@@ -57,6 +57,7 @@ from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics, camera_to_yaml
 from calib.session.cover import Cover
 from calib.session.cover_section import cover_to_yaml
+from calib.session.point_target import PointTarget
 from calib.session.session import session_from_mapping, session_to_yaml
 from calib.threads import single_thread
 from calib.undistortion.point_field import PointField
@@ -424,6 +425,12 @@ class Calibration:
             arrays["blurs"] = np.array(
                 [unknown if view.blur is None else view.blur for view in self.views]
             )
+        if not self.board.has_grid:
+            unknown = np.full((self.board.count, 2, 2), math.nan)
+            arrays["target"] = self.board.points()
+            arrays["point_covariances"] = np.array(
+                [unknown if view.covariance is None else view.covariance for view in self.views]
+            ).reshape(-1, *unknown.shape)
         if self.corners_at.size:
             arrays["corners_at"] = self.corners_at
         return npz(arrays, compressed=False)  # not compressed: the same bytes on every machine
@@ -536,12 +543,17 @@ def _from_mapping(
     document: dict[str, Any], arrays: dict[str, NDArray[Any]], path: FilePath
 ) -> Calibration:
     CALIBRATION(document, "")
+    target: dict[str, object] = {
+        key: document[key] for key in ("board", "target") if key in document
+    }
     board, camera, cover = session_from_mapping(
-        {key: document[key] for key in ("board", "camera", "cover")}, str(path)
+        {**target, "camera": document["camera"], "cover": document["cover"]}, str(path)
     )
+    if not board.has_grid:
+        board = PointTarget.of(arrays["target"])
     _, declared, declared_cover = session_from_mapping(
         {
-            "board": document["board"],
+            **target,
             "camera": document["declared"]["camera"],
             "cover": document["declared"]["cover"],
         },
@@ -580,6 +592,7 @@ def _from_mapping(
         ),
     )
     blurs = arrays.get("blurs", np.full((*arrays["weights"].shape, 2), math.nan))
+    covariances = arrays.get("point_covariances", [None] * count)
     calibration = Calibration(
         board=board,
         camera=camera,
@@ -594,10 +607,12 @@ def _from_mapping(
                 weight,
                 None if math.isnan(time_s) else float(time_s),
                 str(pose_id) or None,
+                covariance=covariance,
                 blur=blur if np.isfinite(blur).any() else None,
             )
-            for name, corners, weight, time_s, pose_id, blur in zip(
+            for name, corners, weight, time_s, pose_id, covariance, blur in zip(
                 *(arrays[key] for key in ("names", "corners", "weights", "times_s", "pose_ids")),
+                covariances,
                 blurs,
                 strict=True,
             )

@@ -51,7 +51,6 @@ CALIBRATION = record(
     {
         "refracal": text,
         "arrays_sha256": text,
-        "board": table(anything),
         "camera": table(anything),
         "cover": COVER,
         "declared": record({"camera": table(anything), "cover": COVER}, {"doubted": many(text)}),
@@ -83,6 +82,8 @@ CALIBRATION = record(
         "frames_rejected": many(record({"file": text, "reason": text})),
     },
     {
+        "board": table(anything),
+        "target": table(anything),
         "uncertainty": record(
             {
                 "method": text,
@@ -92,7 +93,7 @@ CALIBRATION = record(
                 "corner_scatter": number,
                 "heavy_views": table(number),
             }
-        )
+        ),
     },
 )
 
@@ -172,6 +173,9 @@ def check_arrays(
         shapes["corners_at"] = (len(corners_at), 3)
     if (blurs := arrays.get("blurs")) is not None:
         shapes["blurs"] = (views, board.count, 2)
+    if not board.has_grid:
+        shapes["target"] = (board.count, 2)
+        shapes["point_covariances"] = (views, board.count, 2, 2)
     for name, shape in shapes.items():
         array = arrays[name]
         if array.shape != shape or array.dtype != np.float64:
@@ -180,7 +184,8 @@ def check_arrays(
                 " expected"
             )
         limit = MAX_NUMBER**2 if name == "covariance" else MAX_NUMBER
-        if name not in ("corners", "times_s", "blurs") and not (np.abs(array) < limit).all():
+        free = ("corners", "times_s", "blurs", "point_covariances")
+        if name not in free and not (np.abs(array) < limit).all():
             raise ValueError(f"{name} are not all numbers that a fit would leave")
     if not (np.abs(arrays["amplitudes"]) < MAX_AMPLITUDE).all():
         raise ValueError("amplitudes are not those of a glass")
@@ -194,6 +199,10 @@ def check_arrays(
         or not (np.abs(arrays["corners"][visible]) < MAX_NUMBER).all()
     ):
         raise ValueError("corners that were seen are not all somewhere, or a view has none")
+    if not board.has_grid:
+        covariances = arrays["point_covariances"][visible]
+        if not np.isfinite(covariances).all() or (np.linalg.eigvalsh(covariances) <= 0).any():
+            raise ValueError("point_covariances are not all covariances")
     if blurs is not None and ((blurs <= 0) | (blurs >= MAX_NUMBER)).any():
         raise ValueError("blurs are not all widths in px")
     if (np.abs(arrays["times_s"]) >= LATEST_S).any():

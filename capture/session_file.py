@@ -27,7 +27,7 @@ def read_setup(file: Path) -> Setup:
     Section(written, str(file)).choice(
         "format", (FORMAT,), f"{FORMAT}, the format that this version reads"
     )
-    return session_from_mapping(
+    setup = session_from_mapping(
         {
             key: value
             for key, value in written.items()
@@ -35,6 +35,12 @@ def read_setup(file: Path) -> Setup:
         },
         str(file),
     )
+    if not setup[0].has_grid:
+        raise InputError(
+            f"{file} has a target of points, which capture does not record: fit it by calib fit, or"
+            " record a board into another folder."
+        )
+    return setup
 
 
 def read_calibrated(calibration: Path) -> Setup:

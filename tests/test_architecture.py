@@ -18,6 +18,7 @@ BESIDE = {
     "table",
     "threads",
     "fit_record",
+    "fringes",
     "calibration_file",
     "__main__",
 }

@@ -80,6 +80,11 @@ def update(
     """
     board = calibration.board
     pictured = pictures.board
+    if not board.has_grid:
+        raise InputError(
+            "--update joins pictures of a board only: put the points of all views into one session,"
+            " and fit it."
+        )
     same_grid = (board.columns, board.rows) == (pictured.columns, pictured.rows)
     if not same_grid or board.square != pictured.square:
         raise InputError(

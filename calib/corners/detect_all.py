@@ -82,10 +82,16 @@ def detect(
         min_views: pictures that must show the board, if there are so many.
 
     Raises:
-        InputError: a picture cannot be read, or at least half of them have another size.
+        InputError: the target is one of points, a picture cannot be read, or at least half of them
+            have another size.
         NotEnoughDataError: hardly any picture shows the board.
         OtherBoardError: the pictures show another board, which the message names.
     """
+    if not board.has_grid:
+        raise InputError(
+            "A target of points is not found in pictures: give a session whose folder points/ has"
+            " its points."
+        )
     if not paths:
         raise NotEnoughDataError(
             f"there is no picture to find the {board} board in: take some, from different sides and"

@@ -13,6 +13,8 @@ CHECKERBOARD_ADVICE = "show the whole board with its white margin, sharp and eve
 
 def find_board(grey: NDArray, board: Board) -> Detection | NotFound:
     """Find the board in a (H, W) uint8 or uint16 picture."""
+    if not board.has_grid:
+        return NotFound("the calibration's target is one of points, which pictures do not show")
     if board.coding:
         return find_coded_board(detect.eight_bits(grey), grey, board)
     detection = detect.find_corners(grey, board)

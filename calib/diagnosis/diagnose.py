@@ -22,7 +22,7 @@ from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS
 from calib.errors import NotEnoughDataError
 from calib.estimation.joint_fit import JointFit
-from calib.estimation.noise import burst_noise, on_board_grid, short_scale_noise
+from calib.estimation.noise import burst_noise, on_board_grid, short_scale_noise, stated_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fit_record.history import DiagnosisRecord
@@ -202,6 +202,8 @@ def _noise(
     noise = burst_noise(grid, poses)
     if noise is not None:
         return noise, "pictures of one pose of the board"
+    if not calibration.board.has_grid:
+        return stated_noise(calibration.views), "the points' covariances"
     return short_scale_noise(grid, calibration.board), "the residual's short-scale part"
 
 

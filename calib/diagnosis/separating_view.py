@@ -23,9 +23,12 @@ from calib.optics.projection import project
 from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.session.parameter_names import CAMERA
+from calib.session.point_target import PointTarget
 
 Array = NDArray[np.float64]
 
+BANK_POINTS = 100
+"""The points of a target without a grid in a view of the bank, about."""
 DEPTHS = (0.5, 1.0, 2.0)
 """Depths of the bank, relative to the median depth of the views."""
 PLACES = (0.25, 0.5, 0.75)
@@ -63,6 +66,8 @@ def separating_view(
         rivals: the effects that it is confounded with, which are not in the fit.
     """
     poses = torch.from_numpy(np.array(list(_pose_bank(fitted, camera))))
+    if not board.has_grid:
+        board = PointTarget.of(board.points()[:: max(1, board.count // BANK_POINTS)])
     corners = torch.from_numpy(board.points())
     path = fitted.model.path
     values = fitted.joint.values

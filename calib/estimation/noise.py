@@ -48,6 +48,20 @@ def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float | N
     return _robust_noise(_second_differences(residuals, board).ravel())
 
 
+def stated_noise(views: Sequence[View]) -> float | None:
+    """Return the noise that the covariances of points state, px, as `short_scale_noise` does from
+    residuals; None if a view has none.
+    """
+    squares = [
+        np.trace(view.covariance[view.seen], axis1=1, axis2=2)
+        for view in views
+        if view.covariance is not None
+    ]
+    if len(squares) < len(views) or not squares:
+        return None
+    return float(np.sqrt(np.concatenate(squares).mean()))
+
+
 def noise_of_views(
     residuals: NDArray[np.float64], board: Board
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -81,6 +95,8 @@ def _without_polynomial(residuals: NDArray[np.float64], board: Board) -> NDArray
 
 def _second_differences(residuals: NDArray[np.float64], board: Board) -> NDArray[np.float64]:
     """Return the (V, differences) px second differences along rows and columns, per axis."""
+    if not board.has_grid:
+        return np.empty((len(residuals), 0))
     grid = residuals.reshape(-1, board.rows, board.columns, 2)
     places = board.points().reshape(board.rows, board.columns, 2)
     along_rows = _line_differences(grid, places[0, :, 0])

@@ -29,6 +29,11 @@ class Observations:
     """(V + 1,) int64: the rows of view v are starts[v] to starts[v + 1]."""
     exposure: Exposure | None = None
     """(M,) the exposure of each corner; None for corners in the middle of session and readout."""
+    whitening: Tensor | None = None
+    """(M, 2, 2) the factor on the residual in the image that makes its axes equally uncertain, for
+    points of a target whose covariances are known. The mean of both variances is that of the
+    weight. None: they are equal.
+    """
 
     @staticmethod
     def of(views: Sequence[View], board: Board) -> "Observations":
@@ -36,6 +41,11 @@ class Observations:
         masks = [view.seen for view in views]
         pixels = [view.corners[mask] for view, mask in zip(views, masks, strict=True)]
         weights = [view.weight[mask] for view, mask in zip(views, masks, strict=True)]
+        whitenings = [
+            _whitening(view.covariance[mask])
+            for view, mask in zip(views, masks, strict=True)
+            if view.covariance is not None and not board.has_grid
+        ]
         counts = [0, *(int(mask.sum()) for mask in masks)]
         return Observations(
             names=tuple(view.name for view in views),
@@ -43,6 +53,7 @@ class Observations:
             corners=_concatenate([points[mask] for mask in masks], (0, 2)),
             weight=_concatenate(weights, (0,)),
             starts=torch.tensor(np.cumsum(counts)),
+            whitening=_concatenate(whitenings, (0, 2, 2)) if whitenings else None,
         )
 
     def select_rows(self, rows: Tensor) -> "Observations":
@@ -55,6 +66,7 @@ class Observations:
             weight=self.weight[rows],
             starts=starts,
             exposure=self.exposure and self.exposure[rows],
+            whitening=None if self.whitening is None else self.whitening[rows],
         )
 
     def without_views(self, views: Tensor) -> "Observations":
@@ -69,6 +81,7 @@ class Observations:
             weight=self.weight[rows],
             starts=starts,
             exposure=self.exposure and self.exposure[rows],
+            whitening=None if self.whitening is None else self.whitening[rows],
         )
 
     def add_times(
@@ -97,6 +110,7 @@ class Observations:
             weight=self.weight.to(device),
             starts=self.starts.to(device),
             exposure=self.exposure and self.exposure.to(device),
+            whitening=None if self.whitening is None else self.whitening.to(device),
         )
 
     def view_range(self, views: range) -> "Observations":
@@ -110,6 +124,7 @@ class Observations:
             weight=self.weight[rows],
             starts=starts,
             exposure=self.exposure and self.exposure[rows],
+            whitening=None if self.whitening is None else self.whitening[rows],
         )
 
     @property
@@ -127,3 +142,12 @@ class Observations:
 def _concatenate(arrays: Sequence[NDArray[np.float64]], empty: tuple[int, ...]) -> Tensor:
     """Return the concatenation of the arrays; zeros of the shape `empty` if there is none."""
     return torch.from_numpy(np.concatenate(arrays) if arrays else np.zeros(empty))
+
+
+def _whitening(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (n, 2, 2) inverse roots of covariances (n, 2, 2), in units of their own mean
+    standard deviations.
+    """
+    variances, axes = np.linalg.eigh(covariance)
+    scale = np.sqrt(variances.mean(-1, keepdims=True) / variances)
+    return np.asarray((axes * scale[:, None, :]) @ axes.swapaxes(1, 2))

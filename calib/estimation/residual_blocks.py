@@ -260,4 +260,4 @@ def pixel_weights(
     weights: Tensor = (
         torch.linalg.inv_ex(jacobian).inverse * -(observations.weight / sigma)[:, None, None]
     )
-    return weights
+    return weights if observations.whitening is None else observations.whitening @ weights

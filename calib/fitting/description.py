@@ -80,7 +80,6 @@ def calibrated_numbers(calibration: Calibration) -> dict[str, object]:
         else {"value": number.value, "sigma": number.sigma}
         for name, number in zip(intrinsics.names, intrinsics.distortion, strict=True)
     ]
-    board = calibration.board
     return {
         "camera": {
             **pinhole,
@@ -99,9 +98,7 @@ def calibrated_numbers(calibration: Calibration) -> dict[str, object]:
             for name in calibration.cover.dimensions
         },
         "board": {
-            "columns": board.columns,
-            "rows": board.rows,
-            "square_mm": 1e3 * board.square,
+            **_target_size(calibration),
             "shape_mm": {
                 number.name.removeprefix(f"{BoardShape.name}."): _value_and_sigma(number)
                 for number in effect_comparisons(calibration)
@@ -110,6 +107,14 @@ def calibrated_numbers(calibration: Calibration) -> dict[str, object]:
             "shape_removed_px": _shape_errors(calibration),
         },
     }
+
+
+def _target_size(calibration: Calibration) -> dict[str, object]:
+    """Return the size of the board, or the number of points of another target."""
+    board = calibration.board
+    if not board.has_grid:
+        return {"points": board.count}
+    return {"columns": board.columns, "rows": board.rows, "square_mm": 1e3 * board.square}
 
 
 def _shape_errors(calibration: Calibration) -> dict[str, float] | None:

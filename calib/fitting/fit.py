@@ -8,7 +8,7 @@ import numpy as np
 from calib.calibration import Calibration, Declared
 from calib.corners.view import RejectedPicture, View, pose_labels
 from calib.errors import NotEnoughDataError, wrong_type
-from calib.estimation.noise import on_board_grid, short_scale_noise
+from calib.estimation.noise import on_board_grid, short_scale_noise, stated_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals
 from calib.estimation.robust import outlier_mask
@@ -99,7 +99,7 @@ def fit(
         _check_enough(views, rejected, for_folds=GRID_FOLDS)
         grid, grids = choose_grid(setup, views, settings, progress)
         settings = replace(settings, grid=grid)
-    has_pictures = source and not source.corners
+    has_pictures = source and source.frames and not source.corners
     redetections: tuple[Redetection, ...] | None = None if has_pictures else ()
     earlier: Fitted | None = None
     decided: Fitted | None = None
@@ -205,7 +205,11 @@ def fit(
         covariance=joint.saved_covariance if joint else np.zeros((0, 0)),
         rejected=rejected,
         stages=fitted.stages,
-        noise_px=short_scale_noise(on_board_grid(fitted.residuals.image, views), session.board),
+        noise_px=(
+            short_scale_noise(on_board_grid(fitted.residuals.image, views), session.board)
+            if session.board.has_grid
+            else stated_noise(views)
+        ),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
         request=FitRequest(settings, provenance=provenance(source)),
         outcome=FitOutcome(

@@ -12,6 +12,7 @@ import numpy as np
 from calib.corners.copies import join_still_poses, split_copies
 from calib.corners.corners_file import read_corners
 from calib.corners.detect_all import MIN_VIEWS, detect
+from calib.corners.point_views import views_of_points
 from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture, View
 from calib.errors import InputError
@@ -69,12 +70,14 @@ def read_views(
     """Return the session's views and the rejected pictures. A picture that is there twice counts
     once, and pictures of a board that stands still have one pose id.
 
-    Corners come from the corners file, or are detected in the pictures, at least `min_views` of
-    them showing the board. Times and pose ids come from frames.csv.
+    Corners come from the points or the corners file, or are detected in the pictures, at least
+    `min_views` of them showing the board. Times and pose ids come from frames.csv.
     """
     records = read_frame_records(session.path / FRAMES_TABLE)
     rejected: tuple[RejectedPicture, ...] = ()
-    if session.corners:
+    if session.points:
+        views = views_of_points(session.points)
+    elif session.corners:
         views = read_corners(session.corners, session.board)
         _check_inside(views, session)
     else:

@@ -68,7 +68,7 @@ def session_hash(session: Session) -> str:
 
 def _input_files(session: Session) -> list[Path]:
     description = [path] if (path := session.path / "session.yaml").exists() else []
-    pictures = [session.corners] if session.corners else session.frames
+    pictures = [session.corners] if session.corners else [*session.frames, *session.point_files]
     return [*description, *pictures, *(_input_files(session.bare) if session.bare else [])]
 
 

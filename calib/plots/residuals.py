@@ -63,7 +63,7 @@ def draw_over_board(axes: Axes, evidence: Evidence) -> None:
     axes.set(
         xlim=(-span, span), ylim=(span, -span), xlabel="x (mm)", ylabel="y (mm)", aspect="equal"
     )
-    cell = 2.2 * span / max(board.columns, board.rows, 8)
+    cell = 2.2 * span / max(board.across, 8)
     _arrows(axes, arrows, typical_length(arrows) / cell)
     axes.set_title(arrows.title)
 

@@ -51,14 +51,15 @@ def session_in_space(evidence: Evidence) -> Drawing:
     traced = ways(evidence, evidence.pixels[shown])
     ends = evidence.points[shown]
     board = evidence.calibration.board
+    lines = "its middle row and column" if board.has_grid else "some of its points"
     cover = ", its cover as fitted," if evidence.path.cover else ""
     return Drawing(
         "scene",
         "The session in space",
         f"The camera{cover} and every board where it stood. Turn it by dragging; click into it and"
         " the wheel comes nearer. A board's colour is its error: blue is the corners' noise, red"
-        " three times as much. Over a board, the rays of its"
-        " middle row and column are drawn as they were bent; a click shows its picture.",
+        " three times as much. Over a board, the rays of"
+        f" {lines} are drawn as they were bent; a click shows its picture.",
         {
             "half": [half + board.square for half in board.half],
             "surfaces": surface_meshes(evidence),
@@ -74,8 +75,8 @@ def session_in_space(evidence: Evidence) -> Drawing:
 
 
 def side_view(evidence: Evidence) -> Drawing | None:
-    """Return None without a cover."""
-    if not evidence.path.cover:
+    """Return None without a cover, or if the target has no middle row and column."""
+    if not (evidence.path.cover and evidence.calibration.board.has_grid):
         return None
     origins = [
         interface.frame.at(evidence.values).shift.stacked().tolist()
@@ -111,9 +112,12 @@ def _error_range(evidence: Evidence) -> tuple[float, float]:
 
 def corners_with_rays(evidence: Evidence) -> NDArray[np.int64]:
     """Return (N,) corners: of every view some of those nearest to its board's middle row and
-    column.
+    column, or some of its points.
     """
     board = evidence.calibration.board
+    if not board.has_grid:
+        rays = min(MAX_RAYS, len(evidence.corner))
+        return np.linspace(0, len(evidence.corner) - 1, rays).astype(np.int64)
     row, column = np.divmod(evidence.corner, board.columns)
     count = max(1, min(LINE_RAYS, MAX_RAYS // (2 * len(evidence.calibration.views))))
     in_lines = np.zeros(len(row), np.bool_)

@@ -48,10 +48,11 @@ class BoardLine:
 
 
 def straight_html(evidence: Evidence, session: Path | None) -> str:
-    """Return the section as HTML; empty for a pinhole, which bends nothing, and where no view has
+    """Return the section as HTML; empty for a pinhole, which bends nothing, for a
+    target without lines, and where no view has
     all its corners in the undistorted picture.
     """
-    if evidence.bare_residuals is None:
+    if evidence.bare_residuals is None or not evidence.calibration.board.has_grid:
         return ""
     camera = evidence.calibration.camera
     size = camera.width, camera.height

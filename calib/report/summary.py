@@ -54,9 +54,13 @@ def _subject(evidence: Evidence) -> str:
         if size in calibration.camera.model
         else f"{calibration.camera.model or 'A camera'} with {size} px"
     )
+    if board.has_grid:
+        cells = f"{1e3 * board.square:g} mm {board.cell}s: {len(evidence.depth)} corners"
+        target = f"a {board} board with {cells}"
+    else:
+        target = f"a flat target: {board}"
     return (
-        f"{camera}{behind} was calibrated from {len(calibration.views)} views of a {board} board"
-        f" with {1e3 * board.square:g} mm {board.cell}s: {len(evidence.depth)} corners,"
+        f"{camera}{behind} was calibrated from {len(calibration.views)} views of {target},"
         f" {near:.2g} to {far:.2g} m away."
     )
 

@@ -30,6 +30,16 @@ class Board:
     """None: a plain checkerboard, whose corners look alike."""
 
     @property
+    def has_grid(self) -> bool:
+        """True if the corners lie in rows and columns."""
+        return True
+
+    @property
+    def across(self) -> int:
+        """The number of corners along the longer side."""
+        return max(self.columns, self.rows)
+
+    @property
     def count(self) -> int:
         """The number of corners."""
         return self.columns * self.rows

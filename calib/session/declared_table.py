@@ -11,9 +11,11 @@ from calib.table import Table, TableSection
 def declared_table(name: str, board: Board, camera: Camera, cover: Cover) -> Table:
     """Return the table of a session's board, camera and cover."""
     size = f"{1e3 * board.square:g} mm"
-    board_rows = (("corners", str(board)), (f"side of a {board.cell}", size))
+    board_rows = [("corners", str(board))]
+    if board.has_grid:
+        board_rows.append((f"side of a {board.cell}", size))
     sections = (
-        TableSection("board", "Board", board_rows),
+        TableSection("board", "Board", tuple(board_rows)),
         TableSection("camera", f"Camera: {camera.width}x{camera.height} px", _camera_rows(camera)),
         TableSection("cover", f"Cover: {cover.words}", _cover_rows(cover)),
     )

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
+
 from calib.errors import InputError, harmless, wrong_type
 from calib.io.images import SUFFIXES, TYPES, image_size, list_images, session_pictures
 from calib.io.videos import VIDEOS
@@ -28,6 +30,8 @@ from calib.session.declared_table import declared_table
 from calib.session.fleet_prior import FleetPrior, check_compatible, read_fleet_prior
 from calib.session.lens import SPLINED
 from calib.session.numbers import check_correlations
+from calib.session.point_target import PointTarget, PointView
+from calib.session.points_file import FOLDER, point_files, read_point_view
 from calib.session.schema import Number, Section
 
 __all__ = [
@@ -48,6 +52,9 @@ FORMAT = 1
 MIN_FIT_VIEWS = 3
 """Views that a fit needs."""
 PRIOR_KEY = "prior"
+TARGET_KEY = "target"
+POINTS = "points"
+"""The type of a target whose points come with each view."""
 MINIMAL = (
     "{format: 1, board: {columns: 9, rows: 6, square_mm: 25.0}, camera: {width: 1640, height:"
     " 1232}, cover: {shape: none}}"
@@ -71,6 +78,8 @@ class Session:
     """The same camera without the cover."""
     prior: FleetPrior | None = None
     """The prior that a fleet of such cameras gives for this one."""
+    points: tuple[PointView, ...] = ()
+    """The views of a target of points, in place of pictures and corners."""
 
     @staticmethod
     def of(source: "SessionSource") -> "Session":
@@ -87,11 +96,13 @@ class Session:
 
     def __repr__(self) -> str:
         source = self.corners.name if self.corners else f"{len(self.frames)} pictures"
+        if self.points:
+            source = f"{len(self.points)} views"
         bare = f", {len(self.bare.frames)} without the cover" if self.bare else ""
         camera = f"{self.camera.width}x{self.camera.height} px"
+        target = f"{self.board} board" if self.board.has_grid else str(self.board)
         return harmless(
-            f"<Session {self.path}: {camera}, {self.cover.words}, {self.board} board,"
-            f" {source}{bare}>"
+            f"<Session {self.path}: {camera}, {self.cover.words}, {target}, {source}{bare}>"
         )
 
     def _repr_html_(self) -> str:
@@ -106,9 +117,15 @@ class Session:
             self.path / "frames.csv",
             *self.frames,
             *([self.corners] if self.corners else []),
+            *self.point_files,
             *([self.prior.file] if self.prior else []),
             *(self.bare.files if self.bare else []),
         )
+
+    @property
+    def point_files(self) -> tuple[Path, ...]:
+        """The files of the views of a target of points."""
+        return tuple(self.path / FOLDER / view.name for view in self.points)
 
 
 SessionSource = Session | str | Path
@@ -150,14 +167,16 @@ def check_images(session: Session) -> None:
 def session_from_mapping(mapping: Mapping[str, object], where: str) -> tuple[Board, Camera, Cover]:
     """Read the keys board, camera and cover; `where` names the file in messages."""
     section = Section(mapping, where)
-    section.allow_only(("board", "camera", "cover"))
+    section.allow_only(("board", "camera", "cover", TARGET_KEY))
     return _read_setup(section)
 
 
 def session_to_yaml(board: Board, camera: Camera, cover: Cover) -> dict[str, object]:
     """Return the mapping that `session_from_mapping` reads as the same numbers."""
+    is_grid = board.has_grid
+    target = {"board": board_to_yaml(board)} if is_grid else {TARGET_KEY: {"type": POINTS}}
     return {
-        "board": board_to_yaml(board),
+        **target,
         "camera": camera_to_yaml(camera),
         "cover": cover_to_yaml(cover),
     }
@@ -179,10 +198,23 @@ def _read(path: Path, bare_of: Session | None) -> Session:
     section = Section(read_yaml(file), str(file))
     section.choice("format", (FORMAT,), f"{FORMAT}, the format that this version of calib reads")
     section.allow_only(
-        ("format", "board", "camera", "cover", "corners", *(() if bare_of else (PRIOR_KEY,)))
+        (
+            "format",
+            "board",
+            "camera",
+            "cover",
+            "corners",
+            TARGET_KEY,
+            *(() if bare_of else (PRIOR_KEY,)),
+        )
     )
     board, camera, cover = _read_setup(section)
     camera = without_unknown(camera)
+    if not board.has_grid:
+        points = _read_target(section, path, camera)
+        board = PointTarget.of(np.concatenate([view.places for view in points]))
+        session = Session(path, board, camera, cover, (), None, None, points=points)
+        return _completed(session, section, bare_of)
     corners = _read_corners_path(section, path)
     frames = session_pictures(path)
     if not frames and not corners:
@@ -196,6 +228,13 @@ def _read(path: Path, bare_of: Session | None) -> Session:
             f" capture {shlex.quote(str(path))}"
         )
     session = Session(path, board, camera, cover, frames, corners, None)
+    return _completed(session, section, bare_of)
+
+
+def _completed(session: Session, section: Section, bare_of: Session | None) -> Session:
+    """Return the session with its bare pictures, its prior and its unknown intrinsics."""
+    path, camera, cover = session.path, session.camera, session.cover
+    file = path / "session.yaml"
     if bare_of:
         _check_bare(session, bare_of, file)
         return session
@@ -218,12 +257,39 @@ def _command(path: Path) -> str:
 
 
 def _read_setup(section: Section) -> tuple[Board, Camera, Cover]:
-    board = section.section("board", "{columns: 9, rows: 6, square_mm: 25.0}")
+    board = _read_board(section)
     camera = section.section("camera", "{width: 1640, height: 1232}")
     covers = cover_sections(section, "{shape: none}")
-    setup = read_board(board), read_camera(camera), read_cover(*covers)
+    setup = board, read_camera(camera), read_cover(*covers)
     check_correlations(covers[0], setup[1].intrinsics, setup[2])
     return setup
+
+
+def _read_board(section: Section) -> Board:
+    """Return the board, or a target of points without its points."""
+    if TARGET_KEY not in section.values:
+        return read_board(section.section("board", "{columns: 9, rows: 6, square_mm: 25.0}"))
+    if "board" in section.values:
+        raise InputError(
+            f"{section.file}: {TARGET_KEY} stands beside board: drop the one that the pictures do"
+            " not show."
+        )
+    target = section.section(TARGET_KEY, f"{{type: {POINTS}}}")
+    target.allow_only(("type",))
+    kind = target.get("type", POINTS)
+    if kind != POINTS:
+        raise target.error("type", kind, f"{POINTS}, or describe a board under board")
+    return PointTarget.of(np.zeros((0, 2)))
+
+
+def _read_target(section: Section, path: Path, camera: Camera) -> tuple[PointView, ...]:
+    """Read the views of a target of points."""
+    if "corners" in section.values:
+        raise InputError(
+            f"{section.file}: corners stands beside {TARGET_KEY}: drop it, as points are read from"
+            f" {path / FOLDER}."
+        )
+    return tuple(read_point_view(file, camera.width, camera.height) for file in point_files(path))
 
 
 def _read_corners_path(section: Section, folder: Path) -> Path | None:
@@ -268,6 +334,11 @@ def _read_bare(session: Session) -> Session | None:
         raise InputError(
             f"{folder} has neither pictures nor a session.yaml: put pictures taken without the"
             " cover there, or remove it."
+        )
+    if not session.board.has_grid:
+        raise InputError(
+            f"{folder} has pictures, and {session.path / 'session.yaml'} has no board that they"
+            f" show: describe it in a session.yaml in {folder}."
         )
     camera = replace(session.camera, intrinsics=None)
     return Session(folder, session.board, camera, Cover("none", {}), frames, None, None)

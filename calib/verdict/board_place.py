@@ -46,6 +46,8 @@ def board_place(case: Case) -> Iterator[Reason]:
 def board_size(case: Case) -> Iterator[Reason]:
     """Check that the declared size is in the right unit, and that it is known."""
     board = case.calibration.board
+    if not board.has_grid:
+        return
     key = _key(board)
     width = 2 * max(board.half)
     if not SMALLEST_BOARD <= width <= LARGEST_BOARD:
@@ -76,4 +78,6 @@ def cover_size(case: Case) -> Iterator[Reason]:
 
 
 def _key(board: Board) -> str:
+    if not board.has_grid:
+        return "the target's coordinates, which are metres"
     return "board.tag_mm" if isinstance(board.coding, AprilGrid) else "board.square_mm"

@@ -103,7 +103,9 @@ def judge(
     calibration = Calibration.of(calibration)
     session = session or Path(calibration.request.session)
     settings = calibration.request.settings or Settings()
-    commands = NextCommands(session, folder or session / "calibration", settings)
+    commands = NextCommands(
+        session, folder or session / "calibration", settings, calibration.board.has_grid
+    )
     case = Case(
         calibration, tuple(dict.fromkeys(depths)), commands, evaluation, str(holdout or "HOLDOUT")
     )

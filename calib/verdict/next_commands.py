@@ -19,6 +19,8 @@ class NextCommands:
     """The folder of the calibration."""
     settings: Settings
     """The settings of its fit."""
+    records: bool = True
+    """True if capture records such views; a target of points comes from another program."""
 
     def fit(self, *options: str) -> str:
         """Return the same fit, for a corrected session or with other options."""
@@ -35,7 +37,9 @@ class NextCommands:
         return shlex.join([*words, *options])
 
     def capture(self) -> str:
-        """Return the command that records more views."""
+        """Return the command that records more views, or that fits them when they are there."""
+        if not self.records:
+            return self.fit()
         return shlex.join(["capture", str(self.session)])
 
     def diagnose(self, *options: str) -> str:

@@ -34,7 +34,7 @@ function addArrowPanels(host, {image, board}, typical, when = "") {
     title: when + image.title, label: "mean residuals over the image",
     options: width => pictureOptions(width, arrowMarks(image, 0.9 * cell / typical, "of this cell")),
   });
-  const span = 1.15 * 1e3 * Math.max(...DATA.board.half) || 1, across = Math.max(DATA.board.columns, DATA.board.rows, 8);
+  const span = 1.15 * 1e3 * Math.max(...DATA.board.half) || 1, across = Math.max(DATA.board.across, 8);
   addPanel(host, {
     title: when + board.title, label: "mean residuals over the board",
     options: width => squareOptions(width, span, "mm", arrowMarks(board, 1.8 * span / across / typical, "of this corner in all views")),

@@ -22,6 +22,7 @@ function nameOf(view) {
 
 function describeCorner({view, corner, dx, dy, length, distance}) {
   const column = corner % DATA.board.columns + 1, row = Math.floor(corner / DATA.board.columns) + 1;
-  return `${nameOf(view)}\ncorner in column ${column}, row ${row}\n`
+  const place = DATA.board.rows > 1 ? `corner in column ${column}, row ${row}` : `point ${corner + 1}`;
+  return `${nameOf(view)}\n${place}\n`
     + `error ${digits(length)} px (${digits(dx, 2)}, ${digits(dy, 2)})\n${DATA.distanceName} ${digits(distance)} m`;
 }

@@ -136,8 +136,10 @@ function addBoards(three, world, packed, colour) {
     }));
     board.userData.view = view;
     const ends = [];
-    for (let first = 0; first < count; first += columns) ends.push(corners[first], corners[first + columns - 1]);
-    for (let first = 0; first < columns; first += 1) ends.push(corners[first], corners[count - columns + first]);
+    if (count > columns) { // a target of points has no lines
+      for (let first = 0; first < count; first += columns) ends.push(corners[first], corners[first + columns - 1]);
+      for (let first = 0; first < columns; first += 1) ends.push(corners[first], corners[count - columns + first]);
+    }
     for (const corner of outline.keys()) ends.push(outline[corner], outline[(corner + 1) % 4]);
     board.add(lineSegments(three, ends, colour("--ink"), 0.45));
     world.add(board);

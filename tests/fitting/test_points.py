@@ -1,0 +1,168 @@
+"""Sessions whose target is points, through the commands, against the rays of the simulation."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from calib.calibration import Calibration
+from calib.cli import main
+from calib.corners.point_views import views_of_points
+from calib.estimation.observations import Observations
+from calib.fit_record.request import Settings
+from calib.fitting.stages import Setup
+from calib.session.board import Board
+from calib.session.point_target import PointTarget, PointView
+from fixtures.calibrated import CAMERA, tolerant
+from fixtures.map_errors import errors
+from fixtures.point_sessions import (
+    DEPTHS,
+    POINT_NOISE,
+    SCREEN_WIDTH,
+    screen_scene,
+    screen_views,
+    write_point_session,
+)
+from fixtures.synthetic import INTRINSICS, THIN, Scene, scene
+
+VIEWS = 6
+MADE = screen_scene(1, VIEWS, 160, 100)
+HELD_OUT = screen_views(
+    np.random.default_rng(5), replace(MADE, board=Board(80, 50, SCREEN_WIDTH / 80)), 4
+)
+"""The same glass; the points are at other places of the target."""
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session of points with its calibration."""
+    folder = write_point_session(tmp_path_factory.mktemp("points") / "session", MADE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("calib.report.write.DRAWINGS", ())  # one test looks at them
+        assert main(["fit", str(folder), "--json"]) == 0
+    return folder
+
+
+def map_errors(made: Scene, calibration: Calibration) -> tuple[list[float], list[float]]:
+    """Return the errors of the maps at three depths, and the predicted ones, px."""
+    pairs = list(errors(made, calibration))
+    rms = [float(np.sqrt(np.mean(error**2))) for error, _ in pairs]
+    return rms, [float(np.sqrt(np.mean(sigma**2))) for _, sigma in pairs]
+
+
+def test_points_tell_the_glass_better_than_boards(fitted: Path) -> None:
+    """Six views of a screen against 24 of a board whose corners have 0.05 px of noise."""
+    rms, predicted = map_errors(MADE, Calibration.load(fitted / "calibration"))
+    boards = scene(1, views=24, noise=0.05, cover=THIN, depths=DEPTHS)
+    nominal = Setup(boards.board, CAMERA, INTRINSICS, boards.cover)
+    board_rms, board_predicted = map_errors(boards, tolerant(boards, nominal, Settings()))
+    print(f"points {rms} px (predicted {predicted}), boards {board_rms} ({board_predicted})")
+    assert max(rms) < 0.015
+    assert 0.5 < np.sqrt(np.mean(np.square(rms) / np.square(predicted))) < 1.25
+    assert (2 * np.array(rms) < board_rms).all()
+
+
+def test_the_residual_is_the_noise_that_the_points_state(fitted: Path) -> None:
+    calibration = Calibration.load(fitted / "calibration")
+    assert calibration.noise_px is not None
+    assert calibration.stages[-1].rms_px < 1.2 * calibration.noise_px
+    assert calibration.noise_px < 2**0.5 * POINT_NOISE
+
+
+def test_a_calibration_keeps_its_points(fitted: Path, tmp_path: Path) -> None:
+    calibration = Calibration.load(fitted / "calibration")
+    assert isinstance(calibration.board, PointTarget)
+    assert "target:\n  type: points" in (fitted / "calibration/calibration.yaml").read_text()
+    calibration.save(tmp_path / "copy")
+    copy = Calibration.load(tmp_path / "copy")
+    assert copy.observations.whitening is not None
+    torch.testing.assert_close(copy.observations.whitening, calibration.observations.whitening)
+    torch.testing.assert_close(copy.observations.corners, calibration.observations.corners)
+
+
+def test_held_out_points(fitted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Points at other places of the target are evaluated with the calibration's own."""
+    held_out = write_point_session(tmp_path / "held-out", HELD_OUT, seed=1)
+    calibration = str(fitted / "calibration")
+    capsys.readouterr()
+    assert main(["evaluate", calibration, str(held_out), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["board"]["points"] == Calibration.load(calibration).board.count
+    assert answer["rms_px"] < 0.05  # some of it where no fitted view has points
+
+
+@pytest.mark.slow
+def test_later_points_are_checked(
+    fitted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same glass is valid, another is not."""
+    calibration = str(fitted / "calibration")
+    held_out = write_point_session(tmp_path / "held-out", HELD_OUT, seed=1)
+    assert main(["check", calibration, str(held_out)]) == 0
+    other = write_point_session(tmp_path / "other", screen_scene(2, 4, 80, 50), seed=1)
+    assert main(["check", calibration, str(other)]) == 5
+    capsys.readouterr()
+    assert main(["check", calibration, str(held_out), "--update"]) == 2
+    assert "put the points of all views into one session" in capsys.readouterr().err
+
+
+def test_an_evaluation_notices_a_wrong_point_file(
+    fitted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The negative control: a target that is stretched by 0.3 % along x."""
+    held_out = write_point_session(tmp_path / "held-out", HELD_OUT)
+    for file in (held_out / "points").iterdir():
+        with np.load(file) as content:
+            arrays = dict(content)
+        np.savez(file, **{**arrays, "target": arrays["target"] * [1.003, 1, 1]})
+    capsys.readouterr()
+    assert main(["evaluate", str(fitted / "calibration"), str(held_out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rms_px"] > 0.15
+
+
+def test_pictures_do_not_show_points(
+    fitted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Image.new("L", (CAMERA.width, CAMERA.height)).save(tmp_path / "0000.png")
+    assert main(["evaluate", str(fitted / "calibration"), str(tmp_path)]) == 2
+    assert "A target of points is not found in pictures" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_loop_finds_nothing_on_clean_points(
+    fitted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["diagnose", str(fitted / "calibration"), "-o", str(tmp_path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["accepted"] == []
+
+
+@pytest.mark.slow
+def test_a_report_of_points_has_no_lines_of_a_board(fitted: Path) -> None:
+    assert main(["report", str(fitted / "calibration")]) == 0
+    page = (fitted / "calibration" / "report.html").read_text(encoding="utf-8")
+    assert "views of a flat target:" in page
+    assert "some of its points are drawn" in page
+    assert "The cover from the side and from above" not in page
+
+
+def test_the_axes_of_a_point_count_by_their_covariance() -> None:
+    """Whitened errors have equal variances along all axes, the mean of both."""
+    rng = np.random.default_rng(0)
+    roots = rng.normal(size=(3, 2, 2))
+    covariance = roots @ roots.swapaxes(1, 2) + 0.01 * np.eye(2)
+    places = rng.uniform(-1, 1, (3, 2))
+    view = PointView("0000.npz", rng.uniform(0, 99, (3, 2)), places, covariance)
+    other = replace(view, name="0001.npz", covariance=np.tile(np.eye(2), (3, 1, 1)))
+    target = PointTarget.of(np.concatenate([places, places]))
+    observations = Observations.of(views_of_points([view, other]), target)
+    assert observations.whitening is not None
+    whitening = observations.whitening.numpy()[:3]
+    whitened = whitening @ covariance @ whitening.swapaxes(1, 2)
+    means = np.trace(covariance, axis1=1, axis2=2) / 2
+    np.testing.assert_allclose(whitened, means[:, None, None] * np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(observations.whitening.numpy()[3:], np.tile(np.eye(2), (3, 1, 1)))
+    np.testing.assert_array_equal(observations.corners.numpy(), np.concatenate([places] * 2))
