@@ -11,7 +11,7 @@ from tests.checking.conftest import Made
 
 CASES = (
     pytest.param("cone", "focal", marks=pytest.mark.slow),
-    ("dome", "principal_point"),
+    pytest.param("dome", "principal_point", marks=pytest.mark.slow),
     pytest.param("flat", "lens", marks=pytest.mark.slow),
     ("dome", "board_scale"),
     ("cone", "board_shape"),

@@ -101,6 +101,7 @@ def test_a_wrong_number_is_corrected_and_contradicted(
     )  # to the second digit of sigma
 
 
+@pytest.mark.slow
 def test_folds_are_printed_and_in_the_json(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -256,6 +257,7 @@ def test_effects_by_name_are_added_and_printed(
         )  # mm; a relief of 4x4 does not follow this glass
 
 
+@pytest.mark.slow
 def test_diagnose_shows_the_figure_of_evaluate_under_its_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -70,6 +70,7 @@ def test_a_bowed_board_is_named_with_its_parameters(
 
 
 @pytest.mark.usefixtures("without_figures")
+@pytest.mark.slow
 def test_the_command_s_json_carries_the_verdict(
     diagnosed: tuple[Calibration, Diagnosis], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -104,6 +105,7 @@ def test_the_contract_s_json_has_its_keys(diagnosed: tuple[Calibration, Diagnosi
     assert set(report["unexplained"]) == {"fraction", "organised_by"}
 
 
+@pytest.mark.slow
 def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(
     diagnosed: tuple[Calibration, Diagnosis], tmp_path: Path
 ) -> None:

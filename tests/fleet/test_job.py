@@ -35,6 +35,7 @@ def job(
     return Job(Entry("a", str(session), prior=prior), fleet_options, str(tmp_path / "fleet"))
 
 
+@pytest.mark.slow
 def test_a_job_writes_a_calibration_a_report_exports_and_one_json(
     session: Path, tmp_path: Path
 ) -> None:
