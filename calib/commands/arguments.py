@@ -215,3 +215,28 @@ def steps(text: str) -> int:
             f"{quoted(text)} is not a number of steps: write a whole number above 0, such as 1000"
         )
     return count
+
+
+def add_crop(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--crop",
+        type=crop_alpha,
+        metavar="ALPHA",
+        help=(
+            "0: only valid pixels; 1: everything that the camera sees (default: the camera's focal"
+            " length)"
+        ),
+    )
+
+
+def crop_alpha(text: str) -> float:
+    try:
+        alpha = float(text)
+    except ValueError:
+        alpha = -1.0
+    if not 0 <= alpha <= 1:
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not from 0 to 1: write 0 for valid pixels only, 1 for all that the"
+            " camera sees"
+        )
+    return alpha

@@ -59,10 +59,6 @@ class Bars:
         return lambda done, words: self._progress.update(bar, completed=done, words=brief(words))
 
 
-MIN_SCATTER = 1.5
-"""The scatter of views or board corners from which a fit says so; noise alone gives up to 1.2."""
-
-
 def print_fit(calibration: Calibration, seconds: float) -> None:
     """Print the table of stages, the numbers of views and corners, and the rejected pictures."""
     console = Console()
@@ -98,7 +94,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         *describe_still(calibration.views),
         *_turned_boards(calibration),
         *filter(None, [describe_bend(calibration)]),
-        *_scatter(calibration),
+        *_heavy_views(calibration),
         *reach,
     ):
         console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
@@ -131,23 +127,13 @@ def _turned_boards(calibration: Calibration) -> Iterator[str]:
         yield describe_turned(names)
 
 
-def _scatter(calibration: Calibration) -> Iterator[str]:
-    """Yield a line on the scatter of the views, if it is more than noise."""
+def _heavy_views(calibration: Calibration) -> Iterator[str]:
+    """Yield a line on each view that tells much of what all views tell."""
     uncertainty = calibration.outcome.uncertainty
-    if uncertainty and uncertainty.view_scatter > MIN_SCATTER:
-        yield (
-            f"The views scatter {uncertainty.view_scatter:.1f} times as much about the fit as"
-            " independent corners would: the standard deviations allow for it."
-        )
     for name, share in uncertainty.heavy_views.items() if uncertainty else ():
         yield (
             f"{name} alone tells {100 * share:.0f} % of what all views tell of the camera and its"
             " cover: take more views like it, so that not one picture decides."
-        )
-    if uncertainty and uncertainty.corner_scatter > MIN_SCATTER:
-        yield (
-            f"The board's corners scatter {uncertainty.corner_scatter:.1f} times as much about the"
-            " fit as a print without errors would: the standard deviations allow for it."
         )
 
 

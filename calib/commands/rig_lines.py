@@ -36,14 +36,7 @@ def rig_json(rig: Rig, seconds: float) -> dict[str, object]:
     return {
         "reference": rig.reference,
         "cameras": cameras,
-        "baselines": [
-            {
-                "from": baseline.first,
-                "to": baseline.second,
-                "metres": {"value": baseline.metres, "sigma": baseline.sigma},
-            }
-            for baseline in rig.baselines
-        ],
+        "baselines": [baseline.as_mapping() for baseline in rig.baselines],
         "placements": len(rig.placements),
         "placement_scatter": rig.record.scatter,
         "turned_boards": {name: list(views) for name, views in rig.record.turned.items()},

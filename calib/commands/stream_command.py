@@ -5,8 +5,7 @@ work: this module reaches up to it by its name.
 import argparse
 from importlib import import_module
 
-from calib.commands.arguments import add_calibration, depth, positive_number
-from calib.commands.undistort_command import crop_alpha
+from calib.commands.arguments import add_calibration, add_crop, depth, positive_number
 
 WORK = "capture.commands.stream"
 """The module whose `run` does the work."""
@@ -54,15 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="TARGET",
         help="where the straight pictures go, as listed above",
     )
-    parser.add_argument(
-        "--crop",
-        type=crop_alpha,
-        metavar="ALPHA",
-        help=(
-            "0: only valid pixels; 1: everything that the camera sees (default: the camera's focal"
-            " length)"
-        ),
-    )
+    add_crop(parser)
     parser.add_argument(
         "--scale",
         type=positive_number,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from calib.commands.arguments import (
     add_calibration,
+    add_crop,
     add_output,
     add_overwrite,
     calibration_files,
@@ -67,15 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="M",
         help="the smallest depth in depth images (default: 0.1 m)",
     )
-    parser.add_argument(
-        "--crop",
-        type=crop_alpha,
-        metavar="ALPHA",
-        help=(
-            "0: only valid pixels; 1: everything that the camera sees (default: the camera's focal"
-            " length)"
-        ),
-    )
+    add_crop(parser)
     parser.add_argument(
         "--size",
         type=_size,
@@ -171,19 +164,6 @@ def _straighten_bag(
     undistorter = Undistorter(calibration, args.depth, crop=args.crop, size=args.size)
     written = straighten_bag(path, args.topic, undistorter, output, args.output.name, progress)
     return (args.output.parent / written.name,), ()
-
-
-def crop_alpha(text: str) -> float:
-    try:
-        alpha = float(text)
-    except ValueError:
-        alpha = -1.0
-    if not 0 <= alpha <= 1:
-        raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not from 0 to 1: write 0 for valid pixels only, 1 for all that the"
-            " camera sees"
-        )
-    return alpha
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -31,9 +31,8 @@ from calib.session.parameter_names import CAMERA
 
 MIN_LOG_ODDS = math.log(10)
 """The least log Bayes factor against a flat and even board, counting views. A bend that is not
-there has -16 (flat boards in 72 simulated sessions) and would cost nearly nothing, a missing one
-moves the principal point by many standard deviations, and few boards are flat: ten to one is
-enough.
+there costs nearly nothing, a missing one moves the principal point by many standard deviations, and
+few boards are flat: ten to one is enough.
 """
 MIN_COVERED_LOG_ODDS = math.log(100)
 """The same behind a cover: glass and its numbers can imitate a bend."""

@@ -122,6 +122,11 @@ class Baseline:
     sigma: float
     """m"""
 
+    def as_mapping(self) -> dict[str, object]:
+        """Return the entry of rig_calibration.yaml and of `--json`."""
+        metres = {"value": self.metres, "sigma": self.sigma}
+        return {"from": self.first, "to": self.second, "metres": metres}
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Rig:
@@ -359,14 +364,7 @@ class Rig:
             "reference": self.reference,
             "shared_cover": dict(self.covers),
             "cameras": cameras,
-            "baselines": [
-                {
-                    "from": baseline.first,
-                    "to": baseline.second,
-                    "metres": {"value": baseline.metres, "sigma": baseline.sigma},
-                }
-                for baseline in self.baselines
-            ],
+            "baselines": [baseline.as_mapping() for baseline in self.baselines],
             "placements": len(self.placements),
             "source": self.record.source,
             "outcome": self.record.outcome,
