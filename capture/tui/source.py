@@ -10,7 +10,7 @@ from textual.message import Message
 from textual.widgets import Static
 
 from calib.errors import InputError, harmless
-from capture.sources.registry import SCHEMES, open_source
+from capture.sources.registry import open_source, usable_cameras
 from capture.tui.page import Field
 from capture.tui.path_suggester import PathSuggester
 from capture.tui.references import explain_unreadable, is_recorded_source
@@ -45,13 +45,7 @@ class SourceField(Vertical):
 
     @work(thread=True, exclusive=True, group="cameras")
     def _find_cameras(self) -> None:
-        cameras = [
-            camera
-            for scheme in SCHEMES
-            for camera in scheme.backend().inventory().cameras
-            if not camera.problem
-        ]
-        self.post_message(self.CamerasFound([camera.source for camera in cameras]))
+        self.post_message(self.CamerasFound(usable_cameras()))
 
     @on(CamerasFound)
     def _offer(self, message: CamerasFound) -> None:
