@@ -130,7 +130,9 @@ def _print_address(address: str, has_token: bool) -> None:
     if has_token and sys.stderr.isatty() and "utf" in sys.stderr.encoding.lower():
         print(qr_code(address), file=sys.stderr)
     where = "the machine whose screen is the target" if has_token else "this machine"
-    print(f"Open this address in a browser of {where}. Ctrl-C ends it.", file=sys.stderr, flush=True)
+    print(
+        f"Open this address in a browser of {where}. Ctrl-C ends it.", file=sys.stderr, flush=True
+    )
 
 
 def _poses(text: str) -> int:

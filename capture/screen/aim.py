@@ -26,9 +26,7 @@ SPACING = 0.02
 """The side of a small square over the picture's width, for counting where points are."""
 
 
-def next_stance(
-    poses: Sequence[NDArray[np.float64]], width: int, height: int, count: int
-) -> str:
+def next_stance(poses: Sequence[NDArray[np.float64]], width: int, height: int, count: int) -> str:
     """Return a sentence that says where to put the screen.
 
     Args:

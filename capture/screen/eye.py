@@ -18,6 +18,7 @@ from capture.frames import Frame
 from capture.reader import Reader
 from capture.screen.page import Event, PatternPage
 from capture.screen.timing import (
+    CHANGES,
     MIN_PICTURES,
     WATCHED_S,
     ScreenTiming,
@@ -64,17 +65,13 @@ class ScreenSize:
 
     def flat(self, level: int) -> Pattern:
         """Return a screen of one level."""
-        return Pattern(
-            np.full(self.width, level, np.uint8), np.full(self.height, WHITE, np.uint8)
-        )
+        return Pattern(np.full(self.width, level, np.uint8), np.full(self.height, WHITE, np.uint8))
 
 
 class Eye:
     """One page and one camera. PageLost and Stopped can come out of every method."""
 
-    def __init__(
-        self, reader: Reader, page: PatternPage, is_stopped: Callable[[], bool]
-    ) -> None:
+    def __init__(self, reader: Reader, page: PatternPage, is_stopped: Callable[[], bool]) -> None:
         self.page = page
         self.size: ScreenSize | None = None
         """The screen of the page that is open; None: no page is."""
@@ -85,6 +82,7 @@ class Eye:
         self._is_stopped = is_stopped
         self._page_number = 0
         self._number = 0
+        self._message_s = 0.0
         self._settle_s = 0.0
 
     @property
@@ -110,6 +108,7 @@ class Eye:
                 raise Stopped
             event = self.page.next_event(max(min(POLL_S, end_s - time.monotonic()), 0.0))
             if event is not None:
+                self._message_s = event.time_s
                 return self._admit(event)
             if time.monotonic() >= end_s:
                 return None
@@ -122,7 +121,7 @@ class Eye:
         while True:
             message = self.next_message(end_s - time.monotonic())
             if message is not None and message.get("shown") == self._number:
-                return time.monotonic()
+                return self._message_s
             if time.monotonic() >= end_s:
                 raise PageLost(
                     "The page does not answer: bring it to the front, and keep the screen awake."
@@ -138,20 +137,26 @@ class Eye:
         return _grey(self._frame(after_s))
 
     def measure_timing(self, size: ScreenSize) -> ScreenTiming:
-        """Show white after black, and wait from now on for as long as that takes.
+        """Show white and black in turn, and wait from now on for as long as a change takes.
 
         Raises:
             InputError: the camera does not see the screen, or its pictures do not stop to change.
         """
-        black = self.look(self.show(size.flat(0)) + WATCHED_S)
-        shown_s = self.show(size.flat(WHITE))
-        pictures = []
-        times_s = []
-        while not times_s or times_s[-1] < WATCHED_S or len(times_s) < MIN_PICTURES:
-            frame = self._frame(shown_s)
-            pictures.append(_grey(frame))
-            times_s.append(frame.time_s - shown_s)
-        timing = measure_timing(black, pictures, times_s)
+        before = self.look(self.show(size.flat(0)) + WATCHED_S)
+        measured = []
+        for change in range(CHANGES):
+            shown_s = self.show(size.flat(0 if change % 2 else WHITE))
+            pictures = []
+            times_s = []
+            while not times_s or times_s[-1] < WATCHED_S or len(times_s) < MIN_PICTURES:
+                frame = self._frame(shown_s)
+                pictures.append(_grey(frame))
+                times_s.append(frame.time_s - shown_s)
+            measured.append(measure_timing(before, pictures, times_s))
+            before = pictures[-1]
+        timing = ScreenTiming(
+            max(each.lag_s for each in measured), max(each.flicker for each in measured)
+        )
         self._settle_s = timing.settle_s
         return timing
 
@@ -203,4 +208,6 @@ class Eye:
 
 def _grey(frame: Frame) -> NDArray[np.uint8]:
     pixels = frame.pixels
-    return pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
+    if pixels.ndim == 2:
+        return pixels
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)

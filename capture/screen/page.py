@@ -152,9 +152,7 @@ class PatternPage:
         app.router.add_get("/", self._send_page)
         app.router.add_get("/screen", self._follow)
         app.router.add_static("/page", WEB)
-        hosts = {
-            f"{name}:{self._port}" for name in ("127.0.0.1", "localhost", "[::1]", self._host)
-        }
+        hosts = {f"{name}:{self._port}" for name in ("127.0.0.1", "localhost", "[::1]", self._host)}
 
         @web.middleware
         async def guard(request: web.Request, handler: PageHandler) -> web.StreamResponse:

@@ -21,8 +21,8 @@ from calib.io.files import read_file, reading
 from calib.io.yaml_reader import read_yaml
 from calib.session.camera import Camera
 from calib.session.cover import Cover
-from calib.session.points_file import FOLDER
 from calib.session.point_target import PointTarget
+from calib.session.points_file import FOLDER
 from calib.session.schema import Number
 from calib.session.session import FORMAT, TARGET_KEY, session_from_mapping, session_to_yaml
 from calib.session.shutter import Shutter

@@ -141,9 +141,7 @@ def _trial_sentence(trials: list[Trial]) -> str:
 
 
 def _unseen_sentence(decoded: DecodedScreen, lit: NDArray[np.bool_]) -> str:
-    counts = {
-        reason: int(np.count_nonzero(lit & (decoded.reason == reason))) for reason in ADVICE
-    }
+    counts = {reason: int(np.count_nonzero(lit & (decoded.reason == reason))) for reason in ADVICE}
     most = max(counts, key=lambda reason: counts[reason])
     return f"Too few pixels tell their place on the screen: {ADVICE[most]}."
 

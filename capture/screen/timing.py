@@ -8,6 +8,7 @@ camera's pictures have stopped to change is measured.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +30,10 @@ GREY_FACTOR = 1.5
 """Some screens take longer from grey to grey than from black to white."""
 MARGIN_S = 0.02
 """s, a refresh and a bit."""
+MIN_LAG_S = 0.03
+"""s, of two refreshes. A network that held up the page's word would make a lag look shorter."""
+CHANGES = 3
+"""Changes between black and white that are watched; the longest lag counts."""
 MIN_CONTRAST = 8.0
 """Grey levels between black and white, below which the camera does not see the screen (as
 `calib.fringes.decode`).
@@ -51,7 +56,7 @@ class ScreenTiming:
     @property
     def settle_s(self) -> float:
         """The time in s from the page's word on, in which no picture is taken."""
-        return GREY_FACTOR * self.lag_s + MARGIN_S
+        return GREY_FACTOR * max(self.lag_s, MIN_LAG_S) + MARGIN_S
 
 
 def lit_pixels(black: NDArray[np.uint8], white: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -60,7 +65,7 @@ def lit_pixels(black: NDArray[np.uint8], white: NDArray[np.uint8]) -> NDArray[np
     Raises:
         InputError: it does not see it anywhere.
     """
-    contrast = white.astype(np.float64) - black
+    contrast = cv2.blur(white.astype(np.float64) - black, (5, 5))
     lit = contrast > max(MIN_CONTRAST, float(np.quantile(contrast, 0.99)) / 2)
     if lit.mean() < 1e-3:
         raise InputError(
@@ -71,44 +76,45 @@ def lit_pixels(black: NDArray[np.uint8], white: NDArray[np.uint8]) -> NDArray[np
 
 
 def measure_timing(
-    black: NDArray[np.uint8],
+    before: NDArray[np.uint8],
     pictures: Sequence[NDArray[np.uint8]],
     times_s: Sequence[float],
 ) -> ScreenTiming:
-    """Return the timing that pictures show, taken while white follows black.
+    """Return the timing that pictures show, taken while white follows black or black white.
 
     Args:
-        black: (H, W) grey, before.
+        before: (H, W) grey, of the level before.
         pictures: (H, W) grey each.
-        times_s: s, their exposures after the page's word that white is shown; negative before it.
+        times_s: s, their exposures after the page's word that the level has changed.
 
     Raises:
         InputError: the camera does not see the screen, or its pictures do not stop to change.
     """
-    lit = lit_pixels(black, pictures[-1])
+    last = pictures[-1]
+    is_white = float(last.mean()) > float(before.mean())
+    lit = lit_pixels(before, last) if is_white else lit_pixels(last, before)
     shares = lit.sum(1)
     rows = shares > shares.max() / 4
     profiles = np.array(
         [np.where(lit, picture, 0).sum(1)[rows] / shares[rows] for picture in pictures]
     )
     levels = profiles.mean(1)
-    late = slice(len(levels) // 2, None)
-    final = float(np.median(levels[late]))
-    contrast = final - float(black[lit].mean())
-    tolerance = max(SETTLED * contrast, FLICKER_SPREADS * float(levels[late].std()))
+    middle = len(levels) // 2
+    late = levels[middle:]
+    final = float(np.median(late))
+    contrast = abs(final - float(before[lit].mean()))
+    tolerance = max(SETTLED * contrast, FLICKER_SPREADS * float(late.std()))
     changing = np.flatnonzero(np.abs(levels - final) > tolerance)
     first = int(changing[-1]) + 1 if len(changing) else 0
-    half_s = times_s[late][0]
-    lag_s = max(times_s[first], 0.0) if first < len(times_s) else np.inf
-    drift = abs(float(levels[-3:].mean()) - float(levels[late][:3].mean()))
-    if lag_s > MAX_LAG_S or drift > SETTLED * contrast or lag_s > half_s:
+    drift = abs(float(late[-3:].mean()) - float(late[:3].mean()))
+    if first > middle or times_s[first] > MAX_LAG_S or drift > SETTLED * contrast:
         raise InputError(
             "The camera's pictures go on changing after the screen has: lock its exposure and white"
             " balance (exposure_us=... after the source), and keep its light steady."
         )
     settled = profiles[first:]
-    relative = settled / settled.mean(0)
-    return ScreenTiming(lag_s, float(relative.std(0).mean()))
+    flicker = float((settled / settled.mean(0)).std(0).mean()) if is_white else 0.0
+    return ScreenTiming(times_s[first], flicker)
 
 
 def timing_sentences(

@@ -30,7 +30,7 @@ from fixtures.screen import LitScreen, ScreenCamera
 
 PITCH = 2.0e-4
 SCREEN = Screen(420, 320, (PITCH, PITCH))
-LAG_S = 0.03
+LAG_S = 0.05
 """s from a drawing to its light."""
 PAUSE_S = 0.002
 """s between two exposures."""
@@ -94,7 +94,6 @@ class SimulatedCamera:
             pixels = lit.expose(self._levels(number, self._light.at(time_s)), rng)
             yield Frame(pixels, sequence, time_s, {"exposure_us": 16667.0})
             sequence += 1
-
 
     def _levels(self, number: int, drawing: Drawing) -> NDArray[np.float64]:
         if self._last is None or self._last[0] != number or self._last[1] is not drawing:
