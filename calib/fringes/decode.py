@@ -201,9 +201,9 @@ def decode_fringes(
 
 def screen_points(decoded: DecodedScreen) -> ScreenPoints:
     """Return the decoded pixels as points, with the covariance of each as if the point were exact
-    and the pixel uncertain. The pixels are as far from each other as needed to share no light; one
-    whose neighbours do not tell the slopes is left out, and one whose light was averaged over pixels
-    beyond the picture's border.
+    and the pixel uncertain. The pixels are as far from each other as needed to share no light. One
+    whose neighbours do not tell the slopes is left out, and one whose average reaches beyond the
+    picture's border.
     """
     valid = decoded.reason == PixelReason.DECODED
     slopes = _slopes(decoded.place, valid)

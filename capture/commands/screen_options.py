@@ -73,6 +73,7 @@ def record_screen(args: argparse.Namespace) -> None:
     from capture.screen.pitch import known_pitch
     from capture.screen.points_session import PointsSession, read_like
     from capture.screen.recording import ScreenRecording
+    from capture.source_folder import is_recorded_source
     from capture.sources.registry import open_source, usable_cameras
 
     def tell(sentence: str) -> None:
@@ -90,7 +91,7 @@ def record_screen(args: argparse.Namespace) -> None:
             "This machine has no camera that can be used: capture sources says what is missing."
         )
     source = open_source(source_text)
-    if not source.live:
+    if is_recorded_source(source_text):
         raise InputError(
             f"--source {source_text} is a recording, which cannot see what a screen shows now: name"
             " a camera (capture sources lists them)."

@@ -1,4 +1,4 @@
-"""The distance from pixel to pixel of a screen, from a real ruler or a bank card held against it."""
+"""The distance from pixel to pixel of a screen, from a real ruler or a bank card before it."""
 
 from calib.errors import InputError
 from calib.session.point_target import PITCH

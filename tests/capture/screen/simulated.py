@@ -30,7 +30,7 @@ from fixtures.screen import LitScreen, ScreenCamera
 
 PITCH = 2.0e-4
 SCREEN = Screen(420, 320, (PITCH, PITCH))
-LAG_S = 0.05
+LAG_S = 0.01
 """s from a drawing to its light."""
 PAUSE_S = 0.002
 """s between two exposures."""
@@ -152,6 +152,7 @@ class StandIn:
                     return
                 if message.type == WSMsgType.TEXT:
                     answer = self._answer(json.loads(message.data))
+                    await asyncio.sleep(self._light.lag_s)  # its word comes when it is true
                     if answer and not (self._reopened.is_set() or self.is_silent):
                         await page.send_json(answer)
 
