@@ -54,7 +54,7 @@ class Screen:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pattern:
+class ScreenPattern:
     """One drawing of a screen, as the product of two lines of grey levels."""
 
     columns: NDArray[np.uint8]
@@ -115,15 +115,15 @@ class FringePlan:
         """The number of pictures: black, white, then for x and y the fringes and the Gray code."""
         return 2 + sum(self.steps * len(self.fringes(axis)) + self.bits(axis) for axis in (0, 1))
 
-    def patterns(self) -> Iterator[Pattern]:
+    def patterns(self) -> Iterator[ScreenPattern]:
         """Yield what the screen shows, in the order of the pictures."""
         white = [np.full(size, WHITE, np.uint8) for size in self.screen.size]
-        yield Pattern(np.zeros_like(white[0]), white[1])
-        yield Pattern(white[0], white[1])
+        yield ScreenPattern(np.zeros_like(white[0]), white[1])
+        yield ScreenPattern(white[0], white[1])
         for line in self._lines(0):
-            yield Pattern(line, white[1])
+            yield ScreenPattern(line, white[1])
         for line in self._lines(1):
-            yield Pattern(white[0], line)
+            yield ScreenPattern(white[0], line)
 
     def draw(self) -> Iterator[NDArray[np.uint8]]:
         """Yield the (height, width) pictures in their order."""

@@ -71,10 +71,9 @@ def record_screen(args: argparse.Namespace) -> None:
     from capture.screen.eye import Eye, Stopped
     from capture.screen.page import PatternPage
     from capture.screen.pitch import known_pitch
-    from capture.screen.points_session import PointsSession, read_like
+    from capture.screen.points_session import PointsSession, read_template
     from capture.screen.recording import ScreenRecording
-    from capture.source_folder import is_recorded_source
-    from capture.sources.registry import open_source, usable_cameras
+    from capture.sources.registry import is_recorded_source, open_source, usable_cameras
 
     def tell(sentence: str) -> None:
         print(harmless(sentence), file=sys.stderr, flush=True)
@@ -84,7 +83,7 @@ def record_screen(args: argparse.Namespace) -> None:
 
     poses = args.poses or POSES
     pitch = known_pitch(args.pitch_mm) if args.pitch_mm else None
-    like = read_like(args.cover_from) if args.cover_from else None
+    like = read_template(args.cover_from) if args.cover_from else None
     source_text = args.source or next(iter(usable_cameras()), "")
     if not source_text:
         raise InputError(

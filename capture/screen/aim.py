@@ -52,16 +52,16 @@ def _emptiest(
     counts = np.zeros((rows, columns))
     for pixels in poses:
         u, v = np.clip(((pixels + 0.5) / side).astype(int), 0, (columns - 1, rows - 1)).T
-        seen = np.zeros_like(counts, bool)
-        seen[v, u] = True
-        counts += seen
-    parts = np.array(
+        hit = np.zeros_like(counts, bool)
+        hit[v, u] = True
+        counts += hit
+    shares = np.array(
         [
-            [part.mean() for part in np.array_split(band, CELLS, axis=1)]
+            [area.mean() for area in np.array_split(band, CELLS, axis=1)]
             for band in np.array_split(counts, CELLS, axis=0)
         ]
     )
-    if parts.min() > FULL * max(1, len(poses) / 2):
+    if shares.min() > FULL * max(1, len(poses) / 2):
         return None
-    row, column = np.unravel_index(parts.argmin(), parts.shape)
+    row, column = np.unravel_index(shares.argmin(), shares.shape)
     return int(row), int(column)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.fringes.pattern import WHITE, Pattern
+from calib.fringes.pattern import WHITE, ScreenPattern
 from calib.session.shutter import Shutter
 from capture.errors import CaptureError
 from capture.frames import Frame
@@ -63,9 +63,11 @@ class ScreenSize:
                     return ScreenSize(width, height, float(hz))
         return None
 
-    def flat(self, level: int) -> Pattern:
+    def flat(self, level: int) -> ScreenPattern:
         """Return a screen of one level."""
-        return Pattern(np.full(self.width, level, np.uint8), np.full(self.height, WHITE, np.uint8))
+        return ScreenPattern(
+            np.full(self.width, level, np.uint8), np.full(self.height, WHITE, np.uint8)
+        )
 
 
 class Eye:
@@ -113,7 +115,7 @@ class Eye:
             if time.monotonic() >= end_s:
                 return None
 
-    def show(self, pattern: Pattern) -> float:
+    def show(self, pattern: ScreenPattern) -> float:
         """Show a pattern, and return the time (monotonic clock, s) of the page's answer."""
         self._number += 1
         self.page.show(self._number, pattern)
@@ -127,7 +129,7 @@ class Eye:
                     "The page does not answer: bring it to the front, and keep the screen awake."
                 )
 
-    def photograph(self, pattern: Pattern) -> NDArray[np.uint8]:
+    def photograph(self, pattern: ScreenPattern) -> NDArray[np.uint8]:
         """Show a pattern, and return the (H, W) grey picture that was exposed after it."""
         shown_s = self.show(pattern)
         return self.look(shown_s + self._settle_s)
@@ -142,30 +144,30 @@ class Eye:
         Raises:
             InputError: the camera does not see the screen, or its pictures do not stop to change.
         """
-        before = self.look(self.show(size.flat(0)) + WATCHED_S)
+        previous = self.look(self.show(size.flat(0)) + WATCHED_S)
         measured = []
         for change in range(CHANGES):
             shown_s = self.show(size.flat(0 if change % 2 else WHITE))
             pictures = []
-            times_s = []
+            times_s: list[float] = []
             while not times_s or times_s[-1] < WATCHED_S or len(times_s) < MIN_PICTURES:
                 frame = self._frame(shown_s)
                 pictures.append(_grey(frame))
                 times_s.append(frame.time_s - shown_s)
-            measured.append(measure_timing(before, pictures, times_s))
-            before = pictures[-1]
-        timing = ScreenTiming(
-            max(each.lag_s for each in measured), max(each.flicker for each in measured)
+            measured.append(measure_timing(previous, pictures, times_s))
+            previous = pictures[-1]
+        longest = ScreenTiming(
+            max(timing.lag_s for timing in measured), max(timing.flicker for timing in measured)
         )
-        self._settle_s = timing.settle_s
-        return timing
+        self._settle_s = longest.settle_s
+        return longest
 
     def _frame(self, after_s: float) -> Frame:
         for frame in self._frames:
             self._read_waiting()
             if frame.time_s >= after_s:
-                told = frame.metadata.get("exposure_us")
-                self.exposure_us = told if isinstance(told, float) else None
+                exposure = frame.metadata.get("exposure_us")
+                self.exposure_us = exposure if isinstance(exposure, float) else None
                 return frame
         if self._is_stopped():
             raise Stopped

@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+Floats = NDArray[np.float64]
+
 SMOOTHING = 1.5
 """px, the blur (standard deviation) before slopes are taken: it averages noise."""
 MAX_PIXELS = 40_000
@@ -13,7 +15,7 @@ MIN_SLOPE = 1.0
 
 
 def measure_motion(
-    before: NDArray[np.uint8], after: NDArray[np.uint8], lit: NDArray[np.bool_]
+    first: NDArray[np.uint8], second: NDArray[np.uint8], lit: NDArray[np.bool_]
 ) -> float:
     """Return the motion in px between two (H, W) grey pictures, root mean square over the screen.
 
@@ -23,9 +25,11 @@ def measure_motion(
     Args:
         lit: (H, W) true for the pixels that see the screen.
     """
-    first = cv2.GaussianBlur(before.astype(np.float64), (0, 0), SMOOTHING)
-    second = cv2.GaussianBlur(after.astype(np.float64), (0, 0), SMOOTHING)
-    by_v, by_u = np.gradient((first + second) / 2)
+    smooth_first = cv2.GaussianBlur(first.astype(np.float64), (0, 0), SMOOTHING)
+    smooth_second = cv2.GaussianBlur(second.astype(np.float64), (0, 0), SMOOTHING)
+    mean = (smooth_first + smooth_second) / 2
+    by_v: Floats = np.asarray(np.gradient(mean, axis=0))
+    by_u: Floats = np.asarray(np.gradient(mean, axis=1))
     usable = cv2.erode(lit.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     usable &= np.hypot(by_u, by_v) > MIN_SLOPE
     rows, columns = np.nonzero(usable)
@@ -33,15 +37,15 @@ def measure_motion(
         return float("inf")
     step = 1 + len(rows) // MAX_PIXELS
     rows, columns = rows[::step], columns[::step]
-    height, width = before.shape
+    height, width = first.shape
     x, y = 2 * columns / width - 1, 2 * rows / height - 1
     affine = np.stack([np.ones_like(x), x, y], -1)
     slopes = by_u[rows, columns], by_v[rows, columns]
-    level = first[rows, columns]
+    level = smooth_first[rows, columns]
     terms = np.column_stack(
         [slopes[0][:, None] * affine, slopes[1][:, None] * affine, np.ones_like(level), level]
     )
-    change = level - second[rows, columns]
+    change = level - smooth_second[rows, columns]
     solution = np.linalg.lstsq(terms, change, rcond=None)[0]
     moved = np.stack([affine @ solution[:3], affine @ solution[3:6]], -1)
     unexplained = np.std(change - terms @ solution) / max(float(np.std(level)), 1e-9)

@@ -23,7 +23,7 @@ from typing import Self
 
 from calib.errors import InputError
 from calib.extras import how_to_install
-from calib.fringes.pattern import Pattern
+from calib.fringes.pattern import ScreenPattern
 from calib.io.json_text import json_text
 from capture.listening import is_loopback, open_sockets, reachable_address
 
@@ -119,10 +119,10 @@ class PatternPage:
         """Send a message to the page, if there is one."""
         self._send(json_text(message))
 
-    def show(self, number: int, pattern: Pattern) -> None:
+    def show(self, number: int, pattern: ScreenPattern) -> None:
         """Have the page show a pattern, and answer with its number."""
         lines = {"columns": pattern.columns, "rows": pattern.rows}
-        encoded = {name: base64.b64encode(line).decode() for name, line in lines.items()}
+        encoded = {name: base64.b64encode(line.tobytes()).decode() for name, line in lines.items()}
         self.send({"show": number, **encoded})
 
     def send_picture(self, jpeg: bytes) -> None:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.fringes.pattern import MIN_PERIOD, WHITE, Pattern
+from calib.fringes.pattern import MIN_PERIOD, WHITE, ScreenPattern
 
 RATIO = 1.45
 """From one period to the next: the optimum is flat."""
@@ -24,7 +24,7 @@ still has the 4 that decoding asks for.
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class FringeTrial:
     """A period in one picture."""
 
     period: float
@@ -48,21 +48,21 @@ def trial_periods(width: int, height: int) -> Iterator[float]:
         period /= RATIO
 
 
-def trial_pattern(period: float, width: int, height: int) -> Pattern:
+def trial_pattern(period: float, width: int, height: int) -> ScreenPattern:
     """Return fringes along x."""
     wave = np.cos(2 * np.pi * np.arange(width) / period)
-    return Pattern(
+    return ScreenPattern(
         np.rint(WHITE * (1 + wave) / 2).astype(np.uint8), np.full(height, WHITE, np.uint8)
     )
 
 
-def reference_pattern(width: int, height: int) -> Pattern:
+def reference_pattern(width: int, height: int) -> ScreenPattern:
     """Return waves along x and y, which show every motion."""
     lines = []
     for size in (width, height):
         wave = np.cos(2 * np.pi * np.arange(size) * COARSEST / min(width, height))
         lines.append(np.rint(WHITE * (2 + wave) / 3).astype(np.uint8))
-    return Pattern(lines[0], lines[1])
+    return ScreenPattern(lines[0], lines[1])
 
 
 def judge_trial(
@@ -71,23 +71,23 @@ def judge_trial(
     white: NDArray[np.uint8],
     fringes: NDArray[np.uint8],
     lit: NDArray[np.bool_],
-) -> Trial:
+) -> FringeTrial:
     """Return the fringes' amplitude and period in a picture; all pictures are (H, W) grey."""
     contrast = cv2.blur(white.astype(np.float64) - black, (3, 3))
     level = cv2.blur(fringes.astype(np.float64) - black, (3, 3))
     wave = np.where(lit, level / np.maximum(contrast, 1), 0)
     inner = cv2.erode(lit.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     if not inner.any():
-        return Trial(period, 0.0, 0.0)
+        return FringeTrial(period, 0.0, 0.0)
     middle = float(wave[inner].mean())
     variance = float(np.mean((wave[inner] - middle) ** 2))
     by_v, by_u = np.gradient(wave)
     slope = float(np.mean((by_u**2 + by_v**2)[inner]))
     camera_period = 2 * np.pi * np.sqrt(variance / max(slope, 1e-12))
-    return Trial(period, 2 * np.sqrt(2 * variance), float(camera_period))
+    return FringeTrial(period, 2 * np.sqrt(2 * variance), float(camera_period))
 
 
-def best_period(trials: list[Trial]) -> float | None:
+def best_period(trials: list[FringeTrial]) -> float | None:
     """Return the period with the most information; None if no fringes can be decoded."""
     usable = [trial for trial in trials if trial.is_usable]
     if not usable:

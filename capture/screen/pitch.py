@@ -47,15 +47,15 @@ def known_pitch(mm: float) -> Number:
 def _pitch(px: tuple[float, float], mm: tuple[float, float], sigma_mm: float) -> Number:
     if not (min(px) > 0 and min(mm) > 0):
         raise InputError("Type both lengths in millimetres, as numbers above 0, such as 203.5.")
-    across, down = mm[0] / px[0], mm[1] / px[1]  # mm
+    pitches = mm[0] / px[0], mm[1] / px[1]  # mm
     sigmas = sigma_mm / px[0], sigma_mm / px[1]
-    if abs(across - down) > MAX_DEVIATION * (sigmas[0] ** 2 + sigmas[1] ** 2) ** 0.5:
-        percent = 100 * abs(across / down - 1)
+    if abs(pitches[0] - pitches[1]) > MAX_DEVIATION * (sigmas[0] ** 2 + sigmas[1] ** 2) ** 0.5:
+        percent = 100 * abs(pitches[0] / pitches[1] - 1)
         raise InputError(
             f"Width and height differ by {percent:.1f} %, where a screen's pixels are square:"
             " measure both again, in millimetres."
         )
     weights = 1 / sigmas[0] ** 2, 1 / sigmas[1] ** 2
-    value = (weights[0] * across + weights[1] * down) / sum(weights)
+    value = (weights[0] * pitches[0] + weights[1] * pitches[1]) / sum(weights)
     pitch = known_pitch(value).value
     return Number(pitch, sum(weights) ** -0.5 / 1000)

@@ -29,9 +29,6 @@ from calib.session.shutter import Shutter
 from capture.disk import locked, write_durably, writing
 from capture.session_file import Setup, read_described
 
-SCREEN = "screen"
-"""The array with the screen's size in px, beside the points of a pose."""
-
 
 @dataclass(frozen=True, slots=True)
 class Described:
@@ -111,7 +108,7 @@ class PointsSession:
         )
 
     def keep(self, points: ScreenPoints, screen: tuple[int, int]) -> Path:
-        """Write the points of a pose under the next free number."""
+        """Write the points of a pose under the next free number, and the screen's size in px."""
         number = len(self.pixels)
         while os.path.lexists(path := self._folder / f"{number:04d}.npz"):
             number += 1
@@ -121,7 +118,7 @@ class PointsSession:
             pixels=points.pixels,
             target=points.target,
             covariance=points.covariance,
-            **{SCREEN: np.array(screen, np.float64)},
+            screen=np.array(screen, np.float64),
         )
         write_durably(path, data.getbuffer())
         self.pixels.append(points.pixels)
@@ -157,7 +154,7 @@ class PointsSession:
             try:
                 arrays = decode_npz(data)
                 self.pixels.append(np.asarray(arrays["pixels"], np.float64).reshape(-1, 2))
-                width, height = arrays[SCREEN]
+                width, height = arrays["screen"]
             except (ValueError, KeyError, TypeError) as error:
                 raise InputError(
                     f"{path} is not a pose that this program wrote: move it elsewhere, or record"
@@ -166,8 +163,8 @@ class PointsSession:
             self.screen = int(width), int(height)
 
 
-def read_like(file: Path) -> Setup:
+def read_template(file: Path) -> Setup:
     """Return camera and cover of another session.yaml, whatever its target is."""
     written = read_yaml(file)
-    setup = {key: written[key] for key in ("camera", "cover") if key in written}
-    return session_from_mapping({TARGET_KEY: {"type": "points"}, **setup}, str(file))
+    setup: dict[str, object] = {key: written[key] for key in ("camera", "cover") if key in written}
+    return session_from_mapping({TARGET_KEY: {"type": "points"}} | setup, str(file))

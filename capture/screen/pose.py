@@ -19,7 +19,7 @@ from calib.session.schema import Number
 from capture.screen.eye import Eye, ScreenSize
 from capture.screen.motion import measure_motion
 from capture.screen.period import (
-    Trial,
+    FringeTrial,
     best_period,
     judge_trial,
     reference_pattern,
@@ -46,7 +46,7 @@ ADVICE = {
 }
 
 
-class Outcome(IntEnum):
+class PoseOutcome(IntEnum):
     """The end of a pose."""
 
     KEPT = 0
@@ -62,7 +62,7 @@ class Outcome(IntEnum):
 class Pose:
     """What the pictures of a pose gave."""
 
-    outcome: Outcome
+    outcome: PoseOutcome
     sentence: str
     """For the person."""
     points: ScreenPoints | None = None
@@ -88,33 +88,35 @@ def take_pose(eye: Eye, size: ScreenSize, pitch: Number, period: float | None) -
     reference = reference_pattern(size.width, size.height)
     first = eye.photograph(reference)
     for _ in range(STILL_PICTURES):
-        before, first = first, eye.photograph(reference)
-        if measure_motion(before, first, lit) < MAX_MOTION:
+        previous, first = first, eye.photograph(reference)
+        if measure_motion(previous, first, lit) < MAX_MOTION:
             break
     else:
         return Pose(
-            Outcome.RESTLESS,
+            PoseOutcome.RESTLESS,
             "The screen does not stand still: put it on a table or lean it against something.",
         )
     if period is None:
         trials = _try_periods(eye, size, black, white, lit)
         period = best_period(trials)
         if period is None:
-            return Pose(Outcome.UNSEEN, _trial_sentence(trials))
+            return Pose(PoseOutcome.UNSEEN, _trial_sentence(trials))
     plan = FringePlan(Screen(size.width, size.height, (pitch.value, pitch.value)), period)
     frames = [eye.photograph(pattern) for pattern in plan.patterns()]
     last = eye.photograph(reference)
     motion = measure_motion(first, last, lit)
     if motion > MAX_MOTION:
         sentence = f"Screen or camera moved by {motion:.2f} px meanwhile: this pose is taken again."
-        return Pose(Outcome.MOVED, sentence, motion=motion, period=period)
+        return Pose(PoseOutcome.MOVED, sentence, motion=motion, period=period)
     decoded = decode_fringes(frames, plan)
     points = screen_points(decoded)
     if len(points.pixels) < MIN_POINTS:
-        return Pose(Outcome.UNSEEN, _unseen_sentence(decoded, lit), motion=motion, period=period)
+        return Pose(
+            PoseOutcome.UNSEEN, _unseen_sentence(decoded, lit), motion=motion, period=period
+        )
     share = decoded.counts()[PixelReason.DECODED] / decoded.reason.size
     sentence = f"{len(points.pixels)} points in {100 * share:.0f} % of the picture."
-    return Pose(Outcome.KEPT, sentence, points, motion, period)
+    return Pose(PoseOutcome.KEPT, sentence, points, motion, period)
 
 
 def _try_periods(
@@ -123,9 +125,9 @@ def _try_periods(
     black: NDArray[np.uint8],
     white: NDArray[np.uint8],
     lit: NDArray[np.bool_],
-) -> list[Trial]:
+) -> list[FringeTrial]:
     """Try periods from the coarsest on, until finer ones tell less."""
-    trials: list[Trial] = []
+    trials: list[FringeTrial] = []
     for period in trial_periods(size.width, size.height):
         fringes = eye.photograph(trial_pattern(period, size.width, size.height))
         trials.append(judge_trial(period, black, white, fringes, lit))
@@ -134,7 +136,7 @@ def _try_periods(
     return trials
 
 
-def _trial_sentence(trials: list[Trial]) -> str:
+def _trial_sentence(trials: list[FringeTrial]) -> str:
     is_blurred = trials and trials[0].camera_period > 0 and trials[0].modulation < 0.5
     reason = PixelReason.DEFOCUSED if is_blurred else PixelReason.MOIRE
     return f"No fringes of the screen can be made out: {ADVICE[reason]}."
@@ -142,8 +144,8 @@ def _trial_sentence(trials: list[Trial]) -> str:
 
 def _unseen_sentence(decoded: DecodedScreen, lit: NDArray[np.bool_]) -> str:
     counts = {reason: int(np.count_nonzero(lit & (decoded.reason == reason))) for reason in ADVICE}
-    most = max(counts, key=lambda reason: counts[reason])
-    return f"Too few pixels tell their place on the screen: {ADVICE[most]}."
+    commonest = max(counts, key=lambda reason: counts[reason])
+    return f"Too few pixels tell their place on the screen: {ADVICE[commonest]}."
 
 
 def check_period(period: float, size: ScreenSize, pitch: Number) -> None:

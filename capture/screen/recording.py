@@ -12,7 +12,7 @@ from capture.screen.aim import next_stance
 from capture.screen.eye import Eye, PageLost, ScreenSize
 from capture.screen.pitch import pitch_of_card, pitch_of_rulers
 from capture.screen.points_session import PointsSession
-from capture.screen.pose import Outcome, check_period, take_pose
+from capture.screen.pose import PoseOutcome, check_period, take_pose
 from capture.screen.timing import timing_sentences
 
 PREVIEW_S = 0.25
@@ -159,7 +159,7 @@ class ScreenRecording:
                 self._report_pose(path, f"{pose.sentence[:-1]}, in {seconds:.0f} s.")
                 return
             self._say_problem(pose.sentence)
-            if pose.outcome is not Outcome.MOVED:
+            if pose.outcome is not PoseOutcome.MOVED:
                 return
 
     def _time(self, size: ScreenSize) -> None:

@@ -76,14 +76,14 @@ def lit_pixels(black: NDArray[np.uint8], white: NDArray[np.uint8]) -> NDArray[np
 
 
 def measure_timing(
-    before: NDArray[np.uint8],
+    previous: NDArray[np.uint8],
     pictures: Sequence[NDArray[np.uint8]],
     times_s: Sequence[float],
 ) -> ScreenTiming:
     """Return the timing that pictures show, taken while white follows black or black white.
 
     Args:
-        before: (H, W) grey, of the level before.
+        previous: (H, W) grey, of the level before.
         pictures: (H, W) grey each.
         times_s: s, their exposures after the page's word that the level has changed.
 
@@ -91,8 +91,8 @@ def measure_timing(
         InputError: the camera does not see the screen, or its pictures do not stop to change.
     """
     last = pictures[-1]
-    is_white = float(last.mean()) > float(before.mean())
-    lit = lit_pixels(before, last) if is_white else lit_pixels(last, before)
+    is_white = float(last.mean()) > float(previous.mean())
+    lit = lit_pixels(previous, last) if is_white else lit_pixels(last, previous)
     shares = lit.sum(1)
     rows = shares > shares.max() / 4
     profiles = np.array(
@@ -102,7 +102,7 @@ def measure_timing(
     middle = len(levels) // 2
     late = levels[middle:]
     final = float(np.median(late))
-    contrast = abs(final - float(before[lit].mean()))
+    contrast = abs(final - float(previous[lit].mean()))
     tolerance = max(SETTLED * contrast, FLICKER_SPREADS * float(late.std()))
     changing = np.flatnonzero(np.abs(levels - final) > tolerance)
     first = int(changing[-1]) + 1 if len(changing) else 0

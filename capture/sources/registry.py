@@ -113,6 +113,13 @@ def usable_cameras() -> list[str]:
     ]
 
 
+def is_recorded_source(source: str) -> bool:
+    """Return True if the source plays back existing pictures; a camera, in contrast, may still be
+    plugged in.
+    """
+    return full_source(source).startswith(("folder:", "video:"))
+
+
 def full_source(text: str) -> str:
     """Return the source with its kind in front. A path that exists needs none: a folder, a video
     or the device of a camera.

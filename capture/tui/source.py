@@ -10,10 +10,10 @@ from textual.message import Message
 from textual.widgets import Static
 
 from calib.errors import InputError, harmless
-from capture.sources.registry import open_source, usable_cameras
+from capture.sources.registry import is_recorded_source, open_source, usable_cameras
 from capture.tui.page import Field
 from capture.tui.path_suggester import PathSuggester
-from capture.tui.references import explain_unreadable, is_recorded_source
+from capture.tui.references import explain_unreadable
 from capture.tui.row import Row
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from aiohttp import ClientSession, WSMsgType
 from numpy.typing import NDArray
 
-from calib.fringes.pattern import Pattern, Screen
+from calib.fringes.pattern import Screen, ScreenPattern
 from calib.session.schema import Number
 from calib.session.shutter import Shutter
 from capture.frames import Frame
@@ -168,7 +168,7 @@ class StandIn:
                 lines = [
                     np.frombuffer(base64.b64decode(line), np.uint8) for line in (columns, rows)
                 ]
-                self._light.draw(Pattern(lines[0], lines[1]).draw())
+                self._light.draw(ScreenPattern(lines[0], lines[1]).draw())
                 self._on_show(number)
                 return {"shown": number}
             case {"phase": "size"}:

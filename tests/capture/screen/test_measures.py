@@ -11,7 +11,7 @@ from calib.fringes.pattern import Screen
 from capture.screen.aim import next_stance
 from capture.screen.motion import measure_motion
 from capture.screen.period import (
-    Trial,
+    FringeTrial,
     best_period,
     judge_trial,
     reference_pattern,
@@ -116,10 +116,9 @@ def test_the_best_period_grows_with_the_blur(blur: float) -> None:
     camera = replace(CAMERA, blur=blur)
     lit = camera.lit_screen(SCREEN)
     rng = np.random.default_rng(0)
-    black, white = (
-        lit.photograph(np.full((SCREEN.height, SCREEN.width), level, np.uint8), rng)
-        for level in (0, 255)
-    )
+    flat = np.zeros((SCREEN.height, SCREEN.width), np.uint8)
+    black = lit.photograph(flat, rng)
+    white = lit.photograph(flat + np.uint8(255), rng)
     trials = []
     for period in trial_periods(*SCREEN.size):
         picture = lit.photograph(trial_pattern(period, *SCREEN.size).draw(), rng)
@@ -132,7 +131,7 @@ def test_the_best_period_grows_with_the_blur(blur: float) -> None:
 
 
 def test_no_period_is_best_where_no_fringe_is_seen() -> None:
-    assert best_period([Trial(20.0, 0.1, 10.0), Trial(14.0, 0.9, 3.0)]) is None
+    assert best_period([FringeTrial(20.0, 0.1, 10.0), FringeTrial(14.0, 0.9, 3.0)]) is None
 
 
 def test_the_next_stance_names_the_part_that_has_no_points() -> None:
