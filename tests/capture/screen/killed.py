@@ -7,7 +7,7 @@ from pathlib import Path
 
 from capture.screen.pitch import known_pitch
 from fixtures.screen import ScreenCamera
-from tests.capture.screen.simulated import (
+from fixtures.simulated_screen import (
     PITCH,
     Light,
     SimulatedCamera,

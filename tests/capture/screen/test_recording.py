@@ -17,7 +17,7 @@ from calib.session.session import read_session
 from capture.screen import eye, timing
 from capture.screen.pitch import known_pitch
 from fixtures.screen import ScreenCamera, place_errors
-from tests.capture.screen.simulated import (
+from fixtures.simulated_screen import (
     LAG_S,
     PITCH,
     SCREEN,
