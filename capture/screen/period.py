@@ -13,7 +13,7 @@ RATIO = 1.45
 """From one period to the next: the optimum is flat."""
 COARSEST = 5
 """Fringes over the shorter side of the screen, from which the search goes to finer ones."""
-REFERENCE_WAVES = 12
+REFERENCE_WAVES = 5
 """Waves of the reference over the shorter side of the screen."""
 FINEST = 8.0
 """Screen pixels of the finest fringe."""

@@ -72,21 +72,31 @@ class PageCamera:
     def __iter__(self) -> Iterator[Frame]:
         rng = np.random.default_rng(3)
         sequence = 0
+        shown: tuple[str, LitScreen] | None = None
+        levels = np.zeros(0)
         while not self._closed.wait(0.005):
             time_s = time.monotonic()
-            drawing = asyncio.run_coroutine_threadsafe(self._drawing(), self._loop).result(60)
-            pixels = self._lit[self.pose % len(self._lit)].photograph(drawing, rng)
+            lit = self._lit[self.pose % len(self._lit)]
+            encoded = asyncio.run_coroutine_threadsafe(self._screenshot(), self._loop).result(60)
+            if (encoded, lit) != shown:
+                shown, levels = (encoded, lit), lit.levels(decoded(encoded))
+            pixels = lit.expose(levels, rng)
             yield Frame(pixels, sequence, time_s, {"exposure_us": 16667.0})
             sequence += 1
 
-    async def _drawing(self) -> NDArray[np.uint8]:
+    async def _screenshot(self) -> str:
         async with self._lock:
             message = await self._browser.do("Page.captureScreenshot", format="png")
-        packed = np.frombuffer(base64.b64decode(message["data"]), np.uint8)
-        picture = cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE)
-        assert picture is not None
-        assert picture.shape == (SCREEN.height, SCREEN.width)
-        return np.asarray(picture, np.uint8)
+        return str(message["data"])
+
+
+def decoded(encoded: str) -> NDArray[np.uint8]:
+    """Return the grey picture of a screenshot."""
+    packed = np.frombuffer(base64.b64decode(encoded), np.uint8)
+    picture = cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE)
+    assert picture is not None
+    assert picture.shape == (SCREEN.height, SCREEN.width)
+    return np.asarray(picture, np.uint8)
 
 
 def test_a_page_of_chromium_is_decoded_through_uneven_glass(tmp_path: Path) -> None:
