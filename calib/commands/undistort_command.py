@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--depth",
         type=depth,
         metavar="M",
-        help="how far away the scene is, in metres; it or --depth-image is required",
+        help="how far away the scene is, in metres; this or --depth-image is needed",
     )
     how_far.add_argument(
         "--depth-image",
