@@ -23,8 +23,8 @@ def shown_depths(evidence: Evidence) -> list[float]:
     first, last = evidence.depths[0], evidence.depths[-1]
     if first < last:
         return [first, last]
-    near, far = (float(f"{depth:.2g}") for depth in evidence.reach)
-    other = max((near, far), key=lambda depth: abs(1 / depth - 1 / first))
+    ends = [float(f"{depth:.2g}") for depth in evidence.reach]
+    other = max(ends, key=lambda depth: abs(1 / depth - 1 / first))
     return sorted({first, other})
 
 

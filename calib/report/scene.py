@@ -81,8 +81,7 @@ def side_view(evidence: Evidence) -> Drawing | None:
         return None
     values = cover_values(evidence)
     origins = [
-        interface.frame.at(values).shift.stacked().tolist()
-        for interface in evidence.path.cover
+        interface.frame.at(values).shift.stacked().tolist() for interface in evidence.path.cover
     ]
     return Drawing(
         "side-view",
