@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.errors import harmless
+from calib.rig.central_rig import CentralRig
 from calib.rig.depth import DepthPicture
 from calib.rig.evaluate_rig import RigEvaluation
-from calib.rig.exports import CentralRig
 from calib.rig.rectify import RectifiedPair
 from calib.rig.rig import RejectedView, Rig
 
