@@ -206,7 +206,7 @@ def written(rig: Rig, folder: Path, form: str) -> Path:
 
 @pytest.mark.slow
 def test_colmap_reads_its_model(fitted: Rig, tmp_path: Path) -> None:
-    pycolmap = pytest.importorskip("pycolmap")
+    pycolmap = pytest.importorskip("pycolmap", minversion="3.12")
     folder = written(fitted, tmp_path, "colmap")
     model = pycolmap.Reconstruction(str(folder))
     assert (model.num_rigs(), model.num_frames()) == (1, len(fitted.placements))
