@@ -142,8 +142,8 @@ def _fit(args: argparse.Namespace) -> None:
         from calib.rig.fit_rig import fit_rig
         from calib.rig.judge import judge_rig
         from calib.rig.report import write_rig_report
-        from calib.rig.rig import RigFiles
         from calib.rig.rig_file import read_rig
+        from calib.rig.rig_storage import RigFiles
 
     start = time.monotonic()
     description = read_rig(args.rig)

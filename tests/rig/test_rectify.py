@@ -14,7 +14,8 @@ from calib.errors import InputError
 from calib.rig import rectify as module
 from calib.rig.depth import depth_picture
 from calib.rig.rectify import RectifiedPair, rectify
-from calib.rig.rig import Rig, placed_cameras
+from calib.rig.rig import Rig
+from calib.rig.rig_geometry import placed_cameras
 from tests.rig.conftest import DEPTH, HEIGHT, WIDTH
 
 Array = NDArray[np.float64]
