@@ -4,15 +4,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from numpy.typing import NDArray
 
+from calib.diagnosis.requested_effects import with_requested
 from calib.fit_record.outcome import CrossValidation
 from calib.fit_record.request import Settings
+from calib.fitting.fit import fit
+from calib.progress import Silent
 from calib.report.evidence import gather_evidence
 from calib.report.patterns import over_board, over_image
 from calib.report.residual_maps import noise_by_distance
+from calib.report.scene import side_view, surface_meshes
 from calib.report.summary import summarise
 from calib.session.board import Board
+from calib.session.session import read_session
 from calib.table import change
 from calib.verdict.residual import NOT_ALL_NOISE
 from calib.verdict.thresholds import FEW_CELLS
@@ -22,6 +28,7 @@ from fixtures.synthetic import scene
 from tests.optics.shapes import Example, each_shape
 from tests.report.conftest import Reported
 from tests.report.made import calibrated, report_in
+from tests.test_calibration import write_session
 
 FAST = Settings(grid=(5, 5), free=("none",))
 
@@ -144,3 +151,13 @@ def test_coverage_counts_every_corner(reported: Reported) -> None:
 def test_every_shape_has_its_report(example: Example, tmp_path: Path) -> None:
     made = scene(3, views=6, noise=0.05, cover=example.cover, patch=example.patch)
     assert 'id="glass"' in report_in(tmp_path, calibrated(made, tmp_path, FAST)).read_text()
+
+
+def test_a_window_that_only_the_diagnosis_knows_is_drawn(tmp_path: Path) -> None:
+    session = write_session(tmp_path, scene(7, views=6, noise=0.05))
+    document = yaml.safe_load((session / "session.yaml").read_text())
+    (session / "session.yaml").write_text(yaml.safe_dump(document | {"cover": {"shape": "none"}}))
+    bare = fit(read_session(session), Settings(), Silent())
+    evidence = gather_evidence(with_requested(bare, ("flat_port",), Silent()))
+    assert len(surface_meshes(evidence)) == 2
+    assert side_view(evidence)
