@@ -12,9 +12,9 @@ from calib.fringes.pattern import MIN_PERIOD, WHITE, ScreenPattern
 RATIO = 1.45
 """From one period to the next: the optimum is flat."""
 COARSEST = 5
-"""Fringes over the shorter side of the screen, from which the search goes to finer ones."""
-REFERENCE_WAVES = 5
-"""Waves of the reference over the shorter side of the screen."""
+"""Fringes over the shorter side of the screen, from which the search goes to finer ones. The
+reference has as many waves, which a far camera still sees.
+"""
 FINEST = 8.0
 """Screen pixels of the finest fringe."""
 MIN_MODULATION = 0.35
@@ -62,7 +62,7 @@ def reference_pattern(width: int, height: int) -> ScreenPattern:
     """Return waves along x and y, which show every motion."""
     lines = []
     for size in (width, height):
-        wave = np.cos(2 * np.pi * np.arange(size) * REFERENCE_WAVES / min(width, height))
+        wave = np.cos(2 * np.pi * np.arange(size) * COARSEST / min(width, height))
         lines.append(np.rint(WHITE * (2 + wave) / 3).astype(np.uint8))
     return ScreenPattern(lines[0], lines[1])
 
