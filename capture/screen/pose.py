@@ -42,7 +42,7 @@ ADVICE = {
     PixelReason.SATURATED: "shorten the exposure or dim the screen: white is saturated",
     PixelReason.DEFOCUSED: "the picture is too blurred for fringes: set the focus, or come nearer",
     PixelReason.MOIRE: "the screen's pixels beat with the camera's: step back, or tilt it less",
-    PixelReason.MIXED: "take reflections, fingers and edges out of the camera's view",
+    PixelReason.MIXED: "bring the screen nearer, and take reflections and fingers out of view",
 }
 
 

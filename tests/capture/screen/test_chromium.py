@@ -37,7 +37,7 @@ pytestmark = [
     ),
     pytest.mark.slow,
 ]
-POSES = 2
+POSES = 1
 CLICK = "document.getElementById({name!r}).click()"
 VISIBLE = "!document.getElementById({name!r}).hidden && !document.getElementById('panel').hidden"
 FILL = """(() => {{ const {{ width, height }} = document.getElementById("card").elements;
