@@ -52,8 +52,8 @@ def main() -> None:
                 points = ScreenPoints(arrays["pixels"], arrays["target"], arrays["covariance"])
             errors = place_errors(points, pose, SCREEN)
             print(
-                f"Pose {number + 1}: {len(points.pixels)} points, off by {errors.rms_px:.3f} px"
-                f" where {errors.sigma_px:.3f} are predicted."
+                f"Pose {number + 1}: {len(points.pixels)} points, off by {errors.rms_px:.2f} px"
+                f" where {errors.sigma_px:.2f} are predicted."
             )
 
 
