@@ -7,7 +7,9 @@ corners are in the two pictures, and in a picture of the bare pinhole. Needs `pi
 """
 
 import argparse
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -34,7 +36,8 @@ def exported(calibration: Calibration, form: str, folder: Path) -> Path:
     """Return the folder of an export."""
     saved, out = folder / f"{form}-calibration", folder / form
     calibration.save(saved)
-    assert calib(["--quiet", "export", str(saved), "--format", form, "-o", str(out)]) == 0
+    with redirect_stdout(StringIO()):
+        assert calib(["export", str(saved), "--format", form, "-o", str(out)]) == 0
     return out
 
 

@@ -17,6 +17,8 @@ WAVELENGTHS_NM = {RED: 610.0, GREEN: 550.0, BLUE: 465.0}
 D_LINE_NM, F_LINE_NM, C_LINE_NM = 587.56, 486.13, 656.27
 """nm: the spectral lines of yellow, blue and red light by which the Abbe number is defined."""
 ABBE_KEY = "abbe"
+COLOUR_KEYS = (ABBE_KEY, RED, BLUE)
+"""The keys that stand beside the index in session.yaml."""
 ABBE = Quantity(ABBE_KEY, low=10, high=120)
 """The dispersion of flint glass is 20, that of fluorite 95."""
 
@@ -55,12 +57,11 @@ def read_dispersion(section: Section, quantity: Quantity) -> tuple[Section, Disp
     dispersion; None if it has none.
     """
     written = section.values.get(quantity.key)
-    stated = [RED, BLUE, ABBE_KEY]
-    if not isinstance(written, Mapping) or not any(key in written for key in stated):
+    if not isinstance(written, Mapping) or not any(key in written for key in COLOUR_KEYS):
         return section, None
     pair = Section(written, section.file, section.key_path(quantity.key))
-    pair.allow_only(("value", "sigma", "exact", *stated), "key of an index with its colours")
-    remainder = {key: value for key, value in written.items() if key not in stated}
+    pair.allow_only(("value", "sigma", "exact", *COLOUR_KEYS), "key of an index with its colours")
+    remainder = {key: value for key, value in written.items() if key not in COLOUR_KEYS}
     index = remainder if remainder.keys() - {"value"} else remainder.get("value", UNKNOWN)
     plain = Section({**section.values, quantity.key: index}, section.file, section.path)
     if ABBE_KEY not in written:

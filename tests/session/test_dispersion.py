@@ -6,6 +6,7 @@ from calib.errors import InputError
 from calib.session.cover import Cover
 from calib.session.cover_section import cover_sections, cover_to_yaml, read_cover
 from calib.session.schema import Section
+from calib.session.typed_number import typed_number
 
 GLASS = {"shape": "flat", "distance_mm": 20.0, "thickness_mm": 6.0}
 
@@ -58,3 +59,9 @@ def test_layers_and_several_covers_have_colours() -> None:
 def test_impossible_colours_are_refused(index: object, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         read({**GLASS, "refractive_index": index})
+
+
+def test_a_typed_index_has_its_colours() -> None:
+    assert typed_number("1.49 ± 0.01 abbe 57") == {"value": 1.49, "sigma": 0.01, "abbe": 57}
+    assert typed_number("1.49 red 1.487 blue 1.497") == {"value": 1.49, "red": 1.487, "blue": 1.497}
+    assert typed_number("1.49 abbe") == "1.49 abbe"
