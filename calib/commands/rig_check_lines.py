@@ -38,17 +38,18 @@ def print_rig_check(result: RigCheckResult, following: str) -> None:
     console.print(harmless(f"Next: {runnable_command(following)}"))
 
 
-def next_rig_command(result: RigCheckResult, folder: Path, pictures: Path) -> str:
+def next_rig_command(result: RigCheckResult, rig: Path, pictures: Path) -> str:
     """Return the command to type next: the errors on these pictures of a rig that holds, and the
     fit of a new recording of one that does not.
     """
     if result.status is CheckStatus.VALID:
-        return f"calib rig evaluate {shlex.quote(str(folder))} {shlex.quote(str(pictures))}"
+        return f"calib rig evaluate {shlex.quote(str(rig))} {shlex.quote(str(pictures))}"
     session = pictures if pictures.is_dir() else pictures.parent
     if not session.name.strip("."):  # "." and ".." are not names
         session = session.resolve()
-    again = session.with_name(f"{session.name}-again")
-    return f"calib rig fit {shlex.quote(str(again))} -o {shlex.quote(str(again / 'calibration'))}"
+    recording = session.with_name(f"{session.name}-again")
+    folder = shlex.quote(str(recording / "calibration"))
+    return f"calib rig fit {shlex.quote(str(recording))} -o {folder}"
 
 
 def rig_check_lines(result: RigCheckResult) -> Iterator[str]:

@@ -78,30 +78,30 @@ class RigChecker:
                 "No picture shows the board at the same moment as a picture of another camera: take"
                 " some where two cameras see it together."
             )
-        own = {
+        camera_checks = {
             name: self.checkers[name].check(
                 Pictures(camera.views, camera.calibration.board), progress
             )
             for name, camera in views.items()
             if camera.views
         }
-        limit = ALPHA * (1 - MOUNTING_SHARE) / len(own)
+        limit = ALPHA * (1 - MOUNTING_SHARE) / len(camera_checks)
         changed = [
             name
-            for name, result in own.items()
+            for name, result in camera_checks.items()
             if result.status is not CheckStatus.VALID
             and result.statistics is not None
             and result.statistics.p_value < limit
         ]
         with single_thread():
-            mountings = self._compare(views, placements, own, changed)
-        return _combine(own, changed, mountings, rejected)
+            mountings = self._compare(views, placements, camera_checks, changed)
+        return _combine(camera_checks, changed, mountings, rejected)
 
     def _compare(
         self,
         views: Mapping[str, LaterViews],
         placements: Placements,
-        own: Mapping[str, CheckResult],
+        camera_checks: Mapping[str, CheckResult],
         changed: Sequence[str],
     ) -> MountingCheck:
         """Compare the mountings of the cameras whose own calibration holds."""
@@ -116,10 +116,12 @@ class RigChecker:
         base = reference if reference in names else names[0]
         leads = [camera.name for camera in self.linear.cameras if camera.leads]
         unplaced |= {name: LEADS for name in names if name in leads and name != base}
-        others = tuple(name for name in names if name != base and name not in leads)
-        movable = others if len(names) == 2 or base in leads else (base, *others)
+        reported = tuple(name for name in names if name != base and name not in leads)
+        movable = reported if len(names) == 2 or base in leads else (base, *reported)
         noise = {
-            name: result.statistics.noise_ratio for name, result in own.items() if result.statistics
+            name: result.statistics.noise_ratio
+            for name, result in camera_checks.items()
+            if result.statistics
         }
         poses = {name: self._poses_in_frame(name, views[name].poses) for name in names}
         shared = SharedPlacements.of(
@@ -130,7 +132,7 @@ class RigChecker:
             self.rig.calibrations[base].board,
             noise,
         )
-        test = MountingTest(self.rig, self.linear, base, others, movable, self.scatter)
+        test = MountingTest(self.rig, self.linear, base, reported, movable, self.scatter)
         assert shared  # the components are not empty
         return replace(test.run(shared), unplaced=unplaced)
 
@@ -192,31 +194,31 @@ def _components(placements: Placements, names: Sequence[str]) -> list[tuple[str,
 
 
 def _combine(
-    own: Mapping[str, CheckResult],
+    camera_checks: Mapping[str, CheckResult],
     changed: Sequence[str],
     mountings: MountingCheck,
     rejected: Sequence[RejectedView],
 ) -> RigCheckResult:
     """Return the result of both questions."""
-    own_p_values = [r.statistics.p_value for r in own.values() if r.statistics]
+    own_p_values = [r.statistics.p_value for r in camera_checks.values() if r.statistics]
     p_value = min(
         1.0,
-        len(own) * min(own_p_values, default=1.0) / (1 - MOUNTING_SHARE),
+        len(camera_checks) * min(own_p_values, default=1.0) / (1 - MOUNTING_SHARE),
         mountings.p_value / MOUNTING_SHARE,
     )
-    statuses = [mountings.status, *(own[name].status for name in changed)]
+    statuses = [mountings.status, *(camera_checks[name].status for name in changed)]
     status = max(statuses, key=list(CheckStatus).index)
     of_cameras = [
         RigChange(name, replace(change, words=f"{name}: {change.words}"))
         for name in changed
-        for change in own[name].changes
+        for change in camera_checks[name].changes
     ]
     left_out = [
         RejectedView(name, picture.name, picture.reason)
-        for name, result in own.items()
+        for name, result in camera_checks.items()
         for picture in result.rejected
     ]
-    reused = sum(r.statistics.reused_views for r in own.values() if r.statistics)
+    reused = sum(r.statistics.reused_views for r in camera_checks.values() if r.statistics)
     statistics = mountings.statistics
     if statistics:
         statistics = replace(statistics, reused_views=reused)
@@ -225,7 +227,7 @@ def _combine(
         p_value=p_value,
         statistics=statistics,
         changes=(*of_cameras, *mountings.changes),
-        cameras=own,
+        cameras=camera_checks,
         places=mountings.places,
         base=mountings.base,
         unplaced=mountings.unplaced,

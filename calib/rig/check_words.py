@@ -98,14 +98,14 @@ def _describe_motion(hypothesis: RigHypothesis, chance: float, naming: Naming) -
     camera = hypothesis.camera
     against = f" against {naming.partner}" if naming.partner else ""
     picture = naming.names[hypothesis.placement] if hypothesis.placement >= 0 else ""
-    before = ""
+    moment = ""
     if picture:
         earlier = naming.names[hypothesis.placement - 1]
-        before = f" between {earlier} and {picture}"
+        moment = f" between {earlier} and {picture}"
     verb = "slipped" if picture else "is no longer where it was: it"
     shift = _part(axes, vector, covariance, "shift", 1e3)
     turn = _part(axes, vector, covariance, "turn", float(np.degrees(1.0)))
-    start = f"{camera} {verb}{before}" if picture else f"{camera} {verb}"
+    start = f"{camera} {verb}{moment}" if picture else f"{camera} {verb}"
     if shift and turn:
         turned = f"turned by {with_sigma(*turn)} degrees"
         words = f"{start}{',' if picture else ' has'} {turned} and moved{against} by"

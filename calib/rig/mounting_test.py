@@ -69,7 +69,7 @@ class MountingTest:
     linear: LinearRig
     base: str
     """The camera against which poses are reported."""
-    others: tuple[str, ...]
+    reported: tuple[str, ...]
     """The cameras whose poses are reported."""
     movable: tuple[str, ...]
     """The cameras whose motion the placements may tell."""
@@ -120,7 +120,7 @@ class MountingTest:
         if added < NOTICEABLE * noise_px:
             return check
         is_broken = added > max(BROKEN_PX, BROKEN_RATIO * noise_px)
-        pair = len(self.others) == 1 and self.base not in self.movable
+        pair = len(self.reported) == 1 and self.base not in self.movable
         naming = Naming(shared.names, self.base if pair else "", shift.sum(0))
         return replace(
             check,
@@ -152,7 +152,7 @@ class MountingTest:
 
     def _without(self, shared: SharedPlacements, place: int) -> MountingCheck:
         """Return the answer of the other placements, and what is wrong with this one."""
-        kept = np.arange(len(shared.names)) != place
+        remaining = np.arange(len(shared.names)) != place
         reason = "the board moved between the pictures of this placement"
         rejected = tuple(
             RejectedView(camera, shared.names[place], reason)
@@ -160,7 +160,7 @@ class MountingTest:
                 c.name for c, placed in shared.groups if bool((placed.placement == place).any())
             )
         )
-        check = self.run(shared.select(kept))
+        check = self.run(shared.select(remaining))
         return replace(check, rejected=(*rejected, *check.rejected))
 
     def _explain(
@@ -185,42 +185,42 @@ class MountingTest:
             ranking = rank_rig_hypotheses(
                 self.linear, predictive, self.movable, self.scatter.typical
             )
-            again = ranking[0]
-            same = (again.name, again.camera, again.placement) == (
+            next_best = ranking[0]
+            same = (next_best.name, next_best.camera, next_best.placement) == (
                 best.name,
                 best.camera,
                 best.placement,
             )
             if same:
-                step = again.vector - best.vector
-                if float(step @ np.linalg.solve(again.covariance, step)) < CONVERGED**2:
+                step = next_best.vector - best.vector
+                if float(step @ np.linalg.solve(next_best.covariance, step)) < CONVERGED**2:
                     break
         return ranking, predictive
 
     def _places(self, predictive: PosteriorPredictive) -> dict[str, CameraPlace]:
         """Return the pose of each camera, with all of them free."""
         places = self.linear.columns()
-        columns = np.concatenate([np.r_[places[name]] for name in self.others])
+        columns = np.concatenate([np.r_[places[name]] for name in self.reported])
         information, score = marginal(predictive, columns)
         covariance = np.linalg.inv(information)
         motions = -covariance @ score
         result = {}
-        for index, name in enumerate(self.others):
-            part = slice(6 * index, 6 * index + 6)
-            motion = motions[part]
-            own = covariance[part, part]
+        for index, name in enumerate(self.reported):
+            entries = slice(6 * index, 6 * index + 6)
+            motion = motions[entries]
+            block = covariance[entries, entries]
             scale = self.scatter.by_change.get(name, 1.0)
-            square = float(motion @ np.linalg.solve(own, motion)) / 6
+            square = float(motion @ np.linalg.solve(block, motion)) / 6
             freedom = min(self.scatter.freedom.get(name, np.inf), 1e9)
             p_value = float(fdtrc(6, freedom, square / scale))
-            own = np.asarray(own * scale)
+            block = np.asarray(block * scale)
             mounting = torch.from_numpy(self.rig.mountings[self.rig.index(name)])
             result[name] = CameraPlace(
                 T_camera_reference=pose_matrix(compose(torch.from_numpy(motion), mounting)),
                 motion=-motion,
-                sigma=np.sqrt(own.diagonal()),
-                turned=size_and_sigma(motion[:3], np.asarray(own[:3, :3])),
-                moved=size_and_sigma(motion[3:], np.asarray(own[3:, 3:])),
+                sigma=np.sqrt(block.diagonal()),
+                turned=size_and_sigma(motion[:3], np.asarray(block[:3, :3])),
+                moved=size_and_sigma(motion[3:], np.asarray(block[3:, 3:])),
                 p_value=p_value,
                 z=float(-ndtri(max(p_value, MIN_P_VALUE) / 2)),
             )

@@ -67,12 +67,12 @@ def marginal(
     """
     inner = slice(1, 1 + predictive.calibrated)
     total = predictive.products.sum(0)
-    part = total if placements is None else predictive.products[placements].sum(0)
+    subset = total if placements is None else predictive.products[placements].sum(0)
     spread = np.eye(predictive.calibrated) + total[inner, inner]
-    cross = part[columns, inner]
+    cross = subset[columns, inner]
     gain = np.linalg.solve(spread, np.column_stack([cross.T, total[inner, 0]]))
-    information = part[np.ix_(columns, columns)] - cross @ gain[:, :-1]
-    return information, part[columns, 0] - cross @ gain[:, -1]
+    information = subset[np.ix_(columns, columns)] - cross @ gain[:, :-1]
+    return information, subset[columns, 0] - cross @ gain[:, -1]
 
 
 def rank_rig_hypotheses(

@@ -174,12 +174,12 @@ class LinearRig:
             for place, block, columns in self._rows(camera, placed, placements, sigma, places):
                 rows.setdefault(place, []).append((block, columns))
         products, freedom = [], []
-        for _, parts in sorted(rows.items()):
-            block = np.concatenate([part[0] for part in parts])
-            basis = orthonormal_basis(block)
-            reduced = subtract_projection(basis, np.concatenate([part[1] for part in parts]))
+        for _, pieces in sorted(rows.items()):
+            by_placement = np.concatenate([block for block, _ in pieces])
+            basis = orthonormal_basis(by_placement)
+            reduced = subtract_projection(basis, np.concatenate([piece for _, piece in pieces]))
             products.append(reduced.T @ reduced)
-            freedom.append(int(np.count_nonzero(block.any(1))) - basis.shape[1])
+            freedom.append(int(np.count_nonzero(by_placement.any(1))) - basis.shape[1])
         return PosteriorPredictive(
             products=np.array(products),
             freedom=np.array(freedom, dtype=np.float64),

@@ -96,16 +96,20 @@ class SharedPlacements:
         """Return the distribution of the residuals under the calibrated rig."""
         return self.rig.predictive(self.groups, self.placements, self.noise)
 
-    def select(self, kept: Mask) -> SharedPlacements:
+    def select(self, selected: Mask) -> SharedPlacements:
         """Return some of the (P,) placements."""
-        index = torch.from_numpy(np.cumsum(kept) - 1)
+        index = torch.from_numpy(np.cumsum(selected) - 1)
         groups = []
         for camera, placed in self.groups:
-            part = _select_views(placed, torch.from_numpy(kept)[placed.placement])
-            if len(part.placement):
-                groups.append((camera, replace(part, placement=index[part.placement])))
-        names = tuple(name for name, keep in zip(self.names, kept, strict=True) if keep)
-        rows = torch.from_numpy(kept)
+            chosen_views = _select_views(placed, torch.from_numpy(selected)[placed.placement])
+            if len(chosen_views.placement):
+                groups.append(
+                    (camera, replace(chosen_views, placement=index[chosen_views.placement]))
+                )
+        names = tuple(
+            name for name, is_selected in zip(self.names, selected, strict=True) if is_selected
+        )
+        rows = torch.from_numpy(selected)
         return replace(
             self,
             groups=tuple(groups),
@@ -122,14 +126,14 @@ class SharedPlacements:
                 groups.append((camera, placed))
                 continue
             is_moved = torch.from_numpy(moves)[placed.placement]
-            for part, mounting in (
+            for mask, mounting in (
                 (~is_moved, placed.mounting),
                 (is_moved, compose(torch.from_numpy(motion), placed.mounting)),
             ):
-                if bool(part.any()):
-                    groups.append((camera, replace(_select_views(placed, part), mounting=mounting)))
-        others = [placements for camera, placements in self.alone.items() if camera != name]
-        return replace(self, groups=tuple(groups), placements=_first_of(others)).fitted()
+                if bool(mask.any()):
+                    groups.append((camera, replace(_select_views(placed, mask), mounting=mounting)))
+        unmoved = [placements for camera, placements in self.alone.items() if camera != name]
+        return replace(self, groups=tuple(groups), placements=_first_of(unmoved)).fitted()
 
     def squares(self) -> tuple[float, int]:
         """Return the sum of the squared reprojection errors, px^2, and the number of corners."""
@@ -167,8 +171,8 @@ def own_scatter(rig: Rig, linear: LinearRig) -> Overdispersion:
             (camera, _select_views(placed, placed.placement == int(place)))
             for camera, placed in views
         ]
-        seen = [(camera, placed) for camera, placed in chosen if len(placed.placement)]
-        predictive = linear.predictive(seen, placements)
+        visible = [(camera, placed) for camera, placed in chosen if len(placed.placement)]
+        predictive = linear.predictive(visible, placements)
         left_out.append(predictive.leave_one_out(0))
         columns = {name: predictive.columns(name) for name in rig.names}
     return Overdispersion.of_left_out(left_out, columns or dict.fromkeys(rig.names, slice(0)))

@@ -14,7 +14,6 @@ from calib import check_rig as public_check_rig
 from calib.checking.result import CheckStatus
 from calib.checking.significance import ALPHA
 from calib.cli import main
-from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
 from calib.progress import Silent
 from calib.rig.check_result import RigChange, RigCheckResult
@@ -28,7 +27,13 @@ from calib.rig.rig import Rig
 from calib.rig.rig_file import read_rig
 from calib.rig.shared_placements import SharedPlacements
 from calib.session.parameter_names import CAMERA
-from fixtures.rigs import SimulatedRig, simulate_rig, with_pictures
+from fixtures.rigs import (
+    SimulatedRig,
+    join_pictures,
+    simulate_rig,
+    with_motion,
+    with_pictures,
+)
 from tests.rig.conftest import BOARD, EVEN, WINDOW
 
 Array = NDArray[np.float64]
@@ -38,24 +43,8 @@ MILLIMETRE = np.array([0.0, 0.0, 0.0, 1e-3, 0.0, 0.0])
 TENTH = np.array([0.0, np.radians(0.1), 0.0, 0.0, 0.0, 0.0])
 
 
-def with_motion(rig: SimulatedRig, name: str, motion: Array) -> SimulatedRig:
-    """Return the rig with everything outside moved in the frame of one camera."""
-    camera = rig.cameras[name]
-    mounting = compose(torch.from_numpy(motion), camera.mounting)
-    return replace(rig, cameras={**rig.cameras, name: replace(camera, mounting=mounting)})
-
-
 def later(rig: SimulatedRig, seed: int, count: int) -> SimulatedRig:
     return with_pictures(np.random.default_rng(seed), rig, count)
-
-
-def joined(*parts: SimulatedRig) -> SimulatedRig:
-    """Return one recording of several."""
-    views: dict[str, tuple[View, ...]] = {}
-    for name in parts[0].cameras:
-        every = [view for part in parts for view in part.views[name]]
-        views[name] = tuple(replace(v, name=f"{i:04d}.png") for i, v in enumerate(every))
-    return replace(parts[0], views=views)
 
 
 def check_with(rig: Rig, folder: Path) -> Check:
@@ -139,7 +128,9 @@ def test_a_crash_is_measured_beyond_the_first_order(pair: SimulatedRig, check: C
 
 
 def test_a_camera_that_slipped_at_one_moment(pair: SimulatedRig, check: Check) -> None:
-    slipped = joined(later(pair, 62, 3), later(with_motion(pair, "right", MILLIMETRE), 63, 3))
+    slipped = join_pictures(
+        later(pair, 62, 3), later(with_motion(pair, "right", MILLIMETRE), 63, 3)
+    )
     change = only(check(slipped))
     assert (change.camera, change.from_file) == ("right", "0003.png")
     assert "right slipped between 0002.png and 0003.png" in str(change.change)
@@ -150,7 +141,7 @@ def test_a_camera_that_slipped_at_one_moment(pair: SimulatedRig, check: Check) -
 
 def test_a_board_that_moved_between_two_pictures(pair: SimulatedRig, check: Check) -> None:
     """Negative control of a slip: one placement alone is left out by name."""
-    moving = joined(
+    moving = join_pictures(
         later(pair, 64, 2), later(with_motion(pair, "right", MILLIMETRE), 65, 1), later(pair, 66, 2)
     )
     result = check(moving)
