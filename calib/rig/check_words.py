@@ -34,7 +34,7 @@ class Naming:
     """
 
 
-def probabilities(ranking: Sequence[RigHypothesis]) -> Array:
+def hypothesis_probabilities(ranking: Sequence[RigHypothesis]) -> Array:
     """Return the (n,) probabilities of the hypotheses, given that one of them is true."""
     logs = np.array([hypothesis.log_evidence for hypothesis in ranking])
     odds = np.exp(logs - logs.max())
@@ -43,7 +43,7 @@ def probabilities(ranking: Sequence[RigHypothesis]) -> Array:
 
 def name_rig_changes(ranking: Sequence[RigHypothesis], naming: Naming) -> tuple[RigChange, ...]:
     """Return the change that is almost sure, or else all probable changes."""
-    chances = probabilities(ranking)
+    chances = hypothesis_probabilities(ranking)
     probable = [
         (hypothesis, float(chance))
         for hypothesis, chance in zip(ranking, chances, strict=True)
