@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calib.checking.result import NO_STATISTICS, Change, CheckResult, CheckStatistics, CheckStatus
 from calib.checking.significance import ALPHA
-from calib.rig.rig import RejectedView
+from calib.rig.rig_content import RejectedView
 
 Array = NDArray[np.float64]
 

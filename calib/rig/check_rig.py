@@ -27,7 +27,8 @@ from calib.rig.mounting_test import MOUNTING_SHARE, MountingCheck, MountingTest
 from calib.rig.placement_equations import LinearRig
 from calib.rig.placements import Placements
 from calib.rig.poses import compose, invert_poses
-from calib.rig.rig import RejectedView, Rig, RigCalibrationSource
+from calib.rig.rig import Rig, RigCalibrationSource
+from calib.rig.rig_content import RejectedView
 from calib.rig.rig_file import RigSource, read_rig
 from calib.rig.shared_placements import SharedPlacements, own_scatter
 from calib.threads import single_thread

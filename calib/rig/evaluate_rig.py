@@ -30,7 +30,8 @@ from calib.rig.later_views import (
     renumber_views,
 )
 from calib.rig.placements import Indices, Placements
-from calib.rig.rig import RejectedView, Rig, RigCalibrationSource
+from calib.rig.rig import Rig, RigCalibrationSource
+from calib.rig.rig_content import RejectedView
 from calib.rig.rig_file import RigSource, read_rig
 from calib.session.board import Board
 from calib.threads import single_thread

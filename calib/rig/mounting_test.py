@@ -28,7 +28,8 @@ from calib.rig.moved_cameras import (
 )
 from calib.rig.placement_equations import LinearRig
 from calib.rig.poses import compose, pose_matrix
-from calib.rig.rig import RejectedView, Rig
+from calib.rig.rig import Rig
+from calib.rig.rig_content import RejectedView
 from calib.rig.shared_placements import SharedPlacements
 
 MOUNTING_SHARE = 0.5

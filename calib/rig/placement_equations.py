@@ -32,7 +32,8 @@ from calib.optics.path import Path
 from calib.rig.gauge import mounting_motion
 from calib.rig.later_views import PlacedViews
 from calib.rig.poses import compose_with_derivatives
-from calib.rig.rig import Rig, placed_cameras
+from calib.rig.rig import Rig
+from calib.rig.rig_geometry import placed_cameras
 
 Array = NDArray[np.float64]
 MOTION_SIZE = 6
