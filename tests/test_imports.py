@@ -68,7 +68,7 @@ LAYERS = {
             "listening",
             "offered_files",
         ),
-        ("serve", "streaming"),
+        ("serve", "streaming", "screen"),
         ("tui",),
         ("commands",),
         ("cli",),

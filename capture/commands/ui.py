@@ -6,12 +6,14 @@ from pathlib import Path
 
 from calib.commands.arguments import quoted
 from calib.io.numerals import whole_number
+from capture.commands.screen_options import add_screen, check_screen_options, record_screen
 
 SUMMARY = "Start the terminal UI, a guide to a calibration. `capture SESSION` is short for it."
 DESCRIPTION = """
 SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
 question mark. With --serve the UI runs in a browser instead: of this machine alone, or with --host
-of other machines too, which then need the address that is printed once.
+of other machines too, which then need the address that is printed once. With --screen the browser's
+own screen is the target, in place of a board.
 """
 
 
@@ -43,9 +45,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     apps = "with --serve: windows at a time; one more ends the oldest (default: %(default)s)"
     parser.add_argument("--apps", type=_apps, default=1, metavar="N", help=apps)
+    add_screen(parser)
 
 
 def run(args: argparse.Namespace) -> None:
+    check_screen_options(args)
+    if args.screen:
+        record_screen(args)
+        return
     if args.source:
         from capture.sources.registry import open_source
 
