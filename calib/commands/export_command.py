@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = (("maps", lambda form: not form.lenses), ("central cameras", lambda form: form.lenses))
     parser.epilog = "\n".join(
         f"{title}:\n"
-        + "\n".join(f"  {form.name:<12}{form.summary}" for form in FORMATS if belongs(form))
+        + "\n".join(f"  {form.name:<13}{form.summary}" for form in FORMATS if belongs(form))
         for title, belongs in kinds
     )
 
