@@ -82,6 +82,8 @@ class Recorder:
         self._columns: list[str] = []
         self._settings = SettingsDrift()
         self._size: tuple[int, int] | None = None
+        self._next = 0
+        self._view = -1
         self._unix_offset = time.time() - time.monotonic()  # s
         self._resources = ExitStack()
 

@@ -3,9 +3,10 @@
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import positive_number, quoted, two_numbers
+from calib.commands.arguments import positive_number, quoted
 from calib.commands.board_options import add_coding, board_from_options
 from calib.io.numerals import whole_number
+from capture.commands.board_size import board_size
 
 SUMMARY = "Record a session without a screen: keep sharp frames that show the board in a new pose."
 DESCRIPTION = """
@@ -137,16 +138,6 @@ def _record_session(args: argparse.Namespace) -> None:
         print_json(narrator.as_json(ended=ended))
     else:
         narrator.print_summary()
-
-
-def board_size(text: str) -> tuple[int, int]:
-    size = two_numbers(text)
-    if size is None or min(size) < 2 or max(size) > 1000:
-        raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not a board: write its inner corners as two whole numbers from 3,"
-            " such as 9x6"
-        )
-    return size
 
 
 def _count(text: str) -> int:

@@ -22,6 +22,7 @@ from capture.gate import (
     MOVING,
     NO_BOARD,
     Check,
+    check_borders,
     check_detection,
     check_motion,
     check_novelty,
@@ -69,7 +70,7 @@ def judge_moment(
         isolated: True for photographs, which no neighbouring frame shows to be still.
         spread_s: the time between the exposures, s.
     """
-    visible = [name for name, detection in detections.items() if detection.corners is not None]
+    visible = [name for name, detection in detections.items() if not _incomplete(detection)]
     if not visible:
         return MomentDecision((), _absent_sentence(detections))
     if len(visible) == 1:
@@ -122,10 +123,15 @@ def _absent_sentence(detections: Mapping[str, LiveDetection]) -> str:
     part.
     """
     for name, detection in detections.items():
-        objection = check_detection(detection, None, ())
-        if objection and objection != NO_BOARD:
+        objection = _incomplete(detection)
+        if objection != NO_BOARD:
             return f"{name}: {objection}"
     return NO_BOARD
+
+
+def _incomplete(detection: LiveDetection) -> str:
+    """Return why a camera does not see the whole board; empty if it does."""
+    return check_detection(detection, None, ()) or check_borders(detection, None, ()) or ""
 
 
 def _judge_single(

@@ -1,9 +1,7 @@
 """The recording of a rig without a screen: `capture record RIG --source NAME=SOURCE ...`."""
 
 import argparse
-from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 
 from calib.commands.board_options import board_from_options
 from calib.commands.printing import print_json
@@ -18,8 +16,8 @@ from capture.rig.rig_loop import detect_in_rig, record_moments
 from capture.rig.rig_narrator import RigNarrator, RigSilenceRemarks
 from capture.rig.rig_reader import RigReader
 from capture.rig.rig_recorder import RigRecorder
-from capture.rig.rig_sources import NAMED, open_sources, read_names
-from capture.session_file import Setup, read_setup
+from capture.rig.rig_setup import read_likes
+from capture.rig.rig_sources import open_sources
 
 DEFAULT_VIEWS = 30
 
@@ -35,7 +33,7 @@ def record_rig(args: argparse.Namespace) -> None:
         )
     rig = RigFolder.of(args.session, tuple(sources))
     likes = read_likes(args.cover_from or (), tuple(sources))
-    board = rig.boards(board_from_options(args), likes)
+    board = rig.board(board_from_options(args), likes)
     views = args.views or DEFAULT_VIEWS
     with (
         RigReader(sources, RigSilenceRemarks()) as reader,
@@ -62,27 +60,6 @@ def record_rig(args: argparse.Namespace) -> None:
         narrator.print_summary()
 
 
-def read_likes(texts: Sequence[str], cameras: Sequence[str]) -> dict[str, Setup]:
-    """Return the setups that `--cover-from` gives to cameras: FILE for all of them, or NAME=FILE
-    for each.
-    """
-    if len(texts) == 1 and not NAMED.fullmatch(texts[0]):
-        return dict.fromkeys(cameras, read_setup(Path(texts[0])))
-    files = read_names(texts, "--cover-from")
-    for name in files:
-        if name not in cameras:
-            raise InputError(
-                f"--cover-from names {name}, which is no camera: the cameras are"
-                f" {', '.join(cameras)}."
-            )
-    return {name: read_setup(Path(file)) for name, file in files.items()}
-
-
-def make_guide(board: Board, recorder: RigRecorder, sizes: Mapping[str, tuple[int, int]]) -> RigGuide:
-    """Return the guide for cameras whose pictures have these widths and heights, px."""
-    return RigGuide(board, {name: recorder.camera(name, size) for name, size in sizes.items()})
-
-
 def _record(
     reader: RigReader,
     recorder: RigRecorder,
@@ -99,7 +76,7 @@ def _record(
             narrator.report_step(step)
             if step.pictures and reader.live:
                 sizes = {name: frame.size for name, frame in step.moment.frames.items()}
-                guide = guide or make_guide(board, recorder, sizes)
+                guide = guide or RigGuide(board, recorder.cameras(sizes))
                 if advice:
                     advice.cancel()  # it is about fewer views
                 advice = adviser.submit(guide.advise, tuple(views))

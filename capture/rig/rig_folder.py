@@ -1,5 +1,6 @@
 """The folder of a rig: its rig.yaml, read or made, and the sessions of its cameras."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,11 @@ class RigFolder:
     def file(self) -> Path:
         return self.path / NAME
 
+    @property
+    def fit_command(self) -> str:
+        """The command that comes after the recording."""
+        return shlex.join(["calib", "rig", "fit", str(self.path), "-o", f"{self.path}/calibration"])
+
     @staticmethod
     def of(path: Path, cameras: Sequence[str]) -> "RigFolder":
         """Return the folder of a rig with these cameras, as its rig.yaml describes it if it has
@@ -57,7 +63,7 @@ class RigFolder:
                     )
         return rig
 
-    def boards(self, requested: Board | None, likes: Mapping[str, Setup]) -> Board:
+    def board(self, requested: Board | None, likes: Mapping[str, Setup]) -> Board:
         """Return the one board of all cameras: that of the sessions that are described, or the
         requested one.
 
@@ -106,7 +112,6 @@ def _read_sessions(file: Path, cameras: Sequence[str]) -> dict[str, Path]:
             " name the same ones, or record another rig."
         )
     return {
-        name: file.parent
-        / described.text(name, f"the folder of {name}'s session, from {file} on")
+        name: file.parent / described.text(name, f"the folder of {name}'s session, from {file} on")
         for name in names
     }

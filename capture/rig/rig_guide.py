@@ -28,6 +28,7 @@ from calib.session.schema import Number
 from capture.coverage import KeptView, PlainGuide, upright
 from capture.rig.moment_gate import Corners
 from capture.rig.rig_information import (
+    DISTORTION,
     RigModel,
     choose_placement,
     compose,
@@ -49,6 +50,10 @@ as long, and save one view of eight.
 """
 MIN_LENS_VIEWS = 3
 """From this number of views on, an unknown focal length is estimated from them."""
+ESTIMATED_SIGMA = 0.02
+"""The standard deviation of an estimated focal length, as a fraction of it, and of the principal
+point, as a fraction of the picture's width.
+"""
 SAME_SQUARES = 1.0
 """Squares, RMS: a placement nearer to one of the session is not proposed."""
 NO_COMMON_VIEW = (
@@ -274,15 +279,15 @@ def estimate_lens(board: Board, camera: Camera, views: Sequence[Array]) -> Camer
         np.zeros(5),
         flags=flags | cv2.CALIB_USE_INTRINSIC_GUESS,
     )[1:3]
-    sigma = 0.02 * matrix[0, 0]
-    numbers = [
-        Number(float(matrix[0, 0]), sigma),
-        Number(float(matrix[1, 1]), sigma),
-        Number(middle[0], 0.02 * camera.width),
-        Number(middle[1], 0.02 * camera.width),
-    ]
-    distortion = tuple(Number(float(value), 0.3) for value in np.ravel(lens)[:5])
-    return replace(camera, intrinsics=Intrinsics(*numbers, distortion))
+    focal = float(matrix[0, 0])
+    intrinsics = Intrinsics(
+        fx=Number(focal, ESTIMATED_SIGMA * focal),
+        fy=Number(focal, ESTIMATED_SIGMA * focal),
+        cx=Number(middle[0], ESTIMATED_SIGMA * camera.width),
+        cy=Number(middle[1], ESTIMATED_SIGMA * camera.width),
+        distortion=tuple(Number(float(value), DISTORTION[0]) for value in np.ravel(lens)[:5]),
+    )
+    return replace(camera, intrinsics=intrinsics)
 
 
 def estimate_mountings(
@@ -348,9 +353,7 @@ def _agreed(candidates: Array) -> Array:
 
 
 def _sentence(sigma: float, reached: float, planned: int) -> str:
-    estimate = (
-        f"The disparity is likely off by {_px(sigma)} px; {TARGET_PX:.2f} are wanted"
-    )
+    estimate = f"The disparity is likely off by {_px(sigma)} px; {TARGET_PX:.2f} are wanted"
     if reached > TARGET_PX:
         return f"{estimate}; {planned} more views would make it {_px(reached)}."
     return f"{estimate}: likely {planned} more view{'s' * (planned != 1)}."

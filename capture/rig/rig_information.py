@@ -178,13 +178,9 @@ class RigModel:
         matrix = np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1]])
         tangents = cv2.undistortPoints(pixels, matrix, lens[4:])
         points = np.column_stack([tangents.reshape(-1, 2), np.ones(len(pixels))]) * depth[:, None]
-        relative = compose(
-            self._mounting(vector, second), invert(self._mounting(vector, first))
-        )
+        relative = compose(self._mounting(vector, second), invert(self._mounting(vector, first)))
         behind = (points @ cv2.Rodrigues(relative[:3])[0].T + relative[3:])[:, 2] <= 0
-        pixels = _project(
-            points, relative, vector[LENS_COUNT * second : LENS_COUNT * (second + 1)]
-        )
+        pixels = _project(points, relative, vector[LENS_COUNT * second : LENS_COUNT * (second + 1)])
         return np.where(behind[:, None], np.nan, pixels)
 
     def _mounting(self, vector: Array, index: int) -> Array:

@@ -16,9 +16,7 @@ from capture.rig.rig_recorder import RigRecorder
 
 
 class RigNarrator:
-    def __init__(
-        self, reader: RigReader, recorder: RigRecorder, views: int, *, json: bool
-    ) -> None:
+    def __init__(self, reader: RigReader, recorder: RigRecorder, views: int, *, json: bool) -> None:
         """`views` is the wanted number of shared views; with `json`, stdout carries only the
         summary.
         """
@@ -56,7 +54,9 @@ class RigNarrator:
         elif step.decision.sentence != self.sentence or step.moment.isolated:
             name = next(iter(step.moment.frames.values())).name
             is_photograph = step.moment.isolated and name
-            _remark(f"{name}: {step.decision.sentence}" if is_photograph else step.decision.sentence)
+            _remark(
+                f"{name}: {step.decision.sentence}" if is_photograph else step.decision.sentence
+            )
         self.sentence = step.decision.sentence
 
     def report_advice(self, hint: RigHint | None, progress: RigProgress) -> None:
@@ -69,17 +69,12 @@ class RigNarrator:
         if offsets := self._describe_offsets():
             print(harmless(f"{offsets}."))
         if self.views:
-            print(harmless(f"Next: {self.next_command}"))
+            print(harmless(f"Next: {self._recorder.rig.fit_command}"))
 
     def report_safety(self) -> None:
         """Say, before an error is printed, that the pictures so far are safe."""
         if any(self._pictures.values()):
             _remark(f"Safe in {self._recorder.rig.path}: {self._summary()}.")
-
-    @property
-    def next_command(self) -> str:
-        path = self._recorder.rig.path
-        return f"calib rig fit {path} -o {path / 'calibration'}"
 
     @property
     def has_pictures(self) -> bool:
@@ -106,7 +101,7 @@ class RigNarrator:
             "frames_unpaired": self._reader.pairing.unpaired,
             "tolerance_ms": None if tolerance is None else round(1000 * tolerance, 3),
             "remarks": list(self._recorder.remarks),
-            "next": self.next_command if self.views else None,
+            "next": self._recorder.rig.fit_command if self.views else None,
             "ended": ended,
         }
 

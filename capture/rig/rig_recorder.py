@@ -71,15 +71,17 @@ class RigRecorder:
     ) -> None:
         self._resources.close()
 
-    def camera(self, name: str, size: tuple[int, int]) -> Camera:
-        """Return a camera of the rig as its session describes it, for pictures of this width and
-        height, px.
+    def cameras(self, sizes: Mapping[str, tuple[int, int]]) -> dict[str, Camera]:
+        """Return the cameras as their sessions describe them, for pictures of these widths and
+        heights, px.
         """
-        file = self.rig.sessions[name] / "session.yaml"
-        described = read_setup(file) if file.exists() else self._likes.get(name)
-        if described and (described[1].width, described[1].height) == size:
-            return described[1]
-        return Camera(*size)
+        cameras = {}
+        for name, size in sizes.items():
+            file = self.rig.sessions[name] / "session.yaml"
+            described = read_setup(file) if file.exists() else self._likes.get(name)
+            fits = described and (described[1].width, described[1].height) == size
+            cameras[name] = described[1] if described and fits else Camera(*size)
+        return cameras
 
     def check(self, moment: Moment) -> None:
         """Raise InputError if a frame has another size than its session's pictures."""
@@ -108,8 +110,6 @@ class RigRecorder:
         while not all(recorder.is_free(number) for recorder in self.recorders.values()):
             number += 1
         return {
-            name: self.recorders[name].keep(
-                moment.frames[name], same_view=same_view, number=number
-            )
+            name: self.recorders[name].keep(moment.frames[name], same_view=same_view, number=number)
             for name in cameras
         }

@@ -18,7 +18,9 @@ from capture.rig.rig_information import RigModel, compose
 BOARD = Board(9, 6, 0.025)
 BOARD_FLAGS = ("--board", "9x6", "--square-mm", "25")
 SIZE = (640, 480)
-INTRINSICS = Intrinsics(*(Number(value, 0.0) for value in (560.0, 560.0, 319.5, 239.5)))
+INTRINSICS = Intrinsics(
+    Number(560.0, 0.0), Number(560.0, 0.0), Number(319.5, 0.0), Number(239.5, 0.0)
+)
 CAMERA = Camera(*SIZE, intrinsics=INTRINSICS)
 MODEL = RigModel(
     BOARD,
@@ -88,6 +90,8 @@ def record(
     return folder
 
 
-def resting(placements: Sequence[NDArray[np.float64] | None]) -> Callable[..., object]:
+def resting(
+    placements: Sequence[NDArray[np.float64]],
+) -> Callable[[float], NDArray[np.float64] | None]:
     """Return the placement at a time of a board that rests in one place after another."""
     return lambda time_s: placements[min(int(time_s / REST_S), len(placements) - 1)]
