@@ -6,7 +6,7 @@ from pathlib import Path
 from calib.commands.arguments import positive_number, quoted
 from calib.commands.board_options import add_coding, board_from_options
 from calib.io.numerals import whole_number
-from capture.commands.board_size import board_size
+from capture.commands.corner_counts import corner_counts
 
 SUMMARY = "Record a session without a screen: keep sharp frames that show the board in a new pose."
 DESCRIPTION = """
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--board",
-        type=board_size,
+        type=corner_counts,
         metavar="CxR",
         help="inner corners of a new session's board, or its tags, such as 9x6",
     )

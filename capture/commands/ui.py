@@ -7,7 +7,7 @@ from pathlib import Path
 from calib.commands.arguments import positive_number, quoted
 from calib.commands.board_options import add_coding
 from calib.io.numerals import whole_number
-from capture.commands.board_size import board_size
+from capture.commands.corner_counts import corner_counts
 
 SUMMARY = "Start the terminal UI, a guide to a calibration. `capture SESSION` is short for it."
 DESCRIPTION = """
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     board = parser.add_argument_group("the board of a new rig")
     board.add_argument(
         "--board",
-        type=board_size,
+        type=corner_counts,
         metavar="CxR",
         help="its inner corners, or its tags, such as 9x6",
     )

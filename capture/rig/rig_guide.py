@@ -31,9 +31,9 @@ from capture.rig.rig_information import (
     DISTORTION,
     RigModel,
     choose_placement,
-    compose,
+    compose_poses,
     disparity_sigma,
-    invert,
+    invert_pose,
 )
 
 Array = NDArray[np.float64]
@@ -163,17 +163,19 @@ class RigGuide:
             pose = fit_bare_pose(self._board, model.cameras[name], view[name])
             if pose is not None:
                 visible = {camera: np.isfinite(view[camera][:, 0]) for camera in view}
-                total += model.information(compose(invert(model.mountings[name]), pose), visible)
+                total += model.information(
+                    compose_poses(invert_pose(model.mountings[name]), pose), visible
+                )
         return total
 
     def _bank(self, model: RigModel) -> _Bank:
         """Return the placements at which some camera sees the board as its own bank has it."""
         placements = []
         for name, camera in model.cameras.items():
-            to_reference = invert(model.mountings[name])
+            to_reference = invert_pose(model.mountings[name])
             bank = make_pose_bank(self._board, camera, Reach.of(self._board, camera))
             stride = max(len(bank.poses) // MAX_CANDIDATES, 1)
-            placements += [compose(to_reference, pose) for pose in bank.poses[::stride]]
+            placements += [compose_poses(to_reference, pose) for pose in bank.poses[::stride]]
         pixels: dict[str, list[Array]] = {name: [] for name in model.cameras}
         information = []
         for placement in placements:
@@ -238,7 +240,7 @@ class RigGuide:
         outlines = {name: outline(pixels, self._board) for name, pixels in corners.items()}
         name = next(iter(outlines))
         camera = model.cameras[name]
-        pose = compose(model.mountings[name], bank.placements[index])
+        pose = compose_poses(model.mountings[name], bank.placements[index])
         instruction = placement_hint(
             pose,
             outlines[name],
@@ -315,8 +317,10 @@ def estimate_mountings(
                 base, pose = moment.get(placed), moment.get(name)
                 if base is None or pose is None:
                     continue
-                inverse = invert(compose(invert(mountings[placed]), base))
-                turned = [compose(compose(pose, turn), inverse) for turn in _turns(board)]
+                inverse = invert_pose(compose_poses(invert_pose(mountings[placed]), base))
+                turned = [
+                    compose_poses(compose_poses(pose, turn), inverse) for turn in _turns(board)
+                ]
                 candidates.setdefault(name, []).append(np.array(turned))
         if not candidates:
             return None
@@ -347,9 +351,9 @@ def _agreed(candidates: Array) -> Array:
     best = int(cost.argmin())
     nearest = candidates[np.arange(len(candidates)), angle[best].argmin(1)]
     agreeing = nearest[angle[best].min(1) < 0.1]
-    inverse = invert(flat[best])
-    relative = np.array([compose(pose, inverse) for pose in agreeing])
-    return compose(np.median(relative, 0), flat[best])
+    inverse = invert_pose(flat[best])
+    relative = np.array([compose_poses(pose, inverse) for pose in agreeing])
+    return compose_poses(np.median(relative, 0), flat[best])
 
 
 def _sentence(sigma: float, reached: float, planned: int) -> str:

@@ -98,7 +98,7 @@ class RigModel:
         T_reference_board; NaN where a corner is outside of the picture or behind the camera.
         """
         points = np.column_stack([self.board.points(), np.zeros(self.board.count)])
-        pose = compose(self.mountings[name], placement)
+        pose = compose_poses(self.mountings[name], placement)
         depth = (points @ cv2.Rodrigues(pose[:3])[0].T + pose[3:])[:, 2]
         pixels = _project(points, pose, self.lens(name))
         camera = self.cameras[name]
@@ -116,7 +116,7 @@ class RigModel:
         own = np.zeros((0, 6))
         for name, corners in visible.items():
             index = names.index(name)
-            pose = compose(self.mountings[name], placement)
+            pose = compose_poses(self.mountings[name], placement)
             lens = self.lens(name)
             matrix = np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1]])
             seen_points = points[corners]
@@ -178,7 +178,9 @@ class RigModel:
         matrix = np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1]])
         tangents = cv2.undistortPoints(pixels, matrix, lens[4:])
         points = np.column_stack([tangents.reshape(-1, 2), np.ones(len(pixels))]) * depth[:, None]
-        relative = compose(self._mounting(vector, second), invert(self._mounting(vector, first)))
+        relative = compose_poses(
+            self._mounting(vector, second), invert_pose(self._mounting(vector, first))
+        )
         behind = (points @ cv2.Rodrigues(relative[:3])[0].T + relative[3:])[:, 2] <= 0
         pixels = _project(points, relative, vector[LENS_COUNT * second : LENS_COUNT * (second + 1)])
         return np.where(behind[:, None], np.nan, pixels)
@@ -188,20 +190,20 @@ class RigModel:
         return vector[start : start + 6] if index else np.zeros(6)
 
 
-def compose(second: Array, first: Array) -> Array:
+def compose_poses(second: Array, first: Array) -> Array:
     """Return the (6,) pose that applies the first pose, then the second."""
     turn, shift = cv2.composeRT(first[:3], first[3:], second[:3], second[3:])[:2]
     return np.concatenate([turn.ravel(), shift.ravel()])
 
 
-def invert(pose: Array) -> Array:
+def invert_pose(pose: Array) -> Array:
     """Return the (6,) inverse of a pose."""
     turn = cv2.Rodrigues(pose[:3])[0]
     return np.concatenate([-pose[:3], -turn.T @ pose[3:]])
 
 
 def _composition_derivatives(second: Array, first: Array) -> tuple[Array, Array]:
-    """Return the (6, 6) derivatives of `compose` by the first pose and by the second."""
+    """Return the (6, 6) derivatives of `compose_poses` by the first pose and by the second."""
     result = cv2.composeRT(first[:3], first[3:], second[:3], second[3:])
     by_first = np.block([[result[2], result[3]], [result[6], result[7]]])
     by_second = np.block([[result[4], result[5]], [result[8], result[9]]])

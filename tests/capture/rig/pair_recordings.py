@@ -13,7 +13,7 @@ from calib.planning.pose_bank import camera_matrix
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.schema import Number
-from capture.rig.rig_information import RigModel, compose
+from capture.rig.rig_information import RigModel, compose_poses
 
 BOARD = Board(9, 6, 0.025)
 BOARD_FLAGS = ("--board", "9x6", "--square-mm", "25")
@@ -54,7 +54,7 @@ def draw_board(camera: str, placement: NDArray[np.float64]) -> Picture:
     sheet = np.pad(drawing, SQUARE, constant_values=230.0).astype(np.uint8)
     grid = np.meshgrid(np.arange(BOARD.columns), np.arange(BOARD.rows))
     drawn = 2 * SQUARE - 0.5 + SQUARE * np.stack(grid, -1).reshape(-1, 2)
-    pose = compose(MODEL.mountings[camera], placement)
+    pose = compose_poses(MODEL.mountings[camera], placement)
     points = np.column_stack([BOARD.points(), np.zeros(BOARD.count)])
     pixels = cv2.projectPoints(points, pose[:3], pose[3:], camera_matrix(CAMERA), None)[0]
     homography = cv2.findHomography(drawn, pixels.reshape(-1, 2))[0]

@@ -5,7 +5,7 @@ import argparse
 from calib.commands.arguments import quoted, two_numbers
 
 
-def board_size(text: str) -> tuple[int, int]:
+def corner_counts(text: str) -> tuple[int, int]:
     """Return the columns and rows of a board that a person wrote as 9x6."""
     size = two_numbers(text)
     if size is None or min(size) < 2 or max(size) > 1000:
