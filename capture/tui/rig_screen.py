@@ -124,7 +124,7 @@ class RigScreen(Page):
         return "Rig"
 
     def _step_line(self) -> str:
-        return f" [RIG: {' and '.join(self.setup.rig.sessions)}] › {self.setup.rig.path}"
+        return f" [RIG: {' and '.join(self.setup.rig.sessions)}]"
 
     def body(self) -> ComposeResult:
         with Horizontal(id="pictures"):
