@@ -69,13 +69,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from capture.rig.rig_sources import is_rig
+    from capture.rig.rig_sources import is_rig, refuse_rig_folder
 
     if is_rig(args.source):
         from capture.rig.record_rig import record_rig
 
         record_rig(args)
         return
+    refuse_rig_folder(args.session)
     _record_session(args)
 
 

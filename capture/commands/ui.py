@@ -68,11 +68,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from capture.rig.rig_sources import is_rig
+    from capture.rig.rig_sources import is_rig, refuse_rig_folder
 
     if is_rig(args.source):
         _run_rig(args)
         return
+    refuse_rig_folder(args.session)
     (source,) = args.source or ("",)
     if source:
         from capture.sources.registry import open_source

@@ -30,6 +30,8 @@ class RigStep:
     """The picture that holds the frame of a camera; empty if none was kept."""
     views: int
     """The number of views that several cameras share, with this one."""
+    singles: int
+    """The number of views of one camera alone, with this one."""
 
 
 def record_moments(
@@ -49,7 +51,7 @@ def record_moments(
     """
     shutter = shutter or ShutterButton()
     previous: Mapping[str, LiveDetection] = {}
-    count, remaining, last_s = 0, 0, -math.inf
+    count, singles, remaining, last_s = 0, 0, 0, -math.inf
     burst: tuple[str, ...] = ()
     for moment in moments:
         recorder.check(moment)
@@ -83,11 +85,12 @@ def record_moments(
                     pictures = recorder.keep(moment, cameras)
                     views.append(corners)
                     count += len(cameras) > 1
+                    singles += len(cameras) == 1
                     burst, remaining, last_s = cameras, plan.burst - 1, moment.time_s
                 else:
                     decision = MomentDecision((), UNMEASURED.sentence)
         previous = detections
-        yield RigStep(moment, detections, decision, pictures, count)
+        yield RigStep(moment, detections, decision, pictures, count, singles)
         if count == plan.views and not remaining:
             return
 

@@ -46,8 +46,7 @@ class RigNarrator:
         for name, frame in step.moment.frames.items():
             self._offsets[name].append(frame.time_s - reference)
         if step.pictures:
-            self.singles += len(step.pictures) == 1 and step.views == self.views
-            self.views = step.views
+            self.views, self.singles = step.views, step.singles
             for name, picture in step.pictures.items():
                 self._pictures[name].append(picture)
             self._print_pictures(step)

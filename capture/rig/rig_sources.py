@@ -3,9 +3,11 @@
 import re
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from calib.errors import InputError, brief
-from calib.rig.rig_file import MAX_CAMERAS
+from calib.io.files import reading
+from calib.rig.rig_file import MAX_CAMERAS, NAME
 from capture.frames import FrameSource
 from capture.sources.folder import FolderSource
 from capture.sources.registry import full_source, open_source
@@ -18,6 +20,17 @@ EXAMPLE = "--source left=v4l2:/dev/video0 --source right=v4l2:/dev/video2"
 def is_rig(sources: Sequence[str]) -> bool:
     """Return True if the texts of `--source` name the cameras of a rig."""
     return len(sources) > 1 or any(NAMED.fullmatch(text) for text in sources)
+
+
+def refuse_rig_folder(folder: Path) -> None:
+    """Raise InputError if a folder that is to be a session is that of a rig."""
+    with reading(folder):
+        is_rig_folder = (folder / NAME).is_file()
+    if is_rig_folder:
+        raise InputError(
+            f"{folder} is the folder of a rig: name the source of each of its cameras, such as"
+            f" {EXAMPLE}, or record one of its sessions."
+        )
 
 
 def read_names(texts: Sequence[str], option: str = "--source") -> dict[str, str]:

@@ -263,7 +263,7 @@ class RigScreen(Page):
         }
         labels = list(self.query(".name").results(Line))
         for line, (name, count) in zip(labels, counts.items(), strict=True):
-            line.say(f"{name}: {count} views")
+            line.say(f"{name}: {count} view{'s' * (count != 1)}")
         self.query_one("#steps", Line).say(
             f"{self._step_line()} › {self.shared_count} shared, {alone} alone, auto {automatic}"
         )

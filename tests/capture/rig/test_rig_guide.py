@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calib.planning.pose_bank import fit_bare_pose, outline_corners
 from calib.session.camera import Camera
 from capture.rig.moment_gate import Corners
-from capture.rig.rig_guide import TARGET_PX, RigGuide, estimate_mountings
+from capture.rig.rig_guide import TARGET_PX, RigGuide
 from capture.rig.rig_information import (
     NOISE_PX,
     RigModel,
@@ -17,6 +17,7 @@ from capture.rig.rig_information import (
     disparity_sigma,
     invert_pose,
 )
+from capture.rig.rig_start import estimate_mountings
 from tests.capture.rig.pair_recordings import BOARD, CAMERA, MODEL, SHARED, SIZE
 
 STEP = 1e-5

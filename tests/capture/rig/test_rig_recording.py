@@ -216,6 +216,10 @@ def test_pictures_of_unknown_partners_are_not_mixed_in(
     assert code == 2
     assert "says which pictures of the other cameras belong to them" in remarks[-1]
     file = rig / "rig.yaml"
+    file.write_text("format: 1\n")
+    code, _, remarks = run(rig, ["--source", str(recordings / "left")], capsys)
+    assert code == 2
+    assert "is the folder of a rig" in remarks[-1]
     content = {"format": 1, "cameras": {"top": "top", "left": "left"}, "reference": "top"}
     file.write_text(yaml.safe_dump(content))
     code, _, remarks = run(rig, [*sources(recordings), *BOARD_FLAGS], capsys)
