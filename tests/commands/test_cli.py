@@ -131,12 +131,14 @@ def test_a_fit_ends_with_the_next_command(
     output = capsys.readouterr().out
     assert "fitted cover" in output
     assert "cover+rbf" not in output
-    last = output.splitlines()[-1]
-    evaluate, diagnose, undistort = map(shlex.split, last.removeprefix("Then: ").split("; "))
+    *_, following, last = output.splitlines()
+    undistort = shlex.split(following.removeprefix("Next: "))
+    evaluate, diagnose, export = map(shlex.split, last.removeprefix("Then: ").split("; "))
     assert evaluate == ["calib", "evaluate", str(tmp_path), "HOLDOUT"]
     assert diagnose == ["calib", "diagnose", str(tmp_path)]
     assert main(undistort[1:]) == 0
     assert (tmp_path / "undistorted" / "0000.jpg").exists()
+    assert export[:3] == ["calib", "export", str(tmp_path)]
 
 
 @pytest.mark.parametrize("command", ["fit", "diagnose"])
