@@ -276,6 +276,13 @@ def test_malformed_sessions_get_their_sentence_and_exit_code(
     assert sentence.count("\n") == 0, sentence
 
 
+def test_undistort_asks_for_the_distance(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["undistort", "x", "y", "-o", "z"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--depth 0.8" in line
+    assert "--depth-image" in line
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -286,7 +293,6 @@ def test_malformed_sessions_get_their_sentence_and_exit_code(
         (["fit", "x", "--depth", "-1"], "metres above 0"),
         (["fit", "x", "--depth", "nan"], "metres above 0"),
         (["export", "x", "--format", "bmp", "-o", "y"], "invalid choice"),
-        (["undistort", "x", "y", "-o", "z"], "--depth"),
         (["calibrate"], "invalid choice"),
         (["fti"], "did you mean fit?"),
         (["fit", "x", "--squaremm", "2"], "did you mean --square-mm?"),
