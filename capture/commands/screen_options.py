@@ -26,12 +26,6 @@ def add_screen(parser: argparse.ArgumentParser) -> None:
         help=f"poses of the screen that the session shall have (default: {POSES})",
     )
     group.add_argument(
-        "--cover-from",
-        type=Path,
-        metavar="FILE",
-        help="session.yaml that describes cover and camera of a new session",
-    )
-    group.add_argument(
         "--pitch-mm",
         type=positive_number,
         metavar="MM",
@@ -54,7 +48,7 @@ def check_screen_options(args: argparse.Namespace) -> None:
             "--screen needs a browser that shows the patterns: add --serve, and --host 0.0.0.0 for"
             " the browser of another machine."
         )
-    alone = ("poses", "cover_from", "pitch_mm", "period")
+    alone = ("poses", "pitch_mm", "period")
     for name in () if args.screen else alone:
         if getattr(args, name) is not None:
             raise InputError(
@@ -68,6 +62,7 @@ def record_screen(args: argparse.Namespace) -> None:
     from capture.interrupt import stop_on_signal
     from capture.narrator import SilenceRemarks
     from capture.reader import Reader
+    from capture.rig.rig_sources import is_rig
     from capture.screen.eye import Eye, Stopped
     from capture.screen.page import PatternPage
     from capture.screen.pitch import known_pitch
@@ -83,8 +78,11 @@ def record_screen(args: argparse.Namespace) -> None:
 
     poses = args.poses or POSES
     pitch = known_pitch(args.pitch_mm) if args.pitch_mm else None
-    like = read_template(args.cover_from) if args.cover_from else None
-    source_text = args.source or next(iter(usable_cameras()), "")
+    like = read_template(Path(args.cover_from[-1])) if args.cover_from else None
+    sources = args.source or usable_cameras()
+    if is_rig(sources):
+        raise InputError("--screen is for one camera: give one --source without a name.")
+    source_text = next(iter(sources), "")
     if not source_text:
         raise InputError(
             "This machine has no camera that can be used: capture sources says what is missing."
