@@ -42,7 +42,7 @@ def main() -> None:
         stack.enter_context(chdir(folder))
         session = Path("SESSION")
         poses = len(CAMERAS)
-        opened = recording(session, camera, poses=poses, told=told, period=None)
+        opened = recording(session, camera, poses=poses, listener=told, period=None)
         made, page = stack.enter_context(opened)
         stack.enter_context(StandIn(light).open(page.address))
         made.run()

@@ -28,7 +28,6 @@ both in the file and here.
 EXAMPLES = (
     "calib export cam0/calibration --format opencv --depth 1 -o maps",
     "calib export cam0/calibration --format npz --depth 0.5 1 2 -o maps",
-    "calib export cam0/calibration --format stmap --depth 1 --channels -o colours",
 )
 
 MAX_NAMES = 3

@@ -19,7 +19,6 @@ and says which of their pictures belong together: docs/rigs.md.
 """
 EXAMPLES = (
     "calib rig fit pair -o pair/calibration",
-    "calib rig evaluate pair/calibration pair/holdout",
     "calib rig check pair/calibration pair/today",
 )
 QUIET = "print no progress and no remarks, and of a fit the verdict alone"

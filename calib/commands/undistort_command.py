@@ -34,7 +34,6 @@ other messages are copied.
 """
 EXAMPLES = (
     "calib undistort cam0/calibration photos --depth 1 -o straight",
-    "calib undistort cam0/calibration photos --depth 1 --colour -o straight",
     "calib undistort cam0/calibration film.mp4 --depth 0.5 --crop 0 -o straight",
 )
 

@@ -270,7 +270,6 @@ def test_a_file_that_is_no_depth_image_gets_a_sentence(
         (["--depth", "1", "--crop", "wide"], "'wide' is not from 0 to 1"),
         (["--depth", "1", "--size", "12"], "'12' is not a size"),
         (["--depth", "1", "--depth-image", "d.npy"], "not allowed with"),
-        ([], "--depth"),
     ],
 )
 def test_wrong_usage_gets_a_sentence(

@@ -80,8 +80,8 @@ def test_a_folder_is_calibrated_and_is_a_session_afterwards(
         "map_0.5m.npz",
         "map_1m.npz",
     }
-    then = output.out.splitlines()[-1]
-    undistort = shlex.split(then.rpartition("; ")[2])
+    last_line = output.out.splitlines()[-1]
+    undistort = shlex.split(last_line.rpartition("; ")[2])
     assert main(undistort[1:]) == 0
     assert len(list_images(photos / "calibration" / "undistorted")) == 8
 

@@ -82,8 +82,8 @@ def test_json_cameras_reproject_to_their_misfit(
     text = "\n".join(camera["refracal"])
     for depth, rms, worst in statements(text):
         pixels, points = seen(covered, depth)
-        inside = points - centre(text)
-        bent = distorted(inside[:, :2] / inside[:, 2:], coefficients)
+        from_centre = points - centre(text)
+        bent = distorted(from_centre[:, :2] / from_centre[:, 2:], coefficients)
         check_misfit(bent * matrix[:2] + matrix[2:] - (pixels + corner), rms, worst)
 
 

@@ -332,8 +332,8 @@ def test_a_diagnosed_calibration_shows_its_residuals_before_and_after(
     assert main(["report", "--no-open", str(after)]) == 0
     assert 'id="comparison"' not in (after / "report.html").read_text()
     evidence = gather_evidence(better)
-    fewer = replace(small_calibration, views=small_calibration.views[1:])
-    assert diagnosis_comparison(fewer, evidence) is None
+    smaller_calibration = replace(small_calibration, views=small_calibration.views[1:])
+    assert diagnosis_comparison(smaller_calibration, evidence) is None
     assert diagnosis_comparison(better, evidence) is None, "nothing was added"
 
 
@@ -344,11 +344,11 @@ def test_the_licences_are_of_the_versions_that_the_libraries_are_built_of() -> N
         name.removeprefix("node_modules/"): item["version"] for name, item in locked.items() if name
     }
     licences = (WEB / "licences.txt").read_text(encoding="utf-8")
-    named = re.findall(r"(?:^|, )([@\w/-]+) (\d+\.\d+\.\d+)(?=,|$)", licences, re.MULTILINE)
-    assert len(named) > 25
-    for name, version in named:
+    packages = re.findall(r"(?:^|, )([@\w/-]+) (\d+\.\d+\.\d+)(?=,|$)", licences, re.MULTILINE)
+    assert len(packages) > 25
+    for name, version in packages:
         assert versions[name] == version, name
     direct = locked[""]["dependencies"]
-    assert set(direct) <= {name for name, _ in named}
+    assert set(direct) <= {name for name, _ in packages}
     bundle = gzip.decompress((WEB / "libraries.js.gz").read_bytes()).decode()
     assert f'"{versions["three"].split(".")[1]}"' in bundle

@@ -120,9 +120,9 @@ def test_opencv_s_two_files(small: Rig, tmp_path: Path) -> None:
         import_rig(files, BOARD)
     with pytest.raises(InputError, match="give --pictures 2 folders"):
         import_rig(files, BOARD, places[:1])
-    other = [pictures(tmp_path / "a", ["x.png", "y.png"]), places[1]]
+    other_places = [pictures(tmp_path / "a", ["x.png", "y.png"]), places[1]]
     with pytest.raises(InputError, match="call those of one moment the same"):
-        import_rig(files, BOARD, other)
+        import_rig(files, BOARD, other_places)
 
 
 def test_what_is_no_rig_is_refused(

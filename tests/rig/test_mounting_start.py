@@ -77,13 +77,16 @@ def test_one_picture_of_another_moment_is_left_out(rig: SimulatedRig) -> None:
 
 
 def test_boards_that_are_all_alike_do_not_tell_a_turn(rig: SimulatedRig) -> None:
-    still = rig.placements[:1].repeat(4, 1)
+    still_placements = rig.placements[:1].repeat(4, 1)
     mounting = rig.cameras["right"].mounting
-    poses = {"left": still, "right": turned(compose(mounting, still), [0, 2, 0, 2])}
+    poses = {
+        "left": still_placements,
+        "right": turned(compose(mounting, still_placements), [0, 2, 0, 2]),
+    }
     places = Placements(tuple("abcd"), {name: np.arange(4) for name in poses})
     with pytest.raises(NotEnoughDataError, match="looks the same after a turn"):
         start_rig(poses, places, "left", BOARD)
-    poses["right"] = compose(mounting, still)
+    poses["right"] = compose(mounting, still_placements)
     start = start_rig(poses, places, "left", MARKED)
     assert not start.turns["right"].any(), "markers tell how the board stands"
 

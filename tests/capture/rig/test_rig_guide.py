@@ -83,8 +83,10 @@ def test_near_and_tilted_views_tell_more_than_a_board_that_stays() -> None:
     visible = {name: np.ones(BOARD.count, bool) for name in MODEL.cameras}
     prior = np.diag(RigModel(BOARD, UNKNOWN, MODEL.mountings).prior_sigma() ** -2.0)
     spread = sum((MODEL.information(placement, visible) for placement in SHARED), prior)
-    still = prior + len(SHARED) * MODEL.information(SHARED[0], visible)
-    assert disparity_sigma(derivatives, spread) < 0.3 * disparity_sigma(derivatives, still)
+    unmoved_information = prior + len(SHARED) * MODEL.information(SHARED[0], visible)
+    assert disparity_sigma(derivatives, spread) < 0.3 * disparity_sigma(
+        derivatives, unmoved_information
+    )
 
 
 @pytest.mark.slow

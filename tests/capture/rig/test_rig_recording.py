@@ -42,8 +42,8 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def sources(folder: Path, **options: str) -> list[str]:
     speed = options.get("speed", "max")
-    named = [f"{name}=folder:{folder / name}?speed={speed}" for name in ("left", "right")]
-    return [argument for text in named for argument in ("--source", text)]
+    sources = [f"{name}=folder:{folder / name}?speed={speed}" for name in ("left", "right")]
+    return [argument for text in sources for argument in ("--source", text)]
 
 
 def run(

@@ -23,7 +23,7 @@ def main() -> None:
     page_without_browser = StandIn(light, lambda number: print(number, flush=True))
     pitch = known_pitch(1000 * PITCH)
     with (
-        recording(folder, camera, poses=poses, told=Told(), pitch=pitch) as (made, page),
+        recording(folder, camera, poses=poses, listener=Told(), pitch=pitch) as (made, page),
         page_without_browser.open(page.address),
     ):
         made.run()

@@ -118,7 +118,7 @@ async def _record(folder: Path) -> None:
         for pose in made.poses
     ]
     lit = [camera.lit_screen(SCREEN) for camera in cameras]
-    told: list[str] = []
+    sentences: list[str] = []
     async with connected(folder / "profile") as socket:
         browser, lock = Browser(socket), asyncio.Lock()
 
@@ -129,7 +129,7 @@ async def _record(folder: Path) -> None:
         async def until(name: str) -> None:
             start_s = time.monotonic()
             while not await call(VISIBLE.format(name=name)):
-                assert time.monotonic() - start_s < 120, (name, told)
+                assert time.monotonic() - start_s < 120, (name, sentences)
                 await asyncio.sleep(0.05)
 
         await browser.do(
@@ -148,7 +148,7 @@ async def _record(folder: Path) -> None:
         ):
 
             def report(_: Path, sentence: str) -> None:
-                told.append(sentence)
+                sentences.append(sentence)
                 camera.pose += 1
 
             recording = ScreenRecording(
@@ -157,7 +157,7 @@ async def _record(folder: Path) -> None:
                 POSES,
                 period=None,
                 pitch=None,
-                tell=told.append,
+                tell=sentences.append,
                 report_pose=report,
             )
             async with lock:
@@ -176,7 +176,7 @@ async def _record(folder: Path) -> None:
                     await asyncio.sleep(0.05)
             await asyncio.wait_for(running, 300)
         assert [line for line in browser.complaints if "fullscreen" not in line.lower()] == []
-    print(*told, sep="\n")
+    print(*sentences, sep="\n")
     scale = session.described.pitch.value / SCREEN.pitch[0] if session.described else 0.0
     assert abs(scale - 1) < 0.005
     for number, true in enumerate(made.poses):

@@ -35,17 +35,17 @@ def record(folder: Path, patterns: int | None) -> int:
 def test_twenty_kills_lose_no_pose(tmp_path: Path) -> None:
     folder = tmp_path / "session"
     rng = np.random.default_rng(4)
-    kept: dict[str, bytes] = {}
+    kept_poses: dict[str, bytes] = {}
     for _ in range(KILLS):
         record(folder, int(rng.integers(1, 60)))
         poses = {path.name: path.read_bytes() for path in (folder / "points").glob("*.npz")}
-        assert kept.items() <= poses.items()
-        kept = poses
-        if kept:
-            assert len(read_session(folder).points) == len(kept)
+        assert kept_poses.items() <= poses.items()
+        kept_poses = poses
+        if kept_poses:
+            assert len(read_session(folder).points) == len(kept_poses)
     with PointsSession(folder) as session:
-        assert len(session.pixels) == len(kept)
-    assert len(kept) > 0
+        assert len(session.pixels) == len(kept_poses)
+    assert len(kept_poses) > 0
     assert record(folder, None) == 0
-    assert len(read_session(folder).points) == max(POSES, len(kept))
+    assert len(read_session(folder).points) == max(POSES, len(kept_poses))
     assert not list(folder.rglob("*.tmp"))

@@ -98,8 +98,8 @@ def test_a_motion_is_measured_to_two_hundredths_of_a_pixel() -> None:
     drawing = reference_pattern(*SCREEN.size).draw()
     rng = np.random.default_rng(0)
     first = CAMERA.lit_screen(SCREEN).photograph(drawing, rng)
-    again = CAMERA.lit_screen(SCREEN).photograph(drawing, rng)
-    assert measure_motion(first, again, ALL) < 0.02
+    second_picture = CAMERA.lit_screen(SCREEN).photograph(drawing, rng)
+    assert measure_motion(first, second_picture, ALL) < 0.02
     brighter = np.clip(first * 0.95 + 4, 0, 255).astype(np.uint8)
     assert measure_motion(first, brighter, ALL) < 0.01
     farther = replace(CAMERA, scale=CAMERA.scale * 1.005)

@@ -54,10 +54,10 @@ def check_pose(path: Path, camera: ScreenCamera) -> None:
 
 def test_poses_are_a_session_of_points_and_go_on_where_they_were(tmp_path: Path) -> None:
     folder = tmp_path / "session"
-    told = Told()
+    listener = Told()
     camera = SimulatedCamera(light := Light(), [NEAR, FAR])
     with (
-        recording(folder, camera, poses=1, told=told) as (made, page),
+        recording(folder, camera, poses=1, listener=listener) as (made, page),
         StandIn(light).open(page.address),
     ):
         made.run()
@@ -70,7 +70,7 @@ def test_poses_are_a_session_of_points_and_go_on_where_they_were(tmp_path: Path)
     camera = SimulatedCamera(light := Light(), [FAR])
     page_without_browser = StandIn(light)
     with (
-        recording(folder, camera, poses=2, told=told) as (made, page),
+        recording(folder, camera, poses=2, listener=listener) as (made, page),
         page_without_browser.open(page.address),
     ):
         made.run()
@@ -92,16 +92,16 @@ def test_a_browser_that_is_closed_and_opened_costs_a_pose_and_nothing_else(tmp_p
         if next(seen) in (12, 60):
             page_without_browser.reopen()
 
-    told = Told()
+    listener = Told()
     camera = SimulatedCamera(light := Light(), [NEAR])
     page_without_browser = StandIn(light, close_sometimes)
     pitch = known_pitch(1000 * PITCH)
     with (
-        recording(tmp_path, camera, poses=2, told=told, pitch=pitch) as (made, page),
+        recording(tmp_path, camera, poses=2, listener=listener, pitch=pitch) as (made, page),
         page_without_browser.open(page.address),
     ):
         made.run()
-    lost = [line for line in told.sentences if "closed" in line or "opened anew" in line]
+    lost = [line for line in listener.sentences if "closed" in line or "opened anew" in line]
     assert len(lost) >= 2
     for name in ("0000.npz", "0001.npz"):
         check_pose(tmp_path / "points" / name, NEAR)
@@ -116,12 +116,12 @@ def test_a_pose_that_moved_is_taken_again(tmp_path: Path) -> None:
         if next(count) == 20:
             camera.pose = 1
 
-    told = Told()
+    listener = Told()
     camera = SimulatedCamera(light := Light(), [NEAR, pushed, NEAR])
     with (
-        recording(tmp_path, camera, poses=1, told=told) as (made, page),
+        recording(tmp_path, camera, poses=1, listener=listener) as (made, page),
         StandIn(light, push).open(page.address),
     ):
         made.run()
-    assert any("moved by" in line for line in told.sentences)
+    assert any("moved by" in line for line in listener.sentences)
     check_pose(tmp_path / "points" / "0000.npz", pushed)
