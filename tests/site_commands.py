@@ -35,7 +35,7 @@ class Typed:
         `shell`: it changes this machine, so bash reads it alone.
         """
         needs_camera = self.line.startswith("calib stream") and "--source video:" not in self.line
-        needs_many = self.line.startswith(("calib fleet-prior", "calib rig"))
+        needs_many = self.line.startswith(("calib fleet-prior", "calib rig", "calib import rig"))
         if needs_camera or needs_many or "--scheduler" in self.line:
             return "parsed"
         if (
