@@ -270,6 +270,7 @@ def test_a_mirrored_board_is_reported(name: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_two_boards_or_a_repeated_marker_are_reported() -> None:
     pose = np.array([0, 0, 0, 0, 0, 0.38])
     pair = np.hstack([CHARUCO.view(pose).picture, CHARUCO.view(pose, seed=2).picture])

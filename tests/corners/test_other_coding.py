@@ -90,6 +90,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_the_target_in_the_pictures_is_named(
     case: tuple[str, Kind, Callable[[Board], Board], str], tmp_path: Path

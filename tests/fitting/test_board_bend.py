@@ -132,6 +132,7 @@ def test_a_bent_board_asks_for_no_further_coefficients(tmp_path: Path) -> None:
     assert bend_mm(calibration) == pytest.approx([3, 0, -2], abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_fit_without_a_cover_ends_at_its_optimum(tmp_path: Path) -> None:
     """A fit of its own result moves nothing by a tenth of its standard deviation."""
     made = session(tmp_path / "fit", BOARD, pictures(BOARD, BEND))

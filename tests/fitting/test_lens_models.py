@@ -115,6 +115,7 @@ def test_errors_scatter_as_the_covariance_says() -> None:
     assert ((low < squares) & (squares < high)).all()
 
 
+@pytest.mark.slow
 def test_auto_takes_the_fisheye_model_if_opencv_s_predicts_worse() -> None:
     fitted = calibrate_bare(wide_views(1, 20, NOISE), BOARD, replace(CAMERA, lens=AUTO), Silent())
     print(fitted.held_out_px)
@@ -125,6 +126,7 @@ def test_auto_takes_the_fisheye_model_if_opencv_s_predicts_worse() -> None:
     )
 
 
+@pytest.mark.slow
 def test_auto_keeps_opencv_s_model_for_a_usual_lens() -> None:
     """A fisheye has no tangential part."""
     views = bare_views(2, 12, NOISE, (-0.05, 0.01, 1e-3, -5e-4, 0.004))

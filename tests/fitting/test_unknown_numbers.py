@@ -148,6 +148,7 @@ def test_unknown_shape_is_the_true_one_or_as_probable(cover: str, shape: str) ->
     assert probable <= ({"cone", "cylinder"} if shape in ("cone", "cylinder") else {shape})
 
 
+@pytest.mark.slow
 def test_no_cover_is_a_shape_too_and_what_is_as_probable_is_named() -> None:
     views = bare_views(2, 8, 0.1)
     setup = Setup(made("dome", views=3).board, CAMERA, INTRINSICS, shapeless(1.0))

@@ -143,6 +143,7 @@ def test_few_views_show_no_scatter(tmp_path: Path) -> None:
     assert not scatter.excess.any()
 
 
+@pytest.mark.slow
 def test_the_principal_point_holds_where_the_print_is_uneven(tmp_path: Path) -> None:
     """A print whose corners are off by 0.05 mm each, the same in all views. Of 12 sessions, the
     error of cx and cy is 1 of the standard deviations, within what chance leaves; a focal length

@@ -148,6 +148,7 @@ def test_acceleration_follows_the_bend_of_the_residuals(state: RigState) -> None
     assert float(by_shared[state.layout.columns[1]].abs().max()) < 1e-9
 
 
+@pytest.mark.slow
 def test_optimum_is_that_of_scipy_on_projected_corners() -> None:
     """SciPy minimises reprojection errors, from `project`, over free 6-number poses; the rig
     minimises where rays land, in image units, by eliminated placements.
