@@ -26,7 +26,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.effects.board_flex import BoardFlex
-from calib.effects.board_scale import SHEAR, BoardScale
+from calib.effects.board_scale import DEGREES as PRINT_DEGREES
+from calib.effects.board_scale import BoardScale
+from calib.effects.board_shape import DEGREES as BEND_DEGREES
 from calib.effects.board_shape import BoardShape
 from calib.effects.effect import Effect, EffectContext
 from calib.effects.lens import LensEffect
@@ -107,11 +109,12 @@ class Variation:
         whose bend differs gets one of its own in every view.
         """
         name = self.group.name
-        each = self.kind is VariationKind.EACH or name == BoardFlex.name
+        flexes = name == BoardFlex.name and VariationKind.EACH in self.group.kinds
+        each = flexes or self.kind is VariationKind.EACH
         for kind in (*EFFECTS, *OF_VIEW):
             if each and kind.varies and kind.name == name:
                 return kind.propose(context)
-        if name == BoardScale.name:
+        if name in (BoardScale.name, BoardFlex.name):
             return ()
         numbers = [number.param.name for number in self.group.numbers]
         # The maps are of the state at the end, which the next picture has, or of the mean.
@@ -238,7 +241,7 @@ class VariationRows:
     def of(fitted: FittedModel, context: EffectContext) -> VariationRows:
         """Linearise around a fit."""
         base = fitted.model
-        full = _with_shear(base.with_effects(_probes(base, context)))
+        full = _completed(base.with_effects(_probes(base, context)))
         values = {**full.means, **fitted.joint.values}
         held = {
             param.name: 1.0
@@ -450,25 +453,30 @@ def _probes(model: CameraModel, context: EffectContext) -> list[Effect]:
     """Return effects whose parameters may differ from view to view and that the model lacks."""
     present = {effect.name for effect in model.effects}
     half = context.board.half
-    probes: list[Effect] = [LensEffect(), BoardShape(*half), BoardScale(True, 1, half)]
+    probes: list[Effect] = [LensEffect(), BoardShape(*half), BoardScale(True, half=half)]
     if not model.path.shutter:
         probes.append(RollingShutter())
     return [probe for probe in probes if probe.name not in present]
 
 
-def _with_shear(model: CameraModel) -> CameraModel:
-    """Return the model with a shear in its print: of zero, if it had none."""
+def _completed(model: CameraModel) -> CameraModel:
+    """Return the model with the terms of its board that may differ: of zero, if it had none."""
+    target = model.path.target
     prints = [
-        replace(print_, sheared=True) if isinstance(print_, BoardScale) else print_
-        for print_ in model.path.target.prints
+        replace(print_, sheared=True, degree=max(print_.degree, PRINT_DEGREES[0]))
+        if isinstance(print_, BoardScale)
+        else print_
+        for print_ in target.prints
     ]
-    target = replace(model.path.target, prints=tuple(prints))
-    zero = torch.zeros((), dtype=torch.float64)
-    return replace(
-        model,
-        path=replace(model.path, target=target),
-        means={SHEAR.param.name: zero, **model.means},
-    )
+    bends = [
+        replace(bend, degree=max(bend.degree, BEND_DEGREES[1]))
+        if isinstance(bend, BoardShape)
+        else bend
+        for bend in target.bends
+    ]
+    target = replace(target, prints=tuple(prints), bends=tuple(bends))
+    zeros = {param.name: torch.zeros((), dtype=torch.float64) for param in target.params}
+    return replace(model, path=replace(model.path, target=target), means={**zeros, **model.means})
 
 
 @dataclass(frozen=True, eq=False)
@@ -509,8 +517,7 @@ class GroupEquations:
                 best = max(followed, key=lambda variation: variation.gain)
                 yield best.penalised(float(np.log(len(followed))))
         if VariationKind.TWO_KINDS in self.group.kinds:
-            best = self.in_two_kinds(in_every_view.deviations)
-            yield best.penalised((self.count - 1) * float(np.log(2)))
+            yield self.in_two_kinds(in_every_view.deviations)
 
     def in_every_view(self) -> Variation:
         """Return the variation with deviations of each view's own."""
@@ -552,7 +559,7 @@ class GroupEquations:
                     best = max(best, flipped, key=lambda variation: variation.gain)
             if best is previous:
                 break
-        return best
+        return best.penalised((self.count - 1) * float(np.log(2)))
 
     def following(self, kind: VariationKind, pattern: Array) -> Variation:
         """Return the variation whose deviations follow a (V,) pattern."""
