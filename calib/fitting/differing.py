@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr
 
 from calib.effects.board_scale import STRETCH, BoardScale
 from calib.effects.board_shape import BoardShape
@@ -86,8 +87,8 @@ class Differing:
             best.setdefault(variation.group.name, variation)
         if not best:
             return None
-        gains = np.array([variation.gain for variation in best.values()])
-        odds = np.exp((gains - gains.max()) / EVIDENCE_SCALE)
+        first = next(iter(best.values()))
+        odds = np.array([_odds(variation, first) for variation in best.values()])
         probabilities = odds / odds.sum()
         members = [
             (variation, float(probability))
@@ -132,6 +133,18 @@ class Differing:
             f"something differs from view to view: most likely {likely}, else {rivals}. If it is"
             f" the first, {advice(first, self.names)}."
         )
+
+
+def _odds(variation: Variation, best: Variation) -> float:
+    """Return the odds of a variation against the most probable one: those of their evidences or, if
+    these are less decisive, those of Vuong's test, which asks whether the views agree.
+    """
+    if variation is best:
+        return 1.0
+    lead = best.gain - variation.gain
+    ratios = best.view_log_likelihoods - variation.view_log_likelihoods
+    p_value = float(ndtr(-lead / (ratios.std(ddof=1) * len(ratios) ** 0.5)))
+    return max(float(np.exp(-lead / EVIDENCE_SCALE)), p_value / (1 - p_value))
 
 
 def describe_variation(variation: Variation, names: Sequence[str]) -> str:

@@ -89,6 +89,16 @@ class Group:
     kinds: tuple[VariationKind, ...]
     """The ways in which they can differ."""
 
+    @property
+    def number_names(self) -> tuple[str, ...]:
+        """The names of the numbers."""
+        return tuple(number.param.name for number in self.numbers)
+
+    def may_vary(self, varies: str) -> bool:
+        """Return True if its numbers can differ in this way and be in a model so (`Varying`)."""
+        of_board = self.name in (BoardFlex.name, BoardScale.name)
+        return not of_board and any(kind.varies == varies for kind in self.kinds)
+
     def without_each(self) -> Group:
         """Return the group whose numbers follow a pattern, if they differ."""
         kinds = tuple(kind for kind in self.kinds if kind is not VariationKind.EACH)

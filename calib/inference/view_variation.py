@@ -17,7 +17,7 @@ Sources: N. M. Laird, J. H. Ware, Random-effects models for longitudinal data (1
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -96,6 +96,8 @@ class Variation:
     """(V,) what the deviations of all numbers follow; (0,) if every view has its own."""
     penalty: float = 0.0
     """The logarithm of the number of variants tried."""
+    view_log_likelihoods: Array = field(default_factory=lambda: np.zeros(0))
+    """(V,) log likelihood of each view's corners with it, up to a constant; (0,) if not asked."""
 
     @property
     def largest(self) -> float:
@@ -116,11 +118,10 @@ class Variation:
                 return kind.propose(context)
         if name in (BoardScale.name, BoardFlex.name):
             return ()
-        numbers = [number.param.name for number in self.group.numbers]
         # The maps are of the state at the end, which the next picture has, or of the mean.
         ends = {VariationKind.STEP: self.pattern.max(), VariationKind.WARM_UP: self.pattern.min()}
         pattern = self.pattern - ends.get(self.kind, 0.0)
-        return (Varying(name, self.kind.varies, tuple(numbers), tuple(pattern.tolist())),)
+        return (Varying(name, self.kind.varies, self.group.number_names, tuple(pattern.tolist())),)
 
     def penalised(self, penalty: float) -> Variation:
         """Return the best of several variants with the penalty for trying them."""
@@ -154,6 +155,7 @@ def find_variations(
     discrepancy = rows.discrepancy(alone.solution)
     with_discrepancy = VariationEquations.of(rows, discrepancy)
     without = alone.log_evidence + possible_gain(with_discrepancy.log_evidence - alone.log_evidence)
+    has_discrepancy = with_discrepancy.log_evidence > alone.log_evidence
     candidates = []
     variations = zip(
         alone.variations(groups, patterns),
@@ -168,7 +170,12 @@ def find_variations(
             )
         evidence = alone.log_evidence + first.gain
         evidence += possible_gain(evidence_with_discrepancy - evidence)
-        candidates.append(replace(first, gain=evidence - without))
+        likelihoods = (
+            with_discrepancy.view_log_likelihoods(second)
+            if has_discrepancy
+            else alone.view_log_likelihoods(first)
+        )
+        candidates.append(replace(first, gain=evidence - without, view_log_likelihoods=likelihoods))
     candidates = [
         variation
         for variation in candidates
@@ -193,6 +200,16 @@ def largest_log_evidence(fitted: FittedModel, context: EffectContext) -> float:
     """
     equations, gain = _with_largest_gain(fitted, context)
     return equations.log_evidence + max(0.0, gain)
+
+
+def log_evidence_beside_discrepancy(fitted: FittedModel, context: EffectContext) -> float:
+    """Return the log evidence of a model in px, with its noise chosen again, beside the most
+    probable discrepancy. It compares models of the same views and of the same parameters of views.
+    """
+    rows = VariationRows.of(fitted, context)
+    discrepancy = rows.discrepancy(VariationEquations.of(rows).solution)
+    evidence = VariationEquations.of(rows, discrepancy).log_evidence
+    return evidence - sum(len(view) for view in rows.views) * float(np.log(fitted.joint.sigma))
 
 
 def _with_largest_gain(
@@ -433,6 +450,16 @@ class VariationEquations:
         moved = self.products @ self.rows.columns(variation.group)
         score = self._whitened + self._response(moved) @ variation.deviations.ravel()
         return -np.asarray(np.linalg.solve(self._root.T, score))
+
+    def view_log_likelihoods(self, variation: Variation) -> Array:
+        """Return (V,) the log likelihoods of the views' corners with the deviations of a variation,
+        up to a constant, with the noise that these leave.
+        """
+        places = variation.deviations @ self.rows.columns(variation.group).T  # (V, n + 1)
+        places[:, self.rows.shared] += self.solution_with(variation)
+        places[:, -1] = 1.0
+        costs = np.einsum("vi,vij,vj->v", places, self.products, places)
+        return np.asarray(-costs / (2 * costs.sum() / self.freedom))
 
     @property
     def log_evidence(self) -> float:
