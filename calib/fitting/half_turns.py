@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
@@ -36,13 +36,18 @@ from calib.inference.view_variation import (
 )
 from calib.progress import Progress
 
+MAX_ROUNDS = 3
+"""The largest number of renumberings. The first one is by a fit that averages both bends, which may
+take a view for another.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class HalfTurned:
     """The views with the corners of turned boards renumbered, and their fit."""
 
     names: tuple[str, ...]
-    """The views with turned boards, at most half of all."""
+    """The views with turned boards."""
     views: tuple[View, ...]
     fitted: Fitted
 
@@ -59,31 +64,51 @@ class HalfTurned:
         Args:
             fitted: the fit of the views, with the bend of its board.
         """
-        as_they_are = _at_optimum(fitted, views, setup)
-        if not (as_they_are and settings.estimates_bend):
-            return None
-        turned = _most_probable_turns(as_they_are, setup)
-        if not turned.any():
-            return None
-        names = tuple(compress((view.name for view in views), turned))
-        renumbered = tuple(
-            turn_back(view, setup.board, 2) if is_turned else view
-            for view, is_turned in zip(views, turned.tolist(), strict=True)
-        )
-        refitted = fit_stages(
-            setup,
-            Observations.of(renumbered, setup.board),
-            settings,
-            progress,
-            labels=pose_labels(views),
-            purpose=RENUMBERED,
-        )
-        turned_back = _at_optimum(refitted, renumbered, setup)
-        if not turned_back:
-            return None
-        gain = _log_evidence(turned_back, setup) - _log_evidence(as_they_are, setup)
-        is_better = gain > (len(views) - 1) * math.log(2)  # so many ways to turn the boards
-        return HalfTurned(names, renumbered, refitted) if is_better else None
+        found: HalfTurned | None = None
+        for _ in range(MAX_ROUNDS):
+            better = _turned_back(fitted, views, setup, settings, progress)
+            if not better:
+                break
+            names = set(found.names if found else ()) ^ set(better.names)
+            views, fitted = better.views, better.fitted
+            found = replace(better, names=tuple(v.name for v in views if v.name in names))
+        return found
+
+
+def _turned_back(
+    fitted: Fitted,
+    views: Sequence[View],
+    setup: Setup,
+    settings: Settings,
+    progress: Progress,
+) -> HalfTurned | None:
+    """Return what `HalfTurned.find` does, by the linearisation around this fit alone."""
+    as_they_are = _at_optimum(fitted, views, setup)
+    if not (as_they_are and settings.estimates_bend):
+        return None
+    turned = _most_probable_turns(as_they_are, setup)
+    if not turned.any():
+        return None
+    renumbered = tuple(
+        turn_back(view, setup.board, 2) if is_turned else view
+        for view, is_turned in zip(views, turned.tolist(), strict=True)
+    )
+    refitted = fit_stages(
+        setup,
+        Observations.of(renumbered, setup.board),
+        settings,
+        progress,
+        labels=pose_labels(views),
+        purpose=RENUMBERED,
+    )
+    turned_back = _at_optimum(refitted, renumbered, setup)
+    if not turned_back:
+        return None
+    gain = _log_evidence(turned_back, setup) - _log_evidence(as_they_are, setup)
+    if gain < (len(views) - 1) * math.log(2):  # so many ways to turn the boards
+        return None
+    names = tuple(compress((view.name for view in views), turned))
+    return HalfTurned(names, renumbered, refitted)
 
 
 def _at_optimum(fitted: Fitted, views: Sequence[View], setup: Setup) -> FittedModel | None:
