@@ -30,7 +30,7 @@ from calib.effects.varying import Varying
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
-from calib.fitting.differing import EVIDENCE_SCALE, Differing
+from calib.fitting.differing import Differing, evidence_scale
 from calib.inference.cross_validation import held_out_gain
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel, ModelFit
@@ -110,9 +110,9 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
     fits = [state.fit, *(rival.fit for rival in rivals)]
     likeliest = int(np.argmax([fit.joint.log_marginal for fit in fits]))
     observations = state.problem.observations
-    scales = [
-        EVIDENCE_SCALE if member.varies or members[likeliest].varies else 1.0 for member in members
-    ]
+    base = state.evaluations.refit_without(effect).joint
+    scale = evidence_scale(fits[likeliest].joint.log_marginal - base.log_marginal)
+    scales = [scale if m.varies or members[likeliest].varies else 1.0 for m in members]
     odds = np.array(
         [
             _odds(fit, fits[likeliest], observations, scale)

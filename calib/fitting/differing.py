@@ -37,6 +37,10 @@ EVIDENCE_SCALE = 3.0
 is not quite normal, the shared causes are linearised, and a lens does not stay in its plane when it
 focuses (benchmarks/varies.py).
 """
+RELATIVE_SCALE = 0.1
+"""The same as a fraction of the gain of the more probable explanation: derivatives by the numbers
+are those at declared values, which may be off by tolerances, and are known to a tenth.
+"""
 VERBS: Mapping[VariationKind, str] = {
     VariationKind.EACH: "differs in every view",
     VariationKind.DRIFT: "drifts with time",
@@ -144,7 +148,16 @@ def _odds(variation: Variation, best: Variation) -> float:
     lead = best.gain - variation.gain
     ratios = best.view_log_likelihoods - variation.view_log_likelihoods
     p_value = float(ndtr(-lead / (ratios.std(ddof=1) * len(ratios) ** 0.5)))
-    return max(float(np.exp(-lead / EVIDENCE_SCALE)), p_value / (1 - p_value))
+    return max(float(np.exp(-lead / evidence_scale(best.gain))), p_value / (1 - p_value))
+
+
+def evidence_scale(gain: float) -> float:
+    """Return the difference in log evidence that counts as 1 beside what differs from view to view.
+
+    Args:
+        gain: the increase of the log evidence by the more probable explanation.
+    """
+    return max(EVIDENCE_SCALE, RELATIVE_SCALE * gain)
 
 
 def describe_variation(variation: Variation, names: Sequence[str]) -> str:
