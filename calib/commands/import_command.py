@@ -20,6 +20,7 @@ yours in its session.yaml.
 EXAMPLES = (
     "calib import images photos --board 9x6 --square-mm 25 -o cam0",
     "calib import kalibr recording --camera cam1 -o cam1",
+    "calib import rig camchain.yaml -o pair",
 )
 
 
@@ -94,18 +95,65 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 help="size of the pictures, in px",
             )
         add_output(source, "the new session folder", required=True)
+    _add_rig(sources)
+
+
+def _add_rig(sources: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    summary = (
+        "a rig that Kalibr (camchain.yaml), mrcal (a .cameramodel a camera) or OpenCV"
+        " (stereo.yml) calibrated, with its pictures"
+    )
+    rig = sources.add_parser("rig", help=summary, description=f"Import {summary}.")
+    rig.add_argument("path", type=Path, nargs="+", metavar="FILE")
+    rig.add_argument(
+        "--pictures",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="FOLDER",
+        help="the pictures of each camera, in the order of the cameras, where the files do not"
+        " have them",
+    )
+    rig.add_argument(
+        "--board", type=whole_size, metavar="AxB", help="inner corners, columns x rows"
+    )
+    rig.add_argument("--square-mm", type=millimetres, metavar="S", help="side of a square")
+    add_coding(rig)
+    add_output(rig, "the new folder with rig.yaml", required=True)
 
 
 def run(args: argparse.Namespace) -> None:
     from calib.importing.session_draft import check_new, write_session
 
     check_new(args.output)
+    if args.source == "rig":
+        _run_rig(args)
+        return
     draft = _draft(args)
     count = write_session(draft, args.output)
     for notice in draft.notices:
         print(harmless(f"calib: {notice}"), file=sys.stderr)
     kind = "views" if args.source.startswith("mrcal") else "pictures"
     print(harmless(f"{args.output} has {count} {kind}: calibrate it with calib fit {args.output}"))
+
+
+def _run_rig(args: argparse.Namespace) -> None:
+    from calib.rig.import_rig import import_rig
+    from calib.rig.imported_rig import write_rig
+
+    rig = import_rig(args.path, board_from_options(args), args.pictures)
+    count = write_rig(rig, args.output)
+    for name, session in rig.sessions.items():
+        for notice in session.notices:
+            print(harmless(f"calib: {name}: {notice}"), file=sys.stderr)
+    names = ", ".join(rig.sessions)
+    print(
+        harmless(
+            f"{args.output} has the cameras {names} with {count} pictures or views: describe their"
+            f" covers in {args.output}/*/session.yaml, then calibrate with calib rig fit"
+            f" {args.output} -o {args.output}/calibration"
+        )
+    )
 
 
 def _draft(args: argparse.Namespace) -> "SessionDraft":

@@ -92,9 +92,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     export.add_argument(
         "--format",
-        choices=["opencv", "ros", "kalibr"],
+        choices=["opencv", "ros", "kalibr", "colmap", "mrcal", "depthai", "caliscope"],
         required=True,
-        help="opencv: stereo.yml; ros: a camera_info a camera; kalibr: a camchain",
+        help="opencv: stereo.yml; ros: a camera_info a camera; kalibr: a camchain; colmap: a sparse"
+        " model with rigs.txt; mrcal: a .cameramodel a camera; depthai: the calibration of a"
+        " Luxonis board; caliscope: a camera array",
     )
     for action in (fit, evaluate, rectify, depth_action, export):
         action.add_argument("--json", action="store_true", help="print one JSON object")
@@ -140,8 +142,8 @@ def _fit(args: argparse.Namespace) -> None:
         from calib.rig.fit_rig import fit_rig
         from calib.rig.judge import judge_rig
         from calib.rig.report import write_rig_report
-        from calib.rig.rig import RigFiles
         from calib.rig.rig_file import read_rig
+        from calib.rig.rig_storage import RigFiles
 
     start = time.monotonic()
     description = read_rig(args.rig)
@@ -255,7 +257,8 @@ def _export(args: argparse.Namespace) -> None:
         from calib.commands.rig_lines import misfits_json, print_misfits
         from calib.export.export import depth_text
         from calib.io.file_set import FileSet
-        from calib.rig.exports import RIG_FORMATS, CentralRig
+        from calib.rig.central_rig import CentralRig
+        from calib.rig.exports import RIG_FORMATS
         from calib.rig.rig import Rig
 
     rig = Rig.load(args.calibration)

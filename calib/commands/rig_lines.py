@@ -9,11 +9,12 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.errors import harmless
+from calib.rig.central_rig import CentralRig
 from calib.rig.depth import DepthPicture
 from calib.rig.evaluate_rig import RigEvaluation
-from calib.rig.exports import CentralRig
 from calib.rig.rectify import RectifiedPair
-from calib.rig.rig import RejectedView, Rig
+from calib.rig.rig import Rig
+from calib.rig.rig_content import RejectedView
 
 MAX_LISTED = 3
 """The most turned views that a sentence names."""

@@ -17,17 +17,26 @@ def export(request: ExportRequest) -> ExportedFiles:
 
 def cameras_txt(model: CentralModel) -> str:
     """Return the file's text."""
-    cx, cy = model.principal
-    parameters = (*model.focal, cx + 0.5, cy + 0.5, *model.distortion)
     x, y, z = (0.0 - np.array(model.centre)).tolist()
     comment = (
         "# TX TY TZ of a pose of the calibration's camera frame, and cam_from_rig of that frame as"
         f" the rig: add {x!r} {y!r} {z!r}\n"
     )
-    line = " ".join(
-        ["1", model.lens.name, str(model.width), str(model.height), *map(repr, parameters)]
-    )
     return (
         f"{model.commented()}{comment * any(model.centre)}# CAMERA_ID, MODEL, WIDTH, HEIGHT,"
-        f" PARAMS[]\n# Number of cameras: 1\n{line}\n"
+        f" PARAMS[]\n# Number of cameras: 1\n{camera_line(model, 1)}\n"
     )
+
+
+def camera_line(model: CentralModel, number: int) -> str:
+    """Return the line of cameras.txt for the camera with this CAMERA_ID."""
+    parameters = map(repr, camera_parameters(model))
+    return " ".join(
+        [str(number), model.lens.name, str(model.width), str(model.height), *parameters]
+    )
+
+
+def camera_parameters(model: CentralModel) -> list[float]:
+    """Return COLMAP's parameters of the camera, px."""
+    cx, cy = model.principal
+    return [*model.focal, cx + 0.5, cy + 0.5, *model.distortion]

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.importing.from_pictures import read_contents, uniform_pictures, unread_notices
+from calib.importing.from_pictures import PictureContents, uniform_pictures, unread_notices
 from calib.importing.session_draft import SessionDraft
 from calib.io.files import reading
 from calib.io.images import list_images
@@ -86,7 +86,7 @@ def from_kalibr(folder: Path, board: Board | None, camera: str | None) -> Sessio
             f"{chain.file}: {camera_name}.resolution is {list(camera_size)} where its pictures are"
             f" {pictures.size[0]}x{pictures.size[1]} px: give the pictures that Kalibr was given."
         )
-    frames = read_contents(pictures.paths)
+    frames = PictureContents.of(pictures.paths)
     notices = (*unread_notices(paths[0].parent), *pictures.notices)
     return SessionDraft(folder, board, chosen_camera, frames=frames, notices=notices)
 

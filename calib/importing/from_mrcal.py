@@ -50,9 +50,15 @@ def from_corners(
         ) from error
 
 
-def from_cameramodel(path: Path) -> SessionDraft:
-    """Import the observations of the model's own camera."""
-    model = _literal(path)
+def from_cameramodel(path: Path, *, names_of_frames: bool = False) -> SessionDraft:
+    """Import the observations of the model's own camera.
+
+    Args:
+        path: the file.
+        names_of_frames: call each view after its frame of the solve, as all cameras do, and not
+            after its picture.
+    """
+    model = read_cameramodel(path)
     if "optimization_inputs" not in model:
         raise InputError(
             f"{path} holds no optimization inputs, so no corners: give the file as"
@@ -61,7 +67,7 @@ def from_cameramodel(path: Path) -> SessionDraft:
         )
     try:
         arrays = _arrays(model["optimization_inputs"])
-        return _draft(path, model, arrays)
+        return _draft(path, model, arrays, names_of_frames=names_of_frames)
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
             f"{path}: its optimization inputs are damaged ({brief(error)}): write the file again"
@@ -69,7 +75,8 @@ def from_cameramodel(path: Path) -> SessionDraft:
         ) from error
 
 
-def _literal(path: Path) -> dict[str, Any]:
+def read_cameramodel(path: Path) -> dict[str, Any]:
+    """Return the content of a .cameramodel, a Python literal."""
     data = read_file(path, MAX_BYTES)
     try:
         model = ast.literal_eval(data.decode())
@@ -84,7 +91,9 @@ def _arrays(text: bytes) -> dict[str, NDArray[Any]]:
     return decode_npz(base64.b85decode(text))
 
 
-def _draft(path: Path, model: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> SessionDraft:
+def _draft(
+    path: Path, model: dict[str, Any], arrays: dict[str, NDArray[Any]], *, names_of_frames: bool
+) -> SessionDraft:
     camera = model["icam_intrinsics"]
     observations = np.asarray(arrays["observations_board"], np.float64)
     indices = arrays["indices_frame_camintrinsics_camextrinsics"]
@@ -109,7 +118,7 @@ def _draft(path: Path, model: dict[str, Any], arrays: dict[str, NDArray[Any]]) -
         raise NotEnoughDataError(
             f"{path} has no corner of its camera {camera} that counts: calibrate again with mrcal."
         )
-    names = _names(selected, indices[:, 0], arrays.get("imagepaths"))
+    names = _names(selected, indices[:, 0], None if names_of_frames else arrays.get("imagepaths"))
     usable = (observations[selected, ..., 2] > 0).any((1, 2))
     views = tuple(
         _view(names[i], observations[i].reshape(-1, 3), largest_weight)

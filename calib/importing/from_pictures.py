@@ -15,6 +15,24 @@ from calib.session.camera import Camera
 
 
 @dataclass(frozen=True, slots=True)
+class PictureContents:
+    """Names and contents of pictures, one by one, with one picture in memory at a time."""
+
+    paths: tuple[Path, ...]
+    names: tuple[str, ...]
+    """The name of each picture in the session."""
+
+    @staticmethod
+    def of(paths: Sequence[Path]) -> "PictureContents":
+        """Return the contents of pictures under their own names."""
+        return PictureContents(tuple(paths), tuple(path.name for path in paths))
+
+    def __iter__(self) -> Iterator[tuple[str, bytes]]:
+        for name, path in zip(self.names, self.paths, strict=True):
+            yield name, read_file(path)
+
+
+@dataclass(frozen=True, slots=True)
 class UniformPictures:
     """The pictures of the size that most of them have."""
 
@@ -55,7 +73,7 @@ def from_pictures(
         folder,
         board,
         Camera(*pictures.size, model),
-        frames=read_contents(pictures.paths),
+        frames=PictureContents.of(pictures.paths),
         notices=(*unread_notices(folder), *pictures.notices),
     )
 
@@ -108,9 +126,3 @@ def uniform_pictures(folder: Path, paths: Sequence[Path]) -> UniformPictures:
 
 def _name(path: Path, folder: Path) -> str:
     return str(path.relative_to(folder) if path.is_relative_to(folder) else path)
-
-
-def read_contents(paths: Sequence[Path]) -> Iterator[tuple[str, bytes]]:
-    """Yield names and contents, with one picture in memory at a time."""
-    for path in paths:
-        yield path.name, read_file(path)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from calib.corners.detect import eight_bits
 from calib.errors import InputError, brief
-from calib.importing.from_pictures import describe_unread, read_contents, uniform_pictures
+from calib.importing.from_pictures import PictureContents, describe_unread, uniform_pictures
 from calib.importing.from_video import from_video, sharpest_frames
 from calib.io.camera_names import ALL, choose_camera
 from calib.io.exif import camera_settings
@@ -295,7 +295,7 @@ def _output(source: NamedPictures) -> OutputFolder:
 def _contents(pictures: Sequence[Path]) -> Iterator[tuple[str, bytes]]:
     """Yield names and contents. Pictures of several folders get the names of theirs in front."""
     several = len({path.parent for path in pictures}) > 1
-    for path, (name, data) in zip(pictures, read_contents(pictures), strict=True):
+    for path, (name, data) in zip(pictures, PictureContents.of(pictures), strict=True):
         yield f"{path.parent.name}-{name}" if several else name, data
 
 

@@ -82,6 +82,11 @@ def find_cameras(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(sorted(remainders))
 
 
+def without_camera(name: str) -> str:
+    """Return the name of a picture without the camera in it."""
+    return _split(name)[1]
+
+
 def _split(name: str) -> tuple[str, str]:
     """Return the camera in a picture's name, in small letters, and the name without it; "" for a
     name without a camera.

@@ -33,7 +33,8 @@ from calib.rig.mounting_start import nearest_turns, turn_view
 from calib.rig.placements import Indices, Placements
 from calib.rig.poses import compose, invert_poses
 from calib.rig.problem import CameraProblem, RigProblem
-from calib.rig.rig import RejectedView, Rig, RigCalibrationSource
+from calib.rig.rig import Rig, RigCalibrationSource
+from calib.rig.rig_content import RejectedView
 from calib.rig.rig_file import RigDescription, RigSource, read_rig
 from calib.session.board import Board
 from calib.threads import single_thread

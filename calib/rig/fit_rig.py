@@ -32,7 +32,8 @@ from calib.rig.mounting_start import RigStart, start_rig, turn_view
 from calib.rig.placements import Placements
 from calib.rig.poses import compose, invert_poses
 from calib.rig.problem import BaselinePrior
-from calib.rig.rig import RejectedView, Rig, RigRecord
+from calib.rig.rig import Rig
+from calib.rig.rig_content import RejectedView, RigRecord
 from calib.rig.rig_file import RigDescription, RigSource, read_rig
 from calib.rig.scatter import count_placements
 from calib.rig.shared_cover import (

@@ -19,7 +19,8 @@ from scipy.optimize import least_squares
 
 from calib.errors import InputError
 from calib.optics.rotation import matrix
-from calib.rig.rig import Rig, placed_cameras
+from calib.rig.rig import Rig
+from calib.rig.rig_geometry import placed_cameras
 from calib.rig.triangulation import PlacedCamera
 from calib.threads import single_thread
 from calib.undistortion.grids import all_corners_true, cell_index, extrapolate, grid_nodes

@@ -85,8 +85,8 @@ that reaches out of the picture in each of so many, and on the same side of itse
 moved.
 """
 
-FEW_CELLS = 0.6
-"""The smallest fraction of the image's cells with corners: fewer leave more than a third of the
+FEW_CELLS = 0.5
+"""The smallest fraction of the image's cells with corners: fewer leave more than half of the
 picture to extrapolation.
 """
 ONE_DEPTH = 1.5

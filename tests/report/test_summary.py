@@ -13,6 +13,7 @@ from calib.report.patterns import over_board, over_image
 from calib.report.summary import summarise
 from calib.session.board import Board
 from calib.verdict.residual import NOT_ALL_NOISE
+from calib.verdict.thresholds import FEW_CELLS
 from calib.verdict.verdict import Reason, Trust, Verdict
 from fixtures.calibrated import with_outcome
 from fixtures.synthetic import scene
@@ -92,7 +93,7 @@ def test_what_is_missing_is_asked_for(tmp_path: Path) -> None:
     care = str(summarise(evidence).verdict).lower()
     assert "of the image has corners" in care
     assert "nearer and farther views" in care
-    assert evidence.covered < 0.6
+    assert evidence.covered < FEW_CELLS
 
 
 def test_coverage_counts_every_corner(reported: Reported) -> None:

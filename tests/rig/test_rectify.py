@@ -1,59 +1,26 @@
-"""Rectified pairs, depth pictures and exports, on a small pair behind windows in water."""
+"""Rectified pairs and depth pictures, on a small pair behind windows in water."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import torch
-import yaml
 from numpy.typing import NDArray
 
 from calib.cli import main
 from calib.errors import InputError
-from calib.export.central import best_central
-from calib.export.formats import ExportLens
 from calib.rig import rectify as module
 from calib.rig.depth import depth_picture
-from calib.rig.exports import CentralRig, kalibr_files, opencv_files, ros_files
 from calib.rig.rectify import RectifiedPair, rectify
-from calib.rig.rig import Rig, placed_cameras
-from calib.session.camera import Camera, Intrinsics
-from calib.session.schema import Number
+from calib.rig.rig import Rig
+from calib.rig.rig_geometry import placed_cameras
+from tests.rig.conftest import DEPTH, HEIGHT, WIDTH
 
 Array = NDArray[np.float64]
-WIDTH, HEIGHT = 410, 308
-SCALE = 8
-DEPTH = 0.7
 PLANE = np.array([0.25, 0.1, 1.0])
 """A wall, PLANE . x = DEPTH, which is not parallel to the pictures."""
-
-
-@pytest.fixture(scope="module")
-def small(fitted: Rig) -> Rig:
-    """The same pair with small pictures, and without the views of its fit."""
-    calibrations = {}
-    for name, calibration in fitted.calibrations.items():
-        k = calibration.camera.intrinsics
-        assert k
-        numbers = (
-            k.fx.value / SCALE,
-            k.fy.value / SCALE,
-            (k.cx.value + 0.5) / SCALE - 0.5,
-            (k.cy.value + 0.5) / SCALE - 0.5,
-        )
-        fx, fy, cx, cy = map(Number, numbers)
-        calibrations[name] = replace(
-            calibration,
-            camera=Camera(WIDTH, HEIGHT, intrinsics=Intrinsics(fx, fy, cx, cy)),
-            views=(),
-            poses=np.zeros((0, 6)),
-            covariance=np.zeros((0, 0)),
-            corners_at=np.array([[WIDTH / 2, HEIGHT / 2, DEPTH]]),
-        )
-    return replace(fitted, calibrations=calibrations, covariance=np.zeros((0, 0)))
 
 
 @pytest.fixture(scope="module")
@@ -144,40 +111,6 @@ def test_a_picture_of_another_size_is_refused(small: Rig, rectified: RectifiedPa
         depth_picture(small, rectified, (wrong, wrong), (0.5, 1.0))
     with pytest.raises(InputError, match="two different cameras"):
         rectify(small, ("left", "left"), DEPTH)
-
-
-def test_exports_say_where_the_cameras_are(small: Rig) -> None:
-    """A point that OpenCV projects by the file's numbers is where the rig sees it at the depth."""
-    lenses = (ExportLens("opencv", 5), ExportLens("opencv", 8))
-    central = CentralRig.of(small, small.names, DEPTH, lenses)
-    (text,) = opencv_files(central, "0.7").values()
-    file = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-    matrices = {key: file.getNode(key).mat() for key in ("M1", "D1", "M2", "D2", "R", "T", "P2")}
-    model = best_central(small.calibrations["left"], DEPTH, lenses)
-    place = np.array([[0.05, 0.02, DEPTH], [-0.04, 0.06, DEPTH]])
-    from_first = place - np.array(model.centre)
-    first = cv2.projectPoints(from_first, np.zeros(3), np.zeros(3), matrices["M1"], matrices["D1"])
-    turn = cv2.Rodrigues(matrices["R"])[0]
-    second = cv2.projectPoints(from_first, turn, matrices["T"], matrices["M2"], matrices["D2"])
-    visible = small.project(place)
-    assert np.abs(first[0].reshape(-1, 2) - visible["left"]).max() < 0.1
-    assert np.abs(second[0].reshape(-1, 2) - visible["right"]).max() < 0.1
-    assert "Misfit over the image" in text
-    texts = ros_files(central, "0.7")
-    assert list(texts) == ["left_0.7m.yaml", "right_0.7m.yaml"]
-    info = yaml.safe_load(texts["right_0.7m.yaml"])
-    projection = np.array(info["projection_matrix"]["data"]).reshape(3, 4)
-    assert projection == pytest.approx(matrices["P2"])
-    assert projection[0, 3] / projection[0, 0] == pytest.approx(
-        -np.linalg.norm(matrices["T"]), rel=1e-9
-    )
-    radtan = (ExportLens("radtan", 4),)
-    chain = yaml.safe_load(
-        kalibr_files(CentralRig.of(small, small.names, DEPTH, radtan), "0.7")["camchain_0.7m.yaml"]
-    )
-    assert chain["cam1"]["cam_overlaps"] == [0]
-    shift = np.array(chain["cam1"]["T_cn_cnm1"])[:3, 3]
-    assert np.linalg.norm(shift) == pytest.approx(small.baselines[0].metres, rel=0.02)
 
 
 def test_the_commands_write_their_files(

@@ -21,7 +21,9 @@ from calib.rig.fit_rig import fit_rig
 from calib.rig.gauge import gauge_motion, mounting_motion
 from calib.rig.judge import judge_rig
 from calib.rig.poses import pose_matrix
-from calib.rig.rig import Rig, placed_cameras
+from calib.rig.rig import Rig
+from calib.rig.rig_geometry import placed_cameras
+from calib.rig.rig_storage import rig_arrays
 from calib.rig.triangulation import triangulate_points
 from calib.session.session import read_session
 from fixtures.rigs import SimulatedRig, simulate_rig
@@ -198,7 +200,7 @@ def test_a_saved_rig_measures_the_same(fitted: Rig, pair: SimulatedRig, tmp_path
     assert [b.sigma for b in loaded.baselines] == pytest.approx([b.sigma for b in fitted.baselines])
     fitted.save(tmp_path / "out")
     changed_rig = replace(fitted, placements=fitted.placements + 1e-3)
-    (tmp_path / "out" / "rig_calibration.npz").write_bytes(bytes(changed_rig.arrays()))
+    (tmp_path / "out" / "rig_calibration.npz").write_bytes(bytes(rig_arrays(changed_rig)))
     with pytest.raises(InputError, match="do not belong together"):
         Rig.load(path)
 

@@ -311,7 +311,7 @@ async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
             " apart: find what the model lacks first."
         ),
         *[
-            "Only 57 % of the image has corners: take views with the board where the picture is"
+            "Only 47 % of the image has corners: take views with the board where the picture is"
             " empty."
         ]
         * 2,

@@ -1,0 +1,134 @@
+"""The numbers of a calibrated rig: its cameras, where they are mounted, their joint covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.calibration import Calibration
+from calib.errors import InputError, brief, harmless
+from calib.rig.placements import Indices
+from calib.version import VERSION
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class RejectedView:
+    """A picture of one camera that the rig's fit does not use, and the reason."""
+
+    camera: str
+    file: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class RigRecord:
+    """The record of a rig's fit."""
+
+    source: str = ""
+    """The path of the rig.yaml."""
+    outcome: str = ""
+    """A sentence of `calib.estimation.levenberg_marquardt.Outcome`."""
+    iterations: int = 0
+    """The number of linearisations."""
+    scatter: float = 1.0
+    """The scatter of the placements about the fit, over that of independent corners; the covariance
+    is of placements that scatter so.
+    """
+    turned: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """For each camera, the views whose corners were renumbered, because the board looks turned
+    there.
+    """
+    rejected: tuple[RejectedView, ...] = ()
+    alone_px: Mapping[str, float] = field(default_factory=dict)
+    """For each camera, the error of its views in the fit of this camera alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """The pose of a camera in the rig."""
+
+    T_camera_reference: Array
+    """(4, 4)"""
+    sigma: Array
+    """(6,) standard deviations of a small rotation (rad) and translation (m) of the camera frame.
+    The frames are those of the pinholes, whose directions the views determine less well than those
+    of the rays.
+    """
+    ray_sigma: Array
+    """(6,) the same for the rays of this camera against those of the reference, without the motion
+    of either camera's rays against its own pinhole.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """The distance between the pinholes of two cameras."""
+
+    first: str
+    second: str
+    metres: float
+    sigma: float
+    """m"""
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the entry of rig_calibration.yaml and of `--json`."""
+        metres = {"value": self.metres, "sigma": self.sigma}
+        return {"from": self.first, "to": self.second, "metres": metres}
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RigContent:
+    """Several calibrated cameras behind covers, and where they are mounted."""
+
+    calibrations: Mapping[str, Calibration]
+    """The calibration of each camera, in the order of rig.yaml. Their poses are those of the
+    placements.
+    """
+    reference: str
+    """The camera whose frame is that of the rig."""
+    mountings: Array
+    """(C, 6) T_camera_reference: rotation vectors (rad) and translations (m); zero for the
+    reference.
+    """
+    covariance: Array
+    """(S, S) covariance of the vector of `RigLayout`: all cameras' parameters and mountings,
+    placements marginalised; (0, 0) if it could not be estimated.
+    """
+    placements: Array
+    """(P, 6) T_reference_board."""
+    placement_names: tuple[str, ...]
+    """P names, each that of its first picture."""
+    of_views: Mapping[str, Indices]
+    """For each camera, the (V,) placement of each view of its calibration."""
+    covers: Mapping[str, str] = field(default_factory=dict)
+    """The first camera behind the same cover, by the name of each further camera behind it."""
+    record: RigRecord = field(default_factory=RigRecord)
+    refracal: str = VERSION
+    """The version of Refracal that made it."""
+
+    def __repr__(self) -> str:
+        cameras = ", ".join(self.calibrations)
+        return harmless(f"<Rig: {cameras}; {len(self.placements)} placements of the board>")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the cameras."""
+        return tuple(self.calibrations)
+
+    def index(self, name: str) -> int:
+        """Return the place of a camera among the names.
+
+        Raises:
+            InputError: the rig has no camera of this name.
+        """
+        if name not in self.calibrations:
+            raise InputError(
+                f"The rig has no camera {brief(repr(name))}: its cameras are"
+                f" {', '.join(self.calibrations)}."
+            )
+        return self.names.index(name)
