@@ -104,7 +104,8 @@ def _turned_back(
     turned_back = _at_optimum(refitted, renumbered, setup)
     if not turned_back:
         return None
-    gain = _log_evidence(turned_back, setup) - _log_evidence(as_they_are, setup)
+    gain = _log_evidence(refitted, turned_back, setup)
+    gain -= _log_evidence(fitted, as_they_are, setup)
     if gain < (len(views) - 1) * math.log(2):  # so many ways to turn the boards
         return None
     names = tuple(compress((view.name for view in views), turned))
@@ -137,7 +138,12 @@ def _most_probable_turns(fitted: FittedModel, setup: Setup) -> NDArray[np.bool_]
     return ~turned if 2 * np.count_nonzero(turned) > len(turned) else turned
 
 
-def _log_evidence(fitted: FittedModel, setup: Setup) -> float:
-    """Return the log evidence beside what most probably differs from view to view."""
-    context = effect_context(fitted, setup.board, setup.camera, locate=False)
-    return fitted.joint.log_marginal + max(0.0, largest_gain(fitted, context))
+def _log_evidence(fitted: Fitted, optimum: FittedModel, setup: Setup) -> float:
+    """Return the log evidence beside what most probably differs from view to view.
+
+    Args:
+        optimum: the same fit with its observations.
+    """
+    assert fitted.joint
+    context = effect_context(optimum, setup.board, setup.camera, locate=False)
+    return fitted.joint.log_marginal + max(0.0, largest_gain(optimum, context))
