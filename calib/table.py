@@ -68,6 +68,14 @@ def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
     return f"  {'  '.join(padded)}".rstrip()
 
 
+def change(value: float, reference: float) -> str:
+    """Return by how much a value is above or below its reference, in whole percent with a sign, as
+    text: `0 %`, never `-0 %`.
+    """
+    percent = round(100 * (value / reference - 1))
+    return f"{percent:+d} %" if percent else "0 %"
+
+
 def html_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table of HTML cells. On a narrow screen, each cell is a line with its label."""
     first = "".join(f"<th>{escape(cell)}</th>" for cell in head)

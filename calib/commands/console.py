@@ -26,6 +26,7 @@ from calib.fitting.guided_redetection import describe_redetection
 from calib.fitting.view_noise import describe_noisy_views
 from calib.progress import Advance
 from calib.session.lens import NAMES
+from calib.table import change
 
 
 class Bars:
@@ -73,8 +74,8 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
     for column in table.columns[1:]:
         column.justify = "right"
     for stage in calibration.stages:
-        change = f"{100 * (stage.rms_px / first.rms_px - 1):+.0f} %" if stage is not first else ""
-        table.add_row(stage.title, f"{stage.rms_px:.3f} px", f"{stage.rmse_cm:.4f} cm", change)
+        fall = "" if stage is first else change(stage.rms_px, first.rms_px)
+        table.add_row(stage.title, f"{stage.rms_px:.3f} px", f"{stage.rmse_cm:.4f} cm", fall)
     console.print(table)
     print_description(console, calibration)
     corners = sum(view.count for view in calibration.views)

@@ -114,6 +114,31 @@ def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
     return section
 
 
+def describe_usual(args: argparse.Namespace) -> str:
+    """Return a sentence on the numbers of the cover that nobody gave and that have a usual value,
+    which `cover_from_options` takes; empty if there are none.
+    """
+    shape = find_shape(args.cover or "none")
+    assumed = [
+        kind
+        for kind in shape.keys
+        if kind.usual and getattr(args, f"{PREFIX}{_option(kind).replace('-', '_')}") is None
+    ]
+    if not assumed:
+        return ""
+    numbers = [
+        f"{kind.words} is taken as {kind.usual}"
+        + (f" ± {kind.tolerance.sigma:g}" if kind.tolerance else "")
+        for kind in assumed
+    ]
+    options = [f"--{_option(kind)}" for kind in assumed]
+    return (
+        f"no {', '.join(options)}: {'; '.join(numbers)}. If you know better, add"
+        f" {options[0]} 1.49, with its uncertainty as {options[0]} 1.49+-0.01, or"
+        f" {options[0]} unknown."
+    )
+
+
 def intrinsics_from_options(args: argparse.Namespace) -> dict[str, object] | None:
     """Return the section `camera.intrinsics`; None if no option states it."""
     from calib.session.camera import PINHOLE  # it imports numpy

@@ -14,6 +14,7 @@ from calib.commands.cover_options import (
     add_cover,
     add_intrinsics,
     cover_from_options,
+    describe_usual,
     intrinsics_from_options,
 )
 from calib.errors import InputError, harmless
@@ -90,6 +91,8 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     board = find(args, source, progress)
     if not cover:
         print(NO_COVER, file=sys.stderr)
+    if assumed := describe_usual(args):
+        print(f"calib: {assumed}", file=sys.stderr)
     cover = cover or {"shape": "none"}
     for notice in describe_pictures(source, board, cover, intrinsics, progress):
         print(harmless(f"calib: {notice}"), file=sys.stderr)

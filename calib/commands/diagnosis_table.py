@@ -13,6 +13,8 @@ from calib.errors import harmless
 
 LONGEST_TITLE = 20
 """The longest title in the line of its numbers."""
+HELD_OUT = "Held out: without → with the effect; surer corners weigh more than above."
+"""The difference between the held-out errors of the candidates and those of the first table."""
 
 
 def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
@@ -87,6 +89,7 @@ def _candidate_lines(finding: Diagnosis) -> Iterator[str]:
     for outcome, group in groups.items():
         yield f"{outcome}:"
         yield from map(_line, group)
+    yield HELD_OUT
 
 
 def _line(candidate: Candidate) -> str:

@@ -117,9 +117,7 @@ def run(args: argparse.Namespace) -> None:
                     print_fit(calibration, seconds)
                 if finding and not args.quiet:
                     print_diagnosis(finding, calibration)
-                # a session of corners has no pictures to undistort
-                further = verdict.further if session.frames else verdict.further[:-1]
-                print_verdict(verdict, written, further)
+                print_verdict(verdict, written, verdict.further)
 
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:

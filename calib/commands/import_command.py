@@ -19,7 +19,6 @@ yours in its session.yaml.
 """
 EXAMPLES = (
     "calib import images photos --board 9x6 --square-mm 25 -o cam0",
-    "calib import kalibr recording --camera cam1 -o cam1",
     "calib import rig camchain.yaml -o pair",
 )
 

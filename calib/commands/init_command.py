@@ -1,11 +1,12 @@
 """The command `calib init`."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from calib.commands.arguments import add_overwrite, whole_size
 from calib.commands.board_options import board_from_options
-from calib.commands.cover_options import cover_from_options, intrinsics_from_options
+from calib.commands.cover_options import cover_from_options, describe_usual, intrinsics_from_options
 from calib.commands.described_session import add_description
 from calib.errors import InputError
 
@@ -64,6 +65,8 @@ def run(args: argparse.Namespace) -> None:
         camera["intrinsics"] = intrinsics
     cover = cover_from_options(args) or {"shape": "none"}
     session_from_mapping({"board": described, "camera": camera, "cover": cover}, "The command line")
+    if assumed := describe_usual(args):
+        print(f"calib: {assumed}", file=sys.stderr)
     text = commented_session(described, camera, cover)
     with FileSet(folder, overwrite=args.overwrite, inputs=pictures) as files:
         written = files.write("session.yaml", text)

@@ -47,9 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="pictures, videos, folders of them, or one bag",
     )
-    how_far = parser.add_mutually_exclusive_group(required=True)
+    how_far = parser.add_mutually_exclusive_group()
     how_far.add_argument(
-        "--depth", type=depth, metavar="M", help="how far away the scene is, in metres"
+        "--depth",
+        type=depth,
+        metavar="M",
+        help="how far away the scene is, in metres; this or --depth-image is needed",
     )
     how_far.add_argument(
         "--depth-image",
@@ -97,6 +100,11 @@ def run(args: argparse.Namespace) -> None:
         from calib.errors import InputError, NotEnoughDataError
         from calib.io.bag import is_bag
 
+    if args.depth is None and args.depth_image is None:
+        raise InputError(
+            "How far away is the scene? Write --depth 0.8 for one distance in metres, or"
+            " --depth-image FILE for a distance of each pixel."
+        )
     bags = [path for path in args.images if is_bag(path)]
     if args.topic and not bags:
         raise InputError("--topic is for a bag of ROS: leave it out, or give a bag.")

@@ -10,13 +10,14 @@ from calib.plots.style import (
     FAINT,
     INK,
     SERIES,
+    VIEW_ERRORS,
     draw_figure,
     image_axes,
     panel_size,
     side_by_side,
 )
 from calib.report.board_errors import error_panels
-from calib.report.corners import hues
+from calib.report.corners import relative_errors
 from calib.report.evidence import Evidence
 from calib.report.residual_maps import (
     Arrows,
@@ -124,7 +125,7 @@ def histogram(axes: Axes, evidence: Evidence) -> None:
 
 def board_error_figure(evidence: Evidence) -> Figure:
     panels = error_panels(evidence)
-    colours = hues(len(evidence.calibration.views))[evidence.view]
+    colours = VIEW_ERRORS(relative_errors(evidence)[evidence.view])
 
     def paint(figure: Figure) -> None:
         for axes, panel in zip(

@@ -30,6 +30,8 @@ TWO_SIDED = LinearSegmentedColormap.from_list(
 )
 ERRORS = LinearSegmentedColormap.from_list("errors", ["#2f8fdd", "#f0b838", "#d63030"])
 """The colours of boards, from a small error to a large one."""
+VIEW_ERRORS = LinearSegmentedColormap.from_list("views", ["#a9cdf0", "#0b3f75"])
+"""The colours of views, from a small error to a large one."""
 TOP, BOTTOM = 0.34, 0.48
 """Inches: the margins above and below the panels of a figure."""
 WIDTH = 10.0

@@ -1,11 +1,9 @@
 """The section of a report with the commands and inputs that reproduce its calibration."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
-
-import yaml
 
 from calib.fit_record.history import History
 from calib.fit_record.record_file import provenance_to_yaml
@@ -25,16 +23,16 @@ def again_html(evidence: Evidence, folder: Path) -> str:
         "gauge": calibration.gauge,
         "calibration_sha256": calibration.digest,
     }
-    outcome = yaml.safe_dump(
-        {
-            key: value
-            for key, value in calibration.record().items()
-            if key not in ("made_by", "asked", "diagnosed", "diagnosis")
-        },
-        sort_keys=False,
-        allow_unicode=True,
-        width=100,
-    )
+    outcome = [
+        (escape(key), f"<code>{escape(value)}</code>")
+        for key, value in flat_rows(
+            {
+                key: value
+                for key, value in calibration.record().items()
+                if key not in ("made_by", "asked", "diagnosed", "diagnosis")
+            }
+        )
+    ]
     lines = "\n".join(map(pasted, commands(calibration.request, calibration.history, folder)))
     return (
         f"<pre>{escape(lines)}</pre>"
@@ -46,8 +44,26 @@ def again_html(evidence: Evidence, folder: Path) -> str:
         " fit can be repeated from them alone. session_sha256 is the SHA-256 of the text that"
         " <code>sha256sum</code> prints for the session files that the fit read;"
         " calibration_sha256 is the SHA-256 of calibration.npz.</p>"
-        + f"<details><summary>Settings and outcome</summary><pre>{escape(outcome)}</pre></details>"
+        + "<details><summary>Settings and outcome, as calibration.yaml has them</summary>"
+        + html_table(("", ""), outcome)
+        + "</details>"
     )
+
+
+def flat_rows(value: object, name: str = "") -> Iterator[tuple[str, str]]:
+    """Yield a row for each leaf of nested mappings and lists: its path, such as stages 1 rms_px,
+    and its value. A list of plain values is one row.
+    """
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            yield from flat_rows(part, f"{name} {key}".strip())
+    elif isinstance(value, Sequence) and any(isinstance(part, Mapping) for part in value):
+        for number, part in enumerate(value, start=1):
+            yield from flat_rows(part, f"{name} {number}")
+    elif isinstance(value, Sequence) and not isinstance(value, str):
+        yield name, ", ".join(map(str, value)) or "none"
+    else:
+        yield name, str(value)
 
 
 def commands(request: FitRequest, history: History, folder: Path) -> list[list[str]]:

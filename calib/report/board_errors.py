@@ -54,9 +54,10 @@ def board_errors(evidence: Evidence) -> Drawing:
         "board-errors",
         "Corner errors on the board",
         "For each detected corner, the point where its ray meets the board minus the true corner,"
-        " in board coordinates. Each view has a colour, shown beside its name below. Noise alone"
-        " gives a small round cloud around zero; a view whose dots lie to one side has an error of"
-        " its own. One dot in two hundred may lie outside the panel." + _thinned(evidence),
+        " in board coordinates. The stronger the colour, the larger the error of the view. Point at"
+        " a dot, and all dots of its view turn orange: if they lie to one side, the view has an"
+        " error of its own. Noise alone gives a small round cloud around zero. One dot in two"
+        " hundred may lie outside the panel." + _thinned(evidence),
         {
             "errors": [panel.errors[rows] for panel in panels[:2]],
             "panels": [

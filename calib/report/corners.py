@@ -8,8 +8,6 @@ from calib.report.payload import Data
 
 MAX_CORNERS = 4000
 """Corners that the figures show. Of more, they show every second, third ... one."""
-SATURATION, VALUE = 0.72, 0.86
-"""Saturation and value of the views' colours, which are visible on light and on dark."""
 
 
 def shown_corners(evidence: Evidence) -> NDArray[np.int64]:
@@ -38,19 +36,17 @@ def corners_data(evidence: Evidence) -> Data:
 
 
 def views_data(evidence: Evidence) -> Data:
-    """Return the names, errors and colours of the views, and their boards' poses."""
+    """Return the names and errors of the views, and their boards' poses."""
     calibration = evidence.calibration
-    colours = (255 * hues(len(calibration.views))).astype(np.int64)
     return {
         "name": [view.name for view in calibration.views],
         "error": evidence.rms_by_view,
-        "colour": [f"rgb({red},{green},{blue})" for red, green, blue in colours.tolist()],
         "pose": calibration.poses[:, :6],
     }
 
 
-def hues(count: int) -> Array:
-    """Return (count, 3) colours around the wheel, 0 to 1."""
-    sector = 6 * np.linspace(0, 1, count, endpoint=False)[:, None]
-    red_green_blue = np.abs((sector + np.array([0, 4, 2])) % 6 - 3) - 1
-    return np.asarray(VALUE * (1 - SATURATION * (1 - red_green_blue.clip(0, 1))))
+def relative_errors(evidence: Evidence) -> Array:
+    """Return (V,) the error of each view, from 0 for the smallest to 1 for the largest."""
+    errors = evidence.rms_by_view
+    span = float(np.ptp(errors)) or 1.0
+    return np.asarray((errors - errors.min()) / span)

@@ -1,4 +1,6 @@
-"""Figure: the distortion over the image, with contours (the paper's Fig. 7)."""
+"""Figure: the distortion over the image, with contours (the paper's Fig. 7), and its change
+between two depths.
+"""
 
 import numpy as np
 
@@ -13,10 +15,17 @@ MAX_LEVELS = 4
 
 
 def shown_depths(evidence: Evidence) -> list[float]:
-    """Return the depths in m at which the figure begins: the nearest and the farthest one."""
+    """Return the depths in m at which the figure begins: the nearest and the farthest one. Of a
+    single depth, the second is that end of the corners' range at which the distortion differs more.
+    """
     if evidence.path.central:
         return [1.0]
-    return list(dict.fromkeys((evidence.depths[0], evidence.depths[-1])))
+    first, last = evidence.depths[0], evidence.depths[-1]
+    if first < last:
+        return [first, last]
+    ends = [float(f"{depth:.2g}") for depth in evidence.reach]
+    other = max(ends, key=lambda depth: abs(1 / depth - 1 / first))
+    return sorted({first, other})
 
 
 def contour_levels(largest: float) -> list[float]:
@@ -31,7 +40,8 @@ def distortion_caption(evidence: Evidence) -> str:
         " equal length; arrows show the direction, scaled so that the longest has the same size in"
         " every panel."
         + (
-            " The panels differ because the cover shifts rays as well as bending them."
+            " The panels differ because the cover shifts rays as well as bending them. The last"
+            " panel is their difference: the error of one map, used at the depth of the other."
             if len(depths) == 2
             else ""
         )

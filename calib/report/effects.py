@@ -9,7 +9,7 @@ from html import escape
 from calib.calibration import Calibration
 from calib.diagnosis.effect_description import describe_estimates
 from calib.report.tables import bar
-from calib.table import html_table
+from calib.table import change, html_table
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ def effects_html(rows: Sequence[EffectRow]) -> str:
             f"<b>{escape(row.effect)}</b>",
             f"{bar(row.before_px, largest)} {row.before_px:.3f} px",
             f"{bar(row.after_px, largest)} {row.after_px:.3f} px",
-            f"{100 * (row.after_px / row.before_px - 1):+.0f} %",
+            change(row.after_px, row.before_px),
             escape(row.parameters),
         )
         for row in rows

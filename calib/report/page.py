@@ -8,6 +8,7 @@ from importlib.resources import files
 
 from calib.report.scripts import Scripts
 from calib.report.summary import Summary
+from calib.report.tiles import tiles_html
 
 NOTHING_FROM_OUTSIDE = (
     "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src"
@@ -44,6 +45,7 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection], script
     listed = f"<ul>{reasons}</ul>" if reasons else ""
     header = f"""<p class="over">Refracal calibration report</p>
 <h1>{escape(verdict.word.sentence.removesuffix("."))}</h1>
+{tiles_html(summary.tiles)}
 <p class="lead">{lead}</p>
 {listed}
 <p>Next (. is the folder of this report): <code>{escape(verdict.next)}</code></p>

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.fitting.corner_range import CELLS
 from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing
@@ -12,6 +13,8 @@ from calib.report.payload import Data
 
 BANDS = 10
 """The number of depth bands, which hold equally many corners."""
+VIEWS_PER_BAND = 3
+"""Views of a band of which the noise is estimated: of fewer it varies too much to show a trend."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +86,24 @@ def depth_bands(evidence: Evidence) -> DepthBands:
     )
 
 
+def noise_by_distance(evidence: Evidence) -> tuple[Array, Array]:
+    """Return the mean distances (B,) m of groups of views, near to far, and the corners' noise in
+    them, (B,) px; groups with too few corners for an estimate are left out.
+    """
+    calibration = evidence.calibration
+    views = len(calibration.views)
+    counts = np.maximum(np.bincount(evidence.view, minlength=views), 1)
+    distance = np.bincount(evidence.view, evidence.distance, views) / counts
+    grid = on_board_grid(evidence.residuals.image, calibration.views)
+    bands = max(1, min(BANDS, views // VIEWS_PER_BAND))
+    noise = [
+        (float(distance[band].mean()), short_scale_noise(grid[band], calibration.board))
+        for band in np.array_split(np.argsort(distance), bands)
+    ]
+    estimates = [(middle, px) for middle, px in noise if px is not None]
+    return np.array([middle for middle, _ in estimates]), np.array([px for _, px in estimates])
+
+
 def highest_length(evidence: Evidence) -> float:
     """Return a length in px for the top of axes that show the errors' lengths."""
     lengths = np.linalg.norm(evidence.errors, axis=-1)
@@ -94,6 +115,7 @@ def residual_maps(evidence: Evidence) -> Drawing:
     on_board = arrows_over_board(evidence)
     bands = depth_bands(evidence)
     noise = evidence.calibration.noise_px
+    middle, noise_there = noise_by_distance(evidence)
     shape = (
         ""
         if noise is None
@@ -108,7 +130,8 @@ def residual_maps(evidence: Evidence) -> Drawing:
         f" {in_image.means.summary};"
         f" over the board {on_board.means.summary}. A pattern over the image points to lens or"
         " glass, one over the board to a board that is not flat or not to scale. The distribution"
-        f" is that of the x and y of all errors.{shape}",
+        f" is that of the x and y of all errors.{shape} The noise by {evidence.distance_name} is"
+        " that of groups of views: where the error exceeds it, the model lacks something.",
         {
             "image": in_image.data(),
             "board": on_board.data(),
@@ -120,6 +143,7 @@ def residual_maps(evidence: Evidence) -> Drawing:
                 "high": bands.high,
             },
             "noise": noise,
+            "noiseBands": {"middle": middle, "noise": noise_there},
             "highest": highest_length(evidence),
         },
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calib.fitting.declared import comparisons
 from calib.optics.exposure import MIDDLE
+from calib.optics.params import Values
 from calib.optics.vector import Vector
 from calib.report.chart import border_pixels
 from calib.report.evidence import Array, Evidence
@@ -78,9 +79,9 @@ def side_view(evidence: Evidence) -> Drawing | None:
     """Return None without a cover, or if the target has no middle row and column."""
     if not (evidence.path.cover and evidence.calibration.board.has_grid):
         return None
+    values = cover_values(evidence)
     origins = [
-        interface.frame.at(evidence.values).shift.stacked().tolist()
-        for interface in evidence.path.cover
+        interface.frame.at(values).shift.stacked().tolist() for interface in evidence.path.cover
     ]
     return Drawing(
         "side-view",
@@ -99,6 +100,14 @@ def side_view(evidence: Evidence) -> Drawing | None:
             ],
         },
     )
+
+
+def cover_values(evidence: Evidence) -> Values:
+    """Return the values with the numbers of the cover, which for a window that only the diagnosis
+    knows are those of its effect.
+    """
+    pixel = torch.from_numpy(evidence.pixels[:1])
+    return evidence.path.adjust_pixels(pixel, evidence.values, MIDDLE)[1]
 
 
 def _error_range(evidence: Evidence) -> tuple[float, float]:
@@ -183,15 +192,16 @@ def _surface_points(evidence: Evidence, azimuth: Array, elevation: Array) -> lis
         -1,
     )
     meshes = []
+    values = cover_values(evidence)
     zero = torch.zeros((), dtype=torch.float64)
     for interface in evidence.path.cover:
-        frame = interface.frame.at(evidence.values)
-        height = sum((evidence.values[name] for name in interface.thicknesses), zero)
+        frame = interface.frame.at(values)
+        height = sum((values[name] for name in interface.thicknesses), zero)
         distance, missed = interface.surface.reach(
             frame.enter(Vector(zero, zero, zero)),
             frame.turn(Vector.of(torch.from_numpy(directions))),
             height,
-            evidence.values,
+            values,
         )
         distance = torch.where(missed | (distance <= 0), torch.nan, distance)
         meshes.append(distance.numpy()[..., None] * directions)

@@ -1,4 +1,4 @@
-"""The head of a report: the verdict, and a sentence each on camera, error and coverage."""
+"""The head of a report: the verdict, tiles, and a sentence each on camera, error and coverage."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from calib.apply.angular_reach import undistortion_limit
 from calib.fitting.description import describe_bend
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
+from calib.report.tiles import Tile, report_tiles
 from calib.session.cover import Cover
 from calib.session.parameter_names import INDEX, THICKNESS, layer_number
 from calib.verdict.judge import judge
@@ -29,6 +30,7 @@ no path of its author's disk.
 class Summary:
     sentences: tuple[str, ...]
     verdict: Verdict
+    tiles: tuple[Tile, ...]
 
 
 def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
@@ -39,7 +41,7 @@ def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
     coverage = " ".join(filter(None, [_coverage(evidence), limit]))
     bend = describe_bend(evidence.calibration)
     sentences = (_subject(evidence), bend, _fit(evidence, verdict), coverage)
-    return Summary(tuple(filter(None, sentences)), verdict)
+    return Summary(tuple(filter(None, sentences)), verdict, report_tiles(evidence))
 
 
 def _subject(evidence: Evidence) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calib.report.corners import hues, shown_corners
+from calib.report.corners import relative_errors, shown_corners
 from calib.report.evidence import Evidence
 from calib.report.pictures import data_url, picture_of, read_small
 
@@ -84,7 +84,7 @@ def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) 
             min(1.0, abs(float(cv2.Rodrigues(evidence.calibration.poses[view, :3])[0][2, 2])))
         )
     )
-    red, green, blue = (255 * hues(len(evidence.calibration.views))[view]).astype(int).tolist()
+    part = 100 * relative_errors(evidence)[view]
     lines = "".join(_lines(evidence, view, magnified))
     image = f'<img src="{picture}" alt="">' if picture else ""
     name = escape(view_corners.name)
@@ -96,7 +96,7 @@ def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) 
         f' d="{lines}"/></svg>'
     )
     return (
-        f'<div class="view" data-view="{view}" style="--own: rgb({red} {green} {blue})">'
+        f'<div class="view" data-view="{view}" style="--part: {part:.0f}%">'
         f'<div class="shot" style="aspect-ratio: {size[0]}/{size[1]}">{image}{overlay}</div><p><i'
         f' class="dot"></i><b>{name}</b> <span class="number">{evidence.rms_by_view[view]:.3f}'
         f" px</span><br><small>{view_corners.count} corners, {distance.mean():.2f} m, tilted"

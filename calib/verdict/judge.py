@@ -13,6 +13,7 @@ import numpy as np
 from calib.calibration import Calibration, CalibrationSource
 from calib.fit_record.request import Settings
 from calib.fitting.evaluate import Evaluation
+from calib.io.images import frames_folder
 from calib.threads import single_thread
 from calib.verdict.bare_pictures import bare_pictures
 from calib.verdict.board_place import board_place, board_size, cover_size
@@ -90,7 +91,7 @@ def judge(
     evaluation: Evaluation | None = None,
     holdout: Path | None = None,
 ) -> Verdict:
-    """Judge whether to trust a calibration, why not, and what to do next. No files are read, but
+    """Judge whether to trust a calibration, why not, and what to do next. No file is read, but
     for a calibration that is given by its path.
 
     Args:
@@ -104,7 +105,13 @@ def judge(
     session = session or Path(calibration.request.session)
     settings = calibration.request.settings or Settings()
     commands = NextCommands(
-        session, folder or session / "calibration", settings, calibration.board.has_grid
+        session,
+        folder or session / "calibration",
+        settings,
+        records=calibration.board.has_grid,
+        has_pictures=any(
+            frames_folder(place).is_dir() for place in (session, Path(calibration.request.session))
+        ),
     )
     case = Case(
         calibration, tuple(dict.fromkeys(depths)), commands, evaluation, str(holdout or "HOLDOUT")
@@ -119,8 +126,6 @@ def judge(
             )
         reasons = tuple(reason for check in CHECKS for reason in check(case))
         depth = next(iter(case.depths), float(np.median(case.distance)))
-        return Verdict(
-            reasons,
-            commands.use_maps(depth) if case.depths else commands.export(depth),
-            (commands.evaluate(), commands.diagnose(), commands.undistort(depth)),
-        )
+        proof = commands.evaluate(), commands.diagnose()
+        uses = commands.uses(depth, mapped=bool(case.depths))
+        return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses))

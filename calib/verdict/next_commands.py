@@ -21,6 +21,8 @@ class NextCommands:
     """The settings of its fit."""
     records: bool = True
     """True if capture records such views; a target of points comes from another program."""
+    has_pictures: bool = False
+    """True if the session has pictures, and not corners alone."""
 
     def fit(self, *options: str) -> str:
         """Return the same fit, for a corrected session or with other options."""
@@ -61,10 +63,17 @@ class NextCommands:
             ["calib", "undistort", folder, pictures, "--depth", f"{depth:.2g}", "-o", out]
         )
 
-    def use_maps(self, depth: float) -> str:
-        """Return the command that follows once the maps for a depth in m are written."""
-        has_pictures = frames_folder(self.session).is_dir()
-        return self.undistort(depth) if has_pictures else self.evaluate()
+    def uses(self, depth: float, *, mapped: bool) -> tuple[str, ...]:
+        """Return the commands that use a calibration which is trusted, the first one first: a
+        straight picture, if the session has pictures, and maps for other programs, unless they are
+        written already.
+
+        Args:
+            depth: m
+            mapped: true if the maps for this depth are written.
+        """
+        straight = (self.undistort(depth),) if self.has_pictures else ()
+        return straight + (() if mapped else (self.export(depth),))
 
     def report(self) -> str:
         return shlex.join(["calib", "report", str(self.folder)])

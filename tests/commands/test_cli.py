@@ -131,12 +131,14 @@ def test_a_fit_ends_with_the_next_command(
     output = capsys.readouterr().out
     assert "fitted cover" in output
     assert "cover+rbf" not in output
-    last = output.splitlines()[-1]
-    evaluate, diagnose, undistort = map(shlex.split, last.removeprefix("Then: ").split("; "))
+    *_, following, last = output.splitlines()
+    undistort = shlex.split(following.removeprefix("Next: "))
+    evaluate, diagnose, export = map(shlex.split, last.removeprefix("Then: ").split("; "))
     assert evaluate == ["calib", "evaluate", str(tmp_path), "HOLDOUT"]
     assert diagnose == ["calib", "diagnose", str(tmp_path)]
     assert main(undistort[1:]) == 0
     assert (tmp_path / "undistorted" / "0000.jpg").exists()
+    assert export[:3] == ["calib", "export", str(tmp_path)]
 
 
 @pytest.mark.parametrize("command", ["fit", "diagnose"])
@@ -274,6 +276,13 @@ def test_malformed_sessions_get_their_sentence_and_exit_code(
     assert sentence.count("\n") == 0, sentence
 
 
+def test_undistort_asks_for_the_distance(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["undistort", "x", "y", "-o", "z"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--depth 0.8" in line
+    assert "--depth-image" in line
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -284,7 +293,6 @@ def test_malformed_sessions_get_their_sentence_and_exit_code(
         (["fit", "x", "--depth", "-1"], "metres above 0"),
         (["fit", "x", "--depth", "nan"], "metres above 0"),
         (["export", "x", "--format", "bmp", "-o", "y"], "invalid choice"),
-        (["undistort", "x", "y", "-o", "z"], "--depth"),
         (["calibrate"], "invalid choice"),
         (["fti"], "did you mean fit?"),
         (["fit", "x", "--squaremm", "2"], "did you mean --square-mm?"),

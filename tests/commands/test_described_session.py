@@ -68,6 +68,7 @@ def test_a_folder_is_calibrated_and_is_a_session_afterwards(
     output = capsys.readouterr()
     assert "How the error fell" in output.out
     assert "Behind glass or plastic add --cover" in output.err
+    assert "--index" not in output.err
     session = read_session(photos)
     assert session.board == Board(7, 6, 0.025)
     assert session.frames == list_images(photos)

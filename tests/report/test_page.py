@@ -68,6 +68,12 @@ def test_everything_is_in_one_small_file(reported: Reported) -> None:
     assert reported.path.stat().st_size < 1.5e6
 
 
+def test_the_outcome_is_a_table_and_no_yaml(reported: Reported) -> None:
+    details = reported.html.partition("Settings and outcome")[2].partition("</details>")[0]
+    assert "<pre>" not in details
+    assert ">relief_prior length_of_patch<" in details
+
+
 def test_the_policy_knows_the_scripts_and_nothing_else(reported: Reported) -> None:
     """The page's data, the libraries as text, and the one script that runs and unpacks them."""
     data, libraries, program = scripts_of(reported.html)
@@ -270,7 +276,7 @@ def test_a_report_without_covariance_has_no_sigmas(
     assert 'id="sigma"' not in html
     assert "sigma" not in data_of(html)["figures"]["glass"]
     assert "does not predict" in html
-    assert data_of(html)["figures"]["distortion"]["depths"] == [0.7]
+    assert data_of(html)["figures"]["distortion"]["depths"] == [0.7, 1.3], "and the farthest corner"
 
 
 def test_a_file_name_that_is_no_utf_8_and_one_that_a_terminal_would_obey(

@@ -4,14 +4,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from numpy.typing import NDArray
 
+from calib.diagnosis.requested_effects import with_requested
 from calib.fit_record.outcome import CrossValidation
 from calib.fit_record.request import Settings
+from calib.fitting.fit import fit
+from calib.progress import Silent
 from calib.report.evidence import gather_evidence
 from calib.report.patterns import over_board, over_image
+from calib.report.residual_maps import noise_by_distance
+from calib.report.scene import side_view, surface_meshes
 from calib.report.summary import summarise
 from calib.session.board import Board
+from calib.session.session import read_session
+from calib.table import change
 from calib.verdict.residual import NOT_ALL_NOISE
 from calib.verdict.thresholds import FEW_CELLS
 from calib.verdict.verdict import Reason, Trust, Verdict
@@ -20,6 +28,7 @@ from fixtures.synthetic import scene
 from tests.optics.shapes import Example, each_shape
 from tests.report.conftest import Reported
 from tests.report.made import calibrated, report_in
+from tests.test_calibration import write_session
 
 FAST = Settings(grid=(5, 5), free=("none",))
 
@@ -56,6 +65,38 @@ def test_the_paragraph_says_what_the_verdict_says(
     )
     monkeypatch.setattr("calib.report.summary.judge", lambda *_, **__: doubted)
     assert ": most of the error is noise" in summarise(evidence).sentences[1]
+
+
+def test_the_tiles_are_the_numbers_of_the_paragraph(reported: Reported) -> None:
+    evidence = gather_evidence(reported.calibration)
+    error, maps, coverage, cover = summarise(evidence).tiles
+    validation = reported.calibration.outcome.cross_validation
+    assert validation
+    assert (error.label, error.value) == (
+        "error on held-out views",
+        f"{validation.held_out_px:.3f} px",
+    )
+    assert maps.label == f"sigma of the map at {evidence.depths[1]:g} m"
+    assert f"{maps.value} at {evidence.depths[1]:g} m" in summarise(evidence).sentences[2]
+    assert coverage.value == f"{100 * evidence.covered:.0f} %"
+    assert cover.label == "cover inner radius"
+    assert cover.value in reported.html.replace("\N{NO-BREAK SPACE}", " ")
+
+
+def test_the_noise_by_depth_is_that_of_the_corners(reported: Reported) -> None:
+    """The scene adds the same noise of 0.05 px per axis to every corner. A group has 4 or 5 views
+    with some 1100 second differences, so its noise is known to 5 %; three times that is allowed.
+    """
+    distance, noise = noise_by_distance(gather_evidence(reported.calibration))
+    assert len(noise) == 10
+    assert np.all(np.diff(distance) > 0)
+    assert noise == pytest.approx(0.05 * np.sqrt(2), rel=0.15)
+
+
+def test_a_change_has_a_sign_unless_it_is_none() -> None:
+    assert change(0.5, 1.0) == "-50 %"
+    assert change(1.25, 1.0) == "+25 %"
+    assert change(0.999, 1.0) == "0 %"
 
 
 def test_overfitting_is_said(reported: Reported) -> None:
@@ -110,3 +151,13 @@ def test_coverage_counts_every_corner(reported: Reported) -> None:
 def test_every_shape_has_its_report(example: Example, tmp_path: Path) -> None:
     made = scene(3, views=6, noise=0.05, cover=example.cover, patch=example.patch)
     assert 'id="glass"' in report_in(tmp_path, calibrated(made, tmp_path, FAST)).read_text()
+
+
+def test_a_window_that_only_the_diagnosis_knows_is_drawn(tmp_path: Path) -> None:
+    session = write_session(tmp_path, scene(7, views=6, noise=0.05))
+    document = yaml.safe_load((session / "session.yaml").read_text())
+    (session / "session.yaml").write_text(yaml.safe_dump(document | {"cover": {"shape": "none"}}))
+    bare = fit(read_session(session), Settings(), Silent())
+    evidence = gather_evidence(with_requested(bare, ("flat_port",), Silent()))
+    assert len(surface_meshes(evidence)) == 2
+    assert side_view(evidence)

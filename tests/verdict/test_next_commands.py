@@ -33,13 +33,20 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
     assert shlex.split(commands.undistort(0.5)) == words
 
 
-def test_a_map_that_is_written_is_used_and_not_exported_again(tmp_path: Path) -> None:
-    commands = NextCommands(tmp_path, tmp_path / "calibration", Settings())
-    assert commands.use_maps(0.5) == commands.evaluate(), "there are no pictures to undistort"
+def test_a_straight_picture_comes_first_and_a_written_map_is_not_exported_again(
+    tmp_path: Path,
+) -> None:
+    out = tmp_path / "calibration"
+    corners = NextCommands(tmp_path, out, Settings())
+    assert corners.uses(0.5, mapped=True) == ()
+    assert corners.uses(0.5, mapped=False) == (corners.export(0.5),)
+    pictures = NextCommands(tmp_path, out, Settings(), has_pictures=True)
     (tmp_path / "a.png").touch()
-    assert f"undistort {tmp_path / 'calibration'} {tmp_path} --depth 0.5" in commands.use_maps(0.5)
+    assert f"undistort {out} {tmp_path} --depth 0.5" in pictures.uses(0.5, mapped=True)[0]
     (tmp_path / "frames").mkdir()
-    assert str(tmp_path / "frames") in commands.use_maps(0.5)
+    straight, export = pictures.uses(0.5, mapped=False)
+    assert str(tmp_path / "frames") in straight
+    assert export == pictures.export(0.5)
 
 
 def test_a_fit_is_asked_for_again_as_it_was() -> None:

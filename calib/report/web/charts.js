@@ -1,25 +1,32 @@
 // The figures over the picture, the board, the glass and the depths.
 
 function drawBoardErrors(host, {panels, errors}) {
-  const sets = errors.map(packed => rows(packed).map(([x, y], row) => ({...CORNERS[row], x, y})));
+  const worstLast = (first, second) => VIEW_ERRORS[first.view] - VIEW_ERRORS[second.view]; // and so above the others
+  const sets = errors.map(packed => rows(packed).map(([x, y], row) => ({...CORNERS[row], x, y})).sort(worstLast));
   for (const {title, errors: set, reach} of panels) {
     const points = sets[set];
     addPanel(host, {
-      title, label: "corner errors on the board", onClick: openCorner,
+      title, label: "corner errors on the board", onClick: openCorner, onPoint: markView,
       options: width => squareOptions(width, reach, "mm", [
         Libraries.Plot.ruleX([0], {stroke: "var(--line)"}), Libraries.Plot.ruleY([0], {stroke: "var(--line)"}),
-        dots(points, point => DATA.views.colour[point.view]),
+        dots(points, point => viewColour(point.view), 4, 0.75, point => point.view),
         tip(points, point => `${describeCorner(CORNERS[point.row])}\non the board ${digits(point.x, 2)}, ${digits(point.y, 2)} mm`),
       ]),
     });
   }
+  addColourKey(host, `view with ${digits(SMALLEST_ERROR, 2)} px`, `${digits(LARGEST_ERROR, 2)} px`, "var(--weak)", "var(--strong)");
 }
 
-function drawResiduals(host, {image, board, typical, bands, noise, highest}) {
+/** Mark the dots of the pointed corner's view in a chart; null: of no view. */
+function markView(chart, point) {
+  for (const path of chart.querySelectorAll(".dots path")) path.classList.toggle("marked", point !== null && path.dataset.group === String(point.view));
+}
+
+function drawResiduals(host, {image, board, typical, bands, noise, noiseBands, highest}) {
   addArrowPanels(host, {image, board}, typical);
   addPanel(host, {
-    title: `by ${DATA.distanceName}; orange: RMS and 68 % band${noise === null ? "" : "; dashes: the corners' noise"}`, label: "residuals by depth", onClick: openCorner,
-    options: width => byDistanceOptions(width, bands, noise, highest),
+    title: `by ${DATA.distanceName}; orange: RMS and 68 % band${numbers(noiseBands.noise).length ? "; dashes: the corners' noise" : ""}`, label: "residuals by depth", onClick: openCorner,
+    options: width => byDistanceOptions(width, bands, noiseBands, highest),
   });
   addPanel(host, {
     title: `their distribution${noise ? `; line: noise of ${digits(noise / Math.SQRT2, 2)} px in x and y` : ""}`, label: "histogram of the residuals",
@@ -58,7 +65,7 @@ function drawComparison(host, {before, after, typical}) {
     options: width => {
       const options = squareOptions(width, 1, "px", [
         Libraries.Plot.line([[0, 0], [most, most]], {x: "0", y: "1", stroke: "var(--faint)", strokeDasharray: "5 3"}),
-        dots(points, ({view}) => DATA.views.colour[view], 7, 0.9),
+        dots(points, ({view}) => viewColour(view), 7, 0.9),
         tip(points, ({view, x, y}) => `${nameOf(view)}\n${digits(x)} px before, ${digits(y)} px after`),
       ]);
       return {...options, x: {...options.x, domain: [0, most], label: "before (px)"}, y: {...options.y, domain: [0, most], label: "after (px)"}};
@@ -83,12 +90,13 @@ function arrowMarks(arrows, factor, where) {
   ];
 }
 
-function byDistanceOptions(width, bands, noise, highest) {
+function byDistanceOptions(width, bands, noiseBands, highest) {
   const middle = numbers(bands.middle), rms = numbers(bands.rms), low = numbers(bands.low), high = numbers(bands.high);
   const points = CORNERS.map(corner => ({...corner, x: corner.distance, y: corner.length}));
   const far = points.reduce((most, point) => Math.max(most, point.x), 0), near = points.reduce((least, point) => Math.min(least, point.x), far);
   const steps = Array.from(middle, (x, band) => ({x, rms: rms[band], low: low[band], high: high[band]}));
-  const pad = 0.03 * (far - near) || 0.01;
+  const pad = 0.03 * (far - near) || 0.01, levels = numbers(noiseBands.noise);
+  const noise = Array.from(numbers(noiseBands.middle), (x, band) => ({x, y: levels[band]}));
   return chartOptions(
     width, Math.max(240, Math.round(0.62 * width)), {domain: [near - pad, far + pad], label: `${DATA.distanceName} (m)`},
     {domain: [0, highest], label: "error (px)"},
@@ -96,7 +104,8 @@ function byDistanceOptions(width, bands, noise, highest) {
       dots(points, BLUE, 3, 0.4),
       Libraries.Plot.areaY(steps, {x: "x", y1: "low", y2: "high", fill: "var(--series-1)", fillOpacity: 0.25}),
       Libraries.Plot.line(steps, {x: "x", y: "rms", stroke: "var(--series-1)", strokeWidth: 2}),
-      ...noise === null ? [] : [Libraries.Plot.ruleY([noise], {stroke: "var(--ink)", strokeDasharray: "5 3"})],
+      Libraries.Plot.line(noise, {x: "x", y: "y", stroke: "var(--ink)", strokeWidth: 1.4, strokeDasharray: "5 3"}),
+      Libraries.Plot.dot(noise, {x: "x", y: "y", r: 3, fill: "var(--ink)"}),
       tip(points, describeCorner),
     ],
   );
@@ -156,35 +165,60 @@ function distortionField(packed) {
 const ARROWS_ACROSS = 15;
 
 function drawDistortion(host, packed) {
-  const field = distortionField(packed);
-  for (const first of packed.depths) {
+  const field = distortionField(packed), depths = [...packed.depths], redraws = [];
+  const redrawAll = () => redraws.forEach(redraw => redraw());
+  for (const place of depths.keys()) {
     const panelHost = element("div");
     host.append(panelHost);
-    let depth = first, range = [0, 0];
-    const where = () => packed.central ? "at every depth" : `at ${digits(depth, 2)} m`;
-    const redraw = addPanel(panelHost, {
-      title: () => `${where()}: ${range.map(size => size.toFixed(1)).join(" to ")} px`,
-      label: "distortion over the image",
-      options: width => {
-        const vectors = distortionAt(field, depth), sizes = vectors.map(({dx, dy}) => Math.hypot(dx, dy));
-        const known = sizes.filter(Number.isFinite);
-        range = [Math.min(...known), Math.max(...known)];
-        const nodes = fieldNodes(field, sizes).map(node => ({...node, ...vectors[node.place]}));
-        const apart = Math.round(field.x.length / ARROWS_ACROSS), length = 1.1 * DATA.camera.width / ARROWS_ACROSS / (range[1] || 1);
-        const sparse = nodes.filter(({place}) => place % field.x.length % apart === 1 && Math.floor(place / field.x.length) % apart === 1);
-        return pictureOptions(width, [
-          ...fieldMarks(field, sizes, packed.largest, packed.levels, {unit: " px"}),
-          Libraries.Plot.arrow(sparse, {
-            x1: "x", y1: "y", x2: node => node.x + length * node.dx, y2: node => node.y + length * node.dy,
-            stroke: "var(--faint)", strokeWidth: 1.1, headLength: 4, insetEnd: 0,
-          }),
-          tip(nodes, node => `at ${Math.round(node.x)}, ${Math.round(node.y)} px\n${digits(node.value)} px (${digits(node.dx)}, ${digits(node.dy)})`),
-        ], FIELD_SCALES);
-      },
-    });
-    if (!packed.central) addDepthSlider(panelHost, depth, packed.reach, chosen => { depth = chosen; redraw(); });
+    const where = () => packed.central ? "at every depth" : `at ${digits(depths[place], 2)} m`;
+    redraws.push(addVectorPanel(panelHost, field, {
+      title: where, label: "distortion over the image", largest: packed.largest, levels: packed.levels,
+      vectorsOf: () => distortionAt(field, depths[place]),
+    }));
+    if (!packed.central) addDepthSlider(panelHost, depths[place], packed.reach, chosen => { depths[place] = chosen; redrawAll(); });
   }
   addColourKey(host, "0", `${digits(packed.largest, 2)} px`);
+  if (depths.length < 2) return;
+  const [first, second] = depths.map(depth => distortionAt(field, depth));
+  const change = vectorsBetween(first, second), largest = Math.max(...lengthsOf(change).filter(Number.isFinite)) || 1;
+  const panelHost = element("div");
+  host.append(panelHost);
+  redraws.push(addVectorPanel(panelHost, field, {
+    title: () => `${digits(depths[0], 2)} m minus ${digits(depths[1], 2)} m, in colours of its own`, label: "difference of the distortion between two depths",
+    largest, levels: Libraries.ticks(0, largest, 5).filter(level => level > 0 && level < largest),
+    vectorsOf: () => vectorsBetween(...depths.map(depth => distortionAt(field, depth))),
+  }));
+}
+
+function vectorsBetween(first, second) {
+  return first.map(({dx, dy}, node) => ({dx: dx - second[node].dx, dy: dy - second[node].dy}));
+}
+
+function lengthsOf(vectors) {
+  return vectors.map(({dx, dy}) => Math.hypot(dx, dy));
+}
+
+/** Add a panel of the vectors of a field: their lengths as colour and contours, and arrows. Returns a function that draws it again. */
+function addVectorPanel(host, field, {title, label, vectorsOf, largest, levels}) {
+  let range = [0, 0];
+  return addPanel(host, {
+    title: () => `${title()}: ${range.map(size => size < 1 ? digits(size, 2) : size.toFixed(1)).join(" to ")} px`, label,
+    options: width => {
+      const vectors = vectorsOf(), sizes = lengthsOf(vectors), known = sizes.filter(Number.isFinite);
+      range = [Math.min(...known), Math.max(...known)];
+      const nodes = fieldNodes(field, sizes).map(node => ({...node, ...vectors[node.place]}));
+      const apart = Math.round(field.x.length / ARROWS_ACROSS), length = 1.1 * DATA.camera.width / ARROWS_ACROSS / (range[1] || 1);
+      const sparse = nodes.filter(({place}) => place % field.x.length % apart === 1 && Math.floor(place / field.x.length) % apart === 1);
+      return pictureOptions(width, [
+        ...fieldMarks(field, sizes, largest, levels, {unit: " px"}),
+        Libraries.Plot.arrow(sparse, {
+          x1: "x", y1: "y", x2: node => node.x + length * node.dx, y2: node => node.y + length * node.dy,
+          stroke: "var(--faint)", strokeWidth: 1.1, headLength: 4, insetEnd: 0,
+        }),
+        tip(nodes, node => `at ${Math.round(node.x)}, ${Math.round(node.y)} px\n${digits(node.value)} px (${digits(node.dx)}, ${digits(node.dy)})`),
+      ], FIELD_SCALES);
+    },
+  });
 }
 
 const MARK_COLOURS = [0, 1, 2, 3].map(series => `var(--series-${series})`);

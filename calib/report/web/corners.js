@@ -14,6 +14,13 @@ function unpackCorners(packed) {
 }
 
 const VIEW_ERRORS = numbers(DATA.views.error);
+const SMALLEST_ERROR = Math.min(...VIEW_ERRORS), LARGEST_ERROR = Math.max(...VIEW_ERRORS);
+
+/** Return the colour of a view: one hue, the stronger the larger its error. */
+function viewColour(view) {
+  const part = (VIEW_ERRORS[view] - SMALLEST_ERROR) / (LARGEST_ERROR - SMALLEST_ERROR || 1);
+  return `color-mix(in oklab, var(--strong) ${Math.round(100 * part)}%, var(--weak))`;
+}
 
 /** Return a name that one can read, whatever letters a file name has. */
 function nameOf(view) {

@@ -8,10 +8,11 @@ const MAX_ZOOM = 80;
  *
  * options(width): options of Plot.plot for a width in px. Its scales x and y have domains.
  * onClick: called with the datum under the pointer.
+ * onPoint: called with the chart and the datum under the pointer, null if there is none.
  * zoomed: [left, right, top, bottom], what the panel shows at first; without it, all.
  * Returns a function that draws the panel again.
  */
-function addPanel(host, {title, options, onClick, label = "", zoomed = null}) {
+function addPanel(host, {title, options, onClick, onPoint, label = "", zoomed = null}) {
   const panel = element("div", "panel"), heading = element("p", "panel-title");
   const frame = element("div", "chart"), reset = element("button", "reset", "whole");
   frame.setAttribute("aria-label", label);
@@ -37,6 +38,8 @@ function addPanel(host, {title, options, onClick, label = "", zoomed = null}) {
     }
     current.style.setProperty("--plot-background", "var(--paper)");
     frame.replaceChildren(current);
+    const drawn = current;
+    if (onPoint) drawn.addEventListener("input", () => onPoint(drawn, drawn.value));
     reset.hidden = !zooming;
   }
   function request() {
@@ -87,21 +90,24 @@ function zoomOnto([left, right, top, bottom], {x, y, height}, width) {
     .translate(MARGINS.marginLeft + innerWidth / 2 - factor * middle[0], MARGINS.marginTop + innerHeight / 2 - factor * middle[1]).scale(factor);
 }
 
-/** A mark of many dots as one path for each colour; a circle for each would make a slow page. */
-function dots(points, colour, size = 4, opacity = 0.75) {
+/** A mark of many dots as one path for each colour and group; a circle for each would make a slow page. */
+function dots(points, colour, size = 4, opacity = 0.75, groupOf = () => "") {
   return (_, {x, y}, channels, {width, height, marginLeft, marginRight, marginTop, marginBottom}) => {
     const paths = new Map();
     for (const point of points) {
       const across = x(point.x), down = y(point.y);
       if (!(across >= marginLeft && across <= width - marginRight && down >= marginTop && down <= height - marginBottom)) continue;
       const own = typeof colour === "function" ? colour(point) : colour;
-      paths.set(own, `${paths.get(own) ?? ""}M${across.toFixed(1)} ${down.toFixed(1)}h0`);
+      const key = `${own}|${groupOf(point)}`, path = paths.get(key) ?? {own, group: groupOf(point), line: ""};
+      path.line += `M${across.toFixed(1)} ${down.toFixed(1)}h0`;
+      paths.set(key, path);
     }
     const group = document.createElementNS(SVG, "g");
     group.setAttribute("class", "dots");
-    for (const [own, line] of paths) {
+    for (const {own, group: name, line} of paths.values()) {
       const path = document.createElementNS(SVG, "path");
       path.setAttribute("d", line);
+      path.dataset.group = name;
       path.style.stroke = own;
       path.style.strokeWidth = size;
       path.style.opacity = opacity;

@@ -144,6 +144,30 @@ function dimensionMarks(packed, surfaces, flat, [top, bottom], heights) {
   return [
     ...packed.round ? [Libraries.Plot.dot([origin], {x: "x", y: "y", symbol: "times", r: 6, stroke: "var(--faint)", strokeWidth: 2})] : [],
     Libraries.Plot.link(lines, {x1: "x1", x2: "x2", y1: "y", y2: "y", stroke: "var(--series-4)", strokeWidth: 1.4, markerStart: "arrow-reverse", markerEnd: "arrow"}),
-    Libraries.Plot.text(labels, {x: "x", y: "y", text: "text", dy: -9, fill: "var(--series-4)", stroke: "var(--paper)", strokeWidth: 4, fontWeight: 600}),
+    dimensionLabels(labels),
   ];
+}
+
+const LETTER_WIDTH = 6.7, LINE_HEIGHT = 14; // px of a label in a panel
+
+/** A mark of labels above their lines, each inside of the panel and none over another. */
+function dimensionLabels(labels) {
+  return (_, {x, y}, channels, {width, height, marginLeft, marginRight, marginTop, marginBottom}) => {
+    const group = document.createElementNS(SVG, "g"), placed = [];
+    for (const label of labels) {
+      const half = LETTER_WIDTH * label.text.length / 2, left = marginLeft + half + 3, right = width - marginRight - half - 3;
+      const across = Math.max(left, Math.min(right, x(label.x)));
+      let down = y(label.y) - 9;
+      if (!(down > marginTop && down < height - marginBottom)) continue; // its line is outside of the panel
+      while (placed.some(other => Math.abs(other.across - across) < half + other.half && Math.abs(other.down - down) < LINE_HEIGHT)) down += LINE_HEIGHT;
+      placed.push({across, down, half});
+      const text = document.createElementNS(SVG, "text");
+      text.textContent = label.text;
+      text.setAttribute("x", across);
+      text.setAttribute("y", down + 3);
+      group.append(text);
+    }
+    group.setAttribute("class", "dimensions");
+    return group;
+  };
 }

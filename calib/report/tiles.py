@@ -1,0 +1,73 @@
+"""The tiles in the head of a report: the few numbers that say how good a calibration is."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from calib.fitting.declared import VIEWS, Comparison, comparisons
+from calib.report.evidence import Evidence
+from calib.session.parameter_names import CAMERA
+
+NO_BREAK = "\N{NO-BREAK SPACE}"
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """A number with its unit, and what it is."""
+
+    label: str
+    value: str
+    note: str = ""
+    """A second number to compare it with; empty if there is none."""
+
+    def html(self) -> str:
+        value = self.value.replace(" ", NO_BREAK).replace(f"±{NO_BREAK}", "± ", 1)
+        note = f"<small>{escape(self.note)}</small>" if self.note else ""
+        return f"<div><dt>{escape(self.label)}</dt><dd>{escape(value)}{note}</dd></div>"
+
+
+def tiles_html(tiles: Sequence[Tile]) -> str:
+    return f'<dl class="tiles">{"".join(tile.html() for tile in tiles)}</dl>'
+
+
+def report_tiles(evidence: Evidence) -> tuple[Tile, ...]:
+    """Return the tiles of a calibration: its error, the uncertainty of its maps, its coverage, and
+    the number that sizes or places its cover (without a cover: its focal length).
+    """
+    tiles = [_error(evidence), *_maps(evidence)]
+    tiles.append(Tile("coverage", f"{100 * evidence.covered:.0f} %", "of the image has corners"))
+    tiles.extend(_scale(evidence))
+    return tuple(tiles)
+
+
+def _error(evidence: Evidence) -> Tile:
+    calibration = evidence.calibration
+    noise = calibration.noise_px
+    note = "" if noise is None else f"noise of the corners {noise:.3f} px"
+    if validation := calibration.outcome.cross_validation:
+        return Tile("error on held-out views", f"{validation.held_out_px:.3f} px", note)
+    return Tile("error of the fitted views", f"{calibration.stages[-1].rms_px:.3f} px", note)
+
+
+def _maps(evidence: Evidence) -> Iterator[Tile]:
+    """Yield the tile of the median depth; nothing without a covariance."""
+    if not evidence.sigma:
+        return
+    depth = evidence.depths[len(evidence.depths) // 2]
+    sigma = float(np.median(evidence.sigma_at_corners(depth)))
+    worst = float(np.nanmax(evidence.sigma_at_nodes(depth)))
+    yield Tile(f"sigma of the map at {depth:g} m", f"{sigma:.2g} px", f"at most {worst:.2g} px")
+
+
+def _scale(evidence: Evidence) -> Iterator[Tile]:
+    numbers = list(comparisons(evidence.calibration))
+    of_cover = [number for number in numbers if not CAMERA.has(number.name)]
+    for number in (of_cover or numbers)[:1]:
+        name = number.name.replace("_", " ")
+        yield Tile(name.replace(".", " ", 1), number.estimated, _origin(number))
+
+
+def _origin(number: Comparison) -> str:
+    return "estimated from the views" if number.source == VIEWS else f"declared {number.stated}"
