@@ -23,6 +23,7 @@ __all__ = [
     "WrongTypeError",
     "__version__",
     "calibrate",
+    "check_rig",
     "describe",
     "diagnose",
     "evaluate",
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from calib.fitting.fit import fit
     from calib.fitting.from_points import calibrate
     from calib.progress import Progress, Silent
+    from calib.rig.check_rig import check_rig
     from calib.rig.evaluate_rig import evaluate_rig
     from calib.rig.fit_rig import fit_rig
     from calib.rig.rig import Rig
@@ -66,6 +68,7 @@ else:  # hidden from the type checker, so that it still refuses a misspelt name
         "Undistorter": "calib.apply.undistorter",
         "WrongTypeError": "calib.errors",
         "calibrate": "calib.fitting.from_points",
+        "check_rig": "calib.rig.check_rig",
         "describe": "calib.fitting.description",
         "diagnose": "calib.diagnosis.diagnose",
         "evaluate": "calib.fitting.evaluate",

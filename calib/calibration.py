@@ -550,7 +550,8 @@ def _from_mapping(
         {**target, "camera": document["camera"], "cover": document["cover"]}, str(path)
     )
     if not board.has_grid:
-        board = PointTarget.of(arrays["target"])
+        pitch = board.pitch if isinstance(board, PointTarget) else None
+        board = PointTarget.of(arrays["target"], pitch)
     _, declared, declared_cover = session_from_mapping(
         {
             **target,

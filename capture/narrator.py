@@ -92,13 +92,15 @@ class SilenceRemarks:
     those before.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, prefix: str = "") -> None:
+        """`prefix` begins each remark, such as the name of a camera."""
+        self._prefix = prefix
         self._longest = 0.0
 
     def __call__(self, seconds: float) -> None:
         if seconds >= 2 * self._longest:
             self._longest = seconds
-            _remark(silence_sentence(seconds))
+            _remark(f"{self._prefix}{silence_sentence(seconds)}")
 
 
 def silence_sentence(seconds: float) -> str:

@@ -82,6 +82,8 @@ class Recorder:
         self._columns: list[str] = []
         self._settings = SettingsDrift()
         self._size: tuple[int, int] | None = None
+        self._next = 0
+        self._view = -1
         self._unix_offset = time.time() - time.monotonic()  # s
         self._resources = ExitStack()
 
@@ -138,14 +140,31 @@ class Recorder:
                 " or record another session."
             )
 
-    def keep(self, frame: Frame, *, same_view: bool = False) -> Path:
+    @property
+    def next_number(self) -> int:
+        """The lowest number that the next picture may have."""
+        return self._next
+
+    def is_free(self, number: int) -> bool:
+        """Return True if no picture, nor anything else, has this number."""
+        return not os.path.lexists(self._folder / f"{number:04d}.png")
+
+    def describe(self, size: tuple[int, int]) -> None:
+        """Write session.yaml for pictures of this width and height, px, where there is none."""
+        if self._size is None:
+            self._describe(size)
+
+    def keep(self, frame: Frame, *, same_view: bool = False, number: int | None = None) -> Path:
         """Write a frame as the next picture.
 
-        `same_view`: the board stands where it stood in the last picture.
+        Args:
+            same_view: the board stands where it stood in the last picture.
+            number: of the picture, at least `next_number`; None for the next one.
         """
         self.check(frame)
-        if self._size is None:
-            self._describe(frame.size)
+        self.describe(frame.size)
+        if number is not None:
+            self._next = max(number, self._next)
         picture = self._free_picture()
         write_durably(picture, cv2.imencode(".png", frame.pixels, PNG)[1].data)
         self._next += 1
@@ -163,9 +182,9 @@ class Recorder:
 
     def _free_picture(self) -> Path:
         """Return the path of the next picture, where nothing exists: no file is ever replaced."""
-        while os.path.lexists(picture := self._folder / f"{self._next:04d}.png"):
+        while not self.is_free(self._next):
             self._next += 1
-        return picture
+        return self._folder / f"{self._next:04d}.png"
 
     def _append_row(self, row: Row) -> None:
         self._rows.append(row)

@@ -22,12 +22,27 @@ Setup = tuple[Board, Camera, Cover]
 
 
 def read_setup(file: Path) -> Setup:
-    """Return board, camera and cover of a session.yaml, whose folder may have no pictures yet."""
+    """Return board, camera and cover of a session.yaml, whose folder may have no pictures yet.
+
+    Raises:
+        InputError: its target is points.
+    """
+    setup = read_described(file)
+    if not setup[0].has_grid:
+        raise InputError(
+            f"{file} has a target of points: fit it by calib fit, go on with its screen by capture"
+            " SESSION --screen --serve, or record a board into another folder."
+        )
+    return setup
+
+
+def read_described(file: Path) -> Setup:
+    """Return target, camera and cover of a session.yaml."""
     written = read_yaml(file)
     Section(written, str(file)).choice(
         "format", (FORMAT,), f"{FORMAT}, the format that this version reads"
     )
-    setup = session_from_mapping(
+    return session_from_mapping(
         {
             key: value
             for key, value in written.items()
@@ -35,12 +50,6 @@ def read_setup(file: Path) -> Setup:
         },
         str(file),
     )
-    if not setup[0].has_grid:
-        raise InputError(
-            f"{file} has a target of points, which capture does not record: fit it by calib fit, or"
-            " record a board into another folder."
-        )
-    return setup
 
 
 def read_calibrated(calibration: Path) -> Setup:

@@ -14,7 +14,14 @@ import pytest
 from calib.version import VERSION
 
 ROOT = Path(__file__).parents[1]
-DATA = {"calib/py.typed", "calib/fleet/fleet.css", "calib/report/style.css", "capture/py.typed"} | {
+DATA = {
+    "calib/export/blender_camera.txt",
+    "calib/export/mitsuba_sensor.txt",
+    "calib/fleet/fleet.css",
+    "calib/py.typed",
+    "calib/report/style.css",
+    "capture/py.typed",
+} | {
     path.relative_to(ROOT).as_posix()
     for folder in ("calib/report/web", "capture/web", "calib/demo")
     for path in (ROOT / folder).rglob("*")

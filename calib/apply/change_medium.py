@@ -36,6 +36,7 @@ from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import AMPLITUDES
 from calib.session.cover import Cover
+from calib.session.dispersion import Dispersion
 from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number
 
@@ -83,15 +84,18 @@ class Immersion:
 
 
 def immerse(
-    calibration: Calibration, medium: Number, depths: Sequence[float] = DEPTHS
+    calibration: Calibration,
+    medium: Number,
+    depths: Sequence[float] = DEPTHS,
+    dispersion: Dispersion | None = None,
 ) -> Immersion:
-    """Put a calibration into a medium of another index.
+    """Put a calibration into a medium of another index, with its dispersion if it is known.
 
     Raises:
         InputError: the calibration does not describe its window or dome, or no ray leaves the
             cover into that medium.
     """
-    wet = replace_medium(calibration, medium)
+    wet = replace_medium(calibration, medium, dispersion)
     rows = corners_at(calibration)
     if not np.isfinite(wet.rays(rows[:, :2])[0]).any():
         raise InputError(
@@ -112,7 +116,9 @@ def immerse(
     )
 
 
-def replace_medium(calibration: Calibration, medium: Number) -> Calibration:
+def replace_medium(
+    calibration: Calibration, medium: Number, dispersion: Dispersion | None = None
+) -> Calibration:
     """Return the calibration with another index outside of its cover, without its views.
 
     Raises:
@@ -131,7 +137,6 @@ def replace_medium(calibration: Calibration, medium: Number) -> Calibration:
             " describe it under cover in session.yaml, and fit the session again."
         )
     declared = calibration.declared
-    medium_name = calibration.cover.medium_name
     change = MediumChange(
         from_index=original.value,
         to_index=medium.value,
@@ -140,14 +145,14 @@ def replace_medium(calibration: Calibration, medium: Number) -> Calibration:
     )
     wet = replace(
         calibration,
-        cover=calibration.cover.replace_numbers({medium_name: medium}),
+        cover=calibration.cover.replace_medium(medium, dispersion),
         views=(),
         poses=calibration.poses[:0],
         covariance=calibration.covariance[:0, :0],
         rejected=(),
         stages=(),
         corners_at=corners_at(calibration),
-        stated=replace(declared, cover=declared.cover.replace_numbers({medium_name: medium})),
+        stated=replace(declared, cover=declared.cover.replace_medium(medium, dispersion)),
         history=replace(calibration.history, medium_change=change),
     )
     if not calibration.covariance.size:

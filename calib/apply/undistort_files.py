@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from calib.apply.colour import ColourUndistorter
 from calib.apply.undistorter import NEAR, Depth, Image, Undistorter
 from calib.apply.video import straighten_video
 from calib.calibration import Calibration
@@ -50,6 +51,8 @@ class UndistortOptions:
     """px, width and height."""
     near: float = NEAR
     """m: the nearest distance that depth images reach."""
+    colour: bool = False
+    """True if the colour fringes of the cover are removed."""
 
 
 def undistort_files(
@@ -77,7 +80,7 @@ def undistort_files(
         if not isinstance(options.depth, Path)
         else depth_image_for(paths[0], options.depth)
     )
-    undistorter = Undistorter(
+    undistorter = (ColourUndistorter if options.colour else Undistorter)(
         calibration, first, crop=options.crop, size=options.size, near=options.near
     )
     make_folder(output.path)

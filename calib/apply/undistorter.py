@@ -152,7 +152,7 @@ class Undistorter:
         """Return an undistorter for the same picture at another depth, or with another depth image.
         The two share everything that does not depend on depth.
         """
-        copy = object.__new__(Undistorter)
+        copy = object.__new__(type(self))
         copy.__dict__.update(self.__dict__)
         copy._set_depth(depth)
         self._stack = copy._stack

@@ -8,6 +8,8 @@ Optics 34 (1995) 3477, equation 3. It holds to 1.5e-5 from 0 to 30 degrees C, 0 
 
 from calib.errors import InputError, brief
 from calib.io.numerals import real_number
+from calib.session import dispersion
+from calib.session.dispersion import WAVELENGTHS_NM, Dispersion
 
 SALINITY = (0.0, 35.0)
 """per mille: the range of the equation."""
@@ -17,6 +19,8 @@ WAVELENGTH = (400.0, 700.0)
 """nm: the range of the equation."""
 GREEN = 550.0
 """nm: the middle of the light that a colour camera sees."""
+WATER_ABBE = 55.0
+"""The Abbe number of water of unknown salinity and temperature."""
 
 
 def index_of_water(salinity: float, temperature: float, wavelength: float = GREEN) -> float:
@@ -49,3 +53,13 @@ def index_of_water(salinity: float, temperature: float, wavelength: float = GREE
         - 4382 / wavelength**2
         + 1.1455e6 / wavelength**3
     )
+
+
+def dispersion_of_water(salinity: float, temperature: float) -> Dispersion:
+    """Return by how much the index of water differs between the channels of a colour picture. The
+    arguments are those of `index_of_water`.
+    """
+    green = index_of_water(salinity, temperature, WAVELENGTHS_NM[dispersion.GREEN])
+    red = index_of_water(salinity, temperature, WAVELENGTHS_NM[dispersion.RED])
+    blue = index_of_water(salinity, temperature, WAVELENGTHS_NM[dispersion.BLUE])
+    return Dispersion(red=red - green, blue=blue - green)

@@ -99,7 +99,7 @@ def rank_hypotheses(
         ranking = [_first_order(change, products, views.predictive) for change in changes]
     whole_pictures = (*_turned(prior, views, sigma), *_uncovered(prior, views, sigma))
     ranking += [_relative(candidate, products) for candidate in whole_pictures]
-    evidence = _variance_evidence(products[0, 0], views.predictive.freedom.sum())
+    evidence = variance_evidence(products[0, 0], views.predictive.freedom.sum())
     ranking.append(Hypothesis("unknown", evidence, words=UNKNOWN))
     ranking += _bad_views(views, variance)
     return sorted(ranking, key=lambda hypothesis: -hypothesis.log_evidence)
@@ -167,7 +167,7 @@ def _fit_change(
     )
 
 
-def _variance_evidence(squares: float, freedom: float) -> float:
+def variance_evidence(squares: float, freedom: float) -> float:
     """Return the evidence of an error of any form: the variance of the corners is estimated, at the
     cost of one parameter.
     """

@@ -8,6 +8,7 @@ views, by the same statistics as the pictures of a check.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,27 +56,42 @@ class Overdispersion:
     ) -> Overdispersion:
         """Estimate the overdispersion from the calibration's views, each left out in turn."""
         if len(calibration.views) < MIN_VIEWS:
-            return Overdispersion(
-                by_change={change.name: 1.0 for change in changes},
-                freedom={change.name: np.inf for change in changes},
-                lacking={change.name: (0.0, 1.0) for change in changes},
-                logs=np.zeros(0),
-            )
+            return Overdispersion.of_left_out((), {change.name: slice(0) for change in changes})
         poses = torch.from_numpy(calibration.poses)
         predictive = PosteriorPredictive.of(prior, changes, calibration.observations, poses)
         left_out = [predictive.leave_one_out(view) for view in range(len(calibration.views))]
+        columns = {change.name: predictive.columns(change.name) for change in changes}
+        return Overdispersion.of_left_out(left_out, columns)
+
+    @staticmethod
+    def of_left_out(
+        left_out: Sequence[tuple[Array, float]], columns: Mapping[str, slice]
+    ) -> Overdispersion:
+        """Estimate the overdispersion from views that were each left out in turn.
+
+        Args:
+            left_out: the results of `PosteriorPredictive.leave_one_out`; fewer than MIN_VIEWS count
+                as none.
+            columns: those of each change there.
+        """
+        if len(left_out) < MIN_VIEWS:
+            return Overdispersion(
+                by_change=dict.fromkeys(columns, 1.0),
+                freedom=dict.fromkeys(columns, np.inf),
+                lacking=dict.fromkeys(columns, (0.0, 1.0)),
+                logs=np.zeros(0),
+            )
         products = [view_products for view_products, _ in left_out]
         by_change = {}
         freedom = {}
         lacking = {}
-        for change in changes:
-            columns = predictive.columns(change.name)
-            explanations = [explained_squares(view_products, columns) for view_products in products]
+        for name, place in columns.items():
+            explanations = [explained_squares(view_products, place) for view_products in products]
             directions = float(sum(count for _, count in explanations)) or np.inf
             squares = sum(square for square, _ in explanations)
-            by_change[change.name] = max(1.0, squares / directions)
-            freedom[change.name] = directions
-            lacking[change.name] = _lacking(products, columns)
+            by_change[name] = max(1.0, squares / directions)
+            freedom[name] = directions
+            lacking[name] = _lacking(products, place)
         ratios = [view_products[0, 0] / max(1.0, count) for view_products, count in left_out]
         return Overdispersion(by_change, freedom, lacking, np.log(np.maximum(ratios, 1e-12)))
 

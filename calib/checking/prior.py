@@ -52,12 +52,8 @@ class CalibrationPrior:
         else:  # without a cover, the intrinsics hold the covariance
             root = parameters.free_root()
         sigma = _sigma(calibration, model)
-        if not parameters.relief or not parameters.relief.anchor:
-            return CalibrationPrior(model, parameters, root, sigma)
-        root = _to_fixed_relief(model, parameters) @ root
-        model = _fix_relief(model)
-        parameters = replace(parameters, relief=model.path.relief)
-        return CalibrationPrior(model, parameters, root, sigma)
+        model, parameters, to_fixed = fix_relief(model, parameters)
+        return CalibrationPrior(model, parameters, to_fixed @ root, sigma)
 
     def uncovered(self) -> CalibrationPrior:
         """Return the prior of the same camera without its cover."""
@@ -84,12 +80,18 @@ class CalibrationPrior:
         )
 
 
-def _fix_relief(model: CameraModel) -> CameraModel:
-    """Return the same model with a relief that stays on the glass as the cover moves."""
+def fix_relief(model: CameraModel, parameters: Parameters) -> tuple[CameraModel, Parameters, Array]:
+    """Return the same model and parameters with a relief that stays on the glass as the cover
+    moves, and the (S, S) matrix to these parameters, to first order.
+    """
+    if not parameters.relief or not parameters.relief.anchor:
+        return model, parameters, np.eye(parameters.count)
+    to_fixed = _to_fixed_relief(model, parameters)
     *inner, outer = model.path.cover
     assert outer.relief
     fixed = replace(outer, relief=replace(outer.relief, anchor=None))
-    return replace(model, path=replace(model.path, cover=(*inner, fixed)))
+    model = replace(model, path=replace(model.path, cover=(*inner, fixed)))
+    return model, replace(parameters, relief=model.path.relief), to_fixed
 
 
 def _to_fixed_relief(model: CameraModel, parameters: Parameters) -> Array:

@@ -85,7 +85,7 @@ def _test_reasons(statistics: CheckStatistics, status: CheckStatus) -> Iterator[
     yield (
         f"the error on {count} view{'s' * (count > 1)} is {statistics.error_px:.3f} px;"
         f" {statistics.expected_px:.3f} px are expected and up to {statistics.allowed_px:.3f} px"
-        f" allowed (p {_p(statistics.p_value)}; less than {ALPHA:g} is an alarm)."
+        f" allowed (p {p_text(statistics.p_value)}; less than {ALPHA:g} is an alarm)."
     )
     if status is not CheckStatus.VALID:
         yield f"the change adds {statistics.added_px:.3f} px to the corners."
@@ -106,5 +106,6 @@ def _test_reasons(statistics: CheckStatistics, status: CheckStatus) -> Iterator[
         )
 
 
-def _p(value: float) -> str:
+def p_text(value: float) -> str:
+    """Return "= " and a p-value, or "< " and the smallest printed one."""
     return f"= {value:.2g}" if value > SMALLEST_P else f"< {SMALLEST_P:g}"

@@ -28,6 +28,7 @@ both in the file and here.
 EXAMPLES = (
     "calib export cam0/calibration --format opencv --depth 1 -o maps",
     "calib export cam0/calibration --format npz --depth 0.5 1 2 -o maps",
+    "calib export cam0/calibration --format stmap --depth 1 --channels -o colours",
 )
 
 MAX_NAMES = 3
@@ -58,12 +59,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " backward) (default: opencv)"
     )
     parser.add_argument("--axes", choices=AXES, help=axes)
+    parser.add_argument(
+        "--channels",
+        action="store_true",
+        help=(
+            "write the files of each colour into red/, green/ and blue/: session.yaml needs the"
+            " glass's Abbe number"
+        ),
+    )
     add_output(parser, "folder for the files", required=True)
     add_overwrite(parser)
     kinds = (("maps", lambda form: not form.lenses), ("central cameras", lambda form: form.lenses))
     parser.epilog = "\n".join(
         f"{title}:\n"
-        + "\n".join(f"  {form.name:<12}{form.summary}" for form in FORMATS if belongs(form))
+        + "\n".join(f"  {form.name:<13}{form.summary}" for form in FORMATS if belongs(form))
         for title, belongs in kinds
     )
 
@@ -86,6 +95,9 @@ def run(args: argparse.Namespace) -> None:
         raise InputError(form.lacking)
 
     with fast_imports():
+        from contextlib import ExitStack
+
+        from calib.apply.colour import channel_calibration, check_dispersion
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
@@ -93,18 +105,33 @@ def run(args: argparse.Namespace) -> None:
         from calib.export.file_names import file_names
         from calib.export.outdated_files import find_outdated_files
         from calib.io.file_set import FileSet
+        from calib.session.dispersion import CHANNELS
 
     calibration = Calibration.load(args.calibration)
     inputs = calibration_files(args.calibration)
-    with Bars() as bars, FileSet(args.output, overwrite=args.overwrite, inputs=inputs) as files:
-        camera = calibration.camera
-        depths = tuple(dict.fromkeys(args.depth))
-        axes = args.axes or AXES[0]
-        files.reserve(file_names(form, depths, (camera.width, camera.height), axes))
-        exported = export(ExportRequest(calibration, form, lenses, depths, files, bars, axes))
-        files.commit()
-    print_paths(exported.paths)
-    _print_remarks(exported, find_outdated_files(exported.paths, inputs[0]))
+    folders = {args.output: calibration}
+    if args.channels:
+        check_dispersion(calibration)
+        folders = {args.output / c: channel_calibration(calibration, c) for c in CHANNELS}
+    camera = calibration.camera
+    depths = tuple(dict.fromkeys(args.depth))
+    axes = args.axes or AXES[0]
+    names = file_names(form, depths, (camera.width, camera.height), axes)
+    exports = []
+    with Bars() as bars, ExitStack() as stack:
+        file_sets = []
+        for folder in folders:
+            files = FileSet(folder, overwrite=args.overwrite, inputs=inputs)
+            file_sets.append(stack.enter_context(files))
+            files.reserve(names)
+        for files, channel in zip(file_sets, folders.values(), strict=True):
+            request = ExportRequest(channel, form, lenses, depths, files, bars, axes)
+            exports.append(export(request))
+        for files in file_sets:
+            files.commit()
+    print_paths([path for exported in exports for path in exported.paths])
+    for exported in exports:
+        _print_remarks(exported, find_outdated_files(exported.paths, inputs[0]))
 
 
 def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:

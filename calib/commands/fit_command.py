@@ -58,7 +58,9 @@ def run(args: argparse.Namespace) -> None:
     from dataclasses import replace
 
     with fast_imports():
+        from calib.apply.colour import predict_fringes
         from calib.calibration import DERIVED, FILES
+        from calib.commands.colour_lines import fringes_lines, fringes_mapping
         from calib.commands.console import Bars, print_fit
         from calib.commands.diagnosis_table import print_diagnosis
         from calib.commands.printing import print_json, verdict_mapping
@@ -108,6 +110,7 @@ def run(args: argparse.Namespace) -> None:
             if args.json:
                 print_json(
                     summary(calibration, seconds)
+                    | fringes_mapping(predict_fringes(calibration, args.depth))
                     | calibrated_numbers(calibration)
                     | {"calibration": str(written[0])}
                     | verdict_mapping(verdict, written)
@@ -115,6 +118,8 @@ def run(args: argparse.Namespace) -> None:
             else:
                 if not args.quiet:
                     print_fit(calibration, seconds)
+                    for line in fringes_lines(predict_fringes(calibration, args.depth)):
+                        print(line)
                 if finding and not args.quiet:
                     print_diagnosis(finding, calibration)
                 print_verdict(verdict, written, verdict.further)

@@ -4,7 +4,15 @@ import argparse
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
-from calib.apply.water import GREEN, SALINITY, TEMPERATURE, WAVELENGTH, index_of_water
+from calib.apply.water import (
+    GREEN,
+    SALINITY,
+    TEMPERATURE,
+    WATER_ABBE,
+    WAVELENGTH,
+    dispersion_of_water,
+    index_of_water,
+)
 from calib.commands.arguments import (
     add_calibration,
     add_depths,
@@ -16,6 +24,7 @@ from calib.commands.arguments import (
 )
 from calib.commands.loading import fast_imports
 from calib.errors import InputError
+from calib.session.dispersion import Dispersion
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -109,7 +118,12 @@ def run(args: argparse.Namespace) -> None:
     inputs = calibration_files(args.calibration)
     with Bars() as bars, FileSet(output, overwrite=args.overwrite, inputs=inputs) as files:
         files.reserve([*FILES, *npz_file_names(depths)])
-        immersion = immerse(all_free(calibration), Number(index, sigma), depths or DEPTHS)
+        immersion = immerse(
+            all_free(calibration),
+            Number(index, sigma),
+            depths or DEPTHS,
+            _dispersion(args, index) if calibration.cover.has_dispersion else None,
+        )
         written = [
             immersion.calibration.write(files),
             *write_npz(immersion.calibration, depths, files, bars),
@@ -157,10 +171,27 @@ def _index(args: argparse.Namespace) -> float:
             " --temperature 15 for sea water."
         )
     return index_of_water(
+        *_salinity_temperature(args), GREEN if args.wavelength is None else args.wavelength
+    )
+
+
+def _salinity_temperature(args: argparse.Namespace) -> tuple[float, float]:
+    """Return the water's salinity (per mille) and temperature (degrees C)."""
+    return (
         0.0 if args.salinity is None else args.salinity,
         15.0 if args.temperature is None else args.temperature,
-        GREEN if args.wavelength is None else args.wavelength,
     )
+
+
+def _dispersion(args: argparse.Namespace, index: float) -> Dispersion | None:
+    """Return the dispersion of the medium outside: that of the described water, or of any water if
+    only its index is given. A gas has none.
+    """
+    if index <= MAX_GAS_INDEX:
+        return None
+    if args.outside_index is not None:
+        return Dispersion(abbe=WATER_ABBE)
+    return dispersion_of_water(*_salinity_temperature(args))
 
 
 def _remarks(immersion: "Immersion") -> Iterator[str]:

@@ -17,6 +17,8 @@ DESCRIPTION = """
 The command never changes a folder that exists already. The new session has no cover: describe
 yours in its session.yaml.
 """
+WITH_BOARD = ("mrcal", "photonvision")
+"""The sources that say themselves which board they show."""
 EXAMPLES = (
     "calib import images photos --board 9x6 --square-mm 25 -o cam0",
     "calib import rig camchain.yaml -o pair",
@@ -27,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sources = parser.add_subparsers(title="sources", metavar="SOURCE", dest="source", required=True)
     for name, metavar, words in (
         ("mrcal", "FILE.cameramodel", "a camera model with its optimization inputs"),
+        ("photonvision", "FILE.json", "a calibration of PhotonVision, with its corners"),
         ("mrcal-corners", "CORNERS.vnl", "corners found by mrgingham or another detector"),
         ("ros", "FILE.tar.gz", "the archive of ROS's camera_calibration"),
         (
@@ -49,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             name, help=words, description=words[0].upper() + words[1:] + "."
         )
         source.add_argument("path", type=Path, metavar=metavar)
-        if name != "mrcal":
+        if name not in WITH_BOARD:
             required = name != "kalibr"
             pictured = name in ("ros", "images", "video", "bag")
             tags = ", or a grid's tags" if pictured else ""
@@ -132,7 +135,7 @@ def run(args: argparse.Namespace) -> None:
     count = write_session(draft, args.output)
     for notice in draft.notices:
         print(harmless(f"calib: {notice}"), file=sys.stderr)
-    kind = "views" if args.source.startswith("mrcal") else "pictures"
+    kind = "views" if draft.views else "pictures"
     print(harmless(f"{args.output} has {count} {kind}: calibrate it with calib fit {args.output}"))
 
 
@@ -159,12 +162,15 @@ def _draft(args: argparse.Namespace) -> "SessionDraft":
     from calib.importing.from_bag import from_bag
     from calib.importing.from_kalibr import from_kalibr
     from calib.importing.from_mrcal import from_cameramodel, from_corners
+    from calib.importing.from_photonvision import from_photonvision
     from calib.importing.from_pictures import from_pictures
     from calib.importing.from_ros import from_ros_archive
     from calib.importing.from_video import from_video
 
     if args.source == "mrcal":
         return from_cameramodel(args.path)
+    if args.source == "photonvision":
+        return from_photonvision(args.path)
     board = board_from_options(args)
     if args.source == "kalibr":
         return from_kalibr(args.path, board, args.camera)

@@ -1,6 +1,7 @@
 """The command `calib rig`."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ and says which of their pictures belong together: docs/rigs.md.
 EXAMPLES = (
     "calib rig fit pair -o pair/calibration",
     "calib rig evaluate pair/calibration pair/holdout",
+    "calib rig check pair/calibration pair/today",
 )
 QUIET = "print no progress and no remarks, and of a fit the verdict alone"
 
@@ -40,6 +42,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "calibration", type=Path, metavar="CALIBRATION", help="the folder that calib rig fit wrote"
     )
     _add_rig(evaluate, "a rig.yaml with held-out pictures, or its folder")
+    check = _add_action(
+        actions,
+        "check",
+        "Check with a few pictures whether the cameras are still where they were, and find what"
+        " changed. Exit code 0: valid; 5: degraded or broken.",
+    )
+    check.add_argument(
+        "calibration", type=Path, metavar="CALIBRATION", help="the folder that calib rig fit wrote"
+    )
+    _add_rig(check, "a rig.yaml with new pictures, or its folder")
     rectify = _add_action(
         actions,
         "rectify",
@@ -98,7 +110,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " model with rigs.txt; mrcal: a .cameramodel a camera; depthai: the calibration of a"
         " Luxonis board; caliscope: a camera array",
     )
-    for action in (fit, evaluate, rectify, depth_action, export):
+    for action in (fit, evaluate, check, rectify, depth_action, export):
         action.add_argument("--json", action="store_true", help="print one JSON object")
         # The command's own --quiet stands before ACTION.
         action.add_argument(
@@ -116,15 +128,16 @@ def _add_rig(parser: argparse.ArgumentParser, help_text: str) -> None:
     parser.add_argument("rig", type=Path, metavar="RIG", help=help_text)
 
 
-def run(args: argparse.Namespace) -> None:
-    actions = {
+def run(args: argparse.Namespace) -> int | None:
+    actions: dict[str, Callable[[argparse.Namespace], int | None]] = {
         "fit": _fit,
         "evaluate": _evaluate,
+        "check": _check,
         "rectify": _rectify,
         "depth": _depth,
         "export": _export,
     }
-    actions[args.action](args)
+    return actions[args.action](args)
 
 
 def _fit(args: argparse.Namespace) -> None:
@@ -194,6 +207,28 @@ def _evaluate(args: argparse.Namespace) -> None:
         return
     print_rig_evaluation(evaluation)
     print_verdict(verdict, [])
+
+
+def _check(args: argparse.Namespace) -> int:
+    from calib.commands.loading import fast_imports
+
+    with fast_imports():
+        from calib.checking.result import CheckStatus
+        from calib.commands.check_command import NOT_VALID
+        from calib.commands.console import Bars
+        from calib.commands.printing import print_json
+        from calib.commands.rig_check_lines import next_rig_command, print_rig_check
+        from calib.rig.check_rig import check_rig
+
+    with Bars() as bars:
+        result = check_rig(args.calibration, args.rig, bars)
+    folder = args.calibration if args.calibration.is_dir() else args.calibration.parent
+    following = next_rig_command(result, folder, args.rig)
+    if args.json:
+        print_json(result.as_json() | {"next": following, "written": []})
+    else:
+        print_rig_check(result, following)
+    return 0 if result.status is CheckStatus.VALID else NOT_VALID
 
 
 def _rectify(args: argparse.Namespace) -> None:

@@ -34,6 +34,7 @@ other messages are copied.
 """
 EXAMPLES = (
     "calib undistort cam0/calibration photos --depth 1 -o straight",
+    "calib undistort cam0/calibration photos --depth 1 --colour -o straight",
     "calib undistort cam0/calibration film.mp4 --depth 0.5 --crop 0 -o straight",
 )
 
@@ -77,6 +78,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_size,
         metavar="WxH",
         help="size of the straightened pictures, in px (default: the camera's)",
+    )
+    parser.add_argument(
+        "--colour",
+        action="store_true",
+        help=(
+            "remove the colour fringes of the cover, each channel by its own index: session.yaml"
+            " needs the glass's Abbe number"
+        ),
     )
     parser.add_argument(
         "--topic",
@@ -141,7 +150,11 @@ def _straighten_files(
         )
 
     wanted = UndistortOptions(
-        args.depth if args.depth is not None else args.depth_image, args.crop, args.size, args.near
+        args.depth if args.depth is not None else args.depth_image,
+        args.crop,
+        args.size,
+        args.near,
+        args.colour,
     )
     output = OutputFolder(
         args.output, overwrite=args.overwrite, inputs=calibration_files(args.calibration)
@@ -158,6 +171,8 @@ def _straighten_bag(
     from calib.export.straight_bag import straighten_bag
     from calib.io.output_folder import ANOTHER_FILE, OutputFolder
 
+    if args.colour:
+        raise InputError("--colour is for pictures and videos: leave it out for a bag of ROS.")
     if args.depth is None:
         raise InputError("A bag is undistorted at one depth: write --depth, in metres.")
     (path,) = args.images

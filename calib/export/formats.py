@@ -103,6 +103,9 @@ WINDSHIELD = (
     ExportLens("opencv-fisheye", 4 + 4 * 21, fisheye=True, windshield=True),
 )
 
+PHOTONVISION = (ExportLens("5", 5), ExportLens("8", 8))
+NERFSTUDIO = (ExportLens("OPENCV", 5), ExportLens("OPENCV_FISHEYE", 4, fisheye=True))
+
 AXES = ("opencv", "opengl")
 """The axes of a ray image: x right, y down, z forward, or x right, y up, z backward."""
 
@@ -140,6 +143,20 @@ FORMATS: tuple[Format, ...] = (
         files=("camchain_{depth}m.yaml",),
     ),
     Format("colmap", "colmap", "cameras.txt", COLMAP, files=("cameras_{depth}m.txt",)),
+    Format(
+        "nerfstudio",
+        "nerfstudio",
+        "the camera of transforms.json",
+        NERFSTUDIO,
+        files=("transforms_{depth}m.json",),
+    ),
+    Format(
+        "photonvision",
+        "photonvision",
+        "the calibration of one resolution",
+        PHOTONVISION,
+        files=("photonvision_{depth}m.json",),
+    ),
     Format("mrcal", "mrcal", ".cameramodel", MRCAL, files=("camera_{depth}m.cameramodel",)),
     Format(
         "windshield",
@@ -177,6 +194,30 @@ FORMATS: tuple[Format, ...] = (
         needs_depth=False,
         brief="every pixel's ray, for ray tracers",
         files=("ray_image{axes}.npy",),
+    ),
+    Format(
+        "mitsuba",
+        "mitsuba",
+        "a sensor of Mitsuba 3 that shoots every pixel's ray",
+        needs_depth=False,
+        brief="a sensor of Mitsuba 3",
+        files=("ray_image.npy", "refracal_mitsuba.py"),
+    ),
+    Format(
+        "blender",
+        "blender",
+        "a custom camera of Blender 5: an OSL shader and its textures of rays",
+        needs_depth=False,
+        brief="a custom camera of Blender 5",
+        files=("ray_origin.tiff", "ray_direction.tiff", "refracal_camera.osl"),
+    ),
+    Format(
+        "gsplat",
+        "gsplat",
+        "rays of gsplat's rasterize_to_pixels_eval3d: (1, height, width, 6) float32",
+        needs_depth=False,
+        brief="every pixel's ray, for gsplat",
+        files=("gsplat_rays.npy",),
     ),
     Format(
         "stmap",

@@ -201,8 +201,9 @@ def decode_fringes(
 
 def screen_points(decoded: DecodedScreen) -> ScreenPoints:
     """Return the decoded pixels as points, with the covariance of each as if the point were exact
-    and the pixel uncertain. The pixels are as far from each other as needed to share no light; one
-    whose neighbours do not tell the slopes is left out.
+    and the pixel uncertain. The pixels are as far from each other as needed to share no light. One
+    whose neighbours do not tell the slopes is left out, and one whose average reaches beyond the
+    picture's border.
     """
     valid = decoded.reason == PixelReason.DECODED
     slopes = _slopes(decoded.place, valid)
@@ -210,7 +211,9 @@ def screen_points(decoded: DecodedScreen) -> ScreenPoints:
     valid &= np.isfinite(slopes).all((-1, -2)) & (determinant != 0)
     middle = decoded.average // 2
     sampled = np.zeros_like(valid)
-    sampled[middle :: decoded.average, middle :: decoded.average] = True
+    height, width = valid.shape
+    step = decoded.average
+    sampled[middle : height - middle : step, middle : width - middle : step] = True
     valid &= sampled
     rows, columns = np.nonzero(valid)
     place = decoded.place[valid]

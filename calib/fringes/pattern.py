@@ -53,6 +53,21 @@ class Screen:
         return self.width, self.height
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ScreenPattern:
+    """One drawing of a screen, as the product of two lines of grey levels."""
+
+    columns: NDArray[np.uint8]
+    """(width,) the level of each column."""
+    rows: NDArray[np.uint8]
+    """(height,) the level of each row; WHITE leaves the columns as they are."""
+
+    def draw(self) -> NDArray[np.uint8]:
+        """Return the (height, width) picture."""
+        product = np.multiply.outer(self.rows.astype(np.uint16), self.columns)
+        return ((product + WHITE // 2) // WHITE).astype(np.uint8)
+
+
 @dataclass(frozen=True, slots=True)
 class FringePlan:
     """The fringes of one series of pictures."""
@@ -100,14 +115,19 @@ class FringePlan:
         """The number of pictures: black, white, then for x and y the fringes and the Gray code."""
         return 2 + sum(self.steps * len(self.fringes(axis)) + self.bits(axis) for axis in (0, 1))
 
+    def patterns(self) -> Iterator[ScreenPattern]:
+        """Yield what the screen shows, in the order of the pictures."""
+        white = [np.full(size, WHITE, np.uint8) for size in self.screen.size]
+        yield ScreenPattern(np.zeros_like(white[0]), white[1])
+        yield ScreenPattern(white[0], white[1])
+        for line in self._lines(0):
+            yield ScreenPattern(line, white[1])
+        for line in self._lines(1):
+            yield ScreenPattern(white[0], line)
+
     def draw(self) -> Iterator[NDArray[np.uint8]]:
         """Yield the (height, width) pictures in their order."""
-        shape = self.screen.height, self.screen.width
-        yield np.zeros(shape, np.uint8)
-        yield np.full(shape, WHITE, np.uint8)
-        for axis in (0, 1):
-            for line in self._lines(axis):
-                yield np.broadcast_to(line if axis == 0 else line[:, None], shape).copy()
+        return (pattern.draw() for pattern in self.patterns())
 
     def _lines(self, axis: int) -> Iterator[NDArray[np.uint8]]:
         """Yield the grey levels along an axis, a row for each picture."""

@@ -11,6 +11,7 @@ from calib.progress import Progress
 from calib.report.again import again_html
 from calib.report.board_errors import board_errors
 from calib.report.by_depth import distortion_by_depth
+from calib.report.colour import fringes_html
 from calib.report.comparison import diagnosis_comparison
 from calib.report.corners import corners_data, views_data
 from calib.report.coverage import corner_coverage
@@ -83,6 +84,7 @@ def write_report(
             effect_rows(calibration) if effects is None else effects,
             views_html(evidence, thumbnails),
             again_html(evidence, files.folder),
+            fringes_html(evidence),
         )
     path = files.write(
         NAME,
@@ -104,6 +106,7 @@ def _sections(
     effects: Sequence[EffectRow],
     views: str,
     reproduction: str,
+    colour: str,
 ) -> list[PageSection]:
     figures = [PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings]
     compared = [figure for figure in figures if figure.name == "comparison"]
@@ -118,6 +121,7 @@ def _sections(
         *compared,
         *([PageSection("straight", "Before and after undistortion", straight)] if straight else []),
         *(figure for figure in figures if figure not in compared),
+        *([PageSection("colour", "Colour fringes", colour)] if colour else []),
         PageSection("views", "The views", views),
         PageSection("numbers", "Camera and cover", parameters_html(evidence)),
         PageSection("again", "How to reproduce it", reproduction),

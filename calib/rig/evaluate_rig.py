@@ -5,7 +5,7 @@ board against the truth.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -14,28 +14,25 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.calibration import Calibration
-from calib.corners.pose_requirements import split_usable_views
-from calib.corners.view import View
-from calib.errors import InputError, NotEnoughDataError, brief, wrong_type
-from calib.estimation.levenberg_marquardt import minimise
-from calib.estimation.objective import LandingProblem, view_precision
+from calib.errors import NotEnoughDataError, wrong_type
 from calib.estimation.observations import Observations
-from calib.estimation.parameters import Parameters
-from calib.estimation.poses import refit_poses
-from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.evaluate import FIRST_BAND_END
-from calib.fitting.inputs import read_views
-from calib.fitting.with_initial_pose import with_initial_pose
 from calib.optics.exposure import MIDDLE
 from calib.progress import Progress, Silent, check_progress
-from calib.rig.mounting_start import nearest_turns, turn_view
+from calib.rig.later_views import (
+    LaterViews,
+    PlacedViews,
+    first_placements,
+    fit_placements,
+    mounting_of,
+    read_later_views,
+    renumber_views,
+)
 from calib.rig.placements import Indices, Placements
-from calib.rig.poses import compose, invert_poses
-from calib.rig.problem import CameraProblem, RigProblem
 from calib.rig.rig import Rig, RigCalibrationSource
 from calib.rig.rig_content import RejectedView
-from calib.rig.rig_file import RigDescription, RigSource, read_rig
+from calib.rig.rig_file import RigSource, read_rig
 from calib.session.board import Board
 from calib.threads import single_thread
 
@@ -74,16 +71,6 @@ class RigEvaluation:
     rejected: tuple[RejectedView, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _HeldOut:
-    """The held-out views of one camera."""
-
-    calibration: Calibration
-    views: tuple[View, ...]
-    poses: Tensor
-    """(V, 6) T_camera_board of each view by itself."""
-
-
 def evaluate_rig(
     rig: RigCalibrationSource, source: RigSource, progress: Progress = Silent()
 ) -> RigEvaluation:
@@ -106,9 +93,9 @@ def evaluate_rig(
     calibrated = rig if isinstance(rig, Rig) else Rig.load(rig)
     description = read_rig(source)
     rejected: list[RejectedView] = []
-    cameras: dict[str, _HeldOut] = {}
+    cameras: dict[str, LaterViews] = {}
     for name in description.sessions:
-        held_out, dropped = _read(calibrated, description, name, progress)
+        held_out, dropped = read_later_views(calibrated, description, name, progress)
         rejected += [RejectedView(name, picture, reason) for picture, reason in dropped]
         cameras[name] = held_out
     if not any(camera.views for camera in cameras.values()):
@@ -118,8 +105,8 @@ def evaluate_rig(
         )
     placements = Placements.of(description, {name: c.views for name, c in cameras.items()})
     with single_thread():
-        cameras = _renumbered(calibrated, cameras, placements)
-        poses = _fit_placements(calibrated, cameras, placements)
+        cameras = renumber_views(calibrated, cameras, placements)
+        poses = _fit_poses(calibrated, cameras, placements)
         results = {
             name: _residuals(camera, poses[name])
             for name, camera in cameras.items()
@@ -139,114 +126,35 @@ def evaluate_rig(
     )
 
 
-def _read(
-    rig: Rig, description: RigDescription, name: str, progress: Progress
-) -> tuple[_HeldOut, list[tuple[str, str]]]:
-    """Return a camera's views with their poses, and the pictures that are left out."""
-    session = description.sessions[name]
-    if name not in rig.calibrations:
-        raise InputError(
-            f"{description.file}: cameras has {brief(repr(name))}, and the calibrated rig has"
-            f" {', '.join(rig.names)}: name the held-out cameras as these."
-        )
-    calibration = rig.calibrations[name]
-    size = session.camera.width, session.camera.height
-    camera = calibration.camera
-    if size != (camera.width, camera.height):
-        raise InputError(
-            f"{session.path} is of {size[0]}x{size[1]} px and the calibration of {name} for"
-            f" {camera.width}x{camera.height}: evaluate with pictures of the calibrated camera"
-            " mode."
-        )
-    if session.board != calibration.board:
-        raise InputError(
-            f"{session.path} has a {session.board} board and the calibrated rig a"
-            f" {calibration.board} one: evaluate with pictures of the same board."
-        )
-    views, rejected = read_views(session, progress)
-    views, unusable = split_usable_views(views, session.board)
-    path, values = calibration.model()
-    views, poses, poseless = with_initial_pose(path, values, views, session.board)
-    if views:
-        observations = Observations.of(views, session.board)
-        with single_thread():
-            poses, _ = refit_poses(path, values, observations, poses)
-    dropped = [(r.name, r.reason) for r in (*rejected, *unusable, *poseless)]
-    return _HeldOut(calibration, views, poses), dropped
-
-
-def _mounting(rig: Rig, name: str) -> Tensor:
-    return torch.from_numpy(rig.mountings[rig.names.index(name)])
-
-
-def _renumbered(
-    rig: Rig, cameras: Mapping[str, _HeldOut], placements: Placements
-) -> dict[str, _HeldOut]:
-    """Return the views with their corners in the order of the first camera that saw the same
-    placement.
-    """
-    placed = torch.full((placements.count, 6), torch.nan, dtype=torch.float64)
-    renumbered = {}
-    for name, camera in cameras.items():
-        place = torch.from_numpy(placements.of_views[name])
-        mounting = _mounting(rig, name)
-        board = camera.calibration.board
-        expected = compose(mounting, placed[place])
-        quarters, poses = nearest_turns(camera.poses, expected, board)
-        views = tuple(
-            turn_view(view, board, count)
-            for view, count in zip(camera.views, quarters.tolist(), strict=True)
-        )
-        placed_poses = compose(invert_poses(mounting), poses)
-        for row, index in enumerate(place.tolist()):
-            if bool(placed[index, 0].isnan()):
-                placed[index] = placed_poses[row]
-        renumbered[name] = replace(camera, views=views, poses=poses)
-    return renumbered
-
-
-def _fit_placements(
-    rig: Rig, cameras: Mapping[str, _HeldOut], placements: Placements
+def _fit_poses(
+    rig: Rig, cameras: Mapping[str, LaterViews], placements: Placements
 ) -> dict[str, Tensor]:
     """Return the (V, 6) poses of each camera's views from one placement for all cameras."""
-    problems = []
-    start = torch.full((placements.count, 6), torch.nan, dtype=torch.float64)
-    used = [name for name, camera in cameras.items() if camera.views]
-    for name in used:
-        camera = cameras[name]
-        path, values = camera.calibration.model()
-        observations = Observations.of(camera.views, camera.calibration.board)
-        _, failure = path.land(observations.pixels, values, camera.poses[observations.view], MIDDLE)
-        observations = observations.select_rows(failure == 0)
-        weights = pixel_weights(path, values, observations, camera.poses, 1.0)
-        parameters = Parameters.none(values)
-        blocks = tuple(make_residual_blocks(path, parameters, observations, weights))
-        empty = torch.zeros(0, dtype=torch.int64)
-        mounting = _mounting(rig, name)
-        place = torch.from_numpy(placements.of_views[name])
-        landing = LandingProblem(
-            parameters, blocks, weights.new_zeros(0, 0), view_precision(path, camera.poses)
-        )
-        problems.append(CameraProblem(landing, empty, mounting, empty, place))
-        placed_poses = compose(invert_poses(mounting), camera.poses)
-        is_new = start[place, 0].isnan()
-        start[place[is_new]] = placed_poses[is_new]
-    problem = RigProblem(tuple(problems), start.new_zeros(0, 0))
-    solution = minimise(problem, start.new_zeros(0), start)
-    return {
-        name: camera.compose(solution.shared, solution.blocks)
-        for name, camera in zip(used, problems, strict=True)
-    }
+    placed = {}
+    for name, camera in cameras.items():
+        if camera.views:
+            path, values = camera.calibration.model()
+            observations = Observations.of(camera.views, camera.calibration.board)
+            place = torch.from_numpy(placements.of_views[name])
+            placed[name] = PlacedViews(path, values, observations, mounting_of(rig, name), place)
+    start = first_placements(
+        [views.mounting for views in placed.values()],
+        [cameras[name].poses for name in placed],
+        [views.placement for views in placed.values()],
+        placements.count,
+    )
+    fitted = fit_placements(tuple(placed.values()), start)
+    return {name: views.poses(fitted) for name, views in placed.items()}
 
 
-def _residuals(camera: _HeldOut, poses: Tensor) -> Residuals:
+def _residuals(camera: LaterViews, poses: Tensor) -> Residuals:
     path, values = camera.calibration.model()
     observations = Observations.of(camera.views, camera.calibration.board)
     return residuals(path, values, observations, poses)
 
 
 def _length_bands(
-    rig: Rig, cameras: Mapping[str, _HeldOut], placements: Placements
+    rig: Rig, cameras: Mapping[str, LaterViews], placements: Placements
 ) -> tuple[LengthBand, ...]:
     """Return the errors of the lengths between the ends of the board's rows, columns and diagonals,
     by their depth.

@@ -3,9 +3,10 @@ such covers, one in front of the other.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 
+from calib.session.dispersion import Dispersion
 from calib.session.glass import Glass
 from calib.session.parameter_names import THICKNESS, cover_names, layer_number
 from calib.session.schema import Number
@@ -39,6 +40,10 @@ class Cover:
     """
     surface: str = AUTO
     """Whether its outer surface is even: one of SURFACES. Only that of the outermost cover is used.
+    """
+    dispersion: Mapping[str, Dispersion] = field(default_factory=dict)
+    """The dispersion of its media by the name of their index, such as "refractive_index". A medium
+    that is not here has one index for all colours.
     """
     outer: "Cover | None" = None
     """The next cover outwards; None: this one is the outermost."""
@@ -128,6 +133,29 @@ class Cover:
         """The words for this cover without the other ones."""
         words = find_shape(self.shape).words
         return f"{words} of {self.layers} layers" if self.layers > 1 else words
+
+    @property
+    def has_dispersion(self) -> bool:
+        """True if the index of any medium depends on the colour."""
+        return any(cover.dispersion for cover in self.covers)
+
+    def in_channel(self, channel: str) -> "Cover":
+        """Return the cover as the light of a colour meets it, one of dispersion.CHANNELS."""
+        numbers = dict(self.parameters)
+        for name, dispersion in self.dispersion.items():
+            index = dispersion.index(numbers[name].value, channel)
+            numbers[name] = replace(numbers[name], value=index)
+        outer = self.outer and self.outer.in_channel(channel)
+        return replace(self, parameters=numbers, dispersion={}, outer=outer)
+
+    def replace_medium(self, medium: Number, dispersion: Dispersion | None) -> "Cover":
+        """Return the cover with another medium outside of all covers."""
+        if self.outer:
+            return replace(self, outer=self.outer.replace_medium(medium, dispersion))
+        dispersions = {name: colours for name, colours in self.dispersion.items() if name != MEDIUM}
+        if dispersion:
+            dispersions[MEDIUM] = dispersion
+        return replace(self, parameters={**self.parameters, MEDIUM: medium}, dispersion=dispersions)
 
     def with_surface(self, surface: str) -> "Cover":
         """Return the same cover whose outermost surface is one of SURFACES."""

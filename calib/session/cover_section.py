@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from calib.errors import InputError
 from calib.session.cover import AUTO, SURFACES, Cover
+from calib.session.dispersion import Dispersion, dispersion_to_yaml, read_dispersion
 from calib.session.glass import glass_to_yaml, read_glass
 from calib.session.parameter_names import INDEX, THICKNESS, layer_number
 from calib.session.schema import UNKNOWN, Number, Quantity, Section, is_unknown
@@ -30,6 +31,8 @@ MAX_COVERS = 4
 """Covers that a camera may look through."""
 ALONE = (NONE.name, UNKNOWN)
 """The shapes that no other cover may stand beside."""
+INDICES = (*(kind.quantity for kind in LAYER if kind.quantity.stem == INDEX), OUTSIDE.quantity)
+"""The keys whose number may have a dispersion."""
 CORRELATION = Quantity(CORRELATIONS, low=-1, high=1)
 PAIRS = (
     "two names and a number from -1 to 1 for each pair of numbers, such as [[cover.thickness,"
@@ -106,34 +109,52 @@ def _read_single(section: Section, shapes: Sequence[str], common_keys: Sequence[
         ("shape", *keys, *([LAYERS_KEY, SURFACE_KEY] if shape.has_glass else []), *common_keys),
         f"key of the shape {shape.name}{' with layers' if layered else ''}",
     )
-    parameters = {
-        name: number for quantity in quantities for name, number in section.read(quantity).items()
-    }
-    parameters |= _read_layers(section) if layered else {}
+    parameters, dispersion = _read_numbers(section, quantities)
+    if layered:
+        layers, colours = _read_layers(section)
+        parameters |= layers
+        dispersion |= colours
     parameters = _with_room(shape, parameters)
     _refuse_camera_outside(section, shape, parameters)
     surface = AUTO
     if SURFACE_KEY in section.values:
         surface = section.choice(SURFACE_KEY, SURFACES, f"one of {', '.join(SURFACES)}")
-    return Cover(shape.name, parameters, surface=surface)
+    return Cover(shape.name, parameters, surface=surface, dispersion=dispersion)
 
 
-def _read_layers(section: Section) -> dict[str, Number]:
-    """Return the numbers of the layers of glass."""
+def _read_numbers(
+    section: Section, quantities: Sequence[Quantity]
+) -> tuple[dict[str, Number], dict[str, Dispersion]]:
+    """Return the numbers of these keys, and the dispersion of those that are indices with one."""
+    numbers: dict[str, Number] = {}
+    dispersions: dict[str, Dispersion] = {}
+    for quantity in quantities:
+        plain, dispersion = section, None
+        if quantity in INDICES:
+            plain, dispersion = read_dispersion(section, quantity)
+        numbers |= plain.read(quantity)
+        if dispersion:
+            dispersions[quantity.stem] = dispersion
+    return numbers, dispersions
+
+
+def _read_layers(section: Section) -> tuple[dict[str, Number], dict[str, Dispersion]]:
+    """Return the numbers of the layers of glass, and their dispersion."""
     written = section.get(LAYERS_KEY, LAYERS)
     entries = written if isinstance(written, list) else []
     mappings = [entry for entry in entries if isinstance(entry, Mapping)]
     if not 1 <= len(mappings) <= MAX_LAYERS or len(mappings) < len(entries):
         raise section.error(LAYERS_KEY, written, LAYERS)
-    numbers = {}
+    numbers: dict[str, Number] = {}
+    dispersions: dict[str, Dispersion] = {}
     for layer, mapping in enumerate(mappings, 1):
         path = section.key_path(f"{LAYERS_KEY}[{layer - 1}]")
         entry = Section(mapping, section.file, path)
         entry.allow_only([kind.quantity.key for kind in LAYER], "key of a layer")
-        for kind in LAYER:
-            for name, number in entry.read(kind.quantity).items():
-                numbers[layer_number(layer, name)] = number
-    return numbers
+        layer_numbers, colours = _read_numbers(entry, [kind.quantity for kind in LAYER])
+        numbers |= {layer_number(layer, name): number for name, number in layer_numbers.items()}
+        dispersions |= {layer_number(layer, name): colour for name, colour in colours.items()}
+    return numbers, dispersions
 
 
 def _single_to_yaml(cover: Cover) -> dict[str, object]:
@@ -145,21 +166,30 @@ def _single_to_yaml(cover: Cover) -> dict[str, object]:
     layers = []
     for layer in range(1, cover.layers + 1):
         numbers = {name: cover.parameters[layer_number(layer, name)] for name in (THICKNESS, INDEX)}
-        layers.append(_entries_to_yaml(LAYER, numbers))
+        dispersion = cover.dispersion.get(layer_number(layer, INDEX))
+        layers.append(_entries_to_yaml(LAYER, numbers, dispersion))
     document |= layers[0] if len(layers) == 1 else {LAYERS_KEY: layers}
-    document |= _entries_to_yaml((OUTSIDE,), cover.parameters)
+    medium = cover.dispersion.get(OUTSIDE.quantity.stem)
+    document |= _entries_to_yaml((OUTSIDE,), cover.parameters, medium)
     return document if cover.surface == AUTO else document | {SURFACE_KEY: cover.surface}
 
 
 def _entries_to_yaml(
-    kinds: Sequence[Dimension], parameters: Mapping[str, Number]
+    kinds: Sequence[Dimension],
+    parameters: Mapping[str, Number],
+    dispersion: Dispersion | None = None,
 ) -> dict[str, object]:
-    """Return the value of each dimension by its key."""
+    """Return the value of each dimension by its key. `dispersion` is that of the index among
+    them.
+    """
     document: dict[str, object] = {}
     for kind in kinds:
         quantity = kind.quantity
         entries = [quantity.to_yaml(parameters[name]) for name in quantity.names]
         document[quantity.key] = entries if quantity.components else entries[0]
+        if dispersion and quantity in INDICES:
+            index = parameters[quantity.stem]
+            document[quantity.key] = dispersion_to_yaml(entries[0], index, dispersion)
     return document
 
 

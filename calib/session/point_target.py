@@ -6,11 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.session.board import Board
+from calib.session.schema import Number, Quantity
 
 CELLS = 10
 """A target of points has no squares: where a board's square is a measure of length, a tenth of the
 target's size stands for it.
 """
+
+PITCH = Quantity("pitch_mm", low=1e-3, high=100)
+"""The pitch of a screen, from 1 um, a microscope's, to a wall of lamps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,12 +26,17 @@ class PointTarget(Board):
 
     places: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     """(count, 2) m, the points on the target."""
+    pitch: Number | None = None
+    """m, from pixel to pixel of the screen that the points lie on. None: not stated."""
 
     @staticmethod
-    def of(places: NDArray[np.float64]) -> "PointTarget":
+    def of(places: NDArray[np.float64], pitch: Number | None = None) -> "PointTarget":
         """Return the target of (count, 2) m points on it."""
         size = 2 * float(np.abs(places).max(initial=1e-9))
-        return PointTarget(len(places), 1, size / CELLS, places=places)
+        square = size / CELLS
+        is_stated = pitch is not None and (pitch.exact or pitch.sigma > 0)
+        sigma = square * pitch.sigma / pitch.value if pitch and is_stated else None
+        return PointTarget(len(places), 1, square, sigma, places=places, pitch=pitch)
 
     @property
     def has_grid(self) -> bool:

@@ -30,7 +30,7 @@ from calib.session.declared_table import declared_table
 from calib.session.fleet_prior import FleetPrior, check_compatible, read_fleet_prior
 from calib.session.lens import SPLINED
 from calib.session.numbers import check_correlations
-from calib.session.point_target import PointTarget, PointView
+from calib.session.point_target import PITCH, PointTarget, PointView
 from calib.session.points_file import FOLDER, point_files, read_point_view
 from calib.session.schema import Number, Section
 
@@ -174,7 +174,7 @@ def session_from_mapping(mapping: Mapping[str, object], where: str) -> tuple[Boa
 def session_to_yaml(board: Board, camera: Camera, cover: Cover) -> dict[str, object]:
     """Return the mapping that `session_from_mapping` reads as the same numbers."""
     is_grid = board.has_grid
-    target = {"board": board_to_yaml(board)} if is_grid else {TARGET_KEY: {"type": POINTS}}
+    target = {"board": board_to_yaml(board)} if is_grid else {TARGET_KEY: _target_to_yaml(board)}
     return {
         **target,
         "camera": camera_to_yaml(camera),
@@ -212,7 +212,8 @@ def _read(path: Path, bare_of: Session | None) -> Session:
     camera = without_unknown(camera)
     if not board.has_grid:
         points = _read_target(section, path, camera)
-        board = PointTarget.of(np.concatenate([view.places for view in points]))
+        assert isinstance(board, PointTarget)
+        board = PointTarget.of(np.concatenate([view.places for view in points]), board.pitch)
         session = Session(path, board, camera, cover, (), None, None, points=points)
         return _completed(session, section, bare_of)
     corners = _read_corners_path(section, path)
@@ -275,11 +276,18 @@ def _read_board(section: Section) -> Board:
             " not show."
         )
     target = section.section(TARGET_KEY, f"{{type: {POINTS}}}")
-    target.allow_only(("type",))
+    target.allow_only(("type", PITCH.key))
     kind = target.get("type", POINTS)
     if kind != POINTS:
         raise target.error("type", kind, f"{POINTS}, or describe a board under board")
-    return PointTarget.of(np.zeros((0, 2)))
+    has_pitch = PITCH.key in target.values
+    pitch = target.read(PITCH)[PITCH.stem] if has_pitch else None
+    return PointTarget.of(np.zeros((0, 2)), pitch)
+
+
+def _target_to_yaml(board: Board) -> dict[str, object]:
+    pitch = board.pitch if isinstance(board, PointTarget) else None
+    return {"type": POINTS} | ({PITCH.key: PITCH.to_yaml(pitch)} if pitch else {})
 
 
 def _read_target(section: Section, path: Path, camera: Camera) -> tuple[PointView, ...]:

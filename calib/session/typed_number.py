@@ -2,11 +2,20 @@
 
 import re
 
+COLOURS = re.compile(r"(.*?)((?:\s+(?:abbe|red|blue)\s+[0-9.]+)+)")
+"""An index of refraction with its colours, such as `1.49 abbe 57`."""
+
 
 def typed_number(text: str) -> object:
     """Return the number as session.yaml has it: `25 ± 10` (or `25 +- 10`) with its sigma, which is
-    0 for an exact one. A text that is no number is returned as it is, and the rules refuse it.
+    0 for an exact one, and `1.49 abbe 57` with its Abbe number. A text that is no number is
+    returned as it is, and the rules refuse it.
     """
+    if match := COLOURS.fullmatch(text.strip()):
+        index = typed_number(match[1])
+        words = match[2].split()
+        colours = zip(words[::2], map(typed_number, words[1::2]), strict=True)
+        return {**(index if isinstance(index, dict) else {"value": index}), **dict(colours)}
     value, pair, sigma = join_sigmas(text.strip()).partition("±")
     try:
         if pair:

@@ -3,15 +3,17 @@
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import positive_number, quoted, two_numbers
+from calib.commands.arguments import positive_number, quoted
 from calib.commands.board_options import add_coding, board_from_options
 from calib.io.numerals import whole_number
+from capture.commands.corner_counts import corner_counts
 
 SUMMARY = "Record a session without a screen: keep sharp frames that show the board in a new pose."
 DESCRIPTION = """
 SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
 question mark, such as v4l2:/dev/video0?size=1640x1232. A session that has pictures is continued.
-Ctrl-C ends the recording and loses nothing.
+Ctrl-C ends the recording and loses nothing. Several cameras, each as --source NAME=SOURCE, are
+recorded together: SESSION is then the folder of the rig, with rig.yaml and a session a camera.
 """
 
 
@@ -22,11 +24,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--source",
         required=True,
-        help="where frames come from; `capture sources` lists the cameras",
+        action="append",
+        help="where frames come from; `capture sources` lists the cameras. Of a rig, NAME=SOURCE"
+        " for each camera",
     )
     parser.add_argument(
         "--board",
-        type=_board,
+        type=corner_counts,
         metavar="CxR",
         help="inner corners of a new session's board, or its tags, such as 9x6",
     )
@@ -34,9 +38,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_coding(parser)
     parser.add_argument(
         "--cover-from",
-        type=Path,
+        action="append",
         metavar="FILE",
-        help="session.yaml that describes cover and camera of a new session",
+        help="session.yaml that describes cover and camera of a new session; of a rig, FILE for"
+        " all cameras, or NAME=FILE for each",
     )
     parser.add_argument("--bare", action="store_true", help="the cover is off: record into bare/")
     parser.add_argument(
@@ -64,6 +69,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
+    from capture.rig.rig_sources import is_rig, refuse_rig_folder
+
+    if is_rig(args.source):
+        from capture.rig.record_rig import record_rig
+
+        record_rig(args)
+        return
+    refuse_rig_folder(args.session)
+    _record_session(args)
+
+
+def _record_session(args: argparse.Namespace) -> None:
     from itertools import islice
 
     from calib.commands.printing import print_json
@@ -78,16 +95,17 @@ def run(args: argparse.Namespace) -> None:
     from capture.source_folder import check_source_folder, describe_mismatch
     from capture.sources.registry import open_source
 
-    source = open_source(args.source)
+    (source_text,) = args.source
+    source = open_source(source_text)
     if args.all and (args.burst > 1 or args.every):
         raise InputError(
             "--burst and --every choose among good views: leave them out, or leave --all out."
         )
-    like = read_setup(args.cover_from) if args.cover_from else None
+    like = read_setup(Path(args.cover_from[-1])) if args.cover_from else None
     board = board_of(args.session, board_from_options(args), like)
     views = args.views or (None if args.all else 30)
     if args.bare:
-        check_source_folder(args.source, covered=False)
+        check_source_folder(source_text, covered=False)
     with (
         Reader(source, SilenceRemarks()) as reader,
         Recorder(
@@ -95,7 +113,7 @@ def run(args: argparse.Namespace) -> None:
         ) as recorder,
         stop_on_signal(reader.close) as stop_request,
     ):
-        if args.bare and (mismatch := describe_mismatch(args.source, covered=False)):
+        if args.bare and (mismatch := describe_mismatch(source_text, covered=False)):
             recorder.remarks.append(mismatch)
         narrator = Narrator(reader, recorder, views, json=args.json)
         try:
@@ -113,7 +131,7 @@ def run(args: argparse.Namespace) -> None:
             narrator.report_safety()
             raise
     if not narrator.pictures and not stop_request.received:
-        raise NotEnoughDataError(f"No frame of {args.source} was kept: {narrator.sentence}")
+        raise NotEnoughDataError(f"No frame of {source_text} was kept: {narrator.sentence}")
     ended = (
         "interrupted" if stop_request.received else "views" if narrator.views == views else "source"
     )
@@ -121,16 +139,6 @@ def run(args: argparse.Namespace) -> None:
         print_json(narrator.as_json(ended=ended))
     else:
         narrator.print_summary()
-
-
-def _board(text: str) -> tuple[int, int]:
-    size = two_numbers(text)
-    if size is None or min(size) < 2 or max(size) > 1000:
-        raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not a board: write its inner corners as two whole numbers from 3,"
-            " such as 9x6"
-        )
-    return size
 
 
 def _count(text: str) -> int:

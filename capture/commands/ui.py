@@ -4,14 +4,21 @@ import argparse
 from importlib.util import find_spec
 from pathlib import Path
 
-from calib.commands.arguments import quoted
+from calib.commands.arguments import positive_number, quoted
+from calib.commands.board_options import add_coding
 from calib.io.numerals import whole_number
+from capture.commands.corner_counts import corner_counts
+from capture.commands.screen_options import add_screen, check_screen_options, record_screen
 
 SUMMARY = "Start the terminal UI, a guide to a calibration. `capture SESSION` is short for it."
 DESCRIPTION = """
 SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
 question mark. With --serve the UI runs in a browser instead: of this machine alone, or with --host
-of other machines too, which then need the address that is printed once.
+of other machines too, which then need the address that is printed once. With --screen the browser's
+own screen is the target, in place of a board.
+
+Several cameras, each as --source NAME=SOURCE, are recorded together: SESSION is then the folder of
+the rig, and the board of a new one is described by --board, --square-mm and --type.
 """
 
 
@@ -21,8 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--source",
-        default="",
-        help="where frames come from (default: the first camera that is found)",
+        action="append",
+        default=[],
+        help="where frames come from (default: the first camera that is found). Of a rig,"
+        " NAME=SOURCE for each camera",
     )
     missing = "" if find_spec("textual_serve") else "; first install what it names"
     parser.add_argument(
@@ -43,13 +52,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     apps = "with --serve: windows at a time; one more ends the oldest (default: %(default)s)"
     parser.add_argument("--apps", type=_apps, default=1, metavar="N", help=apps)
+    board = parser.add_argument_group("the board of a new rig")
+    board.add_argument(
+        "--board",
+        type=corner_counts,
+        metavar="CxR",
+        help="its inner corners, or its tags, such as 9x6",
+    )
+    board.add_argument("--square-mm", type=positive_number, metavar="MM", help="side of a square")
+    add_coding(board)
+    parser.add_argument(
+        "--cover-from",
+        action="append",
+        metavar="FILE",
+        help="session.yaml that describes cover and camera of a new session with --screen or of all"
+        " cameras of a rig, or NAME=FILE for each camera",
+    )
+    add_screen(parser)
 
 
 def run(args: argparse.Namespace) -> None:
-    if args.source:
+    from capture.rig.rig_sources import is_rig, refuse_rig_folder
+
+    check_screen_options(args)
+    if args.screen:
+        record_screen(args)
+        return
+    if is_rig(args.source):
+        _run_rig(args)
+        return
+    _refuse_rig_options(args)
+    refuse_rig_folder(args.session)
+    (source,) = args.source or ("",)
+    if source:
         from capture.sources.registry import open_source
 
-        open_source(args.source)
+        open_source(source)
     if _has_session_file(args.session):
         from capture.session_file import board_of
 
@@ -57,7 +95,7 @@ def run(args: argparse.Namespace) -> None:
     if args.serve:
         from capture.serve import serve
 
-        serve(args.session, args.source, args.host, args.port, args.apps)
+        serve(args.session, source, args.host, args.port, args.apps)
         return
     _check_terminal()
     from capture.orphan import end_with_server
@@ -65,10 +103,45 @@ def run(args: argparse.Namespace) -> None:
     end_with_server()
     from capture.tui.app import CaptureApp
 
-    app = CaptureApp(args.session, args.source)
+    app = CaptureApp(args.session, source)
     app.run()
     if not app.is_web:
         print(*app.farewell, sep="\n")
+
+
+def _refuse_rig_options(args: argparse.Namespace) -> None:
+    from calib.errors import InputError
+
+    for option in ("board", "square_mm", "cover_from"):
+        if getattr(args, option):
+            raise InputError(
+                f"--{option.replace('_', '-')} is not for one camera and a board, which the screen"
+                " asks about: leave it out, or name each camera of a rig by --source NAME=SOURCE."
+            )
+
+
+def _run_rig(args: argparse.Namespace) -> None:
+    from calib.commands.board_options import board_from_options
+    from calib.errors import InputError
+    from capture.rig.rig_folder import RigFolder
+    from capture.rig.rig_setup import RigSetup, read_likes
+    from capture.rig.rig_sources import open_sources
+
+    if args.serve:
+        raise InputError(
+            "--serve shows one camera: record a rig in a terminal, without --serve, or without a"
+            " screen by capture record."
+        )
+    cameras = tuple(open_sources(args.source))
+    rig = RigFolder.of(args.session, cameras)
+    likes = read_likes(args.cover_from or (), cameras)
+    board = rig.board(board_from_options(args), likes)
+    _check_terminal()
+    from capture.tui.rig_app import RigApp
+
+    app = RigApp(RigSetup(rig, tuple(args.source), board, likes))
+    app.run()
+    print(*app.farewell, sep="\n")
 
 
 def _port(text: str) -> int:

@@ -47,10 +47,24 @@ class FolderSource:
         self._pictures: tuple[Path, ...] = ()
         self._rows: tuple[Mapping[str, str], ...] = ()
         self._times: tuple[float | None, ...] = ()  # s
+        self._origin: tuple[float, float] | None = None
 
     @property
     def live(self) -> bool:
         return self._speed is not None
+
+    @property
+    def recorded_start_s(self) -> float | None:
+        """The recorded time of the first picture, s; None where a picture has no time. Known once
+        the source is entered.
+        """
+        return None if None in self._times else self._times[0]
+
+    def play_from(self, recorded_s: float, now_s: float) -> None:
+        """Play back so that the recorded time `recorded_s` is `now_s` of the monotonic clock: for
+        several recordings that were taken together.
+        """
+        self._origin = recorded_s, now_s
 
     def __enter__(self) -> Self:
         inner = self._folder / "frames"
@@ -77,8 +91,8 @@ class FolderSource:
         self.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        start_s = time.monotonic()
-        first = next((time_s for time_s in self._times if time_s is not None), 0.0)
+        recorded_start = next((time_s for time_s in self._times if time_s is not None), 0.0)
+        first, start_s = self._origin or (recorded_start, time.monotonic())
         near = [(_gap(*pair) or PAUSE_S) < PAUSE_S for pair in pairwise((None, *self._times, None))]
         for index, (picture, row, recorded) in enumerate(
             zip(self._pictures, self._rows, self._times, strict=True)

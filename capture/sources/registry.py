@@ -103,6 +103,23 @@ def open_source(
     return scheme.backend().open_source(place, Section(pairs, context))
 
 
+def usable_cameras() -> list[str]:
+    """Return the cameras of this machine that can be used, as `--source` names them."""
+    return [
+        camera.source
+        for scheme in SCHEMES
+        for camera in scheme.backend().inventory().cameras
+        if not camera.problem
+    ]
+
+
+def is_recorded_source(source: str) -> bool:
+    """Return True if the source plays back existing pictures; a camera, in contrast, may still be
+    plugged in.
+    """
+    return full_source(source).startswith(("folder:", "video:"))
+
+
 def full_source(text: str) -> str:
     """Return the source with its kind in front. A path that exists needs none: a folder, a video
     or the device of a camera.

@@ -100,10 +100,13 @@ class CaptureApp(App[None]):
             return ()
         return list(find_downloads(self.session, self._results_shown.calibration, self._maps))
 
+    def first_screen(self) -> Page:
+        return SetupScreen(self.session, self.source)
+
     def on_mount(self) -> None:
         sys.setswitchinterval(SWITCH_S)
         cv2.setNumThreads(1)  # one of two cores stays free for the screen
-        self.push_screen(SetupScreen(self.session, self.source))
+        self.push_screen(self.first_screen())
 
     async def on_event(self, event: Event) -> None:
         """Ignore keys and pastes for a screen that the notice about a too small terminal hides."""

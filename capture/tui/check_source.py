@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from calib.errors import InputError
-from capture.sources.registry import open_source
+from capture.sources.registry import is_recorded_source, open_source
 from capture.tui.path_suggester import FOLDER, PathSuggester
 from capture.tui.question import Question, question_bindings
-from capture.tui.references import explain_unreadable, is_recorded_source
+from capture.tui.references import explain_unreadable
 from capture.typed_path import expand_typed_path
 
 

@@ -19,6 +19,7 @@ from textual.message import Message
 from capture.coverage import Hint, SessionProgress
 from capture.narrator import silence_sentence
 from capture.recording_loop import Step, refusal_reason
+from capture.sources.registry import is_recorded_source
 from capture.tui.camera import Preview, RecordingRun, Task
 from capture.tui.cells import CORNER_MARK, HINT_MARK, Mark
 from capture.tui.farewell import calibration_folder
@@ -30,7 +31,6 @@ from capture.tui.opening import OpeningScreen
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
-from capture.tui.references import is_recorded_source
 from capture.tui.start_warnings import too_few_views_warning
 from capture.tui.undistortion_page import UndistortionPage
 from capture.tui.watching_page import WatchingPage

@@ -13,6 +13,7 @@ from calib.session.board_section import EXPLANATIONS, KEYS, UNUSUAL, explain_key
 from calib.session.camera import Camera, camera_to_yaml
 from calib.session.cover import Cover
 from calib.session.cover_section import LAYERS_KEY, cover_mappings
+from calib.session.dispersion import COLOUR_KEYS
 from calib.session.schema import UNKNOWN, Quantity, Section, is_unknown
 from calib.session.session import session_from_mapping, session_to_yaml
 from calib.session.shapes.layer import LAYER
@@ -287,8 +288,9 @@ def _text(value: object) -> str:
     if isinstance(value, list):
         return ", ".join(map(_text, value))
     if isinstance(value, Mapping):
-        return (  # an exact number has no sigma
-            f"{_text(value['value'])} ± {_text(value.get('sigma', 0.0))}"
-        )
+        colours = [f" {key} {_text(value[key])}" for key in COLOUR_KEYS if key in value]
+        exact = value.get("exact") or not colours  # an exact number has no sigma
+        sigma = f" ± {_text(value.get('sigma', 0.0))}" if exact or "sigma" in value else ""
+        return f"{_text(value['value'])}{sigma}{''.join(colours)}"
     short = f"{value:g}"
     return short if float(short) == value else repr(value)

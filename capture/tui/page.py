@@ -90,7 +90,7 @@ class Page(Screen[bool]):
     """The part of the step that this page shows, if it is not the step's only page."""
 
     def compose(self) -> ComposeResult:
-        yield Static(self._step_line(), id="steps", markup=False)
+        yield Line(self._step_line(), id="steps", markup=False)
         yield from self.body()
         yield SizeNotice()
         yield Footer(show_command_palette=False, compact=True)

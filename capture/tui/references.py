@@ -5,7 +5,7 @@ from dataclasses import replace
 from calib.errors import RefracalError
 from calib.io.files import reading
 from capture.session_file import Setup, read_calibrated, read_setup
-from capture.sources.registry import full_source, open_source
+from capture.sources.registry import open_source
 from capture.tui.farewell import CALIBRATION
 from capture.typed_path import expand_typed_path
 
@@ -24,13 +24,6 @@ def read_like(like: str) -> Setup | None:
     if camera.intrinsics is None and calibration.exists():
         camera = replace(camera, intrinsics=read_calibrated(calibration)[1].intrinsics)
     return board, camera, cover
-
-
-def is_recorded_source(source: str) -> bool:
-    """Return True if the source plays back existing pictures; a camera, in contrast, may still be
-    plugged in.
-    """
-    return full_source(source).startswith(("folder:", "video:"))
 
 
 def explain_unreadable(source: str) -> str:

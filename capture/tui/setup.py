@@ -17,7 +17,7 @@ from textual.widgets import Button, Input, Select, Static
 from calib.errors import InputError, RefracalError, harmless
 from capture.session_file import board_of, read_setup
 from capture.source_folder import check_source_folder, select_pictures
-from capture.sources.registry import open_source
+from capture.sources.registry import is_recorded_source, open_source
 from capture.tui.board_and_cover import EMPTY_FORM, BoardAndCover
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
@@ -31,7 +31,6 @@ from capture.tui.like_field import LikeField
 from capture.tui.opening import OpeningScreen
 from capture.tui.page import TYPING, Page, focus_next_field, wait_for_typing
 from capture.tui.phase import PhaseField
-from capture.tui.references import is_recorded_source
 from capture.tui.retake import set_bare_aside
 from capture.tui.row import Row
 from capture.tui.session_edit import write_edits

@@ -1,7 +1,7 @@
 """The texts of the set-up: for its fields, and for going on with the cover on."""
 
+from capture.sources.registry import is_recorded_source
 from capture.tui.form import explain_field
-from capture.tui.references import is_recorded_source
 
 COMPLETES = " → completes it."
 """The key that takes a suggested path."""

@@ -10,10 +10,10 @@ from textual.message import Message
 from textual.widgets import Static
 
 from calib.errors import InputError, harmless
-from capture.sources.registry import SCHEMES, open_source
+from capture.sources.registry import is_recorded_source, open_source, usable_cameras
 from capture.tui.page import Field
 from capture.tui.path_suggester import PathSuggester
-from capture.tui.references import explain_unreadable, is_recorded_source
+from capture.tui.references import explain_unreadable
 from capture.tui.row import Row
 
 
@@ -45,13 +45,7 @@ class SourceField(Vertical):
 
     @work(thread=True, exclusive=True, group="cameras")
     def _find_cameras(self) -> None:
-        cameras = [
-            camera
-            for scheme in SCHEMES
-            for camera in scheme.backend().inventory().cameras
-            if not camera.problem
-        ]
-        self.post_message(self.CamerasFound([camera.source for camera in cameras]))
+        self.post_message(self.CamerasFound(usable_cameras()))
 
     @on(CamerasFound)
     def _offer(self, message: CamerasFound) -> None:

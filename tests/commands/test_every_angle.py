@@ -22,6 +22,7 @@ VIEWS, HELD_OUT = 14, 6
 FORMATS = (
     *("npz", "opencv", "opencv-xml", "ros", "kalibr", "colmap", "mrcal"),
     *("windshield", "depthai", "generic", "calibmar", "ray-image", "stmap"),
+    *("nerfstudio", "photonvision", "mitsuba", "blender", "gsplat"),
 )
 QUICK_FORMATS = ("npz", "generic", "calibmar")
 ALLOWED_CODES = {0, 2, 3}

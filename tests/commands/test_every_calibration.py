@@ -14,6 +14,7 @@ POOL = SESSION / "water"
 FORMATS = (
     *("npz", "opencv", "opencv-xml", "ros", "kalibr", "colmap", "mrcal"),
     *("windshield", "depthai", "generic", "calibmar", "ray-image", "stmap"),
+    *("nerfstudio", "photonvision", "mitsuba", "blender", "gsplat"),
 )
 KINDS = (
     "fitted",

@@ -46,6 +46,15 @@ def test_every_pixel_of_a_whole_screen_is_decoded() -> None:
     assert np.isfinite(decoded.place).all()
 
 
+def test_no_point_is_averaged_over_pixels_beyond_the_border() -> None:
+    """With 3x3 pixels a point, the last column and row of this picture are in no whole square."""
+    camera = replace(SMALL, width=83, height=62)
+    points = screen_points(decode(camera))
+    assert points.pixels.max(0).tolist() == [79.0, 58.0]
+    errors = place_errors(points, camera, SCREEN)
+    assert np.abs(errors.pixels).max() < 0.05
+
+
 @pytest.mark.parametrize(
     ("camera", "reason"),
     [
