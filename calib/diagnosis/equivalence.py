@@ -110,8 +110,10 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
     fits = [state.fit, *(rival.fit for rival in rivals)]
     likeliest = int(np.argmax([fit.joint.log_marginal for fit in fits]))
     observations = state.problem.observations
-    base = state.evaluations.refit_without(effect).joint
-    scale = evidence_scale(fits[likeliest].joint.log_marginal - base.log_marginal)
+    scale = 1.0
+    if any(member.varies for member in members):
+        base = state.evaluations.refit_without(effect).joint
+        scale = evidence_scale(fits[likeliest].joint.log_marginal - base.log_marginal)
     scales = [scale if m.varies or members[likeliest].varies else 1.0 for m in members]
     odds = np.array(
         [
