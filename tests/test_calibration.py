@@ -180,6 +180,7 @@ def test_the_record_comes_back_equal(calibration: Calibration, tmp_path: Path) -
         lens_held_out_px={"0": 1.0, "12": 0.25},
         uncertainty=Uncertainty(24, 1.5, 1.25, 1.1),
         turned_boards=("0001.png",),
+        half_turned_boards=("0002.png",),
         mixed_settings=("the pictures' names are those of two cameras",),
         redetections=(Redetection("0000.png", new_corners=3, refused=1, dropped=0),),
         cross_validation=CrossValidation(5, 0.2, 0.1, 0.01),

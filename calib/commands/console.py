@@ -126,6 +126,8 @@ def _turned_boards(calibration: Calibration) -> Iterator[str]:
     """Yield a line on the views that showed the board turned, if there are any."""
     if names := calibration.outcome.turned_boards:
         yield describe_turned(names)
+    if names := calibration.outcome.half_turned_boards:
+        yield describe_turned(names, "half a turn")
 
 
 def _heavy_views(calibration: Calibration) -> Iterator[str]:

@@ -26,15 +26,17 @@ from calib.diagnosis.sentences import separation
 from calib.diagnosis.trial import Trial, is_impossible
 from calib.effects.effect import Effect
 from calib.effects.registry import KINDS
+from calib.effects.varying import Varying
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
-from calib.fitting.differing import Differing
+from calib.fitting.differing import Differing, evidence_scale
 from calib.inference.cross_validation import held_out_gain
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel, ModelFit
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.inference.score_test import ScoreTest, score_test, tuned_score_tests
+from calib.inference.varying_numbers import groups_of
 from calib.inference.vuong import vuong_statistic
 from calib.inference.warm_start import rough_fit
 
@@ -108,7 +110,17 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
     fits = [state.fit, *(rival.fit for rival in rivals)]
     likeliest = int(np.argmax([fit.joint.log_marginal for fit in fits]))
     observations = state.problem.observations
-    odds = np.array([_odds(fit, fits[likeliest], observations) for fit in fits])
+    scale = 1.0
+    if any(member.varies for member in members):
+        base = state.evaluations.refit_without(effect).joint
+        scale = evidence_scale(fits[likeliest].joint.log_marginal - base.log_marginal)
+    scales = [scale if m.varies or members[likeliest].varies else 1.0 for m in members]
+    odds = np.array(
+        [
+            _odds(fit, fits[likeliest], observations, scale)
+            for fit, scale in zip(fits, scales, strict=True)
+        ]
+    )
     equal_prior = odds / odds.sum()
     weighted = odds * [member.prior_odds for member in members]
     probabilities = weighted / weighted.sum()
@@ -139,22 +151,26 @@ def _replace_effect(state: SearchState, rival: Rival) -> SearchState:
     return state.with_trial(Trial(rival.test, rival.fit, gain=gain))
 
 
-def _odds(fit: ModelFit, best: ModelFit, observations: Observations) -> float:
+def _odds(fit: ModelFit, best: ModelFit, observations: Observations, scale: float) -> float:
     """Return the odds of a fit against the most probable one: those of their marginal likelihoods
     or, if these are less decisive, those of Vuong's test, which does not assume a true model.
+
+    Args:
+        scale: a difference of this much in log evidence counts as 1.
     """
     if fit is best:
         return 1.0
     difference = best.joint.log_marginal - fit.joint.log_marginal
     p_value = float(ndtr(-vuong_statistic(best, fit, difference, observations)))
-    return max(float(np.exp(-difference)), p_value / (1 - p_value))
+    return max(float(np.exp(-difference / scale)), p_value / (1 - p_value))
 
 
 def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
     """Return the other effects that do much of what an effect does, fitted in its place.
 
     Effects without a cause are no rivals, nor are parameters of single views that are not what
-    differs.
+    differs. Numbers that follow a pattern have all other numbers as rivals that may follow it: the
+    fit decides, as large changes are not linear.
     """
     base = state.evaluations.refit_without(effect)
     problem = state.problem
@@ -165,10 +181,17 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
     context = effect_context(fitted, problem.board, problem.camera, locate=False)
     differing = Differing.of(fitted, context)
     varying = [
-        effect
+        rival
         for variation in (differing.variations if differing else ())
-        for effect in variation.effects(context)
+        for rival in variation.effects(context)
     ]
+    if isinstance(effect, Varying):
+        names = {rival.name for rival in varying}
+        varying += [
+            replace(effect, name=group.name, numbers=group.number_names)
+            for group in groups_of(context)
+            if group.may_vary(effect.varies) and group.name not in names
+        ]
     test = score_test(fitted, effect)
     shift = _corner_shift(test, state.joint)
     shared = [

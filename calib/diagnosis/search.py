@@ -25,7 +25,10 @@ from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import ModelFit
 from calib.inference.score_test import ScoreTest, tuned_score_tests
 from calib.inference.view_variation import MIN_GAIN as MIN_VARIATION_GAIN
-from calib.inference.view_variation import largest_log_evidence
+from calib.inference.view_variation import (
+    largest_log_evidence,
+    log_evidence_beside_discrepancy,
+)
 from calib.inference.warm_start import rough_fit
 
 MAX_SCORE_P_VALUE = 0.05
@@ -121,7 +124,7 @@ def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
     state, lowering = _lowering(*score(state, shared))
     state, best = _first_passing(state, lowering, lambda fit: fit.joint.log_evidence)
     differing = state.evaluations.differing
-    if best and not (differing and _imitates(state, best)):
+    if best and not (differing and _imitates(state, best)) and _is_named(state, best):
         return state, best
     cause: Trial | None = None
     if differing:
@@ -142,6 +145,18 @@ def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
         fields = [field for field in fields if field.fitted.joint.log_marginal > evidence]
     state, field = _first_passing(state, fields, lambda fit: fit.joint.log_marginal)
     return state, field or cause
+
+
+def _is_named(state: SearchState, trial: Trial) -> bool:
+    """Return True if an effect that all views share is more probable beside structure of no cause,
+    or nothing in the model differs from view to view. What differs is hardly ever modelled to the
+    end, and any number follows the rest.
+    """
+    if not any(effect.varies or effect.per_view for effect in state.model.effects):
+        return True
+    without = log_evidence_beside_discrepancy(*state.problem.at_optimum(state.fit))
+    with_trial = log_evidence_beside_discrepancy(*state.problem.at_optimum(trial.fitted))
+    return with_trial > without + MIN_VARIATION_GAIN
 
 
 def _imitates(state: SearchState, trial: Trial) -> bool:

@@ -128,9 +128,11 @@ class FitOutcome:
     lens_held_out_px: Mapping[str, float] | None = None
     """The held-out error of each tried lens model; empty if there was no choice."""
     turned_boards: tuple[str, ...] | None = None
-    """The views whose corners were renumbered, because the board is turned there; None if there are
-    none.
+    """The views whose corners were renumbered, because the board is turned by a quarter turn there;
+    None if there are none.
     """
+    half_turned_boards: tuple[str, ...] | None = None
+    """The same for half a turn."""
     mixed_settings: tuple[str, ...] = ()
     """Sentences on differences between the pictures that one calibration cannot have."""
     redetections: tuple[Redetection, ...] | None = None

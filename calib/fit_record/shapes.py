@@ -42,6 +42,7 @@ RECORD: Mapping[str, Shape] = {
     "shape_log_odds": table(number),
     "lens_held_out_px": table(number),
     "turned_boards": many(text),
+    "half_turned_boards": many(text),
     "mixed_settings": many(text),
     "second_look": many(record({"file": text, "found": count, "refused": count, "dropped": count})),
     "view_noise": table(positive),

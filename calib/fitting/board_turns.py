@@ -1,9 +1,9 @@
-"""The turn of the board in each view: a square board without markers looks the same after a quarter
-turn.
+"""The turn of the board in each view: a board without markers looks the same after half a turn, and
+a square one after a quarter turn.
 
 A detector starts at the corner that is upper left in the picture. If the board was turned between
-two pictures, its axes are exchanged there. The fit of a bent board then averages two bends, and the
-rest looks as if the board flexed.
+two pictures by a quarter turn, its axes are exchanged there. The fit of a bent board then averages
+two bends, and the rest looks as if the board flexed. calib.fitting.half_turns finds half turns.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ MAX_ROUNDS = 20
 """Rounds of assigning turns to views and of estimating the bend."""
 MAX_STARTS = 6
 """Views whose own bend is tried as the start."""
+RENUMBERED = "with turned boards renumbered"
+"""A few words for the progress bar of the fit that follows."""
 
 Array = NDArray[np.float64]
 
@@ -58,10 +60,8 @@ def find_turned(
     model: CameraModel, observations: Observations, joint: JointFit, board: Board
 ) -> NDArray[np.bool_]:
     """Return (V,) true for each view in which the board is turned by a quarter turn against the
-    majority of the views; all false unless the views clearly show turned boards.
-
-    Half a turn exchanges nothing in the shape of degree 2, and what else it does looks like a board
-    that moves during the readout: it is not searched for.
+    majority of the views; all false unless the views clearly show turned boards. Half a turn
+    exchanges nothing in the shape of degree 2 (`calib.fitting.half_turns`).
 
     Args:
         model: a model of these views with a flat board.
@@ -98,24 +98,26 @@ def find_turned(
     return best if is_clear else still
 
 
-def turn_back(view: View, board: Board) -> View:
-    """Return the view with its corners in the order of the board that is not turned. Its rows
-    become columns, and the blurs across the edges along both change places.
+def turn_back(view: View, board: Board, quarters: int = 1) -> View:
+    """Return the view with its corners in the order of the board that is not turned by this many
+    quarter turns. After one, rows become columns, and the blurs across the edges along both change
+    places.
     """
-    order = np.rot90(np.arange(board.count).reshape(board.rows, board.columns)).ravel()
+    order = np.rot90(np.arange(board.count).reshape(board.rows, board.columns), quarters).ravel()
+    step = -1 if quarters % 2 else 1
     return replace(
         view,
         corners=view.corners[order],
         weight=view.weight[order],
         covariance=None if view.covariance is None else view.covariance[order],
-        blur=None if view.blur is None else view.blur[order][:, ::-1],
+        blur=None if view.blur is None else view.blur[order][:, ::step],
     )
 
 
-def describe_turned(names: Sequence[str]) -> str:
+def describe_turned(names: Sequence[str], turn: str = "a quarter turn") -> str:
     """Return a sentence on the views whose corners were renumbered."""
     return (
-        f"The board is turned by a quarter turn in {len(names)} view{'s' * (len(names) > 1)}, and"
+        f"The board is turned by {turn} in {len(names)} view{'s' * (len(names) > 1)}, and"
         f" the corners there are renumbered: {', '.join(names)}."
     )
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr
 
 from calib.effects.board_scale import STRETCH, BoardScale
 from calib.effects.board_shape import BoardShape
@@ -35,6 +36,10 @@ EVIDENCE_SCALE = 3.0
 """A difference of this much in log evidence counts as 1 for the probabilities of names: the noise
 is not quite normal, the shared causes are linearised, and a lens does not stay in its plane when it
 focuses (benchmarks/varies.py).
+"""
+RELATIVE_SCALE = 0.1
+"""The same as a fraction of the gain of the more probable explanation: derivatives by the numbers
+are those at declared values, which may be off by tolerances, and are known to a tenth.
 """
 VERBS: Mapping[VariationKind, str] = {
     VariationKind.EACH: "differs in every view",
@@ -86,8 +91,8 @@ class Differing:
             best.setdefault(variation.group.name, variation)
         if not best:
             return None
-        gains = np.array([variation.gain for variation in best.values()])
-        odds = np.exp((gains - gains.max()) / EVIDENCE_SCALE)
+        first = next(iter(best.values()))
+        odds = np.array([_odds(variation, first) for variation in best.values()])
         probabilities = odds / odds.sum()
         members = [
             (variation, float(probability))
@@ -132,6 +137,27 @@ class Differing:
             f"something differs from view to view: most likely {likely}, else {rivals}. If it is"
             f" the first, {advice(first, self.names)}."
         )
+
+
+def _odds(variation: Variation, best: Variation) -> float:
+    """Return the odds of a variation against the most probable one: those of their evidences or, if
+    these are less decisive, those of Vuong's test, which asks whether the views agree.
+    """
+    if variation is best:
+        return 1.0
+    lead = best.gain - variation.gain
+    ratios = best.view_log_likelihoods - variation.view_log_likelihoods
+    p_value = float(ndtr(-lead / (ratios.std(ddof=1) * len(ratios) ** 0.5)))
+    return max(float(np.exp(-lead / evidence_scale(best.gain))), p_value / (1 - p_value))
+
+
+def evidence_scale(gain: float) -> float:
+    """Return the difference in log evidence that counts as 1 beside what differs from view to view.
+
+    Args:
+        gain: the increase of the log evidence by the more probable explanation.
+    """
+    return max(EVIDENCE_SCALE, RELATIVE_SCALE * gain)
 
 
 def describe_variation(variation: Variation, names: Sequence[str]) -> str:

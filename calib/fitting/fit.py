@@ -21,11 +21,12 @@ from calib.fit_record.outcome import (
     Uncertainty,
 )
 from calib.fit_record.request import FitRequest, Settings
-from calib.fitting.board_turns import turn_back
+from calib.fitting.board_turns import RENUMBERED, turn_back
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
 from calib.fitting.fit_result import added_effects, count_views
 from calib.fitting.fleet_expectation import Expectation
 from calib.fitting.guided_redetection import redetect_corners
+from calib.fitting.half_turns import HalfTurned
 from calib.fitting.inputs import FitInputs, gather_inputs, recalibrate_bare
 from calib.fitting.picture_settings import describe_mixed_settings
 from calib.fitting.provenance import provenance
@@ -104,6 +105,8 @@ def fit(
     earlier: Fitted | None = None
     decided: Fitted | None = None
     turned: tuple[str, ...] = ()
+    half_turned: tuple[str, ...] = ()
+    is_half_turn_tried = False
     purpose = ""
     while True:
         _check_enough(views, rejected)
@@ -126,8 +129,16 @@ def fit(
             turned = fitted.turned
             views = tuple(turn_back(v, session.board) if v.name in turned else v for v in views)
             decided = None
-            purpose = "with turned boards renumbered"
+            purpose = RENUMBERED
             continue
+        if not is_half_turn_tried:
+            is_half_turn_tried = True
+            with single_thread():
+                half_turns = HalfTurned.find(fitted, views, setup, settings, progress)
+            if half_turns:
+                half_turned, views, fitted = half_turns.names, half_turns.views, half_turns.fitted
+                observations = Observations.of(views, session.board)
+                decided = fitted if fitted.effects else None
         views, outliers = _without_outliers(views, observations, fitted.residuals)
         rejected = (*rejected, *outliers)
         if outliers:
@@ -218,6 +229,7 @@ def fit(
             shape_log_odds=shape_log_odds,
             lens_held_out_px=start.lens_held_out_px,
             turned_boards=turned or None,
+            half_turned_boards=half_turned or None,
             mixed_settings=describe_mixed_settings(session, views),
             redetections=redetections,
             view_noise=noise_ratios,

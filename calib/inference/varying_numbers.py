@@ -9,7 +9,12 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.effects.board_scale import SHEAR, STRETCH
+from calib.effects.board_flex import BoardFlex
+from calib.effects.board_polynomials import term_name, terms_of_degrees
+from calib.effects.board_scale import DEGREES as PRINT_DEGREES
+from calib.effects.board_scale import SHEAR, STRETCH, BoardScale
+from calib.effects.board_shape import DEGREES as BEND_DEGREES
+from calib.effects.board_shape import BoardShape
 from calib.effects.effect import EACH_VIEW, EffectContext, EffectParameter
 from calib.effects.varying import (
     ALTERNATING,
@@ -23,6 +28,7 @@ from calib.effects.varying import (
 )
 from calib.inference.fitted_model import FittedModel
 from calib.optics import rotation
+from calib.session.board import Board
 from calib.session.parameter_names import CAMERA, number_of
 from calib.session.shapes.registry import find_dimension
 from calib.session.tolerances import BOARD_FLEX
@@ -83,6 +89,16 @@ class Group:
     kinds: tuple[VariationKind, ...]
     """The ways in which they can differ."""
 
+    @property
+    def number_names(self) -> tuple[str, ...]:
+        """The names of the numbers."""
+        return tuple(number.param.name for number in self.numbers)
+
+    def may_vary(self, varies: str) -> bool:
+        """Return True if its numbers can differ in this way and be in a model so (`Varying`)."""
+        of_board = self.name in (BoardFlex.name, BoardScale.name)
+        return not of_board and any(kind.varies == varies for kind in self.kinds)
+
     def without_each(self) -> Group:
         """Return the group whose numbers follow a pattern, if they differ."""
         kinds = tuple(kind for kind in self.kinds if kind is not VariationKind.EACH)
@@ -106,9 +122,32 @@ def groups_of(context: EffectContext) -> tuple[Group, ...]:
         Group("lens", (focal, *centre, radial), (VariationKind.STEP, *TWO)),
         *_cover_groups(context),
         Group("board_flex", bend, (VariationKind.EACH, *TIME, *TWO, VariationKind.TILT)),
+        *([] if context.board.coding else [turned_board(context.board)]),
         Group("board_scale", scale, (*TIME, *TWO)),
         *([Group("rolling_shutter", (), (VariationKind.EACH,))] if rolling else []),
     )
+
+
+def turned_board(board: Board) -> Group:
+    """Return the numbers that are the other way round on a board that was turned by half a turn:
+    the terms of its bend of an odd degree, and those of its print of an even one.
+    """
+    bend = BoardShape(*board.half, BEND_DEGREES[1])
+    uneven = BoardScale(True, PRINT_DEGREES[0], board.half)
+    names = {
+        *(f"{bend.name}.{term_name(term)}" for term in terms_of_degrees(BEND_DEGREES[1:2])),
+        *(
+            f"{uneven.name}.{axis}.{term_name(term)}"
+            for axis in "xy"
+            for term in terms_of_degrees(PRINT_DEGREES[:1])
+        ),
+    }
+    numbers = tuple(
+        replace(number, shifts=(number.param.name,))
+        for number in (*bend.effect_parameters, *uneven.effect_parameters)
+        if number.param.name in names
+    )
+    return Group(BoardFlex.name, numbers, TWO)
 
 
 def _cover_groups(context: EffectContext) -> Iterator[Group]:

@@ -17,7 +17,7 @@ Sources: N. M. Laird, J. H. Ware, Random-effects models for longitudinal data (1
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,7 +26,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.effects.board_flex import BoardFlex
-from calib.effects.board_scale import SHEAR, BoardScale
+from calib.effects.board_scale import DEGREES as PRINT_DEGREES
+from calib.effects.board_scale import BoardScale
+from calib.effects.board_shape import DEGREES as BEND_DEGREES
 from calib.effects.board_shape import BoardShape
 from calib.effects.effect import Effect, EffectContext
 from calib.effects.lens import LensEffect
@@ -94,6 +96,8 @@ class Variation:
     """(V,) what the deviations of all numbers follow; (0,) if every view has its own."""
     penalty: float = 0.0
     """The logarithm of the number of variants tried."""
+    view_log_likelihoods: Array = field(default_factory=lambda: np.zeros(0))
+    """(V,) log likelihood of each view's corners with it, up to a constant; (0,) if not asked."""
 
     @property
     def largest(self) -> float:
@@ -107,17 +111,17 @@ class Variation:
         whose bend differs gets one of its own in every view.
         """
         name = self.group.name
-        each = self.kind is VariationKind.EACH or name == BoardFlex.name
+        flexes = name == BoardFlex.name and VariationKind.EACH in self.group.kinds
+        each = flexes or self.kind is VariationKind.EACH
         for kind in (*EFFECTS, *OF_VIEW):
             if each and kind.varies and kind.name == name:
                 return kind.propose(context)
-        if name == BoardScale.name:
+        if name in (BoardScale.name, BoardFlex.name):
             return ()
-        numbers = [number.param.name for number in self.group.numbers]
         # The maps are of the state at the end, which the next picture has, or of the mean.
         ends = {VariationKind.STEP: self.pattern.max(), VariationKind.WARM_UP: self.pattern.min()}
         pattern = self.pattern - ends.get(self.kind, 0.0)
-        return (Varying(name, self.kind.varies, tuple(numbers), tuple(pattern.tolist())),)
+        return (Varying(name, self.kind.varies, self.group.number_names, tuple(pattern.tolist())),)
 
     def penalised(self, penalty: float) -> Variation:
         """Return the best of several variants with the penalty for trying them."""
@@ -151,6 +155,7 @@ def find_variations(
     discrepancy = rows.discrepancy(alone.solution)
     with_discrepancy = VariationEquations.of(rows, discrepancy)
     without = alone.log_evidence + possible_gain(with_discrepancy.log_evidence - alone.log_evidence)
+    has_discrepancy = with_discrepancy.log_evidence > alone.log_evidence
     candidates = []
     variations = zip(
         alone.variations(groups, patterns),
@@ -165,7 +170,12 @@ def find_variations(
             )
         evidence = alone.log_evidence + first.gain
         evidence += possible_gain(evidence_with_discrepancy - evidence)
-        candidates.append(replace(first, gain=evidence - without))
+        likelihoods = (
+            with_discrepancy.view_log_likelihoods(second)
+            if has_discrepancy
+            else alone.view_log_likelihoods(first)
+        )
+        candidates.append(replace(first, gain=evidence - without, view_log_likelihoods=likelihoods))
     candidates = [
         variation
         for variation in candidates
@@ -190,6 +200,16 @@ def largest_log_evidence(fitted: FittedModel, context: EffectContext) -> float:
     """
     equations, gain = _with_largest_gain(fitted, context)
     return equations.log_evidence + max(0.0, gain)
+
+
+def log_evidence_beside_discrepancy(fitted: FittedModel, context: EffectContext) -> float:
+    """Return the log evidence of a model in px, with its noise chosen again, beside the most
+    probable discrepancy. It compares models of the same views and of the same parameters of views.
+    """
+    rows = VariationRows.of(fitted, context)
+    discrepancy = rows.discrepancy(VariationEquations.of(rows).solution)
+    evidence = VariationEquations.of(rows, discrepancy).log_evidence
+    return evidence - sum(len(view) for view in rows.views) * float(np.log(fitted.joint.sigma))
 
 
 def _with_largest_gain(
@@ -238,7 +258,7 @@ class VariationRows:
     def of(fitted: FittedModel, context: EffectContext) -> VariationRows:
         """Linearise around a fit."""
         base = fitted.model
-        full = _with_shear(base.with_effects(_probes(base, context)))
+        full = _completed(base.with_effects(_probes(base, context)))
         values = {**full.means, **fitted.joint.values}
         held = {
             param.name: 1.0
@@ -431,6 +451,16 @@ class VariationEquations:
         score = self._whitened + self._response(moved) @ variation.deviations.ravel()
         return -np.asarray(np.linalg.solve(self._root.T, score))
 
+    def view_log_likelihoods(self, variation: Variation) -> Array:
+        """Return (V,) the log likelihoods of the views' corners with the deviations of a variation,
+        up to a constant, with the noise that these leave.
+        """
+        places = variation.deviations @ self.rows.columns(variation.group).T  # (V, n + 1)
+        places[:, self.rows.shared] += self.solution_with(variation)
+        places[:, -1] = 1.0
+        costs = np.einsum("vi,vij,vj->v", places, self.products, places)
+        return np.asarray(-costs / (2 * costs.sum() / self.freedom))
+
     @property
     def log_evidence(self) -> float:
         """The log evidence without any variation, up to a constant, with the noise that maximises
@@ -450,25 +480,30 @@ def _probes(model: CameraModel, context: EffectContext) -> list[Effect]:
     """Return effects whose parameters may differ from view to view and that the model lacks."""
     present = {effect.name for effect in model.effects}
     half = context.board.half
-    probes: list[Effect] = [LensEffect(), BoardShape(*half), BoardScale(True, 1, half)]
+    probes: list[Effect] = [LensEffect(), BoardShape(*half), BoardScale(True, half=half)]
     if not model.path.shutter:
         probes.append(RollingShutter())
     return [probe for probe in probes if probe.name not in present]
 
 
-def _with_shear(model: CameraModel) -> CameraModel:
-    """Return the model with a shear in its print: of zero, if it had none."""
+def _completed(model: CameraModel) -> CameraModel:
+    """Return the model with the terms of its board that may differ: of zero, if it had none."""
+    target = model.path.target
     prints = [
-        replace(print_, sheared=True) if isinstance(print_, BoardScale) else print_
-        for print_ in model.path.target.prints
+        replace(print_, sheared=True, degree=max(print_.degree, PRINT_DEGREES[0]))
+        if isinstance(print_, BoardScale)
+        else print_
+        for print_ in target.prints
     ]
-    target = replace(model.path.target, prints=tuple(prints))
-    zero = torch.zeros((), dtype=torch.float64)
-    return replace(
-        model,
-        path=replace(model.path, target=target),
-        means={SHEAR.param.name: zero, **model.means},
-    )
+    bends = [
+        replace(bend, degree=max(bend.degree, BEND_DEGREES[1]))
+        if isinstance(bend, BoardShape)
+        else bend
+        for bend in target.bends
+    ]
+    target = replace(target, prints=tuple(prints), bends=tuple(bends))
+    zeros = {param.name: torch.zeros((), dtype=torch.float64) for param in target.params}
+    return replace(model, path=replace(model.path, target=target), means={**zeros, **model.means})
 
 
 @dataclass(frozen=True, eq=False)
@@ -509,8 +544,7 @@ class GroupEquations:
                 best = max(followed, key=lambda variation: variation.gain)
                 yield best.penalised(float(np.log(len(followed))))
         if VariationKind.TWO_KINDS in self.group.kinds:
-            best = self.in_two_kinds(in_every_view.deviations)
-            yield best.penalised((self.count - 1) * float(np.log(2)))
+            yield self.in_two_kinds(in_every_view.deviations)
 
     def in_every_view(self) -> Variation:
         """Return the variation with deviations of each view's own."""
@@ -552,7 +586,7 @@ class GroupEquations:
                     best = max(best, flipped, key=lambda variation: variation.gain)
             if best is previous:
                 break
-        return best
+        return best.penalised((self.count - 1) * float(np.log(2)))
 
     def following(self, kind: VariationKind, pattern: Array) -> Variation:
         """Return the variation whose deviations follow a (V,) pattern."""

@@ -1,0 +1,149 @@
+"""Half turns of the board: a board without markers, square or not, looks the same after one.
+
+After half a turn, the bend's terms of odd degree and the print's terms of even degree have the
+other sign. A fit averages both, and the rest looks as if the board moved during the readout. These
+numbers are asked whether they have two values, beside everything else that may differ from view to
+view (calib.inference.view_variation). If nothing is as probable, the corners of the turned views
+are renumbered. Two boards look the same up to here. So the views are fitted again, and the
+renumbering stays if it is more probable than whatever differs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import compress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.corners.view import View, pose_labels
+from calib.estimation.observations import Observations
+from calib.fit_record.request import Settings
+from calib.fitting.board_turns import RENUMBERED, turn_back
+from calib.fitting.differing import Differing
+from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.inference.effect_context import effect_context
+from calib.inference.fitted_model import FittedModel
+from calib.inference.varying_numbers import turned_board
+from calib.inference.view_variation import (
+    MIN_GAIN,
+    MIN_VIEWS,
+    VariationEquations,
+    VariationRows,
+    largest_gain,
+)
+from calib.progress import Progress
+
+MAX_ROUNDS = 3
+"""The largest number of renumberings. The first one is by a fit that averages both bends, which may
+take a view for another.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class HalfTurned:
+    """The views with the corners of turned boards renumbered, and their fit."""
+
+    names: tuple[str, ...]
+    """The views with turned boards."""
+    views: tuple[View, ...]
+    fitted: Fitted
+
+    @staticmethod
+    def find(
+        fitted: Fitted,
+        views: Sequence[View],
+        setup: Setup,
+        settings: Settings,
+        progress: Progress,
+    ) -> HalfTurned | None:
+        """Return the views and the fit without half turns; None unless views clearly have some.
+
+        Args:
+            fitted: the fit of the views, with the bend of its board.
+        """
+        found: HalfTurned | None = None
+        for _ in range(MAX_ROUNDS):
+            better = _turned_back(fitted, views, setup, settings, progress)
+            if not better:
+                break
+            names = set(found.names if found else ()) ^ set(better.names)
+            views, fitted = better.views, better.fitted
+            found = replace(better, names=tuple(v.name for v in views if v.name in names))
+        return found
+
+
+def _turned_back(
+    fitted: Fitted,
+    views: Sequence[View],
+    setup: Setup,
+    settings: Settings,
+    progress: Progress,
+) -> HalfTurned | None:
+    """Return what `HalfTurned.find` does, by the linearisation around this fit alone."""
+    as_they_are = _at_optimum(fitted, views, setup)
+    if not (as_they_are and settings.estimates_bend):
+        return None
+    turned = _most_probable_turns(as_they_are, setup)
+    if not turned.any():
+        return None
+    renumbered = tuple(
+        turn_back(view, setup.board, 2) if is_turned else view
+        for view, is_turned in zip(views, turned.tolist(), strict=True)
+    )
+    refitted = fit_stages(
+        setup,
+        Observations.of(renumbered, setup.board),
+        settings,
+        progress,
+        labels=pose_labels(views),
+        purpose=RENUMBERED,
+    )
+    turned_back = _at_optimum(refitted, renumbered, setup)
+    if not turned_back:
+        return None
+    gain = _log_evidence(refitted, turned_back, setup)
+    gain -= _log_evidence(fitted, as_they_are, setup)
+    if gain < (len(views) - 1) * math.log(2):  # so many ways to turn the boards
+        return None
+    names = tuple(compress((view.name for view in views), turned))
+    return HalfTurned(names, renumbered, refitted)
+
+
+def _at_optimum(fitted: Fitted, views: Sequence[View], setup: Setup) -> FittedModel | None:
+    """Return a joint fit that converged, with its observations; None without one."""
+    if not (fitted.model and fitted.joint and fitted.joint.finite):
+        return None
+    return FittedModel(fitted.model, Observations.of(views, setup.board), fitted.joint)
+
+
+def _most_probable_turns(fitted: FittedModel, setup: Setup) -> NDArray[np.bool_]:
+    """Return (V,) true for each view in which the board may be turned by half a turn against the
+    majority of the views; all false unless that is what most probably differs from view to view.
+    """
+    still = np.zeros(len(fitted.observations.names), bool)
+    if setup.board.coding or len(still) < MIN_VIEWS:
+        return still
+    context = effect_context(fitted, setup.board, setup.camera, locate=False)
+    group = turned_board(setup.board)
+    equations = VariationEquations.of(VariationRows.of(fitted, context)).group(group)
+    if equations.in_two_kinds(equations.in_every_view().deviations).gain < MIN_GAIN:
+        return still
+    differing = Differing.of(fitted, context)
+    if not (differing and differing.named and differing.first.group == group):
+        return still
+    turned = differing.first.pattern > 0
+    return ~turned if 2 * np.count_nonzero(turned) > len(turned) else turned
+
+
+def _log_evidence(fitted: Fitted, optimum: FittedModel, setup: Setup) -> float:
+    """Return the log evidence beside what most probably differs from view to view.
+
+    Args:
+        optimum: the same fit with its observations.
+    """
+    assert fitted.joint
+    context = effect_context(optimum, setup.board, setup.camera, locate=False)
+    return fitted.joint.log_marginal + max(0.0, largest_gain(optimum, context))
