@@ -68,6 +68,7 @@ LAYERS = {
             "listening",
             "offered_files",
         ),
+        ("guarded_server",),
         ("serve", "streaming", "screen", "rig"),
         ("tui",),
         ("commands",),

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,24 +20,43 @@ from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 Array = NDArray[np.float64]
 
 
-def probabilities(ranking: Sequence[Hypothesis]) -> Array:
-    """Return the (n,) probabilities of the hypotheses, given that one of them is true."""
-    logs = np.array([hypothesis.log_evidence for hypothesis in ranking])
+class Explanation(Protocol):
+    """Something that may have changed."""
+
+    @property
+    def log_evidence(self) -> float: ...
+
+
+E = TypeVar("E", bound=Explanation)
+
+
+def probabilities(ranking: Sequence[Explanation]) -> Array:
+    """Return the (n,) probabilities of the explanations, given that one of them is true."""
+    logs = np.array([explanation.log_evidence for explanation in ranking])
     odds = np.exp(logs - logs.max())
     return np.asarray(odds / odds.sum())
 
 
-def name_changes(ranking: Sequence[Hypothesis], views: CheckedViews) -> tuple[Change, ...]:
-    """Return the change that is almost sure, or else all probable changes."""
-    chances = probabilities(ranking)
-    probable = [
-        (hypothesis, float(chance))
-        for hypothesis, chance in zip(ranking, chances, strict=True)
+def probable_explanations(ranking: Sequence[E]) -> list[tuple[E, float]]:
+    """Return the explanation that is almost sure, or else all probable ones, with their
+    probabilities. `ranking` begins with the most probable one.
+    """
+    chances = probabilities(ranking).tolist()
+    if chances[0] > NAME_ALONE:
+        return [(ranking[0], chances[0])]
+    return [
+        (explanation, chance)
+        for explanation, chance in zip(ranking, chances, strict=True)
         if chance > MIN_MEMBER_PROBABILITY
     ]
-    if probable[0][1] > NAME_ALONE:
-        probable = probable[:1]
-    return tuple(_describe(hypothesis, chance, views) for hypothesis, chance in probable)
+
+
+def name_changes(ranking: Sequence[Hypothesis], views: CheckedViews) -> tuple[Change, ...]:
+    """Return the change that is almost sure, or else all probable changes."""
+    return tuple(
+        _describe(hypothesis, chance, views)
+        for hypothesis, chance in probable_explanations(ranking)
+    )
 
 
 def rms_shift(hypothesis: Hypothesis, views: CheckedViews) -> float | None:

@@ -5,7 +5,8 @@ No existing file is ever overwritten.
 
 import secrets
 import shutil
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,11 +79,24 @@ def write_session(draft: SessionDraft, folder: Path) -> int:
     check_new(folder)
     setup = session_to_yaml(draft.board, draft.camera, Cover("none", {}))
     session_from_mapping(setup, str(draft.source))
+    with new_folder(folder) as unfinished:
+        return _fill(draft, unfinished, setup)
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A context with a folder beside the new one, which takes its place at the end; after an error,
+    nothing is left of it.
+
+    Raises:
+        InputError: the new folder is occupied, or cannot be written.
+    """
+    check_new(folder)
     make_folder(folder.absolute().parent)
     unfinished = folder.absolute().with_name(f".refracal-{secrets.token_hex(8)}.tmp")
     make_folder(unfinished)
     try:
-        count = _fill(draft, unfinished, setup)
+        yield unfinished
         check_new(folder)
         unfinished.rename(folder)
     except OSError as error:
@@ -91,7 +105,6 @@ def write_session(draft: SessionDraft, folder: Path) -> int:
         ) from error
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
-    return count
 
 
 def _fill(draft: SessionDraft, folder: Path, setup: dict[str, object]) -> int:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.checking.changes import WORDS, size_of
+from calib.checking.naming import probable_explanations
 from calib.checking.result import Change
 from calib.fitting.rounding import with_sigma
-from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.rig.check_result import RigChange
 from calib.rig.moved_cameras import BAD_PLACEMENT, KINDS, RigHypothesis
 
@@ -34,24 +34,12 @@ class Naming:
     """
 
 
-def hypothesis_probabilities(ranking: Sequence[RigHypothesis]) -> Array:
-    """Return the (n,) probabilities of the hypotheses, given that one of them is true."""
-    logs = np.array([hypothesis.log_evidence for hypothesis in ranking])
-    odds = np.exp(logs - logs.max())
-    return np.asarray(odds / odds.sum())
-
-
 def name_rig_changes(ranking: Sequence[RigHypothesis], naming: Naming) -> tuple[RigChange, ...]:
     """Return the change that is almost sure, or else all probable changes."""
-    chances = hypothesis_probabilities(ranking)
-    probable = [
-        (hypothesis, float(chance))
-        for hypothesis, chance in zip(ranking, chances, strict=True)
-        if chance > MIN_MEMBER_PROBABILITY
-    ]
-    if probable[0][1] > NAME_ALONE:
-        probable = probable[:1]
-    return tuple(_describe(hypothesis, chance, naming) for hypothesis, chance in probable)
+    return tuple(
+        _describe(hypothesis, chance, naming)
+        for hypothesis, chance in probable_explanations(ranking)
+    )
 
 
 def size_and_sigma(vector: Array, covariance: Array) -> tuple[float, float]:

@@ -7,8 +7,6 @@ knew no cover. The pictures determine all of them far better.
 
 from __future__ import annotations
 
-import secrets
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,8 +16,8 @@ import yaml
 from numpy.typing import NDArray
 
 from calib.errors import InputError
-from calib.importing.session_draft import SessionDraft, check_new, write_session
-from calib.io.files import make_folder, write_atomically
+from calib.importing.session_draft import SessionDraft, new_folder, write_session
+from calib.io.files import write_atomically
 from calib.rig.rig_file import BY_NAME, FORMAT, NAME
 from calib.session.camera import Camera, read_camera
 from calib.session.cover import Cover
@@ -151,14 +149,9 @@ def write_rig(rig: ImportedRig, folder: Path) -> int:
     Raises:
         InputError: the folder is occupied, or a session is not valid.
     """
-    check_new(folder)
-    parent = folder.absolute().parent
-    make_folder(parent)
-    unfinished = parent / f".refracal-{secrets.token_hex(8)}.tmp"
-    make_folder(unfinished)
-    try:
-        remark = REMARK.format(source=rig.source.name)
-        count = 0
+    remark = REMARK.format(source=rig.source.name)
+    count = 0
+    with new_folder(folder) as unfinished:
         for name, session in rig.sessions.items():
             remarks = session.remarks
             if session.camera.intrinsics:
@@ -166,14 +159,6 @@ def write_rig(rig: ImportedRig, folder: Path) -> int:
             count += write_session(replace(session, remarks=remarks), unfinished / name)
         text = yaml.safe_dump(rig.as_mapping(), sort_keys=False, default_flow_style=None)
         write_atomically(unfinished / NAME, rig.comments + text)
-        check_new(folder)
-        unfinished.rename(folder)
-    except OSError as error:
-        raise InputError(
-            f"{folder} cannot be written ({error.strerror}): choose another folder with -o."
-        ) from error
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
     return count
 
 

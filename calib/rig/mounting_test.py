@@ -12,13 +12,14 @@ from scipy.special import fdtrc, ndtri
 
 from calib.checking.check import BROKEN_PX, BROKEN_RATIO, NOTICEABLE
 from calib.checking.hypotheses import GROSS
+from calib.checking.naming import probabilities
 from calib.checking.overdispersion import Overdispersion
 from calib.checking.posterior_predictive import PosteriorPredictive
 from calib.checking.result import CheckStatistics, CheckStatus
 from calib.checking.significance import ALPHA, significance
 from calib.inference.naming import NAME_ALONE
 from calib.rig.check_result import CameraPlace, RigChange
-from calib.rig.check_words import Naming, hypothesis_probabilities, name_rig_changes, size_and_sigma
+from calib.rig.check_words import Naming, name_rig_changes, size_and_sigma
 from calib.rig.moved_cameras import (
     BAD_PLACEMENT,
     KINDS,
@@ -109,7 +110,7 @@ class MountingTest:
             return check
         ranking, predictive = self._explain(shared, predictive, error > GROSS * expected)
         best = ranking[0]
-        is_sure = hypothesis_probabilities(ranking)[0] > NAME_ALONE
+        is_sure = probabilities(ranking)[0] > NAME_ALONE
         if best.name == BAD_PLACEMENT and is_sure and len(shared.names) > 2:
             return self._without(shared, best.placement)
         shift = predictive.products * noise**2 / corners

@@ -14,7 +14,7 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,8 +30,8 @@ from capture.listening import is_loopback, open_sockets, reachable_address
 try:
     from aiohttp import WSMsgType, web
 
-    from capture.doorkeeper import Doorkeeper
-    from capture.guard import HEADERS, Guard
+    from capture.guard import Guard
+    from capture.guarded_server import CLOSING_S, guarded_server
 except ImportError as error:
     raise InputError(f"--serve needs one more package: {how_to_install('serve')}") from error
 
@@ -45,10 +45,6 @@ MAX_WAITING = 1000
 """Messages that wait to be read; a page that sends more is not ours."""
 REPLACED = 4000
 """The code of the websocket's end by which a page knows that another one took over."""
-CLOSING_S = 1.0
-"""The time in s that the page has to go when the program ends."""
-
-PageHandler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,32 +149,13 @@ class PatternPage:
         app.router.add_get("/screen", self._follow)
         app.router.add_static("/page", WEB)
         hosts = {f"{name}:{self._port}" for name in ("127.0.0.1", "localhost", "[::1]", self._host)}
-
-        @web.middleware
-        async def guard(request: web.Request, handler: PageHandler) -> web.StreamResponse:
-            if not self._guard.admits(request, hosts):
-                return web.Response(status=403, headers=HEADERS)
-            door.admit(request.protocol)
-            response = await handler(request)
-            self._guard.seal(request, response)
-            return response
-
-        app.middlewares.append(guard)
-        runner = web.AppRunner(app, access_log=None, shutdown_timeout=CLOSING_S)
-        await runner.setup()
-        assert runner.server
-        door = Doorkeeper(runner.server)
-        servers = [await self._loop.create_server(door, sock=listening) for listening in sockets]
-        self._serving = self._loop.create_task(door.watch())
-        self._ready.set()
-        with suppress(asyncio.CancelledError):
-            await self._serving
-        for server in servers:
-            server.close()
-        if self._socket is not None:
-            with suppress(Exception):
-                await asyncio.wait_for(self._socket.close(), CLOSING_S)
-        await runner.cleanup()
+        async with guarded_server(app, sockets, self._guard, hosts) as self._serving:
+            self._ready.set()
+            with suppress(asyncio.CancelledError):
+                await self._serving
+            if self._socket is not None:
+                with suppress(Exception):
+                    await asyncio.wait_for(self._socket.close(), CLOSING_S)
 
     async def _send_page(self, _: web.Request) -> web.StreamResponse:
         return web.FileResponse(WEB / "screen.html")

@@ -11,7 +11,7 @@ import logging
 import secrets
 import socket
 import threading
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -29,8 +29,8 @@ from capture.listening import open_sockets, reachable_address
 try:
     from aiohttp import web
 
-    from capture.doorkeeper import Doorkeeper
     from capture.guard import HEADERS, Guard
+    from capture.guarded_server import CLOSING_S, guarded_server
 except ImportError as error:
     raise InputError(f"--to http needs one more package: {how_to_install('serve')}") from error
 
@@ -41,10 +41,6 @@ STALL_S = 10.0
 """The time in s after which a viewer that takes nothing is disconnected."""
 MAX_VIEWERS = 16
 MAX_REQUEST_BYTES = 1024
-CLOSING_S = 1.0
-"""The time in s that viewers have to go when the stream ends."""
-
-ViewerHandler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class WebTarget:
@@ -126,31 +122,12 @@ class WebTarget:
         app.router.add_get("/state", self._send_state)
         app.router.add_post("/view", self._change_view)
         app.router.add_static("/page", WEB)
-
-        @web.middleware
-        async def guard(request: web.Request, handler: ViewerHandler) -> web.StreamResponse:
-            if not self._guard.admits(request, ()):
-                return web.Response(status=403, headers=HEADERS)
-            door.admit(request.protocol)
-            response = await handler(request)
-            self._guard.seal(request, response)
-            return response
-
-        app.middlewares.append(guard)
-        runner = web.AppRunner(app, access_log=None, shutdown_timeout=CLOSING_S)
-        await runner.setup()
-        assert runner.server
-        door = Doorkeeper(runner.server)
-        servers = [await self._loop.create_server(door, sock=listening) for listening in sockets]
-        self._serving = self._loop.create_task(door.watch())
-        self._ready.set()
-        with suppress(asyncio.CancelledError):
-            await self._serving
-        self._closing = True
-        self._fresh.set()
-        for server in servers:
-            server.close()
-        await runner.cleanup()
+        async with guarded_server(app, sockets, self._guard) as self._serving:
+            self._ready.set()
+            with suppress(asyncio.CancelledError):
+                await self._serving
+            self._closing = True
+            self._fresh.set()
 
     def _publish(self, jpeg: bytes) -> None:
         self._jpeg = jpeg
