@@ -9,16 +9,20 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.estimation.parameters import Parameters
-from calib.estimation.probes import ProbedValues, TracedRows
+from calib.estimation.probes import TracedRows, shared_columns
+from calib.optics.derivatives import ByRay, by_autograd
 from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
-from calib.optics.path import Path, row_derivatives
+from calib.optics.path import Path
 from calib.optics.rays import Rays
 from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
 from calib.session.parameter_names import CAMERA
 
 Array = NDArray[np.float64]
+
+RAY = tuple(f"{part}.{axis}" for part in ("origin", "direction") for axis in "xyz")
+MOTION = "motion"
 
 
 def undistorted_jacobian(
@@ -37,22 +41,30 @@ def undistorted_jacobian(
         (N, 2, 2, 6) derivatives by a small rotation (rad) and translation (m) of all rays; (N,)
         true where there is no ray, or where it does not go forward.
     """
-    rows, points, values = len(pixels), torch.from_numpy(pixels), parameters.origin
-    probed = ProbedValues.of(path, parameters, values, rows, path.adjustments)
+    points, values = torch.from_numpy(pixels), parameters.origin
+    names = frozenset(parameters.slices())
     frame = None if frames is None else Rotation.of(torch.from_numpy(frames))
-    motion = torch.zeros(rows, 6, dtype=torch.float64, requires_grad=True)
-    with torch.enable_grad():
-        rays = path.trace(points, probed.values, MIDDLE)
-        by_motion, *by_leaves = row_derivatives(
-            _undistorted(rays, motion, values, frame), [motion, *probed.leaves.values()]
-        )
-        valid = _in_frame(frame, rays).in_pinhole
+    rays, pull = path.trace_with_derivatives(points, values, MIDDLE, names)
+    origin, direction = rays.origin, rays.direction
+    zero = torch.zeros_like(direction.x)
+    components = (origin.x, origin.y, origin.z, direction.x, direction.y, direction.z)
+    copies = {name: part + zero for name, part in zip(RAY, components, strict=True)}
+
+    def undistorted(leaves: Values) -> list[Tensor]:
+        parts = [leaves[name] for name in RAY]
+        moved = Rays(Vector(*parts[:3]), Vector(*parts[3:]), rays.failure)
+        return list(_undistorted(moved, leaves[MOTION], values, frame).unbind(-1))
+
+    outputs, pull_undistorted = by_autograd(
+        undistorted, {**copies, MOTION: points.new_zeros(len(points), 6)}
+    )
+    by = pull_undistorted(list(torch.eye(4).to(points).unsqueeze(-1).expand(4, 4, len(points))))
+    by_rays = ByRay(Vector(*(by[n] for n in RAY[:3])), Vector(*(by[n] for n in RAY[3:])))
     traced = TracedRows(points, rays, values, MIDDLE, path.linear_terms(points, values, MIDDLE))
-    columns = probed.columns(by_leaves, traced)
-    by_shared = by_motion[..., :0] if columns is None else columns
-    jacobian = by_shared.reshape(rows, 2, 2, by_shared.shape[-1]).numpy()
-    by_rigid = by_motion.reshape(rows, 2, 2, by_motion.shape[-1]).numpy()
-    return jacobian, by_rigid, (~valid).numpy()
+    columns = shared_columns(path, parameters, pull(by_rays), traced, len(outputs))
+    jacobian = columns.reshape(len(points), 2, 2, -1).numpy()
+    by_rigid = by[MOTION].transpose(0, 1).reshape(len(points), 2, 2, 6).numpy()
+    return jacobian, by_rigid, (~_in_frame(frame, rays).in_pinhole).numpy()
 
 
 def _undistorted(rays: Rays, motion: Tensor, values: Values, frame: Rotation | None) -> Tensor:

@@ -4,10 +4,10 @@ A corner's residual is W (x_cb(p) - x_true), on the board. With W the negative i
 Jacobian of x_cb by the pixel, over the noise, it is the reprojection error to first order, in
 standard deviations; with W the identity, the paper's equation 2. It depends on a relief only
 through the height and its gradient at the ray's hit point, so these three are differentiated for
-each ray (`probes`).
+each ray (`probes`). All derivatives are in closed form (`optics.derivatives`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -17,11 +17,22 @@ from torch import Tensor
 from calib.estimation.normal_equations import LinearisedBlocks
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
-from calib.estimation.probes import ProbedValues, TracedRows
+from calib.estimation.probes import TracedRows, shared_columns
 from calib.optics import rotation
-from calib.optics.board_target import MOTION, VIEW_BLOCKS, Placement, block_columns
+from calib.optics.board_target import (
+    CENTRE,
+    FOCAL,
+    MOTION,
+    VIEW_BLOCKS,
+    ByPlacement,
+    Placement,
+    block_columns,
+    blocks_of_size,
+)
+from calib.optics.derivatives import ByName, ByRay
+from calib.optics.lens import PIXELS
 from calib.optics.params import Values
-from calib.optics.path import Path, row_derivatives, with_own_camera
+from calib.optics.path import OWN, Path
 from calib.optics.rays import Rays
 
 BATCH_SIZE = 8192
@@ -81,127 +92,99 @@ class ResidualBlock:
     def residual_with_jacobian(
         self, rays: Rays, values: Values, poses: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the residuals, their approximate (M, 2, B) Jacobian by the view parameters
-        (`Target.intersect_with_derivatives`), and (M,) true where the ray lands.
+        """Return the residuals, their (M, 2, B) Jacobian by the view parameters, and (M,) true
+        where the ray lands.
         """
         if self.path.camera_block:
-            return self._traced_jacobian(values, poses)
-        observations = self.observations
+            rays, pull = self._traced(values, poses, frozenset())
         placement = Placement.of(poses)
-        landed, failure, derivatives = self.path.target.intersect_with_derivatives(
-            rays, placement[observations.view].at_exposure(observations.exposure), values
+        landed, failure, landing = self.path.target.land(
+            rays, self._placement_of_rows(placement), values
         )
-        weighted = [
-            (self.weights @ derivative.flatten(2)).reshape(derivative.shape)
-            for derivative in derivatives
-        ]
-        jacobian = self._view_jacobian(weighted, placement, poses)
+        by_rays, by_placement, _ = landing.pull(self._by_landed)
+        by_own = pull(by_rays)[OWN] if self.path.camera_block else None
+        jacobian = self._view_jacobian(by_placement, by_own, placement, poses)
         return self._residuals(landed), jacobian, failure == 0
-
-    def _traced_jacobian(self, values: Values, poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the same where views have cameras of their own: the rays differ as well."""
-        placement, leaves = self._placements(poses)
-        with torch.enable_grad():
-            rays = self._rays(self._of_views(values, leaves))
-            landed, failure = self.path.target(rays, self._placement(leaves), values)
-            residual = self._residuals(landed)
-            derivatives = row_derivatives(residual, leaves)
-        jacobian = self._view_jacobian(derivatives, placement, poses)
-        return residual.detach(), jacobian, failure == 0
 
     def linearise(self, values: Values, poses: Tensor) -> LinearisedBlocks:
         """Return the residuals and their Jacobian by the view parameters and by the shared
         parameters, at the path's values and (V, B) view parameters.
         """
         observations = self.observations
-        exposure = observations.exposure
-        placement, leaves = self._placements(poses)
-        target = self.path.target
-        probed = ProbedValues.of(
-            self.path,
-            self.parameters,
-            values,
-            len(observations.pixels),
-            (*self.path.adjustments, *target.bends, *target.prints),
-        )
-        with torch.enable_grad():
-            rays = self._rays(self._of_views(probed.values, leaves))
-            landed, _ = target(rays, self._placement(leaves), probed.values)
-            residual = self._residuals(landed)
-            derivatives = row_derivatives(residual, [*leaves, *probed.leaves.values()])
-        terms = self.path.linear_terms(observations.pixels, values, exposure, landed.detach())
-        rows = TracedRows(observations.pixels, rays, values, exposure, terms)
-        columns = probed.columns(derivatives[len(leaves) :], rows)
-        shared = residual.new_zeros(*residual.shape, 0) if columns is None else columns
-        return LinearisedBlocks(
-            observations.starts,
-            residual.detach(),
-            self._view_jacobian(derivatives[: len(leaves)], placement, poses),
-            shared,
-        )
-
-    def _placements(self, poses: Tensor) -> tuple[Placement, list[Tensor]]:
-        """Return the placement of each view's board, and the tensors by which the residuals are
-        differentiated: the rotation, the translation and, if there is one, the flex of each ray's
-        board, and the numbers of its own camera.
-        """
+        names = frozenset(self.parameters.slices())
+        rays, pull = self._traced(values, poses, names)
         placement = Placement.of(poses)
+        landed, _, landing = self.path.target.land(rays, self._placement_of_rows(placement), values)
+        by_rays, by_placement, by_board = landing.pull(self._by_landed, names)
+        by = pull(by_rays)
+        jacobian = self._view_jacobian(by_placement, by.get(OWN), placement, poses)
+        terms = self.path.linear_terms(observations.pixels, values, observations.exposure, landed)
+        rows = TracedRows(observations.pixels, rays, values, observations.exposure, terms)
+        columns = shared_columns(self.path, self.parameters, by | by_board, rows, 2)
+        return LinearisedBlocks(observations.starts, self._residuals(landed), jacobian, columns)
+
+    def _traced(
+        self, values: Values, poses: Tensor, names: frozenset[str]
+    ) -> tuple[Rays, Callable[[ByRay], ByName]]:
+        """Return the rays where they leave the cover, and their derivatives by name."""
+        if self.passed and not self.path.camera_block:
+            rays, pull = self.path.cross_cover(self.traced, values, names, self.passed)
+            return rays, lambda by_rays: pull(by_rays)[1]
         observations = self.observations
-        by_row = placement[observations.view].at_exposure(observations.exposure)
-        leaves = [by_row.turn, by_row.shift, *([] if by_row.flex is None else [by_row.flex])]
+        own = None
         if self.path.camera_block:
             columns = block_columns(self.path.view_blocks)[self.path.camera_block]
-            leaves.append(poses[:, columns][observations.view])
-        return placement, [leaf.detach().requires_grad_() for leaf in leaves]
+            own = poses[:, columns][observations.view]
+        return self.path.trace_with_derivatives(
+            observations.pixels,
+            values,
+            observations.exposure,
+            names,
+            own=own,
+            near=self._directions,
+        )
 
-    def _placement(self, leaves: Sequence[Tensor]) -> Placement:
-        """Return the placement of each ray's board, from the leaves of `_placements`."""
-        flex = leaves[2] if self.path.target.flex else None
-        return Placement(leaves[0], leaves[1], flex=flex)
+    @property
+    def _by_landed(self) -> Tensor:
+        """The (2, M, 2) derivatives of the residuals by the landing points."""
+        return self.weights.transpose(0, 1)
 
-    def _of_views(self, values: Values, leaves: Sequence[Tensor]) -> Values:
-        """Return the values with each ray's own camera, from the same leaves."""
-        return with_own_camera(values, leaves[-1]) if self.path.camera_block else values
+    def _placement_of_rows(self, placement: Placement) -> Placement:
+        """Return the placement of each row's board when its line is read."""
+        return placement[self.observations.view].at_exposure(self.observations.exposure)
 
     def _view_jacobian(
-        self, by_leaves: Sequence[Tensor], placement: Placement, poses: Tensor
+        self, by: ByPlacement, by_own: Tensor | None, placement: Placement, poses: Tensor
     ) -> Tensor:
         """Return the (M, 2, B) Jacobian by the parameters of each row's view, from the derivatives
-        by the leaves of `_placements`.
+        by the placement of its board, and (2, M, ...) by its own camera.
         """
-        by_pose = self._by_pose(by_leaves[0], by_leaves[1], placement, poses)
-        return torch.cat([by_pose, *by_leaves[2:]], -1)
-
-    def _by_pose(
-        self, by_turn: Tensor, by_shift: Tensor, placement: Placement, poses: Tensor
-    ) -> Tensor:
-        """Return the (M, 2, 6 or 12) Jacobian by the pose of each row's view and, if views have
-        one, by its motion, from the derivatives by its board's rotation (M, 2, 3, 3) and
-        translation (M, 2, 3).
-        """
-        view = self.observations.view
-        turns = rotation.derivatives(poses[:, :3], placement.turn)[view]  # (M, 3, 3, 3)
-        exposure = self.observations.exposure
-        if placement.motion is None or exposure is None:
-            by_motion = by_shift.new_zeros(
-                *by_shift.shape[:2], 0 if placement.motion is None else VIEW_BLOCKS[MOTION]
-            )
-            return torch.cat([by_turn.flatten(2) @ turns.flatten(2).mT, by_shift, by_motion], -1)
-        line = exposure.line
-        spin = placement.motion[view][:, :3] * line[:, None]
-        spin_matrix = rotation.matrix(spin)
-        spins = (
-            rotation.derivatives(spin, spin_matrix)
-            @ placement.turn[view].unsqueeze(1)
-            * line[:, None, None, None]
-        )
-        turns = spin_matrix.unsqueeze(1) @ turns
-        by_rotation = by_turn.flatten(2) @ turns.flatten(2).mT
-        by_spin = by_turn.flatten(2) @ spins.flatten(2).mT
-        return torch.cat([by_rotation, by_shift, by_spin, by_shift * line[:, None, None]], -1)
+        view, exposure = self.observations.view, self.observations.exposure
+        by_turn, by_shift = by.turn.stacked(), by.shift.stacked()  # (2, M, 3)
+        turns = rotation.left_jacobian(poses[:, :3])[view]  # (M, 3, 3)
+        by_motion: tuple[Tensor, ...] = ()
+        if placement.motion is not None and exposure is None:
+            by_motion = (by_shift.new_zeros(*by_shift.shape[:2], VIEW_BLOCKS[MOTION]),)
+        elif placement.motion is not None and exposure is not None:
+            line = exposure.line[:, None]
+            spin = placement.motion[view][:, :3] * line
+            by_spin = _rows_times(by_turn, rotation.left_jacobian(spin)) * line
+            by_motion = by_spin, by_shift * line
+            turns = rotation.matrix(spin) @ turns
+        columns = [_rows_times(by_turn, turns), by_shift, *by_motion]
+        columns += [extra for extra in (by.flex, by_own) if extra is not None]
+        return torch.cat(columns, -1).transpose(0, 1)
 
     def _residuals(self, landed: Tensor) -> Tensor:
         return (self.weights @ (landed - self.observations.corners).unsqueeze(-1)).squeeze(-1)
+
+
+def _rows_times(rows: Tensor, matrices: Tensor) -> Tensor:
+    """Return the (k, M, n) products of (k, M, 3) rows with the (M, 3, n) matrix of each."""
+    x, y, z = rows.unsqueeze(-1).unbind(-2)
+    first, second, third = matrices.unbind(-2)
+    products: Tensor = x * first + y * second + z * third
+    return products
 
 
 def make_residual_blocks(
@@ -253,10 +236,23 @@ def pixel_weights(
     e_px = -(d x_cb / d p)^-1 (x_cb(p) - x_true); sigma is px per axis, divided by each corner's
     weight.
     """
-    pixels = observations.pixels.detach().requires_grad_()
-    with torch.enable_grad():
-        landed, _ = path.land(pixels, values, poses[observations.view], observations.exposure)
-        (jacobian,) = row_derivatives(landed, [pixels])
+    blocks = blocks_of_size(poses.shape[1])
+    own = [
+        poses[:, columns]
+        for name, columns in block_columns(blocks).items()
+        if name in (FOCAL, CENTRE)
+    ]
+    rays, pull = path.trace_with_derivatives(
+        observations.pixels,
+        values,
+        observations.exposure,
+        frozenset(),
+        own=own[0][observations.view] if own else None,
+    )
+    placement = Placement.of(poses)[observations.view].at_exposure(observations.exposure)
+    landed, _, landing = path.target.land(rays, placement, values)
+    identity = torch.eye(2).to(landed)[:, None].expand(2, *landed.shape)
+    jacobian = pull(landing.pull(identity)[0])[PIXELS].transpose(0, 1)
     weights: Tensor = (
         torch.linalg.inv_ex(jacobian).inverse * -(observations.weight / sigma)[:, None, None]
     )

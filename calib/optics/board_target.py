@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from calib.optics import rotation
+from calib.optics.derivatives import ByName, ByRay, by_autograd
 from calib.optics.exposure import Exposure
 from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Param, Values
@@ -30,7 +31,8 @@ STEP_TOLERANCE = 1e-6
 """m. After a step this short, one more step is exact: its error is half the board's curvature times
 the square of the step.
 """
-
+FLATTEST = 1e-6
+"""The sine of the smallest angle at which a ray meets a board."""
 
 POSE, MOTION, FLEX, FOCAL, CENTRE = "pose", "motion", "flex", "focal", "centre"
 VIEW_BLOCKS = {POSE: 6, MOTION: 6, FLEX: 3, FOCAL: 1, CENTRE: 2}
@@ -216,57 +218,35 @@ class Target:
         Returns:
             (..., 2) m nominal board coordinates, and (...) uint8 failures.
         """
-        landed, _, failure = self._intersect(rays, placement, values)
+        landed, _, _, failure = self._intersect(rays, placement, values)
         return torch.stack(self._nominal(landed.x, landed.y, values), -1), failure
 
-    def intersect_with_derivatives(
+    def land(
         self, rays: Rays, placement: Placement, values: Values
-    ) -> tuple[Tensor, Tensor, list[Tensor]]:
-        """Intersect rays with the board, and differentiate the landing points by the board's
-        parameters in closed form (implicit function theorem).
-
-        Returns:
-            (..., 2) m landing points and (...) failures, as `__call__` returns them; and the
-            derivatives of the landing points: (..., 2, 3, 3) by the entries of the board's
-            rotation, (..., 2, 3) by its translation, and, if the board bends differently in every
-            view, (..., 2, 3) by its flex. These neglect the slopes of the prints, which are
-            thousandths.
-        """
-        landed, direction, failure = self._intersect(rays, placement, values)
-        by_x, by_y = torch.zeros_like(landed.x), torch.zeros_like(landed.x)
+    ) -> tuple[Tensor, Tensor, Landing]:
+        """Return what `__call__` does, and what the derivatives need."""
+        point, direction, distance, failure = self._intersect(rays, placement, values)
+        by_x, by_y = torch.zeros_like(point.x), torch.zeros_like(point.x)
         for bend in self._bends(placement):
-            _, slope_x, slope_y = bend.height(landed.x, landed.y, values)
+            _, slope_x, slope_y = bend.height(point.x, point.y, values)
             by_x, by_y = by_x + slope_x, by_y + slope_y
-        # Per metre that the surface moves along its z axis, (..., 2).
-        by_height = torch.stack([direction.x, direction.y], -1) / (
-            direction.z - by_x * direction.x - by_y * direction.y
-        ).unsqueeze(-1)
-        normal = torch.stack([-by_x, -by_y, torch.ones_like(by_x)], -1)
-        # Per metre that the ray's points move in the board frame, (..., 2, 3).
-        by_point = torch.eye(3).to(normal)[:2] - by_height.unsqueeze(-1) * normal.unsqueeze(-2)
-        reach = (placement.turn @ landed.stacked().unsqueeze(-1)).squeeze(-1)
-        derivatives = [
-            by_point.unsqueeze(-2) * reach[..., None, :, None],
-            -by_point @ placement.turn.mT,
-        ]
-        if self.flex and placement.flex is not None:
-            derivatives.append(
-                by_height.unsqueeze(-1)
-                * FlexBend(self.flex, placement.flex).weights(landed.x, landed.y).unsqueeze(-2)
-            )
-        return torch.stack(self._nominal(landed.x, landed.y, values), -1), failure, derivatives
+        nominal = self._nominal(point.x, point.y, values)
+        landing = Landing(
+            self, placement, values, point, direction, distance, (by_x, by_y), nominal
+        )
+        return torch.stack(nominal, -1), failure, landing
 
     def _intersect(
         self, rays: Rays, placement: Placement, values: Values
-    ) -> tuple[Vector, Vector, Tensor]:
+    ) -> tuple[Vector, Vector, Tensor, Tensor]:
         """Return the (...) m points in the board frame where rays meet the board, the rays'
-        directions in that frame, and the failures.
+        directions in that frame, the m from their origins, and the failures.
         """
         bends = self._bends(placement)
         turn = Rotation.of(placement.turn)
         origin = turn.turn(rays.origin - Vector.of(placement.shift), back=True)
         direction = turn.turn(rays.direction, back=True)
-        grazing = direction.z.abs() < 1e-6
+        grazing = direction.z.abs() < FLATTEST
         distance = -origin.z / torch.where(grazing, torch.ones_like(direction.z), direction.z)
         with torch.no_grad():
             for _ in range(MAX_ITERATIONS if bends else 0):
@@ -280,6 +260,7 @@ class Target:
         return (
             landed,
             direction,
+            distance,
             rays.advance(landed, direction, (grazing | (distance <= 0), MISSED_TARGET)).failure,
         )
 
@@ -352,6 +333,123 @@ class Target:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class ByPlacement:
+    """The derivatives of k outputs of M rays by the placement of each ray's board."""
+
+    turn: Vector
+    """(k, M) by a further small rotation, rad, along the axes of the camera frame."""
+    shift: Vector
+    """(k, M) per m"""
+    flex: Tensor | None
+    """(k, M, 3) per m, if the board bends differently in every view."""
+
+
+@dataclass(frozen=True, slots=True)
+class Landing:
+    """M rays where they meet the board, in the board's frame."""
+
+    target: Target
+    placement: Placement
+    values: Values
+    point: Vector
+    direction: Vector
+    distance: Tensor
+    """(M,) m from the rays' origins."""
+    slopes: tuple[Tensor, Tensor]
+    """The (M,) slopes of the board's surface by x and by y."""
+    nominal: tuple[Tensor, Tensor]
+    """The (M,) m nominal board coordinates of the point."""
+
+    def pull(
+        self, by_landed: Tensor, names: frozenset[str] = frozenset()
+    ) -> tuple[ByRay, ByPlacement, ByName]:
+        """Return the derivatives by the rays, by the placement and by the parameters of these
+        names, from the (k, M, 2) derivatives by the nominal coordinates: by the implicit function
+        theorem. Those by linear bends and prints are given by their probes.
+        """
+        (by_x, by_y), by = self._pull_print(by_landed, names)
+        slope_x, slope_y = self.slopes
+        direction = self.direction
+        along = direction.x * by_x + direction.y * by_y
+        steepness = direction.z - slope_x * direction.x - slope_y * direction.y
+        by_height = along / torch.where(
+            steepness.abs() < FLATTEST, torch.ones_like(steepness), steepness
+        )  # of the board's surface
+        by |= self._by_bends(by_height, names)
+        by_origin = Vector(by_x + slope_x * by_height, by_y + slope_y * by_height, -by_height)
+        turn = Rotation.of(self.placement.turn)
+        outside = turn.turn(by_origin)
+        reach = turn.turn(self.point)
+        flex = None
+        if self.target.flex and self.placement.flex is not None:
+            bend = FlexBend(self.target.flex, self.placement.flex)
+            flex = by_height.unsqueeze(-1) * bend.weights(self.point.x, self.point.y)
+        return (
+            ByRay(outside, outside * self.distance),
+            ByPlacement(outside.cross(reach), Vector(-outside.x, -outside.y, -outside.z), flex),
+            by,
+        )
+
+    def _pull_print(
+        self, by_landed: Tensor, names: frozenset[str]
+    ) -> tuple[tuple[Tensor, Tensor], ByName]:
+        """Return the derivatives by the printed coordinates of the point, and by the prints."""
+        by_x, by_y = by_landed.unbind(-1)
+        prints = self.target.prints
+        if not prints:
+            return (by_x, by_y), {}
+        x, y = self.nominal
+        shifts = [print_.shift_corners(x, y, self.values) for print_ in prints]
+        xx = sum(shift.slopes[0][0] for shift in shifts) + 1
+        xy = sum(shift.slopes[0][1] for shift in shifts)
+        yx = sum(shift.slopes[1][0] for shift in shifts)
+        yy = sum(shift.slopes[1][1] for shift in shifts) + 1
+        determinant = xx * yy - xy * yx
+        printed = (yy * by_x - yx * by_y) / determinant, (xx * by_y - xy * by_x) / determinant
+        copies = self._copies(prints, names)
+        if not copies:
+            return printed, {}
+
+        def shift_of(own: Values) -> tuple[Tensor, Tensor]:
+            moved = [print_.shift_corners(x, y, {**self.values, **own}) for print_ in prints]
+            return (
+                torch.stack([shift.shift_x for shift in moved]).sum(0),
+                torch.stack([shift.shift_y for shift in moved]).sum(0),
+            )
+
+        return printed, by_autograd(shift_of, copies)[1]([-printed[0], -printed[1]])
+
+    def _by_bends(self, by_height: Tensor, names: frozenset[str]) -> ByName:
+        bends = self.target.bends
+        copies = self._copies(bends, names)
+        if not copies:
+            return {}
+        x, y = self.point.x, self.point.y
+
+        def height_of(own: Values) -> tuple[Tensor]:
+            values = {**self.values, **own}
+            return (torch.stack([bend.height(x, y, values)[0] for bend in bends]).sum(0),)
+
+        return by_autograd(height_of, copies)[1]([by_height])
+
+    def _copies(self, terms: Iterable[Bend | Print], names: frozenset[str]) -> dict[str, Tensor]:
+        """Return a copy for each ray of the parameters of these names that the terms read, and for
+        those that act by a probe, the probe.
+        """
+        rows = len(self.point.x)
+        copies: dict[str, Tensor] = {}
+        for term in terms:
+            probes = term.probes if isinstance(term, LinearTerm) else {}
+            for name in (param.name for param in term.params if param.name in names):
+                copies[probes.get(name, name)] = (
+                    self.point.x.new_zeros(rows)
+                    if name in probes
+                    else self.values[name].expand(rows, *self.values[name].shape)
+                )
+        return copies
+
+
 def _newton_step(
     bends: Iterable[Bend], origin: Vector, direction: Vector, distance: Tensor, values: Values
 ) -> Tensor:
@@ -362,4 +460,4 @@ def _newton_step(
         height, by_x, by_y = bend.height(point.x, point.y, values)
         gap, slope = gap - height, slope - by_x * direction.x - by_y * direction.y
     slope = slope.detach()
-    return distance - gap / torch.where(slope.abs() < 1e-6, torch.ones_like(slope), slope)
+    return distance - gap / torch.where(slope.abs() < FLATTEST, torch.ones_like(slope), slope)

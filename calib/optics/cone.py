@@ -8,6 +8,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
+from calib.optics.derivatives import ByName
 from calib.optics.params import Param, Values
 from calib.optics.vector import Vector
 from calib.session.parameter_names import COVER, CoverNames
@@ -73,6 +74,32 @@ class Cone:
     def chart_gradient(self, points: Vector, first: Tensor, second: Tensor) -> Vector:
         around = second / (points.x**2 + points.z**2 + 1e-30)
         return Vector(around * points.z, first, -around * points.x)
+
+    def curvature(self, points: Vector, along: Vector) -> Vector:
+        inverse = 1 / _rho(points)
+        x, z = points.x * inverse, points.z * inverse
+        turn = (z * along.x - x * along.z) * inverse
+        return Vector(z * turn, torch.zeros_like(turn), -x * turn)
+
+    def by_parameters(self, points: Vector, by_height: Tensor, by_gradient: Vector) -> ByName:
+        return {self.radius: -by_height, self.slope: -points.y * by_height - by_gradient.y}
+
+    def chart_change(self, points: Vector, along: Vector) -> tuple[Tensor, Tensor]:
+        around = (points.z * along.x - points.x * along.z) / (points.x**2 + points.z**2 + 1e-30)
+        return along.y, around
+
+    def chart_curvature(
+        self, points: Vector, first: Tensor, second: Tensor, along: Vector
+    ) -> Vector:
+        del first
+        inverse = 1 / (points.x**2 + points.z**2 + 1e-30)
+        around = second * inverse
+        fall = 2 * inverse * (points.x * along.x + points.z * along.z)
+        return Vector(
+            around * (along.z - fall * points.z),
+            torch.zeros_like(fall),
+            around * (fall * points.x - along.x),
+        )
 
 
 def _rho(points: Vector) -> Tensor:

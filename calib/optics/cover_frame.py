@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
+from calib.optics.derivatives import ByName, add_to
 from calib.optics.params import Param, Values
-from calib.optics.rotation import Rotation
+from calib.optics.rotation import Rotation, left_jacobian
 from calib.optics.vector import Vector
 
 Names = tuple[str | None, str | None, str | None]
@@ -46,6 +47,27 @@ class CoverFrame:
             if any(names)
         )
         return CoverPose(_vector(self.origin, values, zero), tuple(turns))
+
+    def by_parameters(self, values: Values, by_shift: Vector, by_turn: Vector) -> ByName:
+        """Return the derivatives by the parameters, from those by the translation (per m) and by a
+        further small rotation (rad), both along the axes of the camera frame.
+        """
+        derivatives: ByName = {}
+        for name, component in zip(self.origin, (by_shift.x, by_shift.y, by_shift.z), strict=True):
+            if name:
+                add_to(derivatives, name, component)
+        turns = self.at(values).turns
+        zero = next(iter(values.values())).new_zeros(())
+        used = [names for names in (self.tilt, *self.extra_tilts) if any(names)]
+        for place, names in enumerate(used):
+            jacobian = left_jacobian(_vector(names, values, zero).stacked())
+            for entry, name in enumerate(names):
+                if name:
+                    axis = Vector.of(jacobian[..., entry])
+                    for turn in turns[:place][::-1]:
+                        axis = turn.turn(axis)
+                    add_to(derivatives, name, axis.dot(by_turn))
+        return derivatives
 
 
 @dataclass(frozen=True, slots=True)

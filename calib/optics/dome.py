@@ -6,6 +6,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
+from calib.optics.derivatives import ByName
 from calib.optics.params import Param, Values
 from calib.optics.vector import Vector
 from calib.session.parameter_names import COVER, CoverNames
@@ -56,6 +57,41 @@ class Dome:
         fall = -up * points.y
         return Vector(
             fall * points.x + around * points.z, up * rho2, fall * points.z - around * points.x
+        )
+
+    def curvature(self, points: Vector, along: Vector) -> Vector:
+        inverse = 1 / _length(points)
+        outward = points * inverse
+        return (along - outward * outward.dot(along)) * inverse
+
+    def by_parameters(self, points: Vector, by_height: Tensor, by_gradient: Vector) -> ByName:
+        del points, by_gradient
+        return {self.radius: -by_height}
+
+    def chart_change(self, points: Vector, along: Vector) -> tuple[Tensor, Tensor]:
+        unit = torch.ones_like(points.x)
+        zero = torch.zeros_like(points.x)
+        return (
+            self.chart_gradient(points, unit, zero).dot(along),
+            self.chart_gradient(points, zero, unit).dot(along),
+        )
+
+    def chart_curvature(
+        self, points: Vector, first: Tensor, second: Tensor, along: Vector
+    ) -> Vector:
+        rho2 = _rho2(points)
+        up = first / ((rho2 + points.y**2) * rho2.sqrt())
+        around = second / rho2
+        fall = -up * points.y
+        rho2_change = 2 * (points.x * along.x + points.z * along.z)
+        length2_change = rho2_change + 2 * points.y * along.y
+        up_change = -up * (length2_change / (rho2 + points.y**2) + rho2_change / (2 * rho2))
+        around_change = -around * rho2_change / rho2
+        fall_change = -up_change * points.y - up * along.y
+        return Vector(
+            fall_change * points.x + fall * along.x + around_change * points.z + around * along.z,
+            up_change * rho2 + up * rho2_change,
+            fall_change * points.z + fall * along.z - around_change * points.x - around * along.x,
         )
 
 

@@ -16,7 +16,13 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from calib.optics.lens import PINHOLE, entrance_point, normalise_pixels
+from calib.optics.lens import (
+    PINHOLE,
+    Pull,
+    entrance_point,
+    launch_by_autograd,
+    normalise_pixels,
+)
 from calib.optics.params import Param, Values
 from calib.optics.rays import LENS, Rays
 from calib.optics.vector import Vector
@@ -60,6 +66,11 @@ class Fisheye:
             Vector(x * outward, y * outward, angle.cos()),
             failed.to(torch.uint8) * LENS,
         )
+
+    def launch(
+        self, pixels: Tensor, values: Values, names: frozenset[str], near: Tensor | None = None, /
+    ) -> tuple[Rays, Pull]:
+        return launch_by_autograd(self, pixels, values, names, near)
 
     def project(self, points: Tensor, values: Values) -> Tensor:
         """Return the (..., 2) px of (..., 3) m points, which may be beside and behind the pinhole.

@@ -8,6 +8,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
+from calib.optics.derivatives import ByName
 from calib.optics.params import Param, Values
 from calib.optics.vector import Vector
 from calib.session.parameter_names import COVER, CoverNames
@@ -48,3 +49,19 @@ class Flat:
 
     def chart_gradient(self, points: Vector, first: Tensor, second: Tensor) -> Vector:
         return Vector(second, first, torch.zeros_like(points.z))
+
+    def curvature(self, points: Vector, along: Vector) -> Vector:
+        zero = torch.zeros_like(along.z)
+        return Vector(zero, zero, zero)
+
+    def by_parameters(self, points: Vector, by_height: Tensor, by_gradient: Vector) -> ByName:
+        return {}
+
+    def chart_change(self, points: Vector, along: Vector) -> tuple[Tensor, Tensor]:
+        return along.y, along.x
+
+    def chart_curvature(
+        self, points: Vector, first: Tensor, second: Tensor, along: Vector
+    ) -> Vector:
+        zero = torch.zeros_like(along.z)
+        return Vector(zero, zero, zero)

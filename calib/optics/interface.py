@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from calib.optics.cover_frame import CoverFrame
+from calib.optics.cover_frame import CoverFrame, CoverPose
+from calib.optics.crossing import NEWTON_STEPS, Crossing, divisor
+from calib.optics.derivatives import ByName, ByRay, add_to, by_autograd
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays, surface_failures
-from calib.optics.relief import Bump, Relief
-from calib.optics.snell import refract
+from calib.optics.relief import AMPLITUDES, PROBES, Bump, Expansion, Relief
+from calib.optics.snell import Refraction
 from calib.optics.surface import Surface
 from calib.optics.vector import Vector
 
@@ -71,36 +73,202 @@ class Interface:
 
     def __call__(self, rays: Rays, values: Values) -> Rays:
         """Turn rays that travel towards the surface into the refracted rays that start on it."""
+        if not _requires_grad(rays, values):
+            return self.cross(rays, values)[0]
         frame = self.frame.at(values)
         origin, direction = frame.enter(rays.origin), frame.turn(rays.direction)
-        index = values[self.index_outside]
-        ratio = (values[self.index_inside] if self.index_inside else 1) / index
-        height = sum((values[name] for name in self.thicknesses), torch.zeros_like(index))
+        height = self._height(values)
         distance, failed = self.surface.reach(origin, direction, height, values)
         if self.reliefs and self.exact_hit:
             distance = self._relief_distance(origin, direction, distance, height, values)
         point = origin + direction * distance
-        refracted, reflected = refract(
-            direction, self._outward_gradient(point, values)[0].unit(), ratio
+        normal = self._outward_gradient(point, values)[0].unit()
+        refraction = Refraction.of(direction, normal, self._ratio(values))
+        return self._leave(rays, frame, point, refraction, failed)
+
+    def cross(self, rays: Rays, values: Values) -> tuple[Rays, Crossing]:
+        """Return the same rays, and what `pull` needs."""
+        frame, surface = self.frame.at(values), self.surface
+        origin, direction = frame.enter(rays.origin), frame.turn(rays.direction)
+        height = self._height(values)
+        distance, failed = surface.reach(origin, direction, height, values)
+        relief = None
+        for steps in NEWTON_STEPS[: len(NEWTON_STEPS) if self.exact_hit else 1]:
+            if not self.reliefs:
+                break
+            relief = self._expand(origin + direction * distance, values)
+            for _ in range(steps if self.exact_hit else 0):
+                point = origin + direction * distance
+                bump, first, second = relief.at(surface.chart(point))
+                gradient = surface.gradient(point, values)
+                gradient = gradient - surface.chart_gradient(point, first, second)
+                gap = surface.height(point, values) - height - bump
+                distance = distance - gap / divisor(gradient.dot(direction))
+        point = origin + direction * distance
+        smooth = gradient = surface.gradient(point, values)
+        if relief:
+            _, first, second = relief.at(surface.chart(point))
+            gradient = smooth - surface.chart_gradient(point, first, second)
+        refraction = Refraction.of(direction, gradient.unit(), self._ratio(values))
+        crossing = Crossing(
+            surface,
+            origin,
+            direction,
+            distance,
+            point,
+            relief,
+            self.exact_hit,
+            gradient,
+            gradient if self.exact_hit else smooth,
+            refraction,
         )
+        return self._leave(rays, frame, point, refraction, failed), crossing
+
+    def pull(
+        self, crossing: Crossing, values: Values, by_rays: ByRay, names: frozenset[str]
+    ) -> tuple[ByRay, ByName]:
+        """Return the derivatives by the rays that enter and by these parameters, from the (k, M)
+        derivatives by the rays that leave. Those by the outer relief's amplitudes are given by its
+        `PROBES`.
+        """
+        frame = self.frame.at(values)
+        by_point, by_bent = frame.turn(by_rays.origin), frame.turn(by_rays.direction)
+        hit = crossing.pull(by_point, by_bent)
+        entering = ByRay(frame.turn(hit.origin, back=True), frame.turn(hit.direction, back=True))
+        by: ByName = {}
+        if names & {param.name for param in self.frame.params}:
+            arm = frame.turn(crossing.point, back=True)
+            bent = frame.turn(crossing.refraction.bent, back=True)
+            by_turn = arm.cross(by_rays.origin) + bent.cross(by_rays.direction)
+            by |= self.frame.by_parameters(
+                values,
+                by_rays.origin - entering.origin,
+                by_turn - self._entering_turn(frame, crossing, entering),
+            )
+        by |= self.surface.by_parameters(crossing.point, hit.height, hit.gradient)
+        for name in self.thicknesses:
+            add_to(by, name, -hit.height)
+        index = values[self.index_outside]
+        if self.index_inside:
+            add_to(by, self.index_inside, hit.ratio / index)
+        add_to(by, self.index_outside, -hit.ratio * self._ratio(values) / index)
+        for relief in self.reliefs:
+            if names & {param.name for param in relief.params}:
+                by |= self._by_relief(relief, crossing, values, hit.height, hit.slopes)
+        if self.relief and self.relief.anchor:
+            for name, (by_first, by_second) in self._axis_derivatives(values, names).items():
+                add_to(by, name, -hit.chart[0] * by_first - hit.chart[1] * by_second)
+        return entering, {
+            name: value for name, value in by.items() if name in names or name in PROBES
+        }
+
+    def _by_relief(
+        self,
+        relief: Relief | Bump,
+        crossing: Crossing,
+        values: Values,
+        by_height: Tensor,
+        by_slopes: tuple[Tensor, Tensor],
+    ) -> ByName:
+        """Return the derivatives by the parameters of a relief, from those by the height of the
+        point over the surface and by the relief's two slopes.
+        """
+        by_bump = -by_height if self.exact_hit else torch.zeros_like(by_height)
+        by_probes = by_bump, *by_slopes
+        if isinstance(relief, Bump):
+            chart = crossing.chart
+            copies = {
+                param.name: values[param.name].expand_as(crossing.distance)
+                for param in relief.params
+            }
+            return by_autograd(lambda own: relief.height(chart, {**values, **own}), copies)[1](
+                by_probes
+            )
+        if relief.amplitudes == AMPLITUDES:
+            return dict(zip(PROBES, by_probes, strict=True))
+        chart = (
+            self.relief_chart(crossing.point, values) if relief is self.relief else crossing.chart
+        )
+        count = relief.grid[0] * relief.grid[1]
+        columns = by_bump.new_empty(by_bump.shape[1], by_bump.shape[0], count)
+        relief.spread(torch.stack(by_probes, -1).transpose(0, 1), chart, columns)
+        return {relief.amplitudes: columns.transpose(0, 1)}
+
+    def _axis_derivatives(self, values: Values, names: frozenset[str]) -> ByName:
+        """Return the derivatives of `axis_chart` by the parameters, (2,) or (2, M) by name."""
+        smooth = self._smooth
+        _, crossing = smooth.cross(_optical_axis(values[self.index_outside]), values)
+        zero = torch.zeros_like(crossing.distance)
+        first, second = torch.stack([zero + 1, zero]), torch.stack([zero, zero + 1])
+        none = Vector(first * 0, first * 0, first * 0)
+        hit = crossing.pull(self.surface.chart_gradient(crossing.point, first, second), none)
+        by = self.surface.by_parameters(crossing.point, hit.height, hit.gradient)
+        for name in self.thicknesses:
+            add_to(by, name, -hit.height)
+        frame = smooth.frame.at(values)
+        entering = ByRay(frame.turn(hit.origin, back=True), frame.turn(hit.direction, back=True))
+        by |= smooth.frame.by_parameters(
+            values, none - entering.origin, none - self._entering_turn(frame, crossing, entering)
+        )
+        return {name: value for name, value in by.items() if name in names}
+
+    @staticmethod
+    def _entering_turn(frame: CoverPose, crossing: Crossing, entering: ByRay) -> Vector:
+        """Return minus the part of the derivatives by a small rotation of the frame that the rays'
+        entering into the frame has.
+        """
+        arm = frame.turn(crossing.origin, back=True)
+        direction = frame.turn(crossing.direction, back=True)
+        return arm.cross(entering.origin) + direction.cross(entering.direction)
+
+    @property
+    def _smooth(self) -> "Interface":
+        """The smooth surface that the optical axis meets. Further tilts, which turn the glass
+        against the camera, do not count.
+        """
+        return replace(
+            self, relief=None, extra_reliefs=(), frame=replace(self.frame, extra_tilts=())
+        )
+
+    def _height(self, values: Values) -> Tensor:
+        """Return the m height above the cover's inner surface."""
+        zero = torch.zeros_like(values[self.index_outside])
+        return sum((values[name] for name in self.thicknesses), zero)
+
+    def _ratio(self, values: Values) -> Tensor:
+        """Return the index on the camera's side over that on the other side."""
+        inside = values[self.index_inside] if self.index_inside else 1
+        return inside / values[self.index_outside]
+
+    def _leave(
+        self, rays: Rays, frame: CoverPose, point: Vector, refraction: Refraction, missed: Tensor
+    ) -> Rays:
         return rays.advance(
             frame.leave(point),
-            frame.turn(refracted, back=True),
-            (failed, self.failures[0]),
-            (reflected, self.failures[1]),
+            frame.turn(refraction.bent, back=True),
+            (missed, self.failures[0]),
+            (refraction.reflected, self.failures[1]),
         )
+
+    def _expand(self, point: Vector, values: Values) -> Expansion:
+        """Return the sum of all reliefs around points, over the surface's chart."""
+        on_surface = self.surface.chart(point)
+        expansions = [
+            relief.expand(
+                self.relief_chart(point, values) if relief is self.relief else on_surface, values
+            )
+            for relief in self.reliefs
+        ]
+        total = replace(expansions[0], chart=on_surface)
+        for expansion in expansions[1:]:
+            total = total + expansion
+        return total
 
     def axis_chart(self, values: Values) -> tuple[Tensor, Tensor]:
         """Return the two chart coordinates at which the camera's z axis meets the smooth surface.
         Further tilts, which turn the glass against the camera, do not count.
         """
-        frame = replace(self.frame, extra_tilts=()).at(values)
-        zero = torch.zeros_like(values[self.index_outside])
-        origin = frame.enter(Vector(zero, zero, zero))
-        direction = frame.turn(Vector(zero, zero, zero + 1))
-        height = sum((values[name] for name in self.thicknesses), zero)
-        distance, _ = self.surface.reach(origin, direction, height, values)
-        return self.surface.chart(origin + direction * distance)
+        return self._smooth.cross(_optical_axis(values[self.index_outside]), values)[1].chart
 
     def relief_chart(self, point: Vector, values: Values) -> tuple[Tensor, Tensor]:
         """Return the two (...) chart coordinates at which the relief has its height at points in
@@ -153,9 +321,23 @@ class Interface:
         height per metre along the ray. That change is never close to zero.
         """
         gradient, bump = self._outward_gradient(point, values)
-        slope = gradient.dot(direction)
-        safe = torch.where(slope.abs() < 1e-3, torch.ones_like(slope), slope)
-        return self.surface.height(point, values) - height - bump, safe
+        return self.surface.height(point, values) - height - bump, divisor(gradient.dot(direction))
+
+
+def _optical_axis(like: Tensor) -> Rays:
+    """Return the ray along the camera's z axis, as a bundle of the tensor's shape."""
+    zero = torch.zeros_like(like)
+    failure = torch.zeros_like(like, dtype=torch.uint8)
+    return Rays(Vector(zero, zero, zero), Vector(zero, zero, zero + 1), failure)
+
+
+def _requires_grad(rays: Rays, values: Values) -> bool:
+    """Return True if torch records what happens to these rays."""
+    components = (rays.origin, rays.direction)
+    return torch.is_grad_enabled() and (
+        any(t.requires_grad for v in components for t in (v.x, v.y, v.z))
+        or any(value.requires_grad for value in values.values())
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,14 +5,21 @@ Source: OpenCV's calib3d documentation, "Detailed Description", the equations fo
     sensor.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import torch
 from torch import Tensor
 
-from calib.optics.lens import PINHOLE, entrance_point, normalise_pixels
+from calib.optics.derivatives import ByName, ByRay
+from calib.optics.lens import (
+    PINHOLE,
+    Pull,
+    entrance_point,
+    launch_by_autograd,
+    normalise_pixels,
+)
 from calib.optics.params import Param, Values
 from calib.optics.rays import LENS, Rays
 from calib.optics.vector import Vector
@@ -67,13 +74,55 @@ class LensModel:
         start = entrance_point((x * x + y * y).clamp_min(1e-24).sqrt().atan(), values, self.pupil)
         return Rays(start, Vector(x, y, torch.ones_like(x)).unit(), failed.to(torch.uint8) * LENS)
 
+    def launch(
+        self, pixels: Tensor, values: Values, names: frozenset[str], near: Tensor | None = None, /
+    ) -> tuple[Rays, Pull]:
+        if self.pupil or self.count > PRISM_COEFFICIENTS:
+            return launch_by_autograd(self, pixels, values, names, near)
+        distorted = normalise_pixels(pixels, values)
+        coefficients = self._coefficients(values) if self.count else []
+        x, y = distorted
+        failed = torch.zeros_like(x, dtype=torch.bool)
+        if self.count:
+            x, y, failed = undistort(x, y, coefficients, near)
+        direction = Vector(x, y, torch.ones_like(x)).unit()
+        zero = torch.zeros_like(x)
+        rays = Rays(Vector(zero, zero, zero), direction, failed.to(torch.uint8) * LENS)
+
+        def pull(by_rays: ByRay) -> tuple[Tensor, ByName]:
+            by_direction = by_rays.direction
+            along = direction.dot(by_direction)
+            by_x = (by_direction.x - direction.x * along) * direction.z
+            by_y = (by_direction.y - direction.y * along) * direction.z
+            by: ByName = {}
+            if self.count:
+                by_x, by_y = _pull_distortion(x, y, by_x, by_y, coefficients)
+                for name, (x_by, y_by) in zip(
+                    COEFFICIENTS[: self.count],
+                    _by_coefficients(x, y, coefficients),
+                    strict=False,
+                ):
+                    if CAMERA.of(name) in names:
+                        by[CAMERA.of(name)] = -by_x * x_by - by_y * y_by
+            by_pixel_x, by_pixel_y = by_x / values[CAMERA.fx], by_y / values[CAMERA.fy]
+            pinhole = {
+                CAMERA.fx: -by_pixel_x * distorted[0],
+                CAMERA.fy: -by_pixel_y * distorted[1],
+                CAMERA.cx: -by_pixel_x,
+                CAMERA.cy: -by_pixel_y,
+            }
+            by |= {name: value for name, value in pinhole.items() if name in names}
+            return torch.stack([by_pixel_x, by_pixel_y], -1), by
+
+        return rays, pull
+
     def project(self, points: Tensor, values: Values) -> Tensor:
         """Return the (..., 2) px of (..., 3) m points in front of the pinhole, as if there were no
         cover and the pupil did not move.
         """
         x, y = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
         if self.count:
-            coefficients = self._coefficients(values)
+            coefficients = self._coefficients(values) if self.count else []
             x, y = tilt(*distort(x, y, coefficients), coefficients)
         return torch.stack(
             [
@@ -201,6 +250,41 @@ def _newton_step(
         safe = torch.where(det.abs() < 1e-9, torch.full_like(det, 1e-9), det)
     error_x, error_y = x - goal_x, y - goal_y
     return (d * error_x - b * error_y) / safe, (a * error_y - c * error_x) / safe, folded
+
+
+def _pull_distortion(
+    x: Tensor, y: Tensor, by_x: Tensor, by_y: Tensor, coefficients: Sequence[Tensor]
+) -> tuple[Tensor, Tensor]:
+    """Return the derivatives by the distorted coordinates, from those by the (M,) undistorted ones
+    x and y.
+    """
+    r2 = x * x + y * y
+    gain, bottom = _radial(r2, coefficients)
+    a, b, c, d = _jacobian(x, y, r2, gain, bottom, coefficients)
+    det = a * d - b * c
+    safe = torch.where(det.abs() < 1e-9, torch.full_like(det, 1e-9), det)
+    return (d * by_x - c * by_y) / safe, (a * by_y - b * by_x) / safe
+
+
+def _by_coefficients(
+    x: Tensor, y: Tensor, coefficients: Sequence[Tensor]
+) -> Iterator[tuple[Tensor, Tensor]]:
+    """Yield the derivatives of `distort`, x and y, by each coefficient in OpenCV's order."""
+    r2 = x * x + y * y
+    gain, bottom = _radial(r2, coefficients)
+    rise = r2 if bottom is None else r2 / bottom
+    zero = torch.zeros_like(r2)
+    yield x * rise, y * rise
+    yield x * rise * r2, y * rise * r2
+    yield 2 * x * y, r2 + 2 * y * y
+    yield r2 + 2 * x * x, 2 * x * y
+    yield x * rise * r2 * r2, y * rise * r2 * r2
+    for power in (zero + 1, r2, r2 * r2):
+        yield -x * gain * rise * power, -y * gain * rise * power
+    for power in (r2, r2 * r2):
+        yield power, zero
+    for power in (r2, r2 * r2):
+        yield zero, power
 
 
 def _jacobian(

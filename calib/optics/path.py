@@ -6,7 +6,7 @@ adjustment in front of the lens, replaces a stage, or bends the board. Forward t
 camera outwards; `projection` solves the inverse.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -24,14 +24,18 @@ from calib.optics.board_target import (
     block_columns,
     blocks_of_size,
 )
+from calib.optics.derivatives import ByName, ByRay, add_to, by_autograd
 from calib.optics.exposure import MIDDLE, Exposure
 from calib.optics.interface import Interface
-from calib.optics.lens import Lens
+from calib.optics.lens import PIXELS, Lens
 from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays
-from calib.optics.relief import Relief
+from calib.optics.relief import AMPLITUDES, Relief
 from calib.session.parameter_names import CAMERA
+
+OWN = "camera of the view"
+"""The name of the numbers of each ray's own camera among what is differentiated."""
 
 
 class Adjustment(Protocol):
@@ -202,6 +206,121 @@ class Path:
         for interface in self.cover[passed - 1 :]:
             rays = interface(rays, values)
         return rays
+
+    def trace_with_derivatives(
+        self,
+        pixels: Tensor,
+        values: Values,
+        exposure: Exposure | None,
+        names: frozenset[str],
+        *,
+        own: Tensor | None = None,
+        near: Tensor | None = None,
+    ) -> tuple[Rays, Callable[[ByRay], ByName]]:
+        """Return the rays of (M, 2) px where they leave the cover, and their derivatives.
+
+        Args:
+            names: the parameters by which they are differentiated. The outer relief's amplitudes
+                are given by its probes, and linear adjustments by theirs.
+            own: (M, 1 or 2) the numbers of each ray's own camera, if `camera_block` is set.
+            near: that of `Lens`.
+
+        Returns:
+            The rays, and a function from the derivatives of k outputs by the rays to those by name,
+            by PIXELS, and by OWN if there are own cameras.
+        """
+        moved, adjusted, adjust_back = self._adjust_with_derivatives(
+            pixels, values, exposure, names, own
+        )
+        stage_names = names | {name for name in adjusted if adjusted[name] is not values.get(name)}
+        rays, pull_lens = self.lens.launch(moved, adjusted, stage_names, near)
+        rays, pull_cover = self.cross_cover(rays, adjusted, stage_names)
+
+        def pull(by_rays: ByRay) -> ByName:
+            entering, by = pull_cover(by_rays)
+            by_pixels, by_lens = pull_lens(entering)
+            for name, value in by_lens.items():
+                add_to(by, name, value)
+            return adjust_back(by_pixels, by)
+
+        return rays, pull
+
+    def cross_cover(
+        self, rays: Rays, values: Values, names: frozenset[str], passed: int = 1
+    ) -> tuple[Rays, Callable[[ByRay], tuple[ByRay, ByName]]]:
+        """Trace rays as `trace_from` does; return with them their derivatives by the rays that
+        enter and by the parameters of these names.
+        """
+        crossings = []
+        for interface in self.cover[passed - 1 :]:
+            rays, crossing = interface.cross(rays, values)
+            crossings.append((interface, crossing))
+
+        def pull(by_rays: ByRay) -> tuple[ByRay, ByName]:
+            by: ByName = {}
+            for interface, crossing in crossings[::-1]:
+                by_rays, more = interface.pull(crossing, values, by_rays, names)
+                for name, value in more.items():
+                    add_to(by, name, value)
+            return by_rays, by
+
+        return rays, pull
+
+    def _adjust_with_derivatives(
+        self,
+        pixels: Tensor,
+        values: Values,
+        exposure: Exposure | None,
+        names: frozenset[str],
+        own: Tensor | None,
+    ) -> tuple[Tensor, Values, Callable[[Tensor, ByName], ByName]]:
+        """Return the pixels and values as the stages read them, and a function that turns the
+        derivatives by these into those by the pixels and values before the adjustments.
+        """
+        if own is None and not self.adjustments:
+            return pixels, values, lambda by_pixels, by: {**by, PIXELS: by_pixels}
+        probes = {
+            probe
+            for adjust in self.adjustments
+            if isinstance(adjust, LinearTerm)
+            for probe in adjust.probes.values()
+        }
+        linear = {
+            name
+            for adjust in self.adjustments
+            if isinstance(adjust, LinearTerm)
+            for name in adjust.probes
+        }
+        rows = len(pixels)
+        inputs = {
+            name: values[name].expand(rows, *values[name].shape)
+            for name in (names & {*values}) - linear
+            if name != AMPLITUDES
+        }
+        inputs |= {name: pixels.new_zeros(rows) for name in probes}
+        inputs[PIXELS] = pixels
+        if own is not None:
+            inputs[OWN] = own
+        changed: list[str] = []
+
+        def adjust_rows(leaves: Values) -> Sequence[Tensor]:
+            start = {**values, **leaves}
+            after = with_own_camera(start, leaves[OWN]) if own is not None else start
+            moved, after = self.adjust_pixels(leaves[PIXELS], after, exposure)
+            changed[:] = [name for name in after if after[name] is not start.get(name)]
+            return [*moved.unbind(-1), *(after[name] for name in changed)]
+
+        outputs, pull = by_autograd(adjust_rows, inputs)
+        adjusted = {**values, **dict(zip(changed, outputs[2:], strict=True))}
+
+        def pull_back(by_pixels: Tensor, by: ByName) -> ByName:
+            zero = torch.zeros_like(by_pixels[..., 0])
+            by_changed = [by.pop(name, zero) for name in changed]
+            for name, value in pull([*by_pixels.unbind(-1), *by_changed]).items():
+                add_to(by, name, value)
+            return by
+
+        return torch.stack(outputs[:2], -1), adjusted, pull_back
 
     def land(
         self, pixels: Tensor, values: Values, poses: Tensor, exposure: Exposure | None

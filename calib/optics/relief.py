@@ -35,6 +35,54 @@ MIN_BUMP_WIDTH = 5e-5
 
 
 @dataclass(frozen=True, slots=True)
+class Expansion:
+    """A height around points of a surface, to second order."""
+
+    chart: tuple[Tensor, Tensor]
+    """The two (...) chart coordinates of the points."""
+    height: Tensor
+    """(...) m"""
+    first: Tensor
+    """(...) m per chart unit, the slope by the first chart coordinate."""
+    second: Tensor
+    first_first: Tensor
+    """(...) m per chart unit squared."""
+    first_second: Tensor
+    second_second: Tensor
+
+    def at(self, chart: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the (...) m height and the two slopes at chart coordinates nearby."""
+        first, second = chart[0] - self.chart[0], chart[1] - self.chart[1]
+        turn_first, turn_second = self.bend(first, second)
+        return (
+            self.height
+            + first * (self.first + turn_first / 2)
+            + second * (self.second + turn_second / 2),
+            self.first + turn_first,
+            self.second + turn_second,
+        )
+
+    def bend(self, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the changes of the two slopes for changes of the two chart coordinates."""
+        return (
+            self.first_first * first + self.first_second * second,
+            self.first_second * first + self.second_second * second,
+        )
+
+    def __add__(self, other: "Expansion") -> "Expansion":
+        """Return the sum of two heights around the same points."""
+        return Expansion(
+            self.chart,
+            self.height + other.height,
+            self.first + other.first,
+            self.second + other.second,
+            self.first_first + other.first_first,
+            self.first_second + other.first_second,
+            self.second_second + other.second_second,
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Relief:
     """A height Phi(s) = sum a_ij exp(-|s - s_ij|^2 / (2 beta)) over a surface's chart.
 
@@ -105,8 +153,13 @@ class Relief:
         )
 
     @property
+    def amplitudes(self) -> str:
+        """The name of the amplitudes among the values."""
+        return f"{self.name}.amplitudes"
+
+    @property
     def params(self) -> tuple[Param, ...]:
-        return (Param(f"{self.name}.amplitudes", "m", 1e-5, self.grid),)
+        return (Param(self.amplitudes, "m", 1e-5, self.grid),)
 
     @property
     def spacing(self) -> tuple[float, float]:
@@ -119,7 +172,7 @@ class Relief:
         """Return the (...) m height at two (...) chart coordinates, and its two (...) slopes, m per
         chart unit.
         """
-        amplitudes = values[f"{self.name}.amplitudes"]  # (rows, columns), or one for each point
+        amplitudes = values[self.amplitudes]  # (rows, columns), or one for each point
         if (
             torch.is_grad_enabled()
             and any(coordinate.requires_grad for coordinate in chart)
@@ -151,21 +204,28 @@ class Relief:
         form, so that autograd stores none of the sums.
         """
         with torch.no_grad():
-            first, rise_first, bend_first = self._second_order_gaussians(chart[0], 0)
-            second, rise_second, bend_second = self._second_order_gaussians(chart[1], 1)
-            sums = _column_sums(amplitudes, second)
-            rise_sums = _column_sums(amplitudes, rise_second)
-            bend_sums = _column_sums(amplitudes, bend_second)
-            height = (sums * first).sum(0)
-            by_first = (sums * rise_first).sum(0)
-            by_second = (rise_sums * first).sum(0)
-            first_first = (sums * bend_first).sum(0)
-            first_second = (rise_sums * rise_first).sum(0)
-            second_second = (bend_sums * first).sum(0)
+            at = self._expand(amplitudes, chart)
         return (
-            with_slopes(height, *chart, by_first, by_second),
-            with_slopes(by_first, *chart, first_first, first_second),
-            with_slopes(by_second, *chart, first_second, second_second),
+            with_slopes(at.height, *chart, at.first, at.second),
+            with_slopes(at.first, *chart, at.first_first, at.first_second),
+            with_slopes(at.second, *chart, at.first_second, at.second_second),
+        )
+
+    def expand(self, chart: tuple[Tensor, Tensor], values: Values) -> "Expansion":
+        """Return the relief around two (...) chart coordinates, without derivatives by its
+        parameters.
+        """
+        return self._expand(values[self.amplitudes], chart)
+
+    def _expand(self, amplitudes: Tensor, chart: tuple[Tensor, Tensor]) -> "Expansion":
+        first = torch.stack(self._second_order_gaussians(chart[0], 0), 1)  # (rows, 3, ...)
+        second = torch.stack(self._second_order_gaussians(chart[1], 1), 1)
+        sums = _column_sums(amplitudes, second)  # (rows, 3, ...)
+        height, by_second, second_second = (sums * first[:, :1]).sum(0)
+        by_first, first_second = (sums[:, :2] * first[:, 1:2]).sum(0)
+        first_first = (sums[:, 0] * first[:, 2]).sum(0)
+        return Expansion(
+            chart, height, by_first, by_second, first_first, first_second, second_second
         )
 
     def spread(self, by_probe: Tensor, chart: tuple[Tensor, Tensor], out: Tensor) -> None:
@@ -242,13 +302,27 @@ class Bump:
         """Return the (...) m height at two (...) chart coordinates, and its two (...) slopes, m per
         chart unit.
         """
+        at = self.expand(chart, values)
+        return at.height, at.first, at.second
+
+    def expand(self, chart: tuple[Tensor, Tensor], values: Values) -> Expansion:
+        """Return the bump around two (...) chart coordinates."""
         width_squared = values[f"{self.name}.width"] ** 2
         first = (chart[0] - self.place[0]) * self.metres[0] - values[f"{self.name}.first"]
         second = (chart[1] - self.place[1]) * self.metres[1] - values[f"{self.name}.second"]
         fall = torch.exp((first**2 + second**2) / (-2 * width_squared))
         height = values[f"{self.name}.height"] * fall
         rise = -height / width_squared
-        return height, rise * first * self.metres[0], rise * second * self.metres[1]
+        a, b = self.metres
+        return Expansion(
+            chart,
+            height,
+            rise * first * a,
+            rise * second * b,
+            rise * (1 - first**2 / width_squared) * a**2,
+            rise * (-first * second / width_squared) * a * b,
+            rise * (1 - second**2 / width_squared) * b**2,
+        )
 
 
 def _column_sums(amplitudes: Tensor, gaussians: Tensor) -> Tensor:

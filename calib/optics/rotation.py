@@ -94,18 +94,18 @@ def _factors(angle2: Tensor) -> tuple[Tensor, Tensor]:
     return sine, cosine
 
 
-def derivatives(rotvec: Tensor, turn: Tensor) -> Tensor:
-    """Return the derivatives of rotation matrices by their rotation vectors.
+def left_jacobian(rotvec: Tensor) -> Tensor:
+    """Return the left Jacobian of SO(3): a change dw of a rotation vector turns the rotation
+    further by J dw, about the axes of the frame into which it leads.
 
-    With J = I + a [w] + b [w]^2 (the left Jacobian of SO(3)), dR / dw_i = [J e_i] R. Source: T. D.
-    Barfoot, State estimation for robotics (2017), equations 7.77 and 7.85.
+    J = I + a [w] + b [w]^2. Source: T. D. Barfoot, State estimation for robotics (2017), equation
+    7.77.
 
     Args:
         rotvec: (..., 3) rad.
-        turn: (..., 3, 3) their matrices.
 
     Returns:
-        (..., 3, 3, 3): the i-th of the first three is the derivative by component i.
+        (..., 3, 3), column i for component i.
     """
     angle2 = (rotvec**2).sum(-1)[..., None, None]  # (..., 1, 1)
     small = angle2 < 1e-6
@@ -116,8 +116,22 @@ def derivatives(rotvec: Tensor, turn: Tensor) -> Tensor:
     b = torch.where(small, 1 / 6 - angle2 / 120, (angle - angle.sin()) / (safe2 * angle))
     cross = _cross(rotvec)
     eye = torch.eye(3, dtype=rotvec.dtype, device=rotvec.device)
-    jacobian = eye + a * cross + b * (cross @ cross)  # (..., 3, 3), column i for component i
-    return _cross(jacobian.mT) @ turn.unsqueeze(-3)
+    jacobian: Tensor = eye + a * cross + b * (cross @ cross)
+    return jacobian
+
+
+def derivatives(rotvec: Tensor, turn: Tensor) -> Tensor:
+    """Return the derivatives of rotation matrices by their rotation vectors: dR / dw_i = [J e_i] R
+    (`left_jacobian`). Source: the same book, equation 7.85.
+
+    Args:
+        rotvec: (..., 3) rad.
+        turn: (..., 3, 3) their matrices.
+
+    Returns:
+        (..., 3, 3, 3): the i-th of the first three is the derivative by component i.
+    """
+    return _cross(left_jacobian(rotvec).mT) @ turn.unsqueeze(-3)
 
 
 def _cross(vectors: Tensor) -> Tensor:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.optics.fisheye import Fisheye
+from calib.optics.lens import Pull, launch_by_autograd
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays
 from calib.session.parameter_names import CAMERA
@@ -92,6 +93,11 @@ class SplinedFisheye:
 
     def __call__(self, pixels: Tensor, values: Values, _near: Tensor | None = None, /) -> Rays:
         return self.base(pixels + self._shift(pixels, values), values)
+
+    def launch(
+        self, pixels: Tensor, values: Values, names: frozenset[str], near: Tensor | None = None, /
+    ) -> tuple[Rays, Pull]:
+        return launch_by_autograd(self, pixels, values, names, near)
 
     def project(self, points: Tensor, values: Values) -> Tensor:
         """Return the (..., 2) px of (..., 3) m points, from the fisheye's pixels by fixed-point

@@ -8,6 +8,7 @@ from typing import ClassVar, Protocol
 
 from torch import Tensor
 
+from calib.optics.derivatives import ByName
 from calib.optics.params import Param, Values
 from calib.optics.vector import Vector
 from calib.session.parameter_names import CoverNames
@@ -65,4 +66,22 @@ class Surface(Protocol):
         """Return `first` times the derivative of the first chart coordinate by the point, plus
         `second` times the derivative of the second chart coordinate.
         """
+        ...
+
+    def curvature(self, points: Vector, along: Vector) -> Vector:
+        """Return the (...) change of `gradient` along vectors, to first order."""
+        ...
+
+    def by_parameters(self, points: Vector, by_height: Tensor, by_gradient: Vector) -> ByName:
+        """Return the derivatives by the parameters, from those by `height` and by `gradient`."""
+        ...
+
+    def chart_change(self, points: Vector, along: Vector) -> tuple[Tensor, Tensor]:
+        """Return the (...) changes of the two chart coordinates along vectors, to first order."""
+        ...
+
+    def chart_curvature(
+        self, points: Vector, first: Tensor, second: Tensor, along: Vector
+    ) -> Vector:
+        """Return the (...) change of `chart_gradient` along vectors, to first order."""
         ...

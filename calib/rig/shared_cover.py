@@ -21,7 +21,7 @@ from calib.calibration import Calibration
 from calib.estimation.camera_model import CameraModel
 from calib.optics.build import covered_path, footprint, relief_over
 from calib.optics.exposure import MIDDLE
-from calib.optics.lens import Lens
+from calib.optics.lens import Lens, Pull, launch_by_autograd
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.optics.rays import Rays
@@ -101,6 +101,11 @@ class MountedLens:
             direction = turn.turn(direction)
             origin = turn.turn(origin) + shift
         return Rays(origin, direction, rays.failure)
+
+    def launch(
+        self, pixels: Tensor, values: Values, names: frozenset[str], near: Tensor | None = None, /
+    ) -> tuple[Rays, Pull]:
+        return launch_by_autograd(self, pixels, values, names, near)
 
     def project(self, points: Tensor, values: Values) -> Tensor:
         place = Vector.of(points)

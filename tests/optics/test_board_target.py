@@ -44,14 +44,29 @@ def seen() -> tuple[Rays, list[Tensor], dict[str, Tensor]]:
 def test_changes_are_those_of_reverse_passes(bends: tuple[Bend, ...], flexed: bool) -> None:
     rays, leaves, sizes = seen()
     target = Target(bends, flex=HALF if flexed else None)
-    leaves = leaves if flexed else leaves[:2]
-    placement = Placement(leaves[0], leaves[1], flex=leaves[2] if flexed else None)
-    landed, failure = target(rays, placement, sizes)
-    expected = row_derivatives(landed, leaves)
+    rays_leaves = [
+        component.clone().requires_grad_()
+        for component in (*_components(rays.origin), *_components(rays.direction))
+    ]
+    turned = rotation.matrix(turn := torch.zeros(40, 3, dtype=torch.float64).requires_grad_())
+    placement = Placement(turned @ leaves[0], leaves[1], flex=leaves[2] if flexed else None)
+    moved = Rays(Vector(*rays_leaves[:3]), Vector(*rays_leaves[3:]), rays.failure)
+    landed, failure = target(moved, placement, sizes)
+    inputs = [*rays_leaves, turn, *leaves[1 : 3 if flexed else 2]]
+    expected = row_derivatives(landed, inputs)
     with torch.no_grad():
-        recomputed, failed, changes = target.intersect_with_derivatives(rays, placement, sizes)
+        recomputed, failed, landing = target.land(rays, placement, sizes)
+        identity = torch.eye(2).double()[:, None].expand(2, 40, 2)
+        by_rays, by_placement, _ = landing.pull(identity)
     assert torch.equal(recomputed, landed.detach())
     assert torch.equal(failed, failure)
-    assert len(changes) == len(expected)
-    for result, wanted in zip(changes, expected, strict=True):
-        assert torch.allclose(result, wanted, rtol=1e-9, atol=1e-12)
+    results = [*_components(by_rays.origin), *_components(by_rays.direction)]
+    results += [by_placement.turn.stacked(), by_placement.shift.stacked()]
+    results += [by_placement.flex] if by_placement.flex is not None else []
+    assert len(results) == len(expected)
+    for result, wanted in zip(results, expected, strict=True):
+        assert torch.allclose(result.transpose(0, 1), wanted, rtol=1e-9, atol=1e-12)
+
+
+def _components(vector: Vector) -> tuple[Tensor, Tensor, Tensor]:
+    return vector.x, vector.y, vector.z

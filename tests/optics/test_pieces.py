@@ -10,7 +10,7 @@ from calib.optics.board_target import Placement, Target
 from calib.optics.lens_model import COEFFICIENTS, LensModel
 from calib.optics.rays import LENS, Rays
 from calib.optics.relief import Relief
-from calib.optics.snell import refract
+from calib.optics.snell import Refraction
 from calib.optics.vector import Vector
 from calib.session.lens import COEFFICIENTS as ACCEPTED_COUNTS
 from tests.optics import oracle
@@ -174,24 +174,25 @@ def test_refraction_is_snell_s_law_by_angles(n_from: float, n_to: float) -> None
     directions = normals + rng.uniform(-0.35, 0.35, (100, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     ratio = torch.tensor(n_from / n_to, dtype=torch.float64)
-    bent, reflected = refract(
+    refraction = Refraction.of(
         Vector.of(torch.from_numpy(directions)), Vector.of(torch.from_numpy(normals)), ratio
     )
     expected = np.array(
         [oracle.bend(d, n, n_from, n_to) for d, n in zip(directions, normals, strict=True)]
     )
-    assert not reflected.any()
-    assert np.abs(bent.stacked().numpy() - expected).max() < 1e-13
+    assert not refraction.reflected.any()
+    assert np.abs(refraction.bent.stacked().numpy() - expected).max() < 1e-13
 
 
 def test_total_reflection_keeps_the_direction_and_finite_gradients() -> None:
     steep = Vector.of(torch.tensor([[0.9, 0.0, 0.19**0.5]], dtype=torch.float64))
     normal = Vector.of(torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64))
     ratio = torch.tensor(1.5, dtype=torch.float64, requires_grad=True)
-    bent, reflected = refract(steep, normal, ratio)
-    bent.stacked().sum().backward()  # type: ignore[no-untyped-call]
-    assert reflected.tolist() == [True]
-    assert torch.equal(bent.stacked().detach(), steep.stacked())
+    refraction = Refraction.of(steep, normal, ratio)
+    bent = refraction.bent.stacked()
+    bent.sum().backward()
+    assert refraction.reflected.tolist() == [True]
+    assert torch.equal(bent.detach(), steep.stacked())
     assert ratio.grad is not None
     assert torch.isfinite(ratio.grad)
 

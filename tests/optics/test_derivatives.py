@@ -1,0 +1,123 @@
+"""The derivatives of the ray path in closed form are those of torch."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from calib.optics.derivatives import ByRay
+from calib.optics.exposure import MIDDLE
+from calib.optics.lens import PIXELS, PUPIL
+from calib.optics.lens_model import COEFFICIENTS, LensModel
+from calib.optics.path import Path, row_derivatives
+from calib.optics.relief import AMPLITUDES, PROBES, Bump, Relief
+from calib.optics.vector import Vector
+from calib.session.parameter_names import CAMERA
+from tests.optics.shapes import Example, each_shape
+from tests.optics.test_path import nominal, some_pixels
+
+ROWS = 12
+TOLERANCE = 1e-9
+"""Of the largest derivative by the same number: rounding, behind Newton steps that end at 1e-14."""
+
+
+def by_torch(path: Path, values: dict[str, Tensor], pixels: Tensor) -> dict[str, Tensor]:
+    """The derivatives of the rays that leave the cover, (6, M, ...) by name."""
+    leaves = {
+        name: value.expand(ROWS, *value.shape).clone().requires_grad_()
+        for name, value in values.items()
+    }
+    leaves[PIXELS] = pixels.clone().requires_grad_()
+    rays = path.trace(leaves[PIXELS], leaves, MIDDLE)
+    at = torch.cat([rays.origin.stacked(), rays.direction.stacked()], -1)
+    rows = row_derivatives(at, [*leaves.values()])
+    return {name: row.transpose(0, 1) for name, row in zip(leaves, rows, strict=True)}
+
+
+def in_closed_form(path: Path, values: dict[str, Tensor], pixels: Tensor) -> dict[str, Tensor]:
+    _, pull = path.trace_with_derivatives(pixels, values, MIDDLE, frozenset(values))
+    each = torch.eye(6).double().unsqueeze(-1).expand(6, 6, ROWS).unbind(1)
+    by = pull(ByRay(Vector(*each[:3]), Vector(*each[3:])))
+    if path.relief and AMPLITUDES in values:
+        rays = path.trace(pixels, values, MIDDLE)
+        outer = path.cover[-1]
+        point = outer.frame.at(values).enter(rays.origin)
+        columns = pixels.new_empty(ROWS, 6, values[AMPLITUDES].numel())
+        path.relief.spread(
+            torch.stack([by[name] for name in PROBES], -1).transpose(0, 1),
+            outer.relief_chart(point, values),
+            columns,
+        )
+        by[AMPLITUDES] = columns.transpose(0, 1)
+    return by
+
+
+def compare(path: Path, values: dict[str, Tensor], pixels: Tensor) -> None:
+    expected, result = by_torch(path, values, pixels), in_closed_form(path, values, pixels)
+    for name in (*(param.name for param in path.params), PIXELS):
+        wanted = expected[name].flatten(2) if expected[name].ndim > 2 else expected[name]
+        assert wanted.abs().max() > 0, f"{name} moves no ray"
+        worst = float((result[name].reshape(wanted.shape) - wanted).abs().max())
+        assert worst < TOLERANCE * float(wanted.abs().max()), name
+
+
+@each_shape
+@pytest.mark.parametrize("kind", ["even", "relief", "anchored", "tilts only", "inner", "bump"])
+def test_those_of_a_cover(example: Example, kind: str) -> None:
+    path, values = nominal(example, changed=example.moved)
+    *inner, outer = path.cover
+    assert outer.relief
+    low, high = outer.relief.low, outer.relief.high
+    rng = np.random.default_rng(8)
+    if kind == "even":
+        outer = replace(outer, relief=None)
+        del values[AMPLITUDES]
+    if kind == "anchored":
+        anchor = tuple(float(chart) + 1e-3 for chart in outer.axis_chart(values))
+        outer = replace(outer, relief=replace(outer.relief, anchor=(anchor[0], anchor[1])))
+    if kind == "tilts only":
+        outer = replace(outer, exact_hit=False)
+    if kind == "inner":
+        inner[0] = replace(inner[0], relief=Relief(low, high, (4, 5), name="inner"))
+        values["inner.amplitudes"] = torch.from_numpy(rng.normal(0, 1e-5, (4, 5)))
+    if kind == "bump":
+        middle = (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
+        span = high[0] - low[0], high[1] - low[1]
+        bump = Bump("bump", middle, (0.03 / span[0], 0.03 / span[1]))
+        outer = replace(outer, extra_reliefs=(bump,))
+        values |= {
+            f"bump.{name}": torch.tensor(value, dtype=torch.float64)
+            for name, value in {
+                "height": 2e-5,
+                "first": 1e-3,
+                "second": 2e-3,
+                "width": 8e-3,
+            }.items()
+        }
+    compare(replace(path, cover=(*inner, outer)), values, some_pixels(ROWS))
+
+
+@pytest.mark.parametrize("count", [0, 4, 5, 8, 12, 14])
+@pytest.mark.parametrize("pupil", [False, True])
+def test_those_of_a_lens(count: int, pupil: bool) -> None:
+    path = Path(LensModel(count, PUPIL if pupil else ()))
+    numbers = {CAMERA.fx: 3e3, CAMERA.fy: 3.1e3, CAMERA.cx: 1600.0, CAMERA.cy: 1200.0}
+    sizes = (0.1, -0.05, 1e-3, -2e-3, 0.02, 0.03, 0.01, -0.01, 1e-3, 2e-3, -1e-3, 1e-3, 0.01, 0.02)
+    numbers |= {
+        CAMERA.of(name): size for name, size in zip(COEFFICIENTS[:count], sizes, strict=False)
+    }
+    numbers |= {param.name: 1e-3 for param in PUPIL} if pupil else {}
+    values = {name: torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}
+    compare(path, values, some_pixels(ROWS))
+
+
+@each_shape
+def test_a_ray_that_fails_has_finite_derivatives(example: Example) -> None:
+    path, values = nominal(example, amplitude=3e-3, changed={"refractive_index": 2.6})
+    pixels = some_pixels(ROWS * 50)
+    _, pull = path.trace_with_derivatives(pixels, values, MIDDLE, frozenset(values))
+    each = torch.ones(1, len(pixels), dtype=torch.float64)
+    by = pull(ByRay(Vector(each, each, each), Vector(each, each, each)))
+    assert all(bool(torch.isfinite(value).all()) for value in by.values())
