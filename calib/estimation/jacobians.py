@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.estimation.parameters import Parameters
-from calib.estimation.probes import TracedRows, shared_columns
+from calib.estimation.probes import shared_columns
 from calib.optics.derivatives import ByRay, by_autograd
 from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
@@ -44,7 +44,8 @@ def undistorted_jacobian(
     points, values = torch.from_numpy(pixels), parameters.origin
     names = frozenset(parameters.slices())
     frame = None if frames is None else Rotation.of(torch.from_numpy(frames))
-    rays, pull = path.trace_with_derivatives(points, values, MIDDLE, names)
+    trace = path.trace_with_derivatives(points, values, MIDDLE, names)
+    rays = trace.rays
     origin, direction = rays.origin, rays.direction
     zero = torch.zeros_like(direction.x)
     components = (origin.x, origin.y, origin.z, direction.x, direction.y, direction.z)
@@ -60,8 +61,8 @@ def undistorted_jacobian(
     )
     by = pull_undistorted(list(torch.eye(4).to(points).unsqueeze(-1).expand(4, 4, len(points))))
     by_rays = ByRay(Vector(*(by[n] for n in RAY[:3])), Vector(*(by[n] for n in RAY[3:])))
-    traced = TracedRows(points, rays, values, MIDDLE, path.linear_terms(points, values, MIDDLE))
-    columns = shared_columns(path, parameters, pull(by_rays), traced, len(outputs))
+    terms = path.linear_terms(points, values, MIDDLE)
+    columns = shared_columns(path, parameters, trace.pull(by_rays), trace, terms, len(outputs))
     jacobian = columns.reshape(len(points), 2, 2, -1).numpy()
     by_rigid = by[MOTION].transpose(0, 1).reshape(len(points), 2, 2, 6).numpy()
     return jacobian, by_rigid, (~_in_frame(frame, rays).in_pinhole).numpy()

@@ -8,56 +8,46 @@ probes into those by the parameters.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from calib.estimation.parameters import Parameters
 from calib.optics.derivatives import ByName
-from calib.optics.exposure import Exposure
 from calib.optics.linear_term import LinearTerm
-from calib.optics.params import Values
-from calib.optics.path import Path
-from calib.optics.rays import Rays
+from calib.optics.path import Path, Trace
 from calib.optics.relief import PROBES
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TracedRows:
-    """The rows at which a path was differentiated."""
-
-    pixels: Tensor
-    """(M, 2) px"""
-    rays: Rays
-    """(M,) rays that left the cover."""
-    values: Values
-    exposure: Exposure | None
-    terms: Iterable[tuple[LinearTerm, Tensor, Tensor]]
-    """The result of `Path.linear_terms`."""
-
-
 def shared_columns(
-    path: Path, parameters: Parameters, by: ByName, rows: TracedRows, outputs: int
+    path: Path,
+    parameters: Parameters,
+    by: ByName,
+    trace: Trace,
+    terms: Iterable[tuple[LinearTerm, Tensor, Tensor]],
+    outputs: int,
 ) -> Tensor:
     """Return the (M, k, S) derivatives of k `outputs` by the vector of the parameters, from the (k,
     M, ...) derivatives by name; 0 for a parameter that is not named there.
+
+    Args:
+        trace: the rays, which left the cover.
+        terms: the result of `Path.linear_terms`.
     """
-    columns = rows.pixels.new_empty(len(rows.pixels), outputs, parameters.count)
+    count = len(trace.rays.failure)
+    columns = trace.rays.direction.x.new_empty(count, outputs, parameters.count)
     slices = parameters.slices()
     if parameters.relief:
-        outer = path.cover[-1]
-        assert outer.relief
-        _, adjusted = path.adjust_pixels(rows.pixels, rows.values, rows.exposure)
-        point = outer.frame.at(adjusted).enter(rows.rays.origin)
-        outer.relief.spread(
+        assert path.relief
+        assert trace.relief_chart
+        path.relief.spread(
             torch.stack([by[name] for name in PROBES], -1).transpose(0, 1),
-            outer.relief_chart(point, adjusted),
+            trace.relief_chart,
             columns[..., : parameters.amplitudes],
         )
     weights = {
         name: (term.probes[name], weight)
-        for term, x, y in rows.terms
+        for term, x, y in terms
         for name, weight in term.weights(x, y).items()
     }
     for param in parameters.free:
@@ -66,9 +56,7 @@ def shared_columns(
             probe, weight = weights[param.name]
             torch.mul(param.scale * by[probe].mT.unsqueeze(-1), weight.unsqueeze(-2), out=place)
         elif param.name in by:
-            place.copy_(
-                param.scale * by[param.name].reshape(outputs, len(columns), -1).transpose(0, 1)
-            )
+            place.copy_(param.scale * by[param.name].reshape(outputs, count, -1).transpose(0, 1))
         else:
             place.zero_()
     return columns

@@ -7,7 +7,7 @@ through the height and its gradient at the ray's hit point, so these three are d
 each ray (`probes`). All derivatives are in closed form (`optics.derivatives`).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -17,7 +17,7 @@ from torch import Tensor
 from calib.estimation.normal_equations import LinearisedBlocks
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
-from calib.estimation.probes import TracedRows, shared_columns
+from calib.estimation.probes import shared_columns
 from calib.optics import rotation
 from calib.optics.board_target import (
     CENTRE,
@@ -29,10 +29,9 @@ from calib.optics.board_target import (
     block_columns,
     blocks_of_size,
 )
-from calib.optics.derivatives import ByName, ByRay
 from calib.optics.lens import PIXELS
 from calib.optics.params import Values
-from calib.optics.path import OWN, Path
+from calib.optics.path import OWN, Path, Trace
 from calib.optics.rays import Rays
 
 BATCH_SIZE = 8192
@@ -95,14 +94,16 @@ class ResidualBlock:
         """Return the residuals, their (M, 2, B) Jacobian by the view parameters, and (M,) true
         where the ray lands.
         """
+        trace = None
         if self.path.camera_block:
-            rays, pull = self._traced(values, poses, frozenset())
+            trace = self._trace(values, poses, frozenset())
+            rays = trace.rays
         placement = Placement.of(poses)
         landed, failure, landing = self.path.target.land(
             rays, self._placement_of_rows(placement), values
         )
         by_rays, by_placement, _ = landing.pull(self._by_landed)
-        by_own = pull(by_rays)[OWN] if self.path.camera_block else None
+        by_own = trace.pull(by_rays)[OWN] if trace else None
         jacobian = self._view_jacobian(by_placement, by_own, placement, poses)
         return self._residuals(landed), jacobian, failure == 0
 
@@ -112,24 +113,22 @@ class ResidualBlock:
         """
         observations = self.observations
         names = frozenset(self.parameters.slices())
-        rays, pull = self._traced(values, poses, names)
+        trace = self._trace(values, poses, names)
         placement = Placement.of(poses)
-        landed, _, landing = self.path.target.land(rays, self._placement_of_rows(placement), values)
+        landed, _, landing = self.path.target.land(
+            trace.rays, self._placement_of_rows(placement), values
+        )
         by_rays, by_placement, by_board = landing.pull(self._by_landed, names)
-        by = pull(by_rays)
+        by = trace.pull(by_rays)
         jacobian = self._view_jacobian(by_placement, by.get(OWN), placement, poses)
         terms = self.path.linear_terms(observations.pixels, values, observations.exposure, landed)
-        rows = TracedRows(observations.pixels, rays, values, observations.exposure, terms)
-        columns = shared_columns(self.path, self.parameters, by | by_board, rows, 2)
+        columns = shared_columns(self.path, self.parameters, by | by_board, trace, terms, 2)
         return LinearisedBlocks(observations.starts, self._residuals(landed), jacobian, columns)
 
-    def _traced(
-        self, values: Values, poses: Tensor, names: frozenset[str]
-    ) -> tuple[Rays, Callable[[ByRay], ByName]]:
-        """Return the rays where they leave the cover, and their derivatives by name."""
-        if self.passed and not self.path.camera_block:
-            rays, pull = self.path.cross_cover(self.traced, values, names, self.passed)
-            return rays, lambda by_rays: pull(by_rays)[1]
+    def _trace(self, values: Values, poses: Tensor, names: frozenset[str]) -> Trace:
+        """Return the rays where they leave the cover, and their derivatives by these names."""
+        if self.passed:
+            return self.path.trace_on(self.traced, values, names, self.passed)
         observations = self.observations
         own = None
         if self.path.camera_block:
@@ -173,7 +172,7 @@ class ResidualBlock:
             turns = rotation.matrix(spin) @ turns
         columns = [_rows_times(by_turn, turns), by_shift, *by_motion]
         columns += [extra for extra in (by.flex, by_own) if extra is not None]
-        return torch.cat(columns, -1).transpose(0, 1)
+        return torch.cat([column.transpose(0, 1) for column in columns], -1)
 
     def _residuals(self, landed: Tensor) -> Tensor:
         return (self.weights @ (landed - self.observations.corners).unsqueeze(-1)).squeeze(-1)
@@ -242,7 +241,7 @@ def pixel_weights(
         for name, columns in block_columns(blocks).items()
         if name in (FOCAL, CENTRE)
     ]
-    rays, pull = path.trace_with_derivatives(
+    trace = path.trace_with_derivatives(
         observations.pixels,
         values,
         observations.exposure,
@@ -250,9 +249,9 @@ def pixel_weights(
         own=own[0][observations.view] if own else None,
     )
     placement = Placement.of(poses)[observations.view].at_exposure(observations.exposure)
-    landed, _, landing = path.target.land(rays, placement, values)
+    landed, _, landing = path.target.land(trace.rays, placement, values)
     identity = torch.eye(2).to(landed)[:, None].expand(2, *landed.shape)
-    jacobian = pull(landing.pull(identity)[0])[PIXELS].transpose(0, 1)
+    jacobian = trace.pull(landing.pull(identity)[0])[PIXELS].transpose(0, 1)
     weights: Tensor = (
         torch.linalg.inv_ex(jacobian).inverse * -(observations.weight / sigma)[:, None, None]
     )

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from calib.optics.derivatives import ByName, add_to
+from calib.optics.derivatives import ByName, ByRay, add_to
 from calib.optics.params import Param, Values
+from calib.optics.rays import Rays
 from calib.optics.rotation import Rotation, left_jacobian
 from calib.optics.vector import Vector
 
@@ -48,26 +49,74 @@ class CoverFrame:
         )
         return CoverPose(_vector(self.origin, values, zero), tuple(turns))
 
-    def by_parameters(self, values: Values, by_shift: Vector, by_turn: Vector) -> ByName:
-        """Return the derivatives by the parameters, from those by the translation (per m) and by a
-        further small rotation (rad), both along the axes of the camera frame.
+    def pull_leaving(
+        self, values: Values, pose: CoverPose, left: Rays, by_rays: ByRay, names: frozenset[str]
+    ) -> tuple[ByRay, ByName]:
+        """Return the derivatives by rays in the cover's frame and by these parameters, from the (k,
+        M) derivatives by the same rays in the camera frame.
+
+        Args:
+            pose: that for these values.
+            left: the rays in the cover's frame.
         """
-        derivatives: ByName = {}
+        inside = ByRay(pose.turn(by_rays.origin), pose.turn(by_rays.direction))
+        if not names & {param.name for param in self.params}:
+            return inside, {}
+        by_turn = _turning(pose, left, by_rays)
+        return inside, self._by_parameters(values, pose, by_rays.origin, by_turn, names)
+
+    def pull_entering(
+        self, values: Values, pose: CoverPose, entered: Rays, by_rays: ByRay, names: frozenset[str]
+    ) -> tuple[ByRay, ByName]:
+        """Return the derivatives by rays in the camera frame and by these parameters, from the (k,
+        M) derivatives by the same rays in the cover's frame, `entered`.
+        """
+        outside = ByRay(
+            pose.turn(by_rays.origin, back=True), pose.turn(by_rays.direction, back=True)
+        )
+        if not names & {param.name for param in self.params}:
+            return outside, {}
+        by_turn = _turning(pose, entered, outside)
+        by = self._by_parameters(values, pose, outside.origin, by_turn, names)
+        return outside, {name: -value for name, value in by.items()}
+
+    def _by_parameters(
+        self,
+        values: Values,
+        pose: CoverPose,
+        by_shift: Vector,
+        by_turn: Vector,
+        names: frozenset[str],
+    ) -> ByName:
+        """Return the derivatives by these parameters, from those by the translation (per m) and by
+        a further small rotation (rad), both along the axes of the camera frame.
+        """
+        by: ByName = {}
         for name, component in zip(self.origin, (by_shift.x, by_shift.y, by_shift.z), strict=True):
-            if name:
-                add_to(derivatives, name, component)
-        turns = self.at(values).turns
+            if name and name in names:
+                add_to(by, name, component)
         zero = next(iter(values.values())).new_zeros(())
-        used = [names for names in (self.tilt, *self.extra_tilts) if any(names)]
-        for place, names in enumerate(used):
-            jacobian = left_jacobian(_vector(names, values, zero).stacked())
-            for entry, name in enumerate(names):
-                if name:
+        used = [turn for turn in (self.tilt, *self.extra_tilts) if any(turn)]
+        for place, turn_names in enumerate(used):
+            if not names.intersection(name for name in turn_names if name):
+                continue
+            jacobian = left_jacobian(_vector(turn_names, values, zero).stacked())
+            for entry, name in enumerate(turn_names):
+                if name and name in names:
                     axis = Vector.of(jacobian[..., entry])
-                    for turn in turns[:place][::-1]:
+                    for turn in pose.turns[:place][::-1]:
                         axis = turn.turn(axis)
-                    add_to(derivatives, name, axis.dot(by_turn))
-        return derivatives
+                    add_to(by, name, axis.dot(by_turn))
+        return by
+
+
+def _turning(pose: CoverPose, inside: Rays, by_outside: ByRay) -> Vector:
+    """Return the derivatives by a further small rotation of the frame of rays that are fixed in it,
+    from those by the same rays in the camera frame.
+    """
+    arm = pose.turn(inside.origin, back=True)
+    direction = pose.turn(inside.direction, back=True)
+    return arm.cross(by_outside.origin) + direction.cross(by_outside.direction)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +135,14 @@ class CoverPose:
     def leave(self, point: Vector) -> Vector:
         """Transform points from the cover's frame into the camera frame."""
         return self.turn(point, back=True) + self.shift
+
+    def enter_rays(self, rays: Rays) -> Rays:
+        """Transform rays from the camera frame into the cover's frame."""
+        return Rays(self.enter(rays.origin), self.turn(rays.direction), rays.failure)
+
+    def leave_rays(self, rays: Rays) -> Rays:
+        """Transform rays from the cover's frame into the camera frame."""
+        return Rays(self.leave(rays.origin), self.turn(rays.direction, back=True), rays.failure)
 
     def turn(self, direction: Vector, *, back: bool = False) -> Vector:
         """Turn directions from the camera frame into the cover's frame, or back."""

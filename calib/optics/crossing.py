@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from calib.optics.derivatives import ByRay
+from calib.optics.rays import Rays
 from calib.optics.relief import Expansion
 from calib.optics.snell import Refraction
 from calib.optics.surface import Surface
@@ -30,8 +32,8 @@ FLATTEST = 1e-3
 class HitDerivatives:
     """The (k, M) derivatives of k outputs by what a crossing reads, in the cover's frame."""
 
-    origin: Vector
-    direction: Vector
+    rays: ByRay
+    """By the rays that enter."""
     height: Tensor
     """By the height of the point over the surface: minus that by the glass's thickness."""
     gradient: Vector
@@ -41,67 +43,70 @@ class HitDerivatives:
     chart: tuple[Tensor, Tensor]
     """By the two chart coordinates at which the relief is read."""
     ratio: Tensor
+    """By the index before the surface over that behind it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Crossing:
     """M rays at a surface, in the frame of its cover."""
 
     surface: Surface
-    origin: Vector
-    direction: Vector
+    entered: Rays
     distance: Tensor
-    """(M,) m from the origin to the hit."""
+    """(M,) m from the rays' origins to the hits."""
     point: Vector
+    """The hits."""
     relief: Expansion | None
-    """The sum of the reliefs, around a point next to the hit."""
+    """The sum of the reliefs, around points next to the hits."""
+    chart: tuple[Tensor, Tensor] | None
+    """The two (M,) chart coordinates of the hits, if there is a relief."""
+    shift: tuple[Tensor | float, Tensor | float]
+    """How far the outer relief has moved along them."""
+    slopes: tuple[Tensor, Tensor] | None
+    """The relief's two (M,) slopes at the hits."""
     exact_hit: bool
-    """True if the relief moves the hit."""
-    gradient: Vector
-    """The gradient of the height above the surface with its relief, at the hit."""
+    """True if the relief moves the hits."""
+    inverse_gradient: Tensor
+    """(M,) 1 over the length of the gradient of the height above the uneven surface."""
     hit_gradient: Vector
-    """That of the surface which is hit: the same, unless the relief only tilts the normal."""
+    """The gradient of the height above the surface that is hit."""
     refraction: Refraction
 
-    def pull(self, by_point: Vector, by_bent: Vector) -> HitDerivatives:
-        """Return the derivatives by what the crossing reads, from the (k, M) derivatives by the hit
-        and by the bent direction.
-        """
-        by_direction, by_normal, by_ratio = self.refraction.pull(by_bent)
+    @property
+    def relief_chart(self) -> tuple[Tensor, Tensor]:
+        """The two (M,) chart coordinates at which the outer relief is read."""
+        assert self.chart
+        return self.chart[0] - self.shift[0], self.chart[1] - self.shift[1]
+
+    def pull(self, by_rays: ByRay) -> HitDerivatives:
+        """Return the derivatives by what the crossing reads, from those by the rays that leave."""
+        by_direction, by_normal, by_ratio = self.refraction.pull(by_rays.direction)
         normal = self.refraction.normal
-        by_gradient = (by_normal - normal * normal.dot(by_normal)) * (
-            self.gradient.dot(self.gradient).rsqrt()
-        )
-        by_point = by_point + self.surface.curvature(self.point, by_gradient)
-        zero = torch.zeros_like(by_ratio)
-        by_slopes = by_chart = zero, zero
-        if self.relief:
-            _, first, second = self.relief.at(self.chart)
+        by_gradient = (by_normal - normal * normal.dot(by_normal)) * self.inverse_gradient
+        by_point = by_rays.origin + self.surface.curvature(self.point, by_gradient)
+        by_slopes = by_chart = torch.zeros_like(by_ratio), torch.zeros_like(by_ratio)
+        if self.relief and self.slopes:
             by_point = by_point - self.surface.chart_curvature(
-                self.point, first, second, by_gradient
+                self.point, *self.slopes, by_gradient
             )
             along_first, along_second = self.surface.chart_change(self.point, by_gradient)
             by_slopes = -along_first, -along_second
             by_chart = self.relief.bend(*by_slopes)
             by_point = by_point + self.surface.chart_gradient(self.point, *by_chart)
-        by_height = -self.direction.dot(by_point) / divisor(self.hit_gradient.dot(self.direction))
-        if self.relief and self.exact_hit:
+        direction = self.entered.direction
+        by_height = -direction.dot(by_point) / divisor(self.hit_gradient.dot(direction))
+        if self.slopes and self.exact_hit:
+            first, second = self.slopes
             by_chart = by_chart[0] - by_height * first, by_chart[1] - by_height * second
         by_origin = by_point + self.hit_gradient * by_height
         return HitDerivatives(
-            by_origin,
-            by_direction + by_origin * self.distance,
+            ByRay(by_origin, by_direction + by_origin * self.distance),
             by_height,
             by_gradient,
             by_slopes,
             by_chart,
             by_ratio,
         )
-
-    @property
-    def chart(self) -> tuple[Tensor, Tensor]:
-        """The two (M,) chart coordinates of the hit."""
-        return self.surface.chart(self.point)
 
 
 def divisor(slope: Tensor) -> Tensor:

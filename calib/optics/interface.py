@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from calib.optics.cover_frame import CoverFrame, CoverPose
-from calib.optics.crossing import NEWTON_STEPS, Crossing, divisor
+from calib.optics.cover_frame import CoverFrame
+from calib.optics.crossing import NEWTON_STEPS, Crossing, HitDerivatives, divisor
 from calib.optics.derivatives import ByName, ByRay, add_to, by_autograd
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays, surface_failures
@@ -73,30 +73,34 @@ class Interface:
 
     def __call__(self, rays: Rays, values: Values) -> Rays:
         """Turn rays that travel towards the surface into the refracted rays that start on it."""
-        if not _requires_grad(rays, values):
-            return self.cross(rays, values)[0]
         frame = self.frame.at(values)
-        origin, direction = frame.enter(rays.origin), frame.turn(rays.direction)
+        inside = frame.enter_rays(rays)
+        if not records(rays, values):
+            return frame.leave_rays(self.cross(inside, values)[0])
         height = self._height(values)
-        distance, failed = self.surface.reach(origin, direction, height, values)
+        distance, failed = self.surface.reach(inside.origin, inside.direction, height, values)
         if self.reliefs and self.exact_hit:
-            distance = self._relief_distance(origin, direction, distance, height, values)
-        point = origin + direction * distance
+            distance = self._relief_distance(
+                inside.origin, inside.direction, distance, height, values
+            )
+        point = inside.origin + inside.direction * distance
         normal = self._outward_gradient(point, values)[0].unit()
-        refraction = Refraction.of(direction, normal, self._ratio(values))
-        return self._leave(rays, frame, point, refraction, failed)
+        refraction = Refraction.of(inside.direction, normal, self._ratio(values))
+        return frame.leave_rays(self._refracted(inside, point, refraction, failed))
 
     def cross(self, rays: Rays, values: Values) -> tuple[Rays, Crossing]:
-        """Return the same rays, and what `pull` needs."""
-        frame, surface = self.frame.at(values), self.surface
-        origin, direction = frame.enter(rays.origin), frame.turn(rays.direction)
+        """Turn rays in the cover's frame into the refracted rays; return with them what `pull`
+        needs.
+        """
+        surface, origin, direction = self.surface, rays.origin, rays.direction
         height = self._height(values)
         distance, failed = surface.reach(origin, direction, height, values)
+        shift = self._chart_shift(values)
         relief = None
         for steps in NEWTON_STEPS[: len(NEWTON_STEPS) if self.exact_hit else 1]:
             if not self.reliefs:
                 break
-            relief = self._expand(origin + direction * distance, values)
+            relief = self._expand(surface.chart(origin + direction * distance), shift, values)
             for _ in range(steps if self.exact_hit else 0):
                 point = origin + direction * distance
                 bump, first, second = relief.at(surface.chart(point))
@@ -106,75 +110,60 @@ class Interface:
                 distance = distance - gap / divisor(gradient.dot(direction))
         point = origin + direction * distance
         smooth = gradient = surface.gradient(point, values)
+        chart, slopes = None, None
         if relief:
-            _, first, second = relief.at(surface.chart(point))
-            gradient = smooth - surface.chart_gradient(point, first, second)
-        refraction = Refraction.of(direction, gradient.unit(), self._ratio(values))
+            chart = surface.chart(point)
+            _, *slopes = relief.at(chart)
+            gradient = smooth - surface.chart_gradient(point, *slopes)
+        inverse = gradient.dot(gradient).rsqrt()
+        refraction = Refraction.of(direction, gradient * inverse, self._ratio(values))
         crossing = Crossing(
-            surface,
-            origin,
-            direction,
-            distance,
-            point,
-            relief,
-            self.exact_hit,
-            gradient,
-            gradient if self.exact_hit else smooth,
-            refraction,
+            surface=surface,
+            entered=rays,
+            distance=distance,
+            point=point,
+            relief=relief,
+            chart=chart,
+            shift=shift,
+            slopes=(slopes[0], slopes[1]) if slopes else None,
+            exact_hit=self.exact_hit,
+            inverse_gradient=inverse,
+            hit_gradient=gradient if self.exact_hit else smooth,
+            refraction=refraction,
         )
-        return self._leave(rays, frame, point, refraction, failed), crossing
+        return self._refracted(rays, point, refraction, failed), crossing
 
     def pull(
         self, crossing: Crossing, values: Values, by_rays: ByRay, names: frozenset[str]
     ) -> tuple[ByRay, ByName]:
         """Return the derivatives by the rays that enter and by these parameters, from the (k, M)
-        derivatives by the rays that leave. Those by the outer relief's amplitudes are given by its
-        `PROBES`.
+        derivatives by the rays that leave, all in the cover's frame; those by the frame are not
+        among them. Those by the outer relief's amplitudes are given by its `PROBES`.
         """
-        frame = self.frame.at(values)
-        by_point, by_bent = frame.turn(by_rays.origin), frame.turn(by_rays.direction)
-        hit = crossing.pull(by_point, by_bent)
-        entering = ByRay(frame.turn(hit.origin, back=True), frame.turn(hit.direction, back=True))
-        by: ByName = {}
-        if names & {param.name for param in self.frame.params}:
-            arm = frame.turn(crossing.point, back=True)
-            bent = frame.turn(crossing.refraction.bent, back=True)
-            by_turn = arm.cross(by_rays.origin) + bent.cross(by_rays.direction)
-            by |= self.frame.by_parameters(
-                values,
-                by_rays.origin - entering.origin,
-                by_turn - self._entering_turn(frame, crossing, entering),
-            )
-        by |= self.surface.by_parameters(crossing.point, hit.height, hit.gradient)
+        hit = crossing.pull(by_rays)
+        by = self.surface.by_parameters(crossing.point, hit.height, hit.gradient)
         for name in self.thicknesses:
             add_to(by, name, -hit.height)
-        index = values[self.index_outside]
+        outside = values[self.index_outside]
         if self.index_inside:
-            add_to(by, self.index_inside, hit.ratio / index)
-        add_to(by, self.index_outside, -hit.ratio * self._ratio(values) / index)
+            add_to(by, self.index_inside, hit.ratio / outside)
+        add_to(by, self.index_outside, -hit.ratio * crossing.refraction.ratio / outside)
+        by = {name: value for name, value in by.items() if name in names}
         for relief in self.reliefs:
             if names & {param.name for param in relief.params}:
-                by |= self._by_relief(relief, crossing, values, hit.height, hit.slopes)
+                by |= self._by_relief(relief, crossing, values, hit)
         if self.relief and self.relief.anchor:
             for name, (by_first, by_second) in self._axis_derivatives(values, names).items():
                 add_to(by, name, -hit.chart[0] * by_first - hit.chart[1] * by_second)
-        return entering, {
-            name: value for name, value in by.items() if name in names or name in PROBES
-        }
+        return hit.rays, by
 
     def _by_relief(
-        self,
-        relief: Relief | Bump,
-        crossing: Crossing,
-        values: Values,
-        by_height: Tensor,
-        by_slopes: tuple[Tensor, Tensor],
+        self, relief: Relief | Bump, crossing: Crossing, values: Values, hit: HitDerivatives
     ) -> ByName:
-        """Return the derivatives by the parameters of a relief, from those by the height of the
-        point over the surface and by the relief's two slopes.
-        """
-        by_bump = -by_height if self.exact_hit else torch.zeros_like(by_height)
-        by_probes = by_bump, *by_slopes
+        """Return the derivatives by the parameters of a relief."""
+        by_bump = -hit.height if self.exact_hit else torch.zeros_like(hit.height)
+        by_probes = by_bump, *hit.slopes
+        assert crossing.chart
         if isinstance(relief, Bump):
             chart = crossing.chart
             copies = {
@@ -186,9 +175,7 @@ class Interface:
             )
         if relief.amplitudes == AMPLITUDES:
             return dict(zip(PROBES, by_probes, strict=True))
-        chart = (
-            self.relief_chart(crossing.point, values) if relief is self.relief else crossing.chart
-        )
+        chart = crossing.relief_chart if relief is self.relief else crossing.chart
         count = relief.grid[0] * relief.grid[1]
         columns = by_bump.new_empty(by_bump.shape[1], by_bump.shape[0], count)
         relief.spread(torch.stack(by_probes, -1).transpose(0, 1), chart, columns)
@@ -197,29 +184,16 @@ class Interface:
     def _axis_derivatives(self, values: Values, names: frozenset[str]) -> ByName:
         """Return the derivatives of `axis_chart` by the parameters, (2,) or (2, M) by name."""
         smooth = self._smooth
-        _, crossing = smooth.cross(_optical_axis(values[self.index_outside]), values)
+        pose = smooth.frame.at(values)
+        entered = pose.enter_rays(_optical_axis(values[self.index_outside]))
+        _, crossing = smooth.cross(entered, values)
         zero = torch.zeros_like(crossing.distance)
         first, second = torch.stack([zero + 1, zero]), torch.stack([zero, zero + 1])
         none = Vector(first * 0, first * 0, first * 0)
-        hit = crossing.pull(self.surface.chart_gradient(crossing.point, first, second), none)
-        by = self.surface.by_parameters(crossing.point, hit.height, hit.gradient)
-        for name in self.thicknesses:
-            add_to(by, name, -hit.height)
-        frame = smooth.frame.at(values)
-        entering = ByRay(frame.turn(hit.origin, back=True), frame.turn(hit.direction, back=True))
-        by |= smooth.frame.by_parameters(
-            values, none - entering.origin, none - self._entering_turn(frame, crossing, entering)
-        )
-        return {name: value for name, value in by.items() if name in names}
-
-    @staticmethod
-    def _entering_turn(frame: CoverPose, crossing: Crossing, entering: ByRay) -> Vector:
-        """Return minus the part of the derivatives by a small rotation of the frame that the rays'
-        entering into the frame has.
-        """
-        arm = frame.turn(crossing.origin, back=True)
-        direction = frame.turn(crossing.direction, back=True)
-        return arm.cross(entering.origin) + direction.cross(entering.direction)
+        by_point = self.surface.chart_gradient(crossing.point, first, second)
+        by_rays, by = smooth.pull(crossing, values, ByRay(by_point, none), names)
+        _, by_frame = smooth.frame.pull_entering(values, pose, entered, by_rays, names)
+        return by | by_frame
 
     @property
     def _smooth(self) -> "Interface":
@@ -240,26 +214,27 @@ class Interface:
         inside = values[self.index_inside] if self.index_inside else 1
         return inside / values[self.index_outside]
 
-    def _leave(
-        self, rays: Rays, frame: CoverPose, point: Vector, refraction: Refraction, missed: Tensor
-    ) -> Rays:
+    def _refracted(self, rays: Rays, point: Vector, refraction: Refraction, missed: Tensor) -> Rays:
         return rays.advance(
-            frame.leave(point),
-            frame.turn(refraction.bent, back=True),
+            point,
+            refraction.bent,
             (missed, self.failures[0]),
             (refraction.reflected, self.failures[1]),
         )
 
-    def _expand(self, point: Vector, values: Values) -> Expansion:
-        """Return the sum of all reliefs around points, over the surface's chart."""
-        on_surface = self.surface.chart(point)
+    def _expand(
+        self,
+        chart: tuple[Tensor, Tensor],
+        shift: tuple[Tensor | float, Tensor | float],
+        values: Values,
+    ) -> Expansion:
+        """Return the sum of all reliefs around points of the surface's chart."""
+        own = chart[0] - shift[0], chart[1] - shift[1]
         expansions = [
-            relief.expand(
-                self.relief_chart(point, values) if relief is self.relief else on_surface, values
-            )
+            relief.expand(own if relief is self.relief else chart, values)
             for relief in self.reliefs
         ]
-        total = replace(expansions[0], chart=on_surface)
+        total = replace(expansions[0], chart=chart)
         for expansion in expansions[1:]:
             total = total + expansion
         return total
@@ -268,18 +243,24 @@ class Interface:
         """Return the two chart coordinates at which the camera's z axis meets the smooth surface.
         Further tilts, which turn the glass against the camera, do not count.
         """
-        return self._smooth.cross(_optical_axis(values[self.index_outside]), values)[1].chart
+        smooth = self._smooth
+        axis = smooth.frame.at(values).enter_rays(_optical_axis(values[self.index_outside]))
+        return self.surface.chart(smooth.cross(axis, values)[1].point)
 
     def relief_chart(self, point: Vector, values: Values) -> tuple[Tensor, Tensor]:
         """Return the two (...) chart coordinates at which the relief has its height at points in
         the cover's frame.
         """
         first, second = self.surface.chart(point)
+        shift_first, shift_second = self._chart_shift(values)
+        return first - shift_first, second - shift_second
+
+    def _chart_shift(self, values: Values) -> tuple[Tensor | float, Tensor | float]:
+        """Return how far the relief has moved along the two chart coordinates with its anchor."""
         if not self.relief or not self.relief.anchor:
-            return first, second
-        axis_first, axis_second = self.axis_chart(values)
-        anchor_first, anchor_second = self.relief.anchor
-        return first - (axis_first - anchor_first), second - (axis_second - anchor_second)
+            return 0.0, 0.0
+        first, second = self.axis_chart(values)
+        return first - self.relief.anchor[0], second - self.relief.anchor[1]
 
     def _outward_gradient(self, point: Vector, values: Values) -> tuple[Vector, Tensor | float]:
         """Return the gradient of the height above the surface with its relief, and the relief's
@@ -331,7 +312,7 @@ def _optical_axis(like: Tensor) -> Rays:
     return Rays(Vector(zero, zero, zero), Vector(zero, zero, zero + 1), failure)
 
 
-def _requires_grad(rays: Rays, values: Values) -> bool:
+def records(rays: Rays, values: Values) -> bool:
     """Return True if torch records what happens to these rays."""
     components = (rays.origin, rays.direction)
     return torch.is_grad_enabled() and (

@@ -7,7 +7,9 @@ camera outwards; `projection` solves the inverse.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import groupby
 from typing import Protocol
 
 import torch
@@ -24,9 +26,10 @@ from calib.optics.board_target import (
     block_columns,
     blocks_of_size,
 )
+from calib.optics.crossing import Crossing
 from calib.optics.derivatives import ByName, ByRay, add_to, by_autograd
 from calib.optics.exposure import MIDDLE, Exposure
-from calib.optics.interface import Interface
+from calib.optics.interface import Interface, records
 from calib.optics.lens import PIXELS, Lens
 from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Param, Values
@@ -54,6 +57,17 @@ class Adjustment(Protocol):
     ) -> tuple[Tensor, Values]:
         """Return the (..., 2) px and the values that the stages read."""
         ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """M rays where they leave the cover, and their derivatives in closed form."""
+
+    rays: Rays
+    relief_chart: tuple[Tensor, Tensor] | None
+    """The two (M,) chart coordinates at which the outer relief is read, if there is one."""
+    pull: Callable[[ByRay], ByName]
+    """From the (k, M) derivatives of k outputs by the rays to those by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,6 +217,8 @@ class Path:
         """Trace rays that have passed the first `passed` stages, the lens included, to where they
         leave the cover. The values are already adjusted.
         """
+        if not records(rays, values):
+            return self._cross_cover(rays, values, frozenset(), passed)[0].rays
         for interface in self.cover[passed - 1 :]:
             rays = interface(rays, values)
         return rays
@@ -216,25 +232,25 @@ class Path:
         *,
         own: Tensor | None = None,
         near: Tensor | None = None,
-    ) -> tuple[Rays, Callable[[ByRay], ByName]]:
-        """Return the rays of (M, 2) px where they leave the cover, and their derivatives.
+    ) -> Trace:
+        """Trace (M, 2) px to where their rays leave the cover.
 
         Args:
-            names: the parameters by which they are differentiated. The outer relief's amplitudes
-                are given by its probes, and linear adjustments by theirs.
+            names: the parameters by which the rays are differentiated. The outer relief's
+                amplitudes are given by its probes, and linear adjustments by theirs.
             own: (M, 1 or 2) the numbers of each ray's own camera, if `camera_block` is set.
             near: that of `Lens`.
 
         Returns:
-            The rays, and a function from the derivatives of k outputs by the rays to those by name,
-            by PIXELS, and by OWN if there are own cameras.
+            The trace, whose derivatives are by name, by PIXELS, and by OWN if there are own
+            cameras.
         """
         moved, adjusted, adjust_back = self._adjust_with_derivatives(
             pixels, values, exposure, names, own
         )
         stage_names = names | {name for name in adjusted if adjusted[name] is not values.get(name)}
         rays, pull_lens = self.lens.launch(moved, adjusted, stage_names, near)
-        rays, pull_cover = self.cross_cover(rays, adjusted, stage_names)
+        cover, pull_cover = self._cross_cover(rays, adjusted, stage_names)
 
         def pull(by_rays: ByRay) -> ByName:
             entering, by = pull_cover(by_rays)
@@ -243,28 +259,42 @@ class Path:
                 add_to(by, name, value)
             return adjust_back(by_pixels, by)
 
-        return rays, pull
+        return replace(cover, pull=pull)
 
-    def cross_cover(
-        self, rays: Rays, values: Values, names: frozenset[str], passed: int = 1
-    ) -> tuple[Rays, Callable[[ByRay], tuple[ByRay, ByName]]]:
-        """Trace rays as `trace_from` does; return with them their derivatives by the rays that
-        enter and by the parameters of these names.
+    def trace_on(self, rays: Rays, values: Values, names: frozenset[str], passed: int) -> Trace:
+        """Trace rays as `trace_from` does, with their derivatives by these parameters of the stages
+        that are left.
         """
-        crossings = []
-        for interface in self.cover[passed - 1 :]:
-            rays, crossing = interface.cross(rays, values)
-            crossings.append((interface, crossing))
+        return self._cross_cover(rays, values, names, passed)[0]
+
+    def _cross_cover(
+        self, rays: Rays, values: Values, names: frozenset[str], passed: int = 1
+    ) -> tuple[Trace, Callable[[ByRay], tuple[ByRay, ByName]]]:
+        """Return the trace of rays through the interfaces that are left, and the function from the
+        derivatives by the rays that leave to those by the rays that enter and by name.
+        """
+        steps: list[Callable[[ByRay, frozenset[str]], tuple[ByRay, ByName]]] = []
+        crossing: Crossing | None = None
+        for frame, interfaces in groupby(self.cover[passed - 1 :], lambda stage: stage.frame):
+            pose = frame.at(values)
+            rays = pose.enter_rays(rays)
+            steps.append(partial(frame.pull_entering, values, pose, rays))
+            for interface in interfaces:
+                rays, crossing = interface.cross(rays, values)
+                steps.append(partial(interface.pull, crossing, values))
+            steps.append(partial(frame.pull_leaving, values, pose, rays))
+            rays = pose.leave_rays(rays)
 
         def pull(by_rays: ByRay) -> tuple[ByRay, ByName]:
             by: ByName = {}
-            for interface, crossing in crossings[::-1]:
-                by_rays, more = interface.pull(crossing, values, by_rays, names)
+            for step in steps[::-1]:
+                by_rays, more = step(by_rays, names)
                 for name, value in more.items():
                     add_to(by, name, value)
             return by_rays, by
 
-        return rays, pull
+        chart = crossing.relief_chart if crossing and crossing.chart else None
+        return Trace(rays, chart, lambda by_rays: pull(by_rays)[1]), pull
 
     def _adjust_with_derivatives(
         self,

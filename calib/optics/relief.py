@@ -215,11 +215,12 @@ class Relief:
         """Return the relief around two (...) chart coordinates, without derivatives by its
         parameters.
         """
-        return self._expand(values[self.amplitudes], chart)
+        with torch.no_grad():
+            return self._expand(values[self.amplitudes], chart)
 
     def _expand(self, amplitudes: Tensor, chart: tuple[Tensor, Tensor]) -> "Expansion":
-        first = torch.stack(self._second_order_gaussians(chart[0], 0), 1)  # (rows, 3, ...)
-        second = torch.stack(self._second_order_gaussians(chart[1], 1), 1)
+        first = self._second_order_gaussians(chart[0], 0)  # (rows, 3, ...)
+        second = self._second_order_gaussians(chart[1], 1)
         sums = _column_sums(amplitudes, second)  # (rows, 3, ...)
         height, by_second, second_second = (sums * first[:, :1]).sum(0)
         by_first, first_second = (sums[:, :2] * first[:, 1:2]).sum(0)
@@ -256,14 +257,16 @@ class Relief:
         offsets, gaussians = self._offsets(coordinate, axis)
         return gaussians, offsets * gaussians * (-1 / (self.beta * self.spacing[axis]))
 
-    def _second_order_gaussians(
-        self, coordinate: Tensor, axis: int
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the Gaussians with their first and second derivatives."""
+    def _second_order_gaussians(self, coordinate: Tensor, axis: int) -> Tensor:
+        """Return the (n, 3, ...) Gaussians with their first and second derivatives."""
         offsets, gaussians = self._offsets(coordinate, axis)
         fall = -1 / (self.beta * self.spacing[axis])
-        rise = offsets * gaussians * fall
-        return gaussians, rise, (offsets * rise + gaussians / self.spacing[axis]) * fall
+        table = coordinate.new_empty(self.grid[axis], 3, *coordinate.shape)
+        table[:, 0] = gaussians
+        torch.mul(offsets, gaussians, out=table[:, 1]).mul_(fall)
+        torch.mul(offsets, table[:, 1], out=table[:, 2])
+        table[:, 2].add_(gaussians, alpha=1 / self.spacing[axis]).mul_(fall)
+        return table
 
     def _offsets(self, coordinate: Tensor, axis: int) -> tuple[Tensor, Tensor]:
         """Return the (n, ...) offsets from the centres of one axis, in spacings, and the Gaussians

@@ -37,17 +37,15 @@ def by_torch(path: Path, values: dict[str, Tensor], pixels: Tensor) -> dict[str,
 
 
 def in_closed_form(path: Path, values: dict[str, Tensor], pixels: Tensor) -> dict[str, Tensor]:
-    _, pull = path.trace_with_derivatives(pixels, values, MIDDLE, frozenset(values))
+    trace = path.trace_with_derivatives(pixels, values, MIDDLE, frozenset(values))
     each = torch.eye(6).double().unsqueeze(-1).expand(6, 6, ROWS).unbind(1)
-    by = pull(ByRay(Vector(*each[:3]), Vector(*each[3:])))
+    by = trace.pull(ByRay(Vector(*each[:3]), Vector(*each[3:])))
     if path.relief and AMPLITUDES in values:
-        rays = path.trace(pixels, values, MIDDLE)
-        outer = path.cover[-1]
-        point = outer.frame.at(values).enter(rays.origin)
+        assert trace.relief_chart
         columns = pixels.new_empty(ROWS, 6, values[AMPLITUDES].numel())
         path.relief.spread(
             torch.stack([by[name] for name in PROBES], -1).transpose(0, 1),
-            outer.relief_chart(point, values),
+            trace.relief_chart,
             columns,
         )
         by[AMPLITUDES] = columns.transpose(0, 1)
@@ -68,15 +66,16 @@ def compare(path: Path, values: dict[str, Tensor], pixels: Tensor) -> None:
 def test_those_of_a_cover(example: Example, kind: str) -> None:
     path, values = nominal(example, changed=example.moved)
     *inner, outer = path.cover
-    assert outer.relief
-    low, high = outer.relief.low, outer.relief.high
+    relief = outer.relief
+    assert relief
+    low, high = relief.low, relief.high
     rng = np.random.default_rng(8)
     if kind == "even":
         outer = replace(outer, relief=None)
         del values[AMPLITUDES]
     if kind == "anchored":
         anchor = tuple(float(chart) + 1e-3 for chart in outer.axis_chart(values))
-        outer = replace(outer, relief=replace(outer.relief, anchor=(anchor[0], anchor[1])))
+        outer = replace(outer, relief=replace(relief, anchor=(anchor[0], anchor[1])))
     if kind == "tilts only":
         outer = replace(outer, exact_hit=False)
     if kind == "inner":
@@ -117,7 +116,7 @@ def test_those_of_a_lens(count: int, pupil: bool) -> None:
 def test_a_ray_that_fails_has_finite_derivatives(example: Example) -> None:
     path, values = nominal(example, amplitude=3e-3, changed={"refractive_index": 2.6})
     pixels = some_pixels(ROWS * 50)
-    _, pull = path.trace_with_derivatives(pixels, values, MIDDLE, frozenset(values))
+    trace = path.trace_with_derivatives(pixels, values, MIDDLE, frozenset(values))
     each = torch.ones(1, len(pixels), dtype=torch.float64)
-    by = pull(ByRay(Vector(each, each, each), Vector(each, each, each)))
+    by = trace.pull(ByRay(Vector(each, each, each), Vector(each, each, each)))
     assert all(bool(torch.isfinite(value).all()) for value in by.values())

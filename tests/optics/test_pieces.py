@@ -190,7 +190,7 @@ def test_total_reflection_keeps_the_direction_and_finite_gradients() -> None:
     ratio = torch.tensor(1.5, dtype=torch.float64, requires_grad=True)
     refraction = Refraction.of(steep, normal, ratio)
     bent = refraction.bent.stacked()
-    bent.sum().backward()
+    bent.sum().backward()  # type: ignore[no-untyped-call]
     assert refraction.reflected.tolist() == [True]
     assert torch.equal(bent.detach(), steep.stacked())
     assert ratio.grad is not None
