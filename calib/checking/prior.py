@@ -101,22 +101,8 @@ def _to_fixed_relief(model: CameraModel, parameters: Parameters) -> Array:
     relief, outer = parameters.relief, model.path.cover[-1]
     assert relief
     names = [param.name for param in parameters.free if not model.means[param.name].ndim]
-    numbers = {name: model.means[name].clone().requires_grad_() for name in names}
     to_fixed = np.eye(parameters.count)
-    with torch.enable_grad():
-        axis = outer.axis_chart({**model.means, **numbers})
-        if not all(coordinate.requires_grad for coordinate in axis):
-            return to_fixed  # every number that moves the axis is held
-        by_number = [
-            torch.autograd.grad(
-                coordinate,
-                list(numbers.values()),
-                retain_graph=True,
-                allow_unused=True,
-                materialize_grads=True,
-            )
-            for coordinate in axis
-        ]
+    by_number = outer.axis_derivatives(model.means, frozenset(names))
     low, high = relief.region
     rows = torch.linspace(low[0], high[0], relief.grid[0], dtype=torch.float64)
     columns = torch.linspace(low[1], high[1], relief.grid[1], dtype=torch.float64)
@@ -124,8 +110,8 @@ def _to_fixed_relief(model: CameraModel, parameters: Parameters) -> Array:
     _, by_first, by_second = relief.height((first.flatten(), second.flatten()), model.means)
     slopes = torch.stack([by_first, by_second], -1).numpy()  # (n, 2)
     scales = {param.name: param.scale for param in parameters.free}
-    for i, name in enumerate(names):
-        shift = np.array([float(grads[i]) for grads in by_number]) * scales[name]
+    for name, by_name in by_number.items():
+        shift = by_name.numpy() * scales[name]
         entry = parameters.slices()[name].start
         to_fixed[: parameters.amplitudes, entry] = -np.linalg.solve(
             relief_basis(relief), slopes @ shift

@@ -18,7 +18,6 @@ from calib.estimation.residual_blocks import pixel_weights
 from calib.inference.fitted_model import FittedModel
 from calib.optics.board_target import Placement
 from calib.optics.params import Values
-from calib.optics.path import row_derivatives
 from calib.optics.relief import AMPLITUDES, PROBES, Relief
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -148,20 +147,23 @@ def _by_probe(fitted: FittedModel) -> Array:
     path, joint, observations = fitted.model.path, fitted.joint, fitted.observations
     poses = joint.poses[observations.view]
     weights = pixel_weights(path, joint.values, observations, joint.poses, joint.sigma)
-    probes = {name: torch.zeros(len(poses)).double().requires_grad_() for name in PROBES}
-    even: dict[str, Tensor] = {}
+    values = dict(joint.values)
     if not path.relief:
         *inner, outer = path.cover
         path = replace(path, cover=(*inner, replace(outer, relief=EVEN)))
-        even = {AMPLITUDES: torch.zeros(EVEN.grid, dtype=torch.float64)}
-    with torch.enable_grad():
-        values = {**path.values_of_views(joint.values, poses), **even, **probes}
-        rays = path.trace(observations.pixels, values, observations.exposure)
-        placement = Placement.of(poses).at_exposure(observations.exposure)
-        landed, failure = path.target(rays, placement, joint.values)
-        residual = (weights @ (landed - observations.corners).unsqueeze(-1)).squeeze(-1)
-        derivatives = torch.stack(row_derivatives(residual, list(probes.values())), -1)
-    size = residual.detach().norm(dim=-1).clamp_min(HUBER)
+        values[AMPLITUDES] = torch.zeros(EVEN.grid, dtype=torch.float64)
+    trace = path.trace_with_derivatives(
+        observations.pixels,
+        path.values_of_views(values, poses),
+        observations.exposure,
+        frozenset({AMPLITUDES}),
+    )
+    placement = Placement.of(poses).at_exposure(observations.exposure)
+    landed, failure, landing = path.target.land(trace.rays, placement, joint.values)
+    residual = (weights @ (landed - observations.corners).unsqueeze(-1)).squeeze(-1)
+    by = trace.pull(landing.pull(weights.transpose(0, 1))[0])
+    derivatives = torch.stack([by[name] for name in PROBES], -1).transpose(0, 1)
+    size = residual.norm(dim=-1).clamp_min(HUBER)
     robust = torch.where(failure == 0, (HUBER / size).sqrt(), 0.0)
     return np.asarray((robust[:, None, None] * derivatives).numpy())
 

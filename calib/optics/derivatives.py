@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
 
 ByName = dict[str, Tensor]
@@ -29,6 +30,10 @@ class ByRay:
     """(k, M) per m"""
     direction: Vector
     """(k, M) by the components of the direction, as if they were independent."""
+
+    def turned(self, turn: Rotation) -> ByRay:
+        """Return those by the rays before a rotation, from those by the rays after it."""
+        return ByRay(turn.turn(self.origin, back=True), turn.turn(self.direction, back=True))
 
 
 def add_to(derivatives: ByName, name: str, more: Tensor) -> None:

@@ -153,7 +153,7 @@ class Interface:
             if names & {param.name for param in relief.params}:
                 by |= self._by_relief(relief, crossing, values, hit)
         if self.relief and self.relief.anchor:
-            for name, (by_first, by_second) in self._axis_derivatives(values, names).items():
+            for name, (by_first, by_second) in self.axis_derivatives(values, names).items():
                 add_to(by, name, -hit.chart[0] * by_first - hit.chart[1] * by_second)
         return hit.rays, by
 
@@ -179,9 +179,10 @@ class Interface:
         count = relief.grid[0] * relief.grid[1]
         columns = by_bump.new_empty(by_bump.shape[1], by_bump.shape[0], count)
         relief.spread(torch.stack(by_probes, -1).transpose(0, 1), chart, columns)
-        return {relief.amplitudes: columns.transpose(0, 1)}
+        shape = (*by_bump.shape, *relief.grid)
+        return {relief.amplitudes: columns.transpose(0, 1).reshape(shape)}
 
-    def _axis_derivatives(self, values: Values, names: frozenset[str]) -> ByName:
+    def axis_derivatives(self, values: Values, names: frozenset[str]) -> ByName:
         """Return the derivatives of `axis_chart` by the parameters, (2,) or (2, M) by name."""
         smooth = self._smooth
         pose = smooth.frame.at(values)

@@ -34,7 +34,7 @@ from calib.optics.lens import PIXELS, Lens
 from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays
-from calib.optics.relief import AMPLITUDES, Relief
+from calib.optics.relief import Relief
 from calib.session.parameter_names import CAMERA
 
 OWN = "camera of the view"
@@ -325,7 +325,7 @@ class Path:
         inputs = {
             name: values[name].expand(rows, *values[name].shape)
             for name in (names & {*values}) - linear
-            if name != AMPLITUDES
+            if values[name].ndim < 2  # no adjustment moves amplitudes
         }
         inputs |= {name: pixels.new_zeros(rows) for name in probes}
         inputs[PIXELS] = pixels
@@ -378,30 +378,3 @@ def with_own_camera(values: Values, own: Tensor) -> Values:
         return {**values, **{name: values[name] * (1 + own[..., 0]) for name in CAMERA.focal}}
     shifts = zip(CAMERA.centre, own.unbind(-1), strict=True)
     return {**values, **{name: values[name] + shift for name, shift in shifts}}
-
-
-def row_derivatives(outputs: Tensor, inputs: Sequence[Tensor]) -> list[Tensor]:
-    """Return the derivatives of a function whose output rows depend on their own input rows only.
-
-    The k reverse passes serve any number of inputs, so this is far cheaper than a forward pass for
-    each input.
-
-    Args:
-        outputs: (N, k), computed from the inputs.
-        inputs: (N, ...) each, requiring gradients: row n of the outputs depends on row n alone.
-
-    Returns:
-        The (N, k, ...) derivative by each input, zero where the outputs do not depend on it.
-    """
-    k = outputs.shape[-1]
-    passes = [
-        torch.autograd.grad(
-            outputs[..., i].sum(),
-            inputs,
-            retain_graph=i < k - 1,
-            allow_unused=True,
-            materialize_grads=True,
-        )
-        for i in range(k)
-    ]
-    return [torch.stack(columns, 1) for columns in zip(*passes, strict=True)]

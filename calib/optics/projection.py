@@ -6,8 +6,9 @@ import torch
 from torch import Tensor
 
 from calib.optics.exposure import Exposure
+from calib.optics.lens import PIXELS
 from calib.optics.params import Values
-from calib.optics.path import Path, row_derivatives
+from calib.optics.path import Path
 from calib.optics.rotation import Rotation, onto_z
 
 MAX_ITERATIONS = 30
@@ -95,11 +96,9 @@ def _linearised_residual(
     ray's exit from the cover, and (N) failures. Goal and depth are in the frame of each point, or
     in the camera frame if `frame` is None.
     """
-    with torch.enable_grad():
-        variable = pixels.detach().requires_grad_()
-        rays = path.trace(variable, values, exposure)
-        rays = rays.rotate(frame) if frame else rays
-        error = rays.at_depth(depth) - goal
-        (jacobian,) = row_derivatives(error, [variable])
+    trace = path.trace_with_derivatives(pixels, values, exposure, frozenset())
+    rays = trace.rays.rotate(frame) if frame else trace.rays
+    by_rays = rays.at_depth_derivatives(depth)
+    by_pixel = trace.pull(by_rays.turned(frame) if frame else by_rays)[PIXELS].transpose(0, 1)
     ahead = (depth > rays.origin.z) & (rays.direction.z > 0)
-    return error.detach(), jacobian, ahead.detach(), rays.failure
+    return rays.at_depth(depth) - goal, by_pixel, ahead, rays.failure

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from calib.optics.derivatives import ByRay
 from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
 from calib.session.cover_section import MAX_COVERS, MAX_LAYERS
@@ -91,8 +92,19 @@ class Rays:
 
     def at_depth(self, depth: Tensor) -> Tensor:
         """Return the (..., 2) m x and y where each ray crosses the plane z = depth (...) m."""
-        forward = torch.where(
-            self.direction.z.abs() < 1e-9, torch.ones_like(self.direction.z), self.direction.z
-        )
-        point = self.origin + self.direction * ((depth - self.origin.z) / forward)
+        point = self.origin + self.direction * ((depth - self.origin.z) / self._forward)
         return torch.stack([point.x, point.y], -1)
+
+    def at_depth_derivatives(self, depth: Tensor) -> ByRay:
+        """Return the (2, ...) derivatives of `at_depth` by the rays."""
+        forward = self._forward
+        distance = (depth - self.origin.z) / forward
+        one, zero = torch.ones_like(distance), torch.zeros_like(distance)
+        slopes = torch.stack([self.direction.x / forward, self.direction.y / forward])
+        by_origin = Vector(torch.stack([one, zero]), torch.stack([zero, one]), -slopes)
+        return ByRay(by_origin, by_origin * distance)
+
+    @property
+    def _forward(self) -> Tensor:
+        z = self.direction.z
+        return torch.where(z.abs() < 1e-9, torch.ones_like(z), z)

@@ -18,8 +18,8 @@ AMPLITUDES = "relief.amplitudes"
 """The amplitudes of the outer surface's relief, which a fit estimates."""
 
 PROBES = ("probe.height", "probe.first", "probe.second")
-"""Optional values, (...) each, that are added to the height and to the two slopes at each ray's hit
-point. From the derivatives by these three, `spread` computes those by every amplitude.
+"""The names of the height and of the two slopes of the outer relief at each ray's hit. From the
+derivatives by these three, `spread` computes those by every amplitude.
 """
 
 INSET = 4 / 11
@@ -187,15 +187,7 @@ class Relief:
             height = (sums * first).sum(0)
             by_first = (sums * rise_first).sum(0)
             by_second = (rise_sums * first).sum(0)
-        if self.name != "relief" or PROBES[0] not in values:
-            return height, by_first, by_second
-        level = values[PROBES[0]]
-        tilt_first = values[PROBES[1]]
-        tilt_second = values[PROBES[2]]
-        lean = tilt_first * (chart[0] - chart[0].detach()) + tilt_second * (
-            chart[1] - chart[1].detach()
-        )  # zero, but for its slopes
-        return height + level + lean, by_first + tilt_first, by_second + tilt_second
+        return height, by_first, by_second
 
     def _height_with_slopes(
         self, amplitudes: Tensor, chart: tuple[Tensor, Tensor]

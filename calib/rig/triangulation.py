@@ -22,8 +22,9 @@ from calib.apply.map_uncertainty import frames_along
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.optics.exposure import MIDDLE
+from calib.optics.lens import PIXELS
 from calib.optics.params import Values
-from calib.optics.path import Path, row_derivatives
+from calib.optics.path import Path
 from calib.optics.projection import project
 from calib.optics.rotation import Rotation, matrix
 from calib.rig.poses import cross_matrix, left_jacobian, move_points
@@ -114,13 +115,12 @@ class PlacedCamera:
             directions = in_camera / in_camera.norm(dim=-1, keepdim=True)
             frames = frames_along(directions.numpy())
         depth = _in_frames(frames, in_camera)[:, 2]
-        with torch.enable_grad():
-            variable = pixels.detach().requires_grad_()
-            rays = self.path.trace(variable, self.values, MIDDLE)
-            if frames is not None:
-                rays = rays.rotate(Rotation.of(torch.from_numpy(frames)))
-            (by_pixel,) = row_derivatives(rays.at_depth(depth), [variable])
-        direction = rays.direction.stacked().detach()
+        frame = None if frames is None else Rotation.of(torch.from_numpy(frames))
+        trace = self.path.trace_with_derivatives(pixels, self.values, MIDDLE, frozenset())
+        rays = trace.rays.rotate(frame) if frame else trace.rays
+        by_rays = rays.at_depth_derivatives(depth)
+        by_pixel = trace.pull(by_rays.turned(frame) if frame else by_rays)[PIXELS].transpose(0, 1)
+        direction = rays.direction.stacked()
         slope = direction[:, :2] / direction[:, 2:]
         by_place = torch.cat(
             [torch.eye(2).to(slope).expand(len(slope), 2, 2), -slope[..., None]], -1

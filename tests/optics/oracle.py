@@ -1,11 +1,13 @@
 """A ray tracer that shares nothing with calib.optics: numpy, one ray at a time, bisection, numeric
-normals, Snell by angles.
+normals, Snell by angles. And derivatives by torch's reverse passes.
 """
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 Vec = NDArray[np.float64]
 
@@ -66,3 +68,27 @@ def bumps(
         return float(amplitudes @ np.exp(-0.5 * (offset**2).sum(-1)))
 
     return height
+
+
+def row_derivatives(outputs: Tensor, inputs: Sequence[Tensor]) -> list[Tensor]:
+    """Return the derivatives of a function whose output rows depend on their own input rows only.
+
+    Args:
+        outputs: (N, k), computed from the inputs.
+        inputs: (N, ...) each, requiring gradients: row n of the outputs depends on row n alone.
+
+    Returns:
+        The (N, k, ...) derivative by each input, zero where the outputs do not depend on it.
+    """
+    k = outputs.shape[-1]
+    passes = [
+        torch.autograd.grad(
+            outputs[..., i].sum(),
+            inputs,
+            retain_graph=i < k - 1,
+            allow_unused=True,
+            materialize_grads=True,
+        )
+        for i in range(k)
+    ]
+    return [torch.stack(columns, 1) for columns in zip(*passes, strict=True)]

@@ -11,10 +11,11 @@ from calib.optics.derivatives import ByRay
 from calib.optics.exposure import MIDDLE
 from calib.optics.lens import PIXELS, PUPIL
 from calib.optics.lens_model import COEFFICIENTS, LensModel
-from calib.optics.path import Path, row_derivatives
+from calib.optics.path import Path
 from calib.optics.relief import AMPLITUDES, PROBES, Bump, Relief
 from calib.optics.vector import Vector
 from calib.session.parameter_names import CAMERA
+from tests.optics.oracle import row_derivatives
 from tests.optics.shapes import Example, each_shape
 from tests.optics.test_path import nominal, some_pixels
 

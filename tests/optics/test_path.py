@@ -9,13 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.exposure import MIDDLE
-from calib.optics.path import Path, row_derivatives
+from calib.optics.path import Path
 from calib.optics.projection import project
 from calib.optics.rays import FAILURES, MISSED_INNER, REFLECTED_OUTER
 from calib.optics.relief import Relief
 from calib.session.shapes.registry import find_shape, shape_names
 from fixtures.synthetic import HEIGHT, INTRINSICS, PATCH, WIDTH
 from tests.optics import oracle
+from tests.optics.oracle import row_derivatives
 from tests.optics.shapes import CONE, EXAMPLES, Example, each_shape
 
 
