@@ -114,7 +114,7 @@ def normal_equations(pieces: Iterable[LinearisedBlocks]) -> NormalEquations:
             cross.append(jacobian.mT @ piece.jacobian_shared[first:last].flatten(0, 1))
             gradient.append(jacobian.mT @ piece.residual[first:last].flatten())
         jacobian, residual = piece.jacobian_shared.flatten(0, 1), piece.residual.flatten()
-        shared.append(jacobian.mT @ jacobian)
+        shared.append(_gram(jacobian))
         gradient_shared.append(jacobian.mT @ residual)
         sum_of_squares += float(residual @ residual)
     return NormalEquations(
@@ -125,6 +125,16 @@ def normal_equations(pieces: Iterable[LinearisedBlocks]) -> NormalEquations:
         gradient_shared=torch.stack(gradient_shared).sum(0),
         sum_of_squares=sum_of_squares,
     )
+
+
+def _gram(columns: Tensor) -> Tensor:
+    """Return the (S, S) inner products of (M, S) columns. numpy takes half the operations of a
+    general product, because it knows the result as symmetric.
+    """
+    if columns.device.type != "cpu" or columns.requires_grad:
+        return columns.mT @ columns
+    array = columns.numpy()
+    return torch.from_numpy(array.T @ array)
 
 
 @dataclass(frozen=True, slots=True)

@@ -175,16 +175,7 @@ class LandingProblem(RowLinearised):
     def linearise(self, shared: Tensor, blocks: Tensor) -> Iterator[LinearisedBlocks]:
         values = self.parameters.values(shared)
         for block, poses in self.split(blocks):
-            piece = block.linearise(values, poses)
-            size = piece.residual.norm(dim=-1)
-            if bool((size > self.huber).any()):
-                # The square root of Huber's weight.
-                robust = (self.huber / size.clamp_min(self.huber)).sqrt()[:, None, None]
-                # In place: a copy of the last one would be as large as everything else.
-                piece.residual.mul_(robust[..., 0])
-                piece.jacobian_block.mul_(robust)
-                piece.jacobian_shared.mul_(robust)
-            yield piece
+            yield block.linearise(values, poses, self.huber)
 
     def second_derivative_along(
         self,

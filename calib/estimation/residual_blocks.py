@@ -7,6 +7,7 @@ through the height and its gradient at the ray's hit point, so these three are d
 each ray (`probes`). All derivatives are in closed form (`optics.derivatives`).
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -107,9 +108,10 @@ class ResidualBlock:
         jacobian = self._view_jacobian(by_placement, by_own, placement, poses)
         return self._residuals(landed), jacobian, failure == 0
 
-    def linearise(self, values: Values, poses: Tensor) -> LinearisedBlocks:
+    def linearise(self, values: Values, poses: Tensor, huber: float = math.inf) -> LinearisedBlocks:
         """Return the residuals and their Jacobian by the view parameters and by the shared
-        parameters, at the path's values and (V, B) view parameters.
+        parameters, at the path's values and (V, B) view parameters. Residuals beyond `huber`, and
+        their derivatives, are times the square root of Huber's weight.
         """
         observations = self.observations
         names = frozenset(self.parameters.slices())
@@ -118,12 +120,14 @@ class ResidualBlock:
         landed, _, landing = self.path.target.land(
             trace.rays, self._placement_of_rows(placement), values
         )
-        by_rays, by_placement, by_board = landing.pull(self._by_landed, names)
+        residual = self._residuals(landed)
+        robust = (huber / residual.norm(dim=-1, keepdim=True)).clamp_max(1.0).sqrt()
+        by_rays, by_placement, by_board = landing.pull(self._by_landed * robust, names)
         by = trace.pull(by_rays)
         jacobian = self._view_jacobian(by_placement, by.get(OWN), placement, poses)
         terms = self.path.linear_terms(observations.pixels, values, observations.exposure, landed)
         columns = shared_columns(self.path, self.parameters, by | by_board, trace, terms, 2)
-        return LinearisedBlocks(observations.starts, self._residuals(landed), jacobian, columns)
+        return LinearisedBlocks(observations.starts, residual * robust, jacobian, columns)
 
     def _trace(self, values: Values, poses: Tensor, names: frozenset[str]) -> Trace:
         """Return the rays where they leave the cover, and their derivatives by these names."""
