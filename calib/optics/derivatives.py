@@ -64,16 +64,23 @@ def by_autograd(
         count = len(by_outputs[0])
         if not differentiable or not leaves:
             return {name: leaf.new_zeros(count, *leaf.shape) for name, leaf in leaves.items()}
+        # Without `grad_outputs`, for which torch imports its symbolic shapes, and these sympy.
+        with torch.enable_grad():
+            sums = [
+                torch.stack(
+                    [(outputs[place] * by_outputs[place][row]).sum() for place in differentiable]
+                ).sum()
+                for row in range(count)
+            ]
         passes = [
             torch.autograd.grad(
-                [outputs[place] for place in differentiable],
+                total,
                 list(leaves.values()),
-                [by_outputs[place][row] for place in differentiable],
                 retain_graph=True,
                 allow_unused=True,
                 materialize_grads=True,
             )
-            for row in range(count)
+            for total in sums
         ]
         return {
             name: torch.stack(columns)
