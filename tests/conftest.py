@@ -22,6 +22,9 @@ configuration.set_hypothesis_home_dir(
 # It would draw constants from whatever modules of ours are loaded: others for each choice of tests
 # and each worker.
 setattr(providers, "_get_local_constants", Constants)  # noqa: B010
+# Every worker, and every command that a test starts, would compile the same files again.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 LONGEST = (
     *("test_fixtures.py", "capture/tui/test_session.py", "commands/test_choices.py"),
@@ -53,6 +56,14 @@ worker idle.
 
 def pytest_configure(config: pytest.Config) -> None:
     config.option.loadscopereorder = False  # xdist would begin with the files of the most tests
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Freeze the loaded objects, so that no garbage collection looks through torch again."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -80,13 +91,6 @@ def _activated() -> Iterator[None]:
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report without its figures, for tests of something else."""
     monkeypatch.setattr("calib.report.write.DRAWINGS", ())
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _frozen() -> None:
-    """Freeze the loaded objects, so that no garbage collection looks through torch again."""
-    gc.collect()
-    gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="session")
