@@ -23,7 +23,7 @@ LENS = Lens(width=640, height=480, focal=640.0)
 def views(kind: Kind) -> list[NDArray[np.uint8]]:
     """Return pictures of the board, some of which show a part of it."""
     size = 2 * max(kind.board.half)
-    return [kind.view(pose, lens=LENS).picture for pose in poses(4, 3, 1.2 * size)]
+    return [kind.view(pose, lens=LENS).picture for pose in poses(2, 3, 1.2 * size)]
 
 
 def test_a_checkerboard_is_found_with_its_size() -> None:
@@ -73,7 +73,7 @@ def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
 )
 def test_the_first_marker_and_a_negative_print_are_found(name: str) -> None:
     declared = test_other_makers.BOARDS[name]
-    search = search_board([picture for picture, _ in test_other_makers.views(declared)])
+    search = search_board([picture for picture, _ in test_other_makers.views(declared)[:2]])
     assert search
     printed = search.to_yaml(1000 * declared.square)
     expected = board_to_yaml(declared)
@@ -90,7 +90,7 @@ def test_a_grid_of_april_tags_has_squares_between_them_or_not() -> None:
     tags = replace(
         test_other_makers.GRID, coding=grid_board(0.25, "DICT_APRILTAG_36h11", first_marker=5)
     )
-    search = search_board([picture for picture, _ in test_other_makers.views(tags)])
+    search = search_board([picture for picture, _ in test_other_makers.views(tags)[:2]])
     assert search
     assert search.kind == "gridboard"
     assert search.board.coding == tags.coding
@@ -129,4 +129,4 @@ def gravel(seed: int) -> NDArray[np.uint8]:
 
 @pytest.mark.parametrize("draw", [random_cells, gravel])
 def test_no_board_is_found_where_there_is_none(draw: Callable[[int], NDArray[np.uint8]]) -> None:
-    assert search_board([draw(seed) for seed in range(6)]) is None
+    assert search_board([draw(seed) for seed in range(4)]) is None
