@@ -13,6 +13,8 @@ from hypothesis import configuration, settings
 from hypothesis.internal.conjecture import providers
 from hypothesis.internal.constants_ast import Constants
 from threadpoolctl import threadpool_limits
+from xdist.remote import Producer
+from xdist.scheduler import LoadFileScheduling
 
 settings.register_profile("refracal", derandomize=True, deadline=None, database=None)
 settings.load_profile("refracal")
@@ -26,7 +28,12 @@ setattr(providers, "_get_local_constants", Constants)  # noqa: B010
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+SHARED = ("checking", "report", "rig", "verdict")
+"""Folders whose tests stay together in one worker, because they share calibrations that take
+seconds.
+"""
 LONGEST = (
+    *SHARED,
     *("test_fixtures.py", "capture/tui/test_session.py", "commands/test_choices.py"),
     *(
         "commands/test_coded_boards.py",
@@ -36,12 +43,11 @@ LONGEST = (
         "optics/test_shapes.py",
     ),
     *(
-        "verdict/test_bare_pictures.py",
+        "corners/test_board_search.py",
         "corners/test_other_coding.py",
-        "verdict/test_orientation.py",
         "test_border_fixtures.py",
     ),
-    *("checking/test_naming.py", "fleet/test_job.py", "fleet/test_run.py"),
+    *("fleet/test_job.py", "fleet/test_run.py"),
     *(
         "capture/tui/test_snapshots.py",
         "capture/test_coded_live.py",
@@ -49,9 +55,26 @@ LONGEST = (
         "capture/tui/test_faults.py",
     ),
 )
-"""Files of half a minute of work and more: begun first, for whichever comes last leaves the other
-worker idle.
+"""Folders and files of half a minute of work and more: begun first, for whichever comes last leaves
+the other worker idle.
 """
+
+
+class SharedFixtures(LoadFileScheduling):  # type: ignore[misc]
+    """Give a worker whole files, as `--dist loadfile` does, and the folders of SHARED whole."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return _unit(Path(super()._split_scope(nodeid)).relative_to("tests")).as_posix()
+
+
+def _unit(file: Path) -> Path:
+    """Return what a worker is given with a file, relative to this folder: it, or its folder."""
+    return Path(file.parts[0]) if file.parts[0] in SHARED else file
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadFileScheduling:
+    return SharedFixtures(config, log)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -67,8 +90,9 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    place = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: place.get(item.path, len(place)))
+    folder = Path(__file__).parent
+    place = {Path(name): number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(_unit(item.path.relative_to(folder)), len(place)))
 
 
 @pytest.fixture(autouse=True, scope="session")
