@@ -86,6 +86,7 @@ def pytest_collection_finish() -> None:
     """Freeze the loaded objects, so that no garbage collection looks through torch again."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(200_000, 10, 10)
     gc.enable()
 
 
