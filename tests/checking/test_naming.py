@@ -72,6 +72,7 @@ def test_stretched_pictures_are_named_with_the_figure(
     assert result.statistics.noise_ratio < 1.5
 
 
+@pytest.mark.slow
 def test_mirrored_pictures_are_reported(cameras: Made) -> None:
     made, checker = cameras["cone"]
     later = Later.drawn(made, None, 104, 3)

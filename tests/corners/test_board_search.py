@@ -38,7 +38,7 @@ def test_a_checkerboard_is_found_with_its_size() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=() if name == "aprilgrid" else pytest.mark.slow) for name in KINDS],
+    [pytest.param(name, marks=() if name == "legacy" else pytest.mark.slow) for name in KINDS],
 )
 def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
     declared = KINDS[name].board
@@ -56,6 +56,10 @@ def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
             assert not search.is_vague
         case pair:
             raise AssertionError(pair)
+    assert search.to_yaml(30.0)[search.side_key] == 30.0
+    if name == "legacy":
+        assert search.options.startswith("--board 6x7 --type charuco --square-mm 25 --marker-mm 17")
+        assert search.options.endswith(" --dictionary DICT_5X5_50 --legacy-pattern")
 
 
 @pytest.mark.parametrize(
@@ -106,14 +110,6 @@ def test_a_board_that_faces_the_camera_does_not_hide_the_size_of_its_markers() -
     assert search.pictures == 3
     assert isinstance(search.board.coding, Charuco)
     assert search.board.coding.marker == pytest.approx(0.7, abs=0.03)
-
-
-def test_what_was_found_describes_the_board() -> None:
-    search = search_board(views(KINDS["legacy"]))
-    assert search
-    assert search.options.startswith("--board 6x7 --type charuco --square-mm 25 --marker-mm 17")
-    assert search.options.endswith(" --dictionary DICT_5X5_50 --legacy-pattern")
-    assert search.to_yaml(30.0)["square_mm"] == 30.0
 
 
 def random_cells(seed: int) -> NDArray[np.uint8]:

@@ -51,6 +51,7 @@ def jobs(recorded: Path, fleet: Path) -> list[Job]:
     return [Job(Entry(name, str(recorded / name)), ASKED, str(fleet)) for name in names]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_figures")
 def test_every_camera_has_its_result(client: Client, recorded: Path, tmp_path: Path) -> None:
     results = {result.id: result for result in run_jobs(client, jobs(recorded, tmp_path), print)}
