@@ -13,6 +13,8 @@ from hypothesis import configuration, settings
 from hypothesis.internal.conjecture import providers
 from hypothesis.internal.constants_ast import Constants
 from threadpoolctl import threadpool_limits
+from xdist.remote import Producer
+from xdist.scheduler import LoadFileScheduling
 
 settings.register_profile("refracal", derandomize=True, deadline=None, database=None)
 settings.load_profile("refracal")
@@ -22,8 +24,16 @@ configuration.set_hypothesis_home_dir(
 # It would draw constants from whatever modules of ours are loaded: others for each choice of tests
 # and each worker.
 setattr(providers, "_get_local_constants", Constants)  # noqa: B010
+# Every worker, and every command that a test starts, would compile the same files again.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
+SHARED = ("checking", "report", "rig", "verdict")
+"""Folders whose tests stay together in one worker, because they share calibrations that take
+seconds.
+"""
 LONGEST = (
+    *SHARED,
     *("test_fixtures.py", "capture/tui/test_session.py", "commands/test_choices.py"),
     *(
         "commands/test_coded_boards.py",
@@ -33,12 +43,11 @@ LONGEST = (
         "optics/test_shapes.py",
     ),
     *(
-        "verdict/test_bare_pictures.py",
+        "corners/test_board_search.py",
         "corners/test_other_coding.py",
-        "verdict/test_orientation.py",
         "test_border_fixtures.py",
     ),
-    *("checking/test_naming.py", "fleet/test_job.py", "fleet/test_run.py"),
+    *("fleet/test_job.py", "fleet/test_run.py"),
     *(
         "capture/tui/test_snapshots.py",
         "capture/test_coded_live.py",
@@ -46,18 +55,45 @@ LONGEST = (
         "capture/tui/test_faults.py",
     ),
 )
-"""Files of half a minute of work and more: begun first, for whichever comes last leaves the other
-worker idle.
+"""Folders and files of half a minute of work and more: begun first, for whichever comes last leaves
+the other worker idle.
 """
+
+
+class SharedFixtures(LoadFileScheduling):  # type: ignore[misc]
+    """Give a worker whole files, as `--dist loadfile` does, and the folders of SHARED whole."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return _unit(Path(super()._split_scope(nodeid)).relative_to("tests")).as_posix()
+
+
+def _unit(file: Path) -> Path:
+    """Return what a worker is given with a file, relative to this folder: it, or its folder."""
+    return Path(file.parts[0]) if file.parts[0] in SHARED else file
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadFileScheduling:
+    return SharedFixtures(config, log)
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.option.loadscopereorder = False  # xdist would begin with the files of the most tests
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Freeze the loaded objects, so that no garbage collection looks through torch again."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(200_000, 10, 10)
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    place = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: place.get(item.path, len(place)))
+    folder = Path(__file__).parent
+    place = {Path(name): number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(_unit(item.path.relative_to(folder)), len(place)))
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -80,13 +116,6 @@ def _activated() -> Iterator[None]:
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report without its figures, for tests of something else."""
     monkeypatch.setattr("calib.report.write.DRAWINGS", ())
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _frozen() -> None:
-    """Freeze the loaded objects, so that no garbage collection looks through torch again."""
-    gc.collect()
-    gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="session")

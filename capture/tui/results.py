@@ -139,6 +139,8 @@ class ResultsScreen(Page):
         files = [view["file"] for view in result["views"]]
         self._numbers_wanted = False
         """True if the numbers replace the views where there is no room for both."""
+        self._view_line = ""
+        """What is said of the view that is shown."""
         self._update_shown = bool([*self._update_note()])
         """True if the screen says that a check has updated the calibration."""
         self._dropped: list[DroppedPicture] = find_dropped(session, files)
@@ -187,6 +189,7 @@ class ResultsScreen(Page):
         numbers.lay_out(narrow=not is_roomy)
         numbers.display = is_roomy or self._numbers_wanted
         self.query_one("#top").display = is_roomy or not self._numbers_wanted
+        self._describe_view()
 
     @property
     def _has_room(self) -> bool:
@@ -324,9 +327,12 @@ class ResultsScreen(Page):
             message.preview, [Mark(CORNER_MARK, corners), Mark(WORST_MARK, corners[[worst]])]
         )
         words = f"{CORNER_MARK} corners  {WORST_MARK} worst: {sizes[worst]:.2f} px off"
-        words = words if message.preview else "This picture cannot be read any more."
+        self._view_line = words if message.preview else "This picture cannot be read any more."
+        self._describe_view()
+
+    def _describe_view(self) -> None:
         note = "" if self._has_room else f"\n{NUMBERS_NOTE}"
-        self.query_one("#view", Static).update(f"{words}{note}")
+        self.query_one("#view", Static).update(f"{self._view_line}{note}")
 
     def _selected_view(self) -> tuple[int, Mapping[str, Any]] | None:
         index = self.query_one(OptionList).highlighted

@@ -1,8 +1,10 @@
-"""Small recordings for the tests, and the command in a separate process."""
+"""Small recordings for the tests, and the command `capture`."""
 
+import io
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import cv2
@@ -10,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.session.board import Board
+from capture.cli import main
 
 FIXTURE = Path(__file__).parents[2] / "fixtures" / "bumps"
 BOARD = Board(9, 9, 0.02)
@@ -48,10 +51,19 @@ def read_pictures(folder: Path) -> list[NDArray[np.uint8]]:
     return [np.asarray(picture, np.uint8) for picture in read]
 
 
-def capture(
-    *arguments: object, timeout: float = 60, **options: object
-) -> subprocess.CompletedProcess[str]:
-    """Run `capture ARGUMENTS` as a person does."""
-    command = [sys.executable, "-m", "capture", *map(str, arguments)]
-    options = {"capture_output": True, "text": True, "timeout": timeout, **options}
-    return subprocess.run(command, check=False, **options)  # type: ignore[call-overload, no-any-return]
+def capture(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
+    """Run `capture ARGUMENTS`: in this process, or in one of its own where `options` of
+    `subprocess.run` are given.
+    """
+    words = [*map(str, arguments)]
+    if options:
+        options = {"capture_output": True, "text": True, **options}
+        command = [sys.executable, "-m", "capture", *words]
+        return subprocess.run(command, check=False, **options)  # type: ignore[call-overload, no-any-return]
+    printed, remarked = io.StringIO(), io.StringIO()
+    with redirect_stdout(printed), redirect_stderr(remarked):
+        try:
+            code = main(words)
+        except SystemExit as stop:  # argparse
+            code = int(stop.code or 0)
+    return subprocess.CompletedProcess(words, code, printed.getvalue(), remarked.getvalue())

@@ -251,7 +251,14 @@ MISTAKES: dict[str, tuple[str, Callable[[Board], Board], str]] = {
 }
 
 
-@pytest.mark.parametrize("mistake", MISTAKES.values(), ids=MISTAKES.keys())
+@pytest.mark.parametrize(
+    "mistake",
+    [
+        pytest.param(mistake, marks=pytest.mark.slow if name == "dictionary" else ())
+        for name, mistake in MISTAKES.items()
+    ],
+    ids=MISTAKES.keys(),
+)
 def test_another_board_than_the_declared_one_is_named(
     mistake: tuple[str, Callable[[Board], Board], str],
 ) -> None:

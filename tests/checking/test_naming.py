@@ -13,9 +13,9 @@ CASES = (
     pytest.param("cone", "focal", marks=pytest.mark.slow),
     pytest.param("dome", "principal_point", marks=pytest.mark.slow),
     pytest.param("flat", "lens", marks=pytest.mark.slow),
-    ("dome", "board_scale"),
+    pytest.param("dome", "board_scale", marks=pytest.mark.slow),
     ("cone", "board_shape"),
-    ("flat", "wedge"),
+    pytest.param("flat", "wedge", marks=pytest.mark.slow),
 )
 
 
@@ -51,7 +51,7 @@ def test_pictures_of_twice_the_zoom_come_from_another_mode(cameras: Made) -> Non
 @pytest.mark.parametrize(
     ("across", "down"),
     [
-        (1, 4 / 3),
+        pytest.param(1, 4 / 3, marks=pytest.mark.slow),
         pytest.param(0.75, 1, marks=pytest.mark.slow),
         pytest.param(2, 1.1, marks=pytest.mark.slow),
     ],
@@ -72,8 +72,9 @@ def test_stretched_pictures_are_named_with_the_figure(
     assert result.statistics.noise_ratio < 1.5
 
 
+@pytest.mark.slow
 def test_mirrored_pictures_are_reported(cameras: Made) -> None:
-    made, checker = cameras["dome"]
+    made, checker = cameras["cone"]
     later = Later.drawn(made, None, 104, 3)
     result = checker.check(Pictures(mirrored(later.views(), made.board), made.board))
     assert result.status is CheckStatus.BROKEN
@@ -91,7 +92,7 @@ def test_a_cover_that_was_forgotten_is_no_thinner_glass(cameras: Made, shape: st
 
 
 def test_a_bad_view_is_left_out_and_the_others_answer(cameras: Made) -> None:
-    made, checker = cameras["dome"]
+    made, checker = cameras["cone"]
     later = Later.drawn(made, None, 105, 4)
     result = checker.check(Pictures(shaken(later.views(), 1), made.board))
     assert result.status is CheckStatus.VALID

@@ -2,6 +2,7 @@
 ever.
 """
 
+import io
 import json
 import math
 import os
@@ -9,7 +10,7 @@ import re
 import shlex
 import subprocess
 import sys
-import time
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import cv2
@@ -29,26 +30,14 @@ from tests.test_calibration import write_session
 
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
-    """A small session fitted through the command, and the JSON that it printed."""
+    """A small session fitted by the command, and the JSON that it printed."""
     folder = write_session(tmp_path_factory.mktemp("cli"), scene(8, views=6, noise=0.05))
-    command = [
-        sys.executable,
-        "-m",
-        "calib",
-        "fit",
-        str(folder),
-        "--grid",
-        "5x4",
-        "--steps",
-        "40",
-        "--depth",
-        "1",
-        "0.5",
-        "--json",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return folder, json.loads(done.stdout)
+    with redirect_stdout(io.StringIO()) as printed:
+        code = main(
+            ["fit", str(folder), "--grid", "5x4", "--steps", "40", "--depth", "1", "0.5", "--json"]
+        )
+    assert code == 0
+    return folder, json.loads(printed.getvalue())
 
 
 def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> None:
@@ -500,9 +489,8 @@ def test_a_bug_is_one_sentence_and_exit_code_1(
     assert "Traceback" not in err
 
 
-def test_help_is_quick_and_needs_no_torch() -> None:
+def test_help_loads_no_slow_library() -> None:
     env = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1"}
-    start_time = time.monotonic()
     done = subprocess.run(
         [sys.executable, "-m", "calib", "--help"],
         capture_output=True,
@@ -510,10 +498,6 @@ def test_help_is_quick_and_needs_no_torch() -> None:
         check=True,
         env=env,
     )
-    took = time.monotonic() - start_time
     assert all(command in done.stdout for command in ("fit", "evaluate", "undistort", "export"))
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
     assert not imported & {"torch", "cv2", "numpy", "rich", "scipy", "yaml"}
-    assert took < 5, (
-        "imports are what the bar of 0.5 s is about; this only catches a command that hangs"
-    )

@@ -46,11 +46,10 @@ def photos(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return recordings.write_pictures(Path("my photos"))
 
 
-@pytest.fixture
-def film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+@pytest.fixture(scope="module")
+def recorded_film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A video in which each of eight pictures is sharp once, between blurred ones."""
-    monkeypatch.chdir(tmp_path)
-    path = Path("film.avi")
+    path = tmp_path_factory.mktemp("film") / "film.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, recordings.SIZE)
     for picture in recordings.pictures():
         for step in range(-7, 8):
@@ -58,6 +57,13 @@ def film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             writer.write(cv2.cvtColor(blurred, cv2.COLOR_GRAY2BGR))
     writer.release()
     return path
+
+
+@pytest.fixture
+def film(recorded_film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the video, seen from the folder around it."""
+    monkeypatch.chdir(tmp_path)
+    return Path(shutil.copy(recorded_film, "film.avi"))
 
 
 @pytest.mark.usefixtures("without_figures")

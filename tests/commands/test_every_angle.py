@@ -84,6 +84,7 @@ def run(words: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]
     return code, out
 
 
+@pytest.mark.slow
 @each_lens
 def test_every_command_takes_the_calibration(
     fitted: Path,

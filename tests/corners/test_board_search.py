@@ -23,7 +23,7 @@ LENS = Lens(width=640, height=480, focal=640.0)
 def views(kind: Kind) -> list[NDArray[np.uint8]]:
     """Return pictures of the board, some of which show a part of it."""
     size = 2 * max(kind.board.half)
-    return [kind.view(pose, lens=LENS).picture for pose in poses(4, 3, 1.2 * size)]
+    return [kind.view(pose, lens=LENS).picture for pose in poses(2, 3, 1.2 * size)]
 
 
 def test_a_checkerboard_is_found_with_its_size() -> None:
@@ -38,7 +38,7 @@ def test_a_checkerboard_is_found_with_its_size() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=() if name == "aprilgrid" else pytest.mark.slow) for name in KINDS],
+    [pytest.param(name, marks=() if name == "legacy" else pytest.mark.slow) for name in KINDS],
 )
 def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
     declared = KINDS[name].board
@@ -56,6 +56,10 @@ def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
             assert not search.is_vague
         case pair:
             raise AssertionError(pair)
+    assert search.to_yaml(30.0)[search.side_key] == 30.0
+    if name == "legacy":
+        assert search.options.startswith("--board 6x7 --type charuco --square-mm 25 --marker-mm 17")
+        assert search.options.endswith(" --dictionary DICT_5X5_50 --legacy-pattern")
 
 
 @pytest.mark.parametrize(
@@ -73,7 +77,7 @@ def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
 )
 def test_the_first_marker_and_a_negative_print_are_found(name: str) -> None:
     declared = test_other_makers.BOARDS[name]
-    search = search_board([picture for picture, _ in test_other_makers.views(declared)])
+    search = search_board([picture for picture, _ in test_other_makers.views(declared)[:2]])
     assert search
     printed = search.to_yaml(1000 * declared.square)
     expected = board_to_yaml(declared)
@@ -90,7 +94,7 @@ def test_a_grid_of_april_tags_has_squares_between_them_or_not() -> None:
     tags = replace(
         test_other_makers.GRID, coding=grid_board(0.25, "DICT_APRILTAG_36h11", first_marker=5)
     )
-    search = search_board([picture for picture, _ in test_other_makers.views(tags)])
+    search = search_board([picture for picture, _ in test_other_makers.views(tags)[:2]])
     assert search
     assert search.kind == "gridboard"
     assert search.board.coding == tags.coding
@@ -108,14 +112,6 @@ def test_a_board_that_faces_the_camera_does_not_hide_the_size_of_its_markers() -
     assert search.board.coding.marker == pytest.approx(0.7, abs=0.03)
 
 
-def test_what_was_found_describes_the_board() -> None:
-    search = search_board(views(KINDS["legacy"]))
-    assert search
-    assert search.options.startswith("--board 6x7 --type charuco --square-mm 25 --marker-mm 17")
-    assert search.options.endswith(" --dictionary DICT_5X5_50 --legacy-pattern")
-    assert search.to_yaml(30.0)["square_mm"] == 30.0
-
-
 def random_cells(seed: int) -> NDArray[np.uint8]:
     """Return light and dark cells, as a tiled floor has them."""
     cells = (np.random.default_rng(seed).uniform(size=(12, 16)) < 0.5) * 190.0 + 30
@@ -129,4 +125,4 @@ def gravel(seed: int) -> NDArray[np.uint8]:
 
 @pytest.mark.parametrize("draw", [random_cells, gravel])
 def test_no_board_is_found_where_there_is_none(draw: Callable[[int], NDArray[np.uint8]]) -> None:
-    assert search_board([draw(seed) for seed in range(6)]) is None
+    assert search_board([draw(seed) for seed in range(4)]) is None

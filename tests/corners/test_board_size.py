@@ -13,6 +13,7 @@ from calib.session.board import Board
 from tests.corners.test_detect import Scene
 
 Picture = NDArray[np.uint8]
+BOARDS = ((8, 6), (11, 8), (5, 4), (9, 9))
 
 
 def boards(columns: int, rows: int, size: tuple[int, int], blur: float = 0) -> list[Picture]:
@@ -31,8 +32,14 @@ def boards(columns: int, rows: int, size: tuple[int, int], blur: float = 0) -> l
     ]
 
 
-@pytest.mark.parametrize("size", [(320, 240), (960, 720), (2592, 1944)], ids=str)
-@pytest.mark.parametrize(("columns", "rows"), [(8, 6), (11, 8), (5, 4), (9, 9)])
+@pytest.mark.parametrize(
+    ("columns", "rows", "size"),
+    [
+        *((*board, size) for board in BOARDS for size in ((320, 240), (960, 720))),
+        (8, 6, (2592, 1944)),
+    ],
+    ids=str,
+)
 def test_the_size_of_a_board_is_found(columns: int, rows: int, size: tuple[int, int]) -> None:
     answer = shown_size(boards(columns, rows, size))
     assert answer

@@ -119,7 +119,7 @@ def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(
     assert second.final_quality.rms_px == pytest.approx(finding.final_quality.rms_px, rel=0.01)
 
 
-@pytest.mark.parametrize("spoiled", [0, 2])
+@pytest.mark.parametrize("spoiled", [pytest.param(0, marks=pytest.mark.slow), 2])
 def test_no_effect_is_found_in_true_models(spoiled: int) -> None:
     """The views are alike, or two of fifteen are four times as noisy."""
     _, finding = diagnose(fitted(hidden(None, {}, seed=7, spoiled=spoiled)), Silent())

@@ -60,7 +60,7 @@ ALL_OF_A_CONE = ("inner_radius_mm", "radius_slope", "axis_offset_mm", "tilt_deg"
     ("cover", "keys", "lens_is_known"),
     [
         ("thick-cone", ("inner_radius_mm",), True),
-        ("thick-cone", ALL_OF_A_CONE, True),
+        pytest.param("thick-cone", ALL_OF_A_CONE, True, marks=pytest.mark.slow),
         ("thick-cone", (), False),
         ("cylinder", ("thickness_mm", "refractive_index"), True),
         ("wet-flat", ("distance_mm", "tilt_deg", "outside_index"), True),

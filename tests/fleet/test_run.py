@@ -51,6 +51,7 @@ def jobs(recorded: Path, fleet: Path) -> list[Job]:
     return [Job(Entry(name, str(recorded / name)), ASKED, str(fleet)) for name in names]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_figures")
 def test_every_camera_has_its_result(client: Client, recorded: Path, tmp_path: Path) -> None:
     results = {result.id: result for result in run_jobs(client, jobs(recorded, tmp_path), print)}
@@ -264,7 +265,7 @@ def greeting(address: str, security: Security | None) -> bytes:
     closes the connection.
     """
     host, _, port = address.removeprefix("tls://").rpartition(":")
-    with socket.create_connection((host, int(port)), timeout=30) as plain:
+    with socket.create_connection((host, int(port)), timeout=600) as plain:
         if not security:
             plain.sendall(bytes(64))
             with suppress(ConnectionResetError):
@@ -286,7 +287,7 @@ def test_only_its_person_runs_code_in_the_jobs_of_a_queue(tmp_path: Path) -> Non
     place = Place(jobqueue="slurm", workers=1)
     with client_of(place, tmp_path) as client:
         process = client.submit(os.getpid)  # a worker that holds a result is not sent home
-        assert process.result(timeout=120) != os.getpid()
+        assert process.result(timeout=600) != os.getpid()
         assert list(remarks_on(place, client)) == []
         (keys,) = tmp_path.glob(".keys-*")
         assert keys.stat().st_mode & 0o077 == 0
@@ -301,7 +302,7 @@ def test_only_its_person_runs_code_in_the_jobs_of_a_queue(tmp_path: Path) -> Non
             assert name == "dashboard"
             for path in ("", "health", "status", "info/main/workers.html", "json/counts.json"):
                 with pytest.raises(HTTPError, match=r"404"):
-                    urlopen(f"http://{host}:{port}/{path}", timeout=30)
+                    urlopen(f"http://{host}:{port}/{path}", timeout=600)
     assert not list(tmp_path.glob(".keys-*"))
 
 

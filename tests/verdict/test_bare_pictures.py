@@ -61,9 +61,10 @@ def with_bare(
 
 @pytest.mark.parametrize(
     ("thickness", "settings"),
-    [pytest.param(0.003, HELD, marks=pytest.mark.slow), (0.00115, Settings(grid=(4, 4)))],
+    [(0.003, HELD), (0.00115, Settings(grid=(4, 4)))],
     ids=["held", "as by default"],
 )
+@pytest.mark.slow
 def test_a_bare_that_was_taken_through_the_cover_is_told(
     tmp_path: Path, thickness: float, settings: Settings
 ) -> None:

@@ -464,6 +464,7 @@ def test_a_principal_point_outside_of_the_picture(good: Calibration) -> None:
     assert not asked(principal_point, told(good, 1640, 1232, 1279.0, 1600.0, 500.0))
 
 
+@pytest.mark.slow
 def test_water_declared_as_air_is_reported(tmp_path: Path) -> None:
     made = scene(21, views=10, noise=0.05)
     wet = calibrated_from(spoiled(tmp_path / "wet", made, cover__outside_index=1.333))

@@ -20,7 +20,7 @@ PATHS = ("/", "/screen", "/page/screen.js", "/nothing")
 
 
 def ask(address: str, path: str, **headers: str) -> int:
-    connection = http.client.HTTPConnection(f"127.0.0.1:{urlsplit(address).port}", timeout=60)
+    connection = http.client.HTTPConnection(f"127.0.0.1:{urlsplit(address).port}", timeout=600)
     try:
         connection.request("GET", path, headers=headers)
         return connection.getresponse().status

@@ -61,7 +61,7 @@ class Served:
             self.shown += 1
 
     def connection(self) -> http.client.HTTPConnection:
-        return http.client.HTTPConnection(str(urlsplit(self.target.address).netloc), timeout=60)
+        return http.client.HTTPConnection(str(urlsplit(self.target.address).netloc), timeout=600)
 
     def ask(self, path: str, body: str | None = None, **headers: str) -> tuple[int, str]:
         """Return the status and the text of an answer."""

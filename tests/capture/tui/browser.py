@@ -61,7 +61,7 @@ class Browser:
         self._asked += 1
         await self._socket.send_json({"id": self._asked, "method": method, "params": parameters})
         while True:
-            message = await self._socket.receive_json(timeout=60)
+            message = await self._socket.receive_json(timeout=600)
             self._note(message.get("method", ""), message.get("params", {}))
             if message.get("id") == self._asked:
                 assert "error" not in message, message

@@ -118,7 +118,7 @@ async def _fetch(served: Served, token: str, session: Path) -> None:
 
 
 def _load(port: int, path: str, cookie: str) -> tuple[int, http.client.HTTPMessage, bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=600)
     try:
         connection.request("GET", path, headers={"Cookie": cookie})
         answer = connection.getresponse()

@@ -55,7 +55,7 @@ class Served:
 
     def get(self, path: str, **headers: str) -> tuple[int, str, http.client.HTTPMessage]:
         for _ in range(100):
-            connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+            connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=600)
             try:
                 connection.request(
                     "GET",
@@ -73,7 +73,7 @@ class Served:
 
     def end(self) -> tuple[str, str]:
         self.process.send_signal(signal.SIGINT)
-        return self.process.communicate(timeout=30)
+        return self.process.communicate(timeout=600)
 
 
 @pytest.fixture
@@ -130,7 +130,7 @@ def test_the_token_opens_page_and_websocket_and_is_printed_once(open_to_all: Ser
     assert result
     host, token = result.groups()
     assert host != "0.0.0.0"
-    with socket.create_connection((host, open_to_all.port), timeout=20):
+    with socket.create_connection((host, open_to_all.port), timeout=600):
         pass  # what is printed can be opened
     status, page, headers = open_to_all.get(f"/?token={token}")
     assert status == 200
@@ -160,7 +160,7 @@ def test_an_address_in_use_is_reported(tmp_path: Path) -> None:
             "--port",
             port,
         ]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
     assert done.returncode == 2
     assert f"127.0.0.1:{port} cannot be served on" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
@@ -225,7 +225,7 @@ def test_malformed_requests_are_answered_without_a_traceback(open_to_all: Served
         b"\x16\x03\x01 no http\r\n\r\n",
     ):
         open_to_all.status("/")  # it has begun to listen
-        with socket.create_connection(("127.0.0.1", open_to_all.port), timeout=60) as connection:
+        with socket.create_connection(("127.0.0.1", open_to_all.port), timeout=600) as connection:
             connection.sendall(raw)
             assert re.match(rb"HTTP/1\.[01] (400|403) ", connection.recv(100))
     _, err = open_to_all.end()

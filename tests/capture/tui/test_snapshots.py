@@ -46,6 +46,8 @@ from tests.capture.tui.test_session import FIXTURE
 CAMERA = "v4l2:/dev/video0"
 """A source that may give more views, unlike a folder that has ended."""
 FOLDER = Path(__file__).parent / "snapshots"
+PAUSES = 100
+"""The pauses in which a screen must have become its snapshot."""
 HINT = Hint(
     np.array([[60.0, 150.0], [330, 120], [350, 420], [40, 450]]),
     np.zeros(6),
@@ -387,13 +389,13 @@ CONTINUED: tuple[Story, ...] = (
 )
 
 
-@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
 @pytest.mark.parametrize(
     "story", [*NEW, *CONTINUED, collect_charuco], ids=lambda story: story.__name__
 )
 def test_screens_look_like_their_snapshots(
-    story: Story, size: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    story: Story, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """The story is told in the small terminal, which then grows."""
     monkeypatch.chdir(tmp_path)  # so that the paths on the screen are the same everywhere
     for name in ("bare", "frames"):
         shutil.copytree(FIXTURE / name, tmp_path / "camera" / name)
@@ -407,7 +409,7 @@ def test_screens_look_like_their_snapshots(
         shutil.rmtree(tmp_path / "camera" / "frames")
         (tmp_path / "camera" / "frames").mkdir()
         shutil.copy(FIXTURE / "frames" / "0001.jpg", tmp_path / "camera" / "frames")
-    drive(_compare(story, size))
+    drive(_compare(story))
 
 
 def record_charuco(folder: Path) -> None:
@@ -424,17 +426,29 @@ def record_charuco(folder: Path) -> None:
     )
 
 
-async def _compare(story: Story, size: tuple[int, int]) -> None:
+async def _compare(story: Story) -> None:
     source = "" if story in NEW else "folder:camera"
-    async with running(Path("session"), source, size) as pilot:
+    small, *larger = SIZES
+    async with running(Path("session"), source, small) as pilot:
         await story(pilot, Path("session"))
-        text = shown(pilot) + "\n"
-        if folder := os.environ.get("REFRACAL_PICTURES"):
-            (Path(folder) / f"{story.__name__}-{size[0]}.svg").write_text(
-                pilot.app.export_screenshot()
-            )
-    file = FOLDER / f"{story.__name__}-{size[0]}x{size[1]}.txt"
-    if os.environ.get("REFRACAL_SNAPSHOTS") == "write":
+        await _compare_screen(pilot, story.__name__, small)
+        for size in larger:
+            await pilot.resize_terminal(*size)
+            await _compare_screen(pilot, story.__name__, size)
+
+
+async def _compare_screen(pilot: Pilot[None], name: str, size: tuple[int, int]) -> None:
+    """Give the screen time to follow the size, then compare it with its snapshot."""
+    file = FOLDER / f"{name}-{size[0]}x{size[1]}.txt"
+    writes = os.environ.get("REFRACAL_SNAPSHOTS") == "write"
+    for _ in range(PAUSES):
+        if not writes and shown(pilot) + "\n" == file.read_text():
+            break
+        await pilot.pause(0.05)
+    text = shown(pilot) + "\n"
+    if folder := os.environ.get("REFRACAL_PICTURES"):
+        (Path(folder) / f"{name}-{size[0]}.svg").write_text(pilot.app.export_screenshot())
+    if writes:
         FOLDER.mkdir(exist_ok=True)
         file.write_text(text)
     assert text == file.read_text()
