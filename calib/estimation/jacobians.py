@@ -63,7 +63,7 @@ def undistorted_jacobian(
     by_rays = ByRay(Vector(*(by[n] for n in RAY[:3])), Vector(*(by[n] for n in RAY[3:])))
     terms = path.linear_terms(points, values, MIDDLE)
     columns = shared_columns(path, parameters, trace.pull(by_rays), trace, terms, len(outputs))
-    jacobian = columns.reshape(len(points), 2, 2, -1).numpy()
+    jacobian = columns.reshape(len(points), 2, 2, parameters.count).numpy()
     by_rigid = by[MOTION].transpose(0, 1).reshape(len(points), 2, 2, 6).numpy()
     return jacobian, by_rigid, (~_in_frame(frame, rays).in_pinhole).numpy()
 
