@@ -56,7 +56,10 @@ def shared_columns(
             probe, weight = weights[param.name]
             torch.mul(param.scale * by[probe].mT.unsqueeze(-1), weight.unsqueeze(-2), out=place)
         elif param.name in by:
-            place.copy_(param.scale * by[param.name].reshape(outputs, count, place.shape[-1]).transpose(0, 1))
+            place.copy_(
+                param.scale
+                * by[param.name].reshape(outputs, count, place.shape[-1]).transpose(0, 1)
+            )
         else:
             place.zero_()
     return columns
