@@ -131,9 +131,10 @@ def test_a_fit_ends_with_the_next_command(
     output = capsys.readouterr().out
     assert "fitted cover" in output
     assert "cover+rbf" not in output
-    *_, following, last = output.splitlines()
+    *_, following, first, second, third = output.splitlines()
     undistort = shlex.split(following.removeprefix("Next: "))
-    evaluate, diagnose, export = map(shlex.split, last.removeprefix("Then: ").split("; "))
+    evaluate = shlex.split(first.removeprefix("Then: "))
+    diagnose, export = shlex.split(second), shlex.split(third)
     assert evaluate == ["calib", "evaluate", str(tmp_path), "HOLDOUT"]
     assert diagnose == ["calib", "diagnose", str(tmp_path)]
     assert main(undistort[1:]) == 0
@@ -167,7 +168,7 @@ def test_a_trusted_fit_names_an_export_command_that_works(
         tmp_path / "my session", scene(11, views=24, noise=0.05, depths=(0.35, 1.2))
     )
     assert main(["fit", str(folder), "--grid", "5x5"]) == 0
-    *_, word, last, _ = capsys.readouterr().out.splitlines()
+    *_, word, last, _, _ = capsys.readouterr().out.splitlines()
     assert word == "To be trusted where it has corners."
     program, *arguments = shlex.split(last.removeprefix("Next: "))
     assert program == "calib"
