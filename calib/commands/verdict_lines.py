@@ -1,7 +1,6 @@
 """The last lines on stdout, with the verdict."""
 
 from collections.abc import Sequence
-from itertools import repeat
 from pathlib import Path
 
 from rich.console import Console
@@ -31,5 +30,5 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     console.print(harmless(f"Next{condition}: {runnable_command(verdict.next)}"))
     if verdict.word is not Trust.DO_NOT_USE:
         commands = [command for command in further if command != verdict.next]
-        for command, lead in zip(commands, ("Then:", *repeat("     ")), strict=False):
-            console.print(harmless(f"{lead} {runnable_command(command)}"))
+        for place, command in enumerate(commands):
+            console.print(harmless(f"{'     ' if place else 'Then:'} {runnable_command(command)}"))
