@@ -167,8 +167,10 @@ class Recorder:
         self.describe(frame.size)
         if number is not None:
             self._next = max(number, self._next)
-        picture = self._folder / f"{Path(frame.name).stem}.png"
-        if number is not None or not frame.name or os.path.lexists(picture):
+        stem = Path(frame.name).stem
+        if number is None and stem and not self._has(stem):
+            picture = self._folder / f"{stem}.png"
+        else:
             picture = self._free_picture()
             self._next += 1
         write_durably(picture, cv2.imencode(".png", frame.pixels, PNG)[1].data)
@@ -183,6 +185,10 @@ class Recorder:
             }
         )
         return picture
+
+    def _has(self, stem: str) -> bool:
+        """Return True if the folder has a file of this name, of whatever type."""
+        return any(Path(name).stem == stem for name in os.listdir(self._folder))
 
     def _free_picture(self) -> Path:
         """Return the path of the next picture, where nothing exists: no file is ever replaced."""

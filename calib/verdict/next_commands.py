@@ -20,9 +20,8 @@ class NextCommands:
     settings: Settings
     """The settings of its fit."""
     records: bool = True
-    """True if capture can record such views: not those of a target of points, which come from
-    another program, and not into a folder whose pictures lie beside its session.yaml, because a new
-    frames/ would hide them.
+    """True if capture records such views: not those of a target of points, which come from another
+    program, and not pictures that lie beside session.yaml, which come from another device.
     """
     has_pictures: bool = False
     """True if the session has pictures, and not corners alone."""

@@ -43,7 +43,7 @@ export function drawScreen(said) {
   drawKeys(said.keys);
   // the app moves the focus to a wrong field, which is shown; another field of a screen that opens leaves it at its top
   const refused = said.blocks.some((each) => each.name === "problem" && each.text);
-  if (said.focus !== focused && refused && document.activeElement === document.body) find(said.focus)?.scrollIntoView({block: "nearest"});
+  if (said.focus !== focused && refused && document.activeElement.tagName !== "INPUT") find(said.focus)?.scrollIntoView({block: "nearest"});
   focused = said.focus;
 }
 
