@@ -188,7 +188,7 @@ class Recorder:
 
     def _has(self, stem: str) -> bool:
         """Return True if the folder has a file of this name, of whatever type."""
-        return any(Path(name).stem == stem for name in os.listdir(self._folder))
+        return any(path.stem == stem for path in self._folder.iterdir())
 
     def _free_picture(self) -> Path:
         """Return the path of the next picture, where nothing exists: no file is ever replaced."""

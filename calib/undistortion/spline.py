@@ -209,7 +209,7 @@ def _basis(
 
 def _design(coordinates: Array, nodes: Array) -> csr_array:
     """Return the (len(coordinates), len(nodes) + 2) matrix from coefficients to values."""
-    first, weights = _basis(coordinates, nodes, slopes=False)
+    first, *basis = _basis(coordinates, nodes, slopes=False)
     indices = (first[:, None] + np.arange(4)).astype(np.int32).ravel()
     starts = np.arange(0, indices.size + 1, 4, dtype=np.int32)
-    return csr_array((weights.ravel(), indices, starts), (len(coordinates), len(nodes) + 2))
+    return csr_array((basis[0].ravel(), indices, starts), (len(coordinates), len(nodes) + 2))

@@ -246,9 +246,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
 
     def show_hint(self, hint: Hint | None, progress: SessionProgress | None) -> None:
         """Show where to hold the board next, if there is to be a next view that somebody takes."""
-        has_ended = not self.recording and (
-            self.plan.bare or is_recorded_source(self.plan.source)
-        )
+        has_ended = not self.recording and (self.plan.bare or is_recorded_source(self.plan.source))
         is_enough = self.is_enough(progress)
         if is_enough and not self._enough:
             self.post_message(self.ToneRequested("enough"))
