@@ -467,7 +467,7 @@ def test_an_interrupted_command_prints_only_that(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("calib.session.session.read_session", interrupt)
-    assert main(["fit", "x"]) == 130
+    assert main(["fit", "fixtures/clean"]) == 130
     assert capsys.readouterr().err == "calib: interrupted.\n"
 
 
@@ -495,7 +495,7 @@ def test_a_bug_is_one_sentence_and_exit_code_1(
         raise ZeroDivisionError("by design")
 
     monkeypatch.setattr("calib.session.session.read_session", broken)
-    assert main(["fit", "x"]) == 1
+    assert main(["fit", "fixtures/clean"]) == 1
     err = capsys.readouterr().err
     assert "this is a bug in calib (ZeroDivisionError: by design)" in err
     assert "Traceback" not in err
