@@ -5,6 +5,7 @@ they are enough to fit again.
 """
 
 import math
+import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
@@ -45,6 +46,7 @@ from calib.io.array_arguments import on_finite_rows, pixel_rows, point_rows
 from calib.io.arrays import decode_npz
 from calib.io.file_set import FileSet, find_current
 from calib.io.files import npz, reading
+from calib.io.images import session_pictures
 from calib.io.numerals import real_number
 from calib.io.yaml_reader import read_yaml
 from calib.optics.board_target import POSE, VIEW_BLOCKS
@@ -58,7 +60,12 @@ from calib.session.camera import Camera, Intrinsics, camera_to_yaml
 from calib.session.cover import Cover
 from calib.session.cover_section import cover_to_yaml
 from calib.session.point_target import PointTarget
-from calib.session.session import session_from_mapping, session_to_yaml
+from calib.session.session import (
+    fit_pictures_command,
+    is_media,
+    session_from_mapping,
+    session_to_yaml,
+)
 from calib.threads import single_thread
 from calib.undistortion.point_field import PointField
 from calib.undistortion.ray_field import RayField, ray_field
@@ -480,6 +487,11 @@ class Calibration:
             raise wrong_type("path", path, advice)
         path = FilePath(path)
         with reading(path):
+            if is_media(path):
+                raise InputError(
+                    f"{path} is a picture or a video where a calibration is needed:"
+                    f" {fit_pictures_command(path)} makes one."
+                )
             path = path / "calibration.yaml" if path.is_dir() else path
             document, arrays = _read_pair(path)
         try:
@@ -517,13 +529,7 @@ def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
     for _ in range(MAX_READS):
         place = find_current(path)
         if not place.is_file():
-            session_folder = path.parent / "calibration"
-            advice = (
-                f"the session's is {session_folder}"
-                if (session_folder / path.name).is_file()
-                else "give the calibration.yaml that calib fit wrote"
-            )
-            raise InputError(f"{path} does not exist: {advice}.")
+            raise InputError(f"{path} does not exist: {_where_to_find(path)}.")
         document = read_yaml(place)
         if document.get("format") != FORMAT:
             version = brief(repr(document.get("format")))
@@ -537,6 +543,18 @@ def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
     raise InputError(
         f"{path} and {path.with_suffix('.npz').name} do not belong together: fit the session again."
     )
+
+
+def _where_to_find(path: FilePath) -> str:
+    """Return advice for a calibration.yaml that does not exist."""
+    folder = path.parent
+    if (folder / "calibration" / path.name).is_file():
+        return f"the session's is {folder / 'calibration'}"
+    if (folder / "session.yaml").is_file():
+        return f"calib fit {shlex.quote(str(folder))} makes it"
+    if session_pictures(folder):
+        return f"{fit_pictures_command(folder)} makes one of these pictures"
+    return "give the folder that calib fit wrote"
 
 
 def _from_mapping(

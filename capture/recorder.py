@@ -155,19 +155,25 @@ class Recorder:
             self._describe(size)
 
     def keep(self, frame: Frame, *, same_view: bool = False, number: int | None = None) -> Path:
-        """Write a frame as the next picture.
+        """Write a frame as the next picture. A picture of a folder keeps its name, so that results
+        name it as the person does.
 
         Args:
             same_view: the board stands where it stood in the last picture.
-            number: of the picture, at least `next_number`; None for the next one.
+            number: of the picture, at least `next_number`; None for its own name, or for the next
+                number if it has none or another picture has it.
         """
         self.check(frame)
         self.describe(frame.size)
         if number is not None:
             self._next = max(number, self._next)
-        picture = self._free_picture()
+        stem = Path(frame.name).stem
+        if number is None and stem and not self._has(stem):
+            picture = self._folder / f"{stem}.png"
+        else:
+            picture = self._free_picture()
+            self._next += 1
         write_durably(picture, cv2.imencode(".png", frame.pixels, PNG)[1].data)
-        self._next += 1
         self._view += not same_view
         self._append_row(
             {
@@ -179,6 +185,10 @@ class Recorder:
             }
         )
         return picture
+
+    def _has(self, stem: str) -> bool:
+        """Return True if the folder has a file of this name, of whatever type."""
+        return any(path.stem == stem for path in self._folder.iterdir())
 
     def _free_picture(self) -> Path:
         """Return the path of the next picture, where nothing exists: no file is ever replaced."""

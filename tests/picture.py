@@ -114,7 +114,7 @@ def guiding_screen() -> Image.Image:
 
 async def _guided(session: Path) -> Cells:
     """Return the cells of the screen once the maps' accuracy is computed."""
-    async with running(session, "folder:camera", size=SCREEN) as pilot:
+    async with running(session, "folder:camera?speed=1", size=SCREEN) as pilot:
         await see(pilot, "continued")
         await pilot.press("ctrl+s", "a")
         await see(pilot, "auto OFF")

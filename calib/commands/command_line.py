@@ -46,9 +46,9 @@ def run_command(
     if not words:
         parser.print_help()
         parser.exit(2, f"{program}: name a COMMAND; {program} COMMAND --help explains it.\n")
-    args = parser.parse_args(words)
-    args.words = list(words)
     try:
+        args = parser.parse_args(words)
+        args.words = list(words)
         with _silence_remarks() if getattr(args, "quiet", False) else contextlib.nullcontext():
             code: int | None = args.run(args)
         print(end="", flush=True)  # a full disk raises here; at exit it would be a traceback

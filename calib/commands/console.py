@@ -133,10 +133,12 @@ def _turned_boards(calibration: Calibration) -> Iterator[str]:
 def _heavy_views(calibration: Calibration) -> Iterator[str]:
     """Yield a line on each view that tells much of what all views tell."""
     uncertainty = calibration.outcome.uncertainty
+    shape = calibration.cover.shape
+    subject = "the camera" if shape == "none" else "the camera and its cover"
     for name, share in uncertainty.heavy_views.items() if uncertainty else ():
         yield (
-            f"{name} alone tells {100 * share:.0f} % of what all views tell of the camera and its"
-            " cover: take more views like it, so that not one picture decides."
+            f"{name} alone tells {100 * share:.0f} % of what all views tell of {subject}: take more"
+            " views like it, so that not one picture decides."
         )
 
 
@@ -195,5 +197,10 @@ def print_evaluation(evaluation: Evaluation, *, wide: bool) -> None:
 
 
 def _list_rejected(console: Console, rejected: Sequence[RejectedPicture]) -> None:
+    """Print the pictures that were not used, those of one reason together."""
+    names_by_reason: dict[str, list[str]] = {}
     for picture in rejected:
-        console.print(harmless(f"Not used: {picture.name}: {picture.reason}."), markup=False)
+        names_by_reason.setdefault(picture.reason, []).append(picture.name)
+    for reason, names in names_by_reason.items():
+        line = f"Not used: {', '.join(names)}: {reason}."
+        console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)

@@ -79,9 +79,8 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     cover = cover_from_options(args)
     intrinsics = intrinsics_from_options(args)
     is_described = bool(cover or intrinsics or args.board or args.camera or _board_options(args))
-    path = args.session[0]
-    if len(args.session) == 1 and not is_described and _is_session_or_missing(path):
-        return read_session(path)
+    if len(args.session) == 1 and not is_described and _is_session(args.session[0]):
+        return read_session(args.session[0])
     source = find_pictures(args.session)
     if source.is_described and not is_described:
         return read_session(source.session)
@@ -99,16 +98,11 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     return read_session(source.session)
 
 
-def _is_session_or_missing(path: Path) -> bool:
-    """True for a folder with a session.yaml, and for a path that does not exist and is no
-    pattern.
-    """
-    from glob import has_magic
-
+def _is_session(path: Path) -> bool:
     from calib.io.files import reading
 
     with reading(path):
-        return (path / "session.yaml").exists() or not (path.exists() or has_magic(str(path)))
+        return (path / "session.yaml").exists()
 
 
 def _board_options(args: argparse.Namespace) -> dict[str, object]:

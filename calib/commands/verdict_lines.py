@@ -25,7 +25,10 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     console.print(verdict.word.sentence, style=f"bold {COLOURS[verdict.word]}")
     for reason in verdict.reasons:
         console.print(harmless(f"- {reason.sentence}"))
-    console.print(harmless(f"Next: {runnable_command(verdict.next)}"))
-    if further and verdict.word is not Trust.DO_NOT_USE:
-        commands = [runnable_command(command) for command in further if command != verdict.next]
-        console.print(harmless(f"Then: {'; '.join(commands)}"))
+    # a fit that is repeated unchanged gives the same: the reason above says what to change
+    condition = ", once that is done" if verdict.next.startswith("calib fit ") else ""
+    console.print(harmless(f"Next{condition}: {runnable_command(verdict.next)}"))
+    if verdict.word is not Trust.DO_NOT_USE:
+        commands = [command for command in further if command != verdict.next]
+        for place, command in enumerate(commands):
+            console.print(harmless(f"{'     ' if place else 'Then:'} {runnable_command(command)}"))

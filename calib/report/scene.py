@@ -5,6 +5,7 @@ rays that it bends.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -48,8 +49,10 @@ class Ways:
 
 def session_in_space(evidence: Evidence) -> Drawing:
     shown = corners_with_rays(evidence)
-    border = ways(evidence, border_pixels(evidence, 1))
-    traced = ways(evidence, evidence.pixels[shown])
+    border = border_pixels(evidence, 1)
+    border_count = len(border)
+    traced = ways(evidence, np.concatenate([border, evidence.pixels[shown]]))
+    arrived = traced.arrived[border_count:]
     ends = evidence.points[shown]
     board = evidence.calibration.board
     lines = "its middle row and column" if board.has_grid else "some of its points"
@@ -64,11 +67,11 @@ def session_in_space(evidence: Evidence) -> Drawing:
         {
             "half": [half + board.square for half in board.half],
             "surfaces": surface_meshes(evidence),
-            "border": border.points,
-            "borderDirection": border.direction,
-            "rays": np.concatenate([traced.points, ends[:, None]], 1)[traced.arrived],
-            "rayCorner": evidence.corner[shown][traced.arrived],
-            "rayView": evidence.view[shown][traced.arrived],
+            "border": traced.points[:border_count],
+            "borderDirection": traced.direction[:border_count],
+            "rays": np.concatenate([traced.points[border_count:], ends[:, None]], 1)[arrived],
+            "rayCorner": evidence.corner[shown][arrived],
+            "rayView": evidence.view[shown][arrived],
             "reach": list(evidence.reach),
             "errors": _error_range(evidence),
         },
@@ -208,6 +211,7 @@ def _surface_points(evidence: Evidence, azimuth: Array, elevation: Array) -> lis
     return meshes
 
 
+@lru_cache(maxsize=1)  # of the scene and of the side view
 def _extent(evidence: Evidence) -> tuple[float, float]:
     """Return the degrees to both sides, and up and down, in which the cover is drawn."""
     directions = ways(evidence, border_pixels(evidence, 5)).direction

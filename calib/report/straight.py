@@ -89,17 +89,27 @@ def lines_across(evidence: Evidence, view: int) -> Iterator[BoardLine]:
     detected, undistorted = _corner_grids(evidence, view)
     rows = zip(places, detected, undistorted, strict=True)
     columns = zip(*(grid.swapaxes(0, 1) for grid in (places, detected, undistorted)), strict=True)
-    for place, corners, straight in chain(rows, columns):
-        line = _border_to_border(place[0], place[-1], (camera.width, camera.height))
-        directions = np.column_stack([(line - centre) / focal, np.ones(len(line))])
-        slope = directions @ rotation[:, 2]
-        slope = np.where(np.abs(slope) < 1e-6, np.nan, slope)
-        depth = pose[3:] @ rotation[:, 2] / slope  # m, on the board's plane
-        near = depth > evidence.reach[0] / 2  # excludes the plane's passage past the camera
-        distorted, visible = evidence.field.distort_pixels(line[near], depth[near])
+    across = list(chain(rows, columns))
+    lines = [
+        _border_to_border(place[0], place[-1], (camera.width, camera.height))
+        for place, _, _ in across
+    ]
+    points = np.concatenate(lines)
+    directions = np.column_stack([(points - centre) / focal, np.ones(len(points))])
+    slope = directions @ rotation[:, 2]
+    slope = np.where(np.abs(slope) < 1e-6, np.nan, slope)
+    depth = pose[3:] @ rotation[:, 2] / slope  # m, on the board's plane
+    near = depth > evidence.reach[0] / 2  # excludes the plane's passage past the camera
+    distorted = np.full_like(points, np.nan)
+    visible = np.zeros(len(points), np.bool_)
+    distorted[near], visible[near] = evidence.field.distort_pixels(points[near], depth[near])
+    ends = np.cumsum([len(line) for line in lines])
+    for (_, corners, straight), line, end in zip(across, lines, ends, strict=True):
+        part = slice(end - len(line), end)
         detections = np.isfinite(corners).all(-1)
-        if visible.sum() > 2:
-            yield BoardLine(distorted[visible], line, corners[detections], straight[detections])
+        if visible[part].sum() > 2:
+            seen = distorted[part][visible[part]]
+            yield BoardLine(seen, line, corners[detections], straight[detections])
 
 
 def _border_to_border(first: Array, last: Array, size: tuple[int, int]) -> Array:

@@ -185,15 +185,14 @@ def session_to_yaml(board: Board, camera: Camera, cover: Cover) -> dict[str, obj
 def _read(path: Path, bare_of: Session | None) -> Session:
     file = path / "session.yaml"
     if not path.is_dir():
-        is_media = path.exists() and path.suffix.lower() in (*SUFFIXES, *VIDEOS)
-        advice = f"; {_command(path)} makes a session of it" if is_media else ""
+        advice = f"; {fit_pictures_command(path)} makes a session of it" if is_media(path) else ""
         raise InputError(
             f"{path} is not a folder: give the folder that holds session.yaml{advice}."
         )
     if not file.exists():
         raise InputError(
-            f"{path} has no session.yaml: {_command(path)} writes one for pictures, calib init"
-            f" {shlex.quote(str(path))} one to fill in, at the least {MINIMAL}"
+            f"{path} has no session.yaml: {fit_pictures_command(path)} writes one for pictures,"
+            f" calib init {shlex.quote(str(path))} one to fill in, at the least {MINIMAL}"
         )
     section = Section(read_yaml(file), str(file))
     section.choice("format", (FORMAT,), f"{FORMAT}, the format that this version of calib reads")
@@ -252,8 +251,13 @@ def _completed(session: Session, section: Section, bare_of: Session | None) -> S
     return replace(session, camera=replace(camera, intrinsics=unknown_intrinsics(camera)))
 
 
-def _command(path: Path) -> str:
-    """Return the command that makes a session of pictures."""
+def is_media(path: Path) -> bool:
+    """Return True for the file of a picture or of a video."""
+    return path.is_file() and path.suffix.lower() in (*SUFFIXES, *VIDEOS)
+
+
+def fit_pictures_command(path: Path) -> str:
+    """Return the command that makes a session of pictures or of a video, and calibrates it."""
     return f"calib fit {shlex.quote(str(path))} --board 9x6 --square-mm 25"
 
 

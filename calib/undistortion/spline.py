@@ -209,9 +209,7 @@ def _basis(
 
 def _design(coordinates: Array, nodes: Array) -> csr_array:
     """Return the (len(coordinates), len(nodes) + 2) matrix from coefficients to values."""
-    from scipy.interpolate import BSpline  # maps alone need it
-
-    step = (nodes[-1] - nodes[0]) / (len(nodes) - 1)
-    return BSpline.design_matrix(
-        coordinates, nodes[0] + step * np.arange(-3, len(nodes) + 3), 3, extrapolate=True
-    )
+    first, *basis = _basis(coordinates, nodes, slopes=False)
+    indices = (first[:, None] + np.arange(4)).astype(np.int32).ravel()
+    starts = np.arange(0, indices.size + 1, 4, dtype=np.int32)
+    return csr_array((basis[0].ravel(), indices, starts), (len(coordinates), len(nodes) + 2))

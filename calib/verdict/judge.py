@@ -108,7 +108,7 @@ def judge(
         session,
         folder or session / "calibration",
         settings,
-        records=calibration.board.has_grid,
+        records=calibration.board.has_grid and frames_folder(session) != session,
         has_pictures=any(
             frames_folder(place).is_dir() for place in (session, Path(calibration.request.session))
         ),

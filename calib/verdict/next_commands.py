@@ -20,7 +20,9 @@ class NextCommands:
     settings: Settings
     """The settings of its fit."""
     records: bool = True
-    """True if capture records such views; a target of points comes from another program."""
+    """True if capture records such views: not those of a target of points, which come from another
+    program, and not pictures that lie beside session.yaml, which come from another device.
+    """
     has_pictures: bool = False
     """True if the session has pictures, and not corners alone."""
 

@@ -120,6 +120,13 @@ def is_recorded_source(source: str) -> bool:
     return full_source(source).startswith(("folder:", "video:"))
 
 
+def is_rehearsal(source: str) -> bool:
+    """Return True if a recorded source names its speed: it stands for a camera, and the screen
+    guides as it would then.
+    """
+    return "speed=" in source.rpartition("?")[2]
+
+
 def full_source(text: str) -> str:
     """Return the source with its kind in front. A path that exists needs none: a folder, a video
     or the device of a camera.

@@ -16,10 +16,11 @@ from textual.containers import Horizontal
 from textual.events import ScreenResume
 from textual.message import Message
 
+from calib.errors import harmless
 from capture.coverage import Hint, SessionProgress
 from capture.narrator import silence_sentence
 from capture.recording_loop import Step, refusal_reason
-from capture.sources.registry import is_recorded_source
+from capture.sources.registry import is_recorded_source, is_rehearsal
 from capture.tui.camera import Preview, RecordingRun, Task
 from capture.tui.cells import CORNER_MARK, HINT_MARK, Mark
 from capture.tui.farewell import calibration_folder
@@ -111,6 +112,12 @@ class CollectScreen(WatchingPage, UndistortionPage):
         """The number of judged pictures of this run."""
         self._pictures_with_board = 0
 
+    @property
+    def _has_person(self) -> bool:
+        """True if somebody holds the board: of pictures that were taken before nobody does."""
+        source = self.plan.source
+        return not is_recorded_source(source) or is_rehearsal(source)
+
     def step(self) -> str:
         return "Without cover" if self.plan.bare else "Through cover"
 
@@ -182,9 +189,8 @@ class CollectScreen(WatchingPage, UndistortionPage):
             self.view_corners.append(step.detection.corners)
             self.app.bell()
             self.post_message(self.ToneRequested("taken"))
-            self.say(
-                f"TAKEN: view {len(self.view_corners)}. Move the board to the next place.", TAKEN_S
-            )
+            action = "Move the board to the next place." if self._has_person else step.frame.name
+            self.say(f"TAKEN: view {len(self.view_corners)}. {harmless(action)}".strip(), TAKEN_S)
             self.refresh_bindings()
             self._update_count()
             self.request_advice()
@@ -239,13 +245,13 @@ class CollectScreen(WatchingPage, UndistortionPage):
         self._update_notes()
 
     def show_hint(self, hint: Hint | None, progress: SessionProgress | None) -> None:
-        """Show where to hold the board next, if there is to be a next view."""
+        """Show where to hold the board next, if there is to be a next view that somebody takes."""
         has_ended = not self.recording and (self.plan.bare or is_recorded_source(self.plan.source))
         is_enough = self.is_enough(progress)
         if is_enough and not self._enough:
             self.post_message(self.ToneRequested("enough"))
         self._enough = is_enough
-        self._hint = None if has_ended or is_enough else hint
+        self._hint = None if has_ended or is_enough or not self._has_person else hint
         text = f"Next: {self._hint.instruction}." if self._hint else ""
         if is_enough:
             text = f"ENOUGH: {self.next_step_text()}. More views do no harm."

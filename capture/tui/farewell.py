@@ -106,29 +106,21 @@ def select_newer(calibration: Path, paths: Iterable[Path]) -> Sequence[Path]:
 
 
 def _next_command(session: Path, folder: Path, maps: Sequence[Path], depth: float) -> str:
-    """Return the next command for the calibration: first the export of maps, then the undistortion
-    of pictures.
+    """Return the command that undistorts the session's pictures, for a depth that has a map if
+    there is one.
     """
-    depth_text = next(
-        (
-            path.stem.removeprefix("map_").removesuffix("m")
-            for path in maps
-            if path.stem.startswith("map_")
-        ),
-        None,
+    map_depths = (
+        path.stem.removeprefix("map_").removesuffix("m")
+        for path in maps
+        if path.stem.startswith("map_")
     )
-    if depth_text is None:
-        place = (folder if folder.name == UPDATED else session) / "export"
-        return _command(
-            "calib", "export", folder, "--format", "npz", "--depth", f"{depth:g}", "-o", place
-        )
     return _command(
         "calib",
         "undistort",
         folder,
         frames_folder(session),
         "--depth",
-        depth_text,
+        next(map_depths, f"{depth:g}"),
         "-o",
         session / "undistorted",
     )

@@ -57,7 +57,7 @@ def describe_screen(app: App[Any]) -> dict[str, object]:
         "steps": list(STEPS),
         "blocks": blocks,
         "picture": bool(screen.query(Picture)),
-        "focus": name_of(focused) if isinstance(focused, Input) else "",
+        "focus": name_of(focused) if isinstance(focused, Input | Select) else "",
         "keys": _buttons(bindings),
         "notices": [name_buttons(item.message, labels) for item in app._notifications],
     }

@@ -29,7 +29,8 @@ class PathSuggester(Suggester):
                 path = value.removeprefix(kind)
                 completed = await to_thread(complete_path, path, only_folders=kind == FOLDER)
                 return completed and kind + completed
-        return _first_match(value, (*self._cameras, FOLDER, VIDEO))
+        kind_or_camera = _first_match(value, (*self._cameras, FOLDER, VIDEO))
+        return kind_or_camera or await to_thread(complete_path, value, only_folders=False)
 
 
 def complete_path(typed: str, *, only_folders: bool) -> str | None:

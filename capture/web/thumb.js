@@ -11,6 +11,7 @@ const SETTLE_MS = 300; // ms for a touch to end where it began: no widget may mo
 const LONG = 200; // letters, from which on a sentence is a text to read and not a short call
 const SHORT = 480; // px, the height below which a keyboard is open: the header makes room
 let screen = "", focused = "";
+let wrong = null; // the box of a refused field, which stays in view until it is accepted, or another one is typed in
 
 function make(tag, about = {}, ...inside) {
   const made = Object.assign(document.createElement(tag), about);
@@ -43,7 +44,11 @@ export function drawScreen(said) {
   drawKeys(said.keys);
   // the app moves the focus to a wrong field, which is shown; another field of a screen that opens leaves it at its top
   const refused = said.blocks.some((each) => each.name === "problem" && each.text);
-  if (said.focus !== focused && refused && document.activeElement === document.body) find(said.focus)?.scrollIntoView({block: "nearest"});
+  if (!refused) wrong = null;
+  else if (said.focus !== focused && document.activeElement.tagName !== "INPUT") {
+    wrong = find(said.focus);
+    wrong?.scrollIntoView({block: "nearest"});
+  }
   focused = said.focus;
 }
 
@@ -243,8 +248,9 @@ export function follow() {
   });
   const typed = () => (document.activeElement.tagName === "INPUT" ? document.activeElement : null);
   const typing = () => page.classList.toggle("typing", Boolean(typed()));
-  const keep = () => typed()?.parentElement.scrollIntoView({block: "nearest"}); // a keyboard or a sentence takes its room
+  const keep = () => (typed()?.parentElement ?? wrong)?.scrollIntoView({block: "nearest"}); // a keyboard or a sentence takes its room
   main.addEventListener("focusin", () => {
+    wrong = null;
     keep();
     setTimeout(typing, typed() ? 0 : SETTLE_MS);
   });

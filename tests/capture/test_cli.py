@@ -73,7 +73,8 @@ def test_record_keeps_each_pose_once_and_says_so(still_poses: Path, tmp_path: Pa
     assert [pose_of(picture) for picture in read_pictures(session / "frames")] == list(POSES)
     *lines, summary = done.stdout.splitlines()
     assert lines == [
-        f"{session}/frames/{view:04d}.png  view {view + 1} of 30" for view in range(len(POSES))
+        f"{session}/frames/{row['file']}  view {int(row['view']) + 1} of 30"
+        for row in read_table(session / "frames.csv")
     ]
     assert summary == f"4 views with 4 pictures (16 frames taken) in {session}."
     sentences = done.stderr.splitlines()
@@ -128,7 +129,11 @@ def test_a_burst_is_of_one_pose_and_ends_at_the_number_of_views(
             "ended",
         ),
     ]
-    assert document["pictures"] == [f"frames/{number:04d}.png" for number in range(6)]
+    names = {row["file"] for row in read_table(tmp_path / "frames.csv")}
+    assert set(document["pictures"]) == {f"frames/{name}" for name in names}
+    assert len(names) == 6
+    sources = still_poses.glob("frames/*.jpg")
+    assert names <= {f"{picture.stem}.png" for picture in sources}, "each keeps its name"
     assert (document["views"], document["ended"], document["frames_passed_over"]) == (3, "views", 0)
     assert [pose_of(picture) for picture in read_pictures(tmp_path / "frames")] == [
         0,

@@ -308,7 +308,7 @@ def test_a_cover_is_described_by_options(photos: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["nowhere"], "nowhere is not a folder"),
+        (["nowhere"], "nowhere is not a folder, a picture or a video that exists"),
         (["empty"], "has no session.yaml and no pictures: record some by capture empty"),
         (["phone"], "IMG_1.HEIC: convert them, such as by mogrify -format png phone/*.HEIC"),
         (["card"], "by calib fit card/100 card/101 --board 9x6 --square-mm 25"),

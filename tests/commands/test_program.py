@@ -76,7 +76,13 @@ def test_every_command_after_a_verdict_names_the_program_so(
         [],
         ["calib evaluate it", "calib undistort it"],
     )
-    *_, following, last = capsys.readouterr().out.splitlines()
+    *_, following, first, last = capsys.readouterr().out.splitlines()
     quoted = f"'{installed}/calib'"
     assert following == f"Next: {quoted} diagnose it"
-    assert last == f"Then: {quoted} evaluate it; {quoted} undistort it"
+    assert first == f"Then: {quoted} evaluate it"
+    assert last.strip() == f"{quoted} undistort it"
+
+
+def test_a_fit_comes_after_what_its_reason_asks_for(capsys: pytest.CaptureFixture[str]) -> None:
+    print_verdict(Verdict((Reason("measure it again.", "calib fit it"),), ""), [])
+    assert "Next, once that is done: " in capsys.readouterr().out.splitlines()[-1]

@@ -91,7 +91,7 @@ def test_report_opens_a_browser_where_there_is_a_screen(
     assert main(["report", str(tmp_path)]) == 0
     assert len(opened) == 1
     assert main(["report", str(tmp_path / "elsewhere")]) == 2
-    assert "give the calibration.yaml" in capfd.readouterr().err
+    assert "give the folder that calib fit wrote" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -49,6 +49,11 @@ def test_a_straight_picture_comes_first_and_a_written_map_is_not_exported_again(
     assert export == pictures.export(0.5)
 
 
+def test_views_of_another_program_are_not_recorded() -> None:
+    commands = NextCommands(Path("photos"), Path("photos/calibration"), Settings(), records=False)
+    assert commands.capture() == "calib fit photos"
+
+
 def test_a_fit_is_asked_for_again_as_it_was() -> None:
     settings = Settings(method="paper", grid=(8, 6), free=("thickness", "index"))
     commands = NextCommands(Path("s"), Path("out"), settings)

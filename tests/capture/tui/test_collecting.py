@@ -10,7 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
+from capture.session_file import read_setup
 from capture.tui import collect
+from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
 from capture.tui.fit import FitScreen
 from capture.tui.page import Line
@@ -171,3 +173,18 @@ async def _glass(session: Path, empty: Path) -> None:
         assert str(glass.content).splitlines()[0] == "Glass"
         panel.progress = replace(panel.progress, sigma_px=0.31)
         await see(pilot, "Glass crossed")
+
+
+@pytest.mark.parametrize(
+    ("source", "is_guided"),
+    [
+        ("folder:photos", False),
+        ("video:film.mp4", False),
+        ("folder:recorded?speed=1", True),
+        ("v4l2:/dev/video0", True),
+    ],
+)
+def test_nobody_is_guided_who_cannot_move_the_board(source: str, is_guided: bool) -> None:
+    setup = read_setup(FIXTURE / "session.yaml")
+    screen = CollectScreen(Task(Path("session"), source, setup, bare=False))
+    assert screen._has_person is is_guided

@@ -34,23 +34,29 @@ def test_the_farewell_counts_pictures(tmp_path: Path) -> None:
 def test_the_named_commands_lead_from_a_calibration_to_straight_pictures(tmp_path: Path) -> None:
     session = shutil.copytree(FIXTURE, tmp_path / "s")
     assert main(["fit", str(session), "--grid", "5x5"]) == 0
-    where, report, export = farewell_lines(session, None, [])
-    assert where == f"The calibration is in {session / 'calibration'}"
-    assert report == f"The report is {session / 'calibration' / 'report.html'}"
-    assert main(export.split()[2:]) == 0
-    maps = sorted((session / "export").iterdir())
-    *lines, undistort = farewell_lines(session, session / "calibration" / "calibration.yaml", maps)
-    assert lines == [where, report, *(f"Exported {path}" for path in maps)]
-    assert list(farewell_lines(session, None, [])) == [
-        *lines,
-        undistort,
-    ], "of a session that is opened another day"
+    lines = list(farewell_lines(session, None, []))
+    *places, undistort = lines
+    assert places == [
+        f"The calibration is in {session / 'calibration'}",
+        f"The report is {session / 'calibration' / 'report.html'}",
+    ]
+    assert undistort.split()[:3] == ["Next:", "calib", "undistort"]
     assert main(undistort.split()[2:]) == 0
     assert (session / "undistorted" / "0000.jpg").exists()
+    export = ["--format", "npz", "--depth", "0.7", "-o", str(session / "export")]
+    assert main(["export", str(session / "calibration"), *export]) == 0
+    maps = sorted((session / "export").iterdir())
+    *others, undistort = farewell_lines(session, session / "calibration" / "calibration.yaml", maps)
+    assert others == [*places, *(f"Exported {path}" for path in maps)]
+    assert "--depth 0.7 " in undistort
+    assert list(farewell_lines(session, None, [])) == [
+        *others,
+        undistort,
+    ], "of a session that is opened another day"
     (
         session / "calibration" / "calibration.yaml"
     ).touch()  # a later fit, of which nothing is exported
-    assert list(farewell_lines(session, None, [])) == [where, report, export]
+    assert list(farewell_lines(session, None, [])) == lines
 
 
 def test_the_farewell_names_the_report_where_there_is_one(tmp_path: Path) -> None:

@@ -34,6 +34,8 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("folder:a\0/", None),
         ("folder:~nobody/x", None),
         ("v4", "v4l2:/dev/video7"),
+        ("pic", "pictures 0.mp4"),
+        ("~/pictures 2", "~/pictures 2/"),
         ("x", None),
     ],
 )

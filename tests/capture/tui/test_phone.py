@@ -177,7 +177,7 @@ def test_the_ghost_board_is_an_outline_over_the_live_picture(tmp_path: Path) -> 
     session = tmp_path / "session"
     session.mkdir()
     (session / "session.yaml").write_text((FIXTURE / "session.yaml").read_text())
-    served = Served(session, "--source", f"folder:{recording}")
+    served = Served(session, "--source", f"folder:{recording}?speed=1")
     tried(_ghost(served.address, tmp_path), served)
 
 

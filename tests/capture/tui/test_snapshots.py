@@ -224,11 +224,8 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
     await until(pilot, lambda: screen._adviser is not None and not screen._improving)
     await pilot.pause(0.5)
     board, camera, _ = read_setup(session / "session.yaml")
-    screen._corners = (
-        make_finder(board)
-        .look(Frame(eight_bits(read_grey(session / "frames" / "0000.png")), 0, 1.0))
-        .corners
-    )
+    picture = next((session / "frames").glob("*.png"))
+    screen._corners = make_finder(board).look(Frame(eight_bits(read_grey(picture)), 0, 1.0)).corners
     assert screen._corners is not None
     pose = np.array([0.0, -0.5, 0.0, 0.15, 0.0, 0.25])
     hint = make_hint(
