@@ -304,8 +304,8 @@ def test_a_file_name_that_is_no_utf_8_and_one_that_a_terminal_would_obey(
     print_fit(back, 1.0)
     assert main(["report", "--no-open", str(tmp_path)]) == 0
     printed = "".join(capfd.readouterr())
-    names = r"caf\xe9.png, a\x1b[2Jb\ncalib: all is well.png, [/b][link=x]y.png"
-    assert f"Not used: {names}: no board." in printed
+    shown = r"caf\xe9.png, a\x1b[2Jb\ncalib: all is well.png, [/b][link=x]y.png"
+    assert f"Not used: {shown}: no board." in printed
     assert "\x1b[2J" not in printed
 
 
