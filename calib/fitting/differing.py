@@ -20,8 +20,9 @@ from calib.effects.varying import VARYING_NUMBERS
 from calib.fitting.declared import PREFIXES
 from calib.inference.fitted_model import FittedModel
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
+from calib.inference.variation import Variation
 from calib.inference.varying_numbers import TWO, VariationKind, first_after_step
-from calib.inference.view_variation import Variation, find_variations
+from calib.inference.view_variation import find_variations
 
 SHARED: tuple[type[Effect], ...] = (
     LensEffect,

@@ -24,10 +24,10 @@ from calib.fit_record.request import Settings
 from calib.fitting.differing import Differing
 from calib.fitting.stages import Setup
 from calib.inference.fitted_model import FittedModel
+from calib.inference.variation_equations import VariationEquations
+from calib.inference.variation_rows import VariationRows
 from calib.inference.varying_numbers import VariationKind, groups_of, time_patterns
 from calib.inference.view_variation import (
-    VariationEquations,
-    VariationRows,
     find_variations,
     largest_gain,
 )
