@@ -53,7 +53,7 @@ class Variation:
         for kind in (*EFFECTS, *OF_VIEW):
             if each and kind.varies and kind.name == name:
                 return kind.propose(context)
-        if name in (BoardScale.name, BoardFlex.name):
+        if name in (BoardScale.name, BoardFlex.name) or not self.group.has_cause:
             return ()
         # The maps are of the state at the end, which the next picture has, or of the mean.
         ends = {VariationKind.STEP: self.pattern.max(), VariationKind.WARM_UP: self.pattern.min()}

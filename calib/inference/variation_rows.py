@@ -160,7 +160,7 @@ class VariationRows:
 
 def _probes(model: CameraModel, context: EffectContext) -> list[Effect]:
     """Return effects whose parameters may differ from view to view and that the model lacks."""
-    present = {effect.name for effect in model.effects}
+    present = {effect.name for effect in model.effects if not effect.varies}
     half = context.board.half
     probes: list[Effect] = [LensEffect(), BoardShape(*half), BoardScale(True, half=half)]
     if not model.path.shutter:

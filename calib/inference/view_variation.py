@@ -17,7 +17,13 @@ from calib.inference.score_test import tuned_score_tests
 from calib.inference.variation import Variation
 from calib.inference.variation_equations import VariationEquations
 from calib.inference.variation_rows import VariationRows
-from calib.inference.varying_numbers import Group, groups_of, patterns_of
+from calib.inference.varying_numbers import (
+    STRUCTURE,
+    Group,
+    VariationKind,
+    groups_of,
+    patterns_of,
+)
 
 MAX_DEVIATION = 3.0
 """Tolerances, root mean square: numbers that differ by more are not possible."""
@@ -36,7 +42,10 @@ def find_variations(
 
     If a model lacks something in single views, any numbers of single views imitate it. So the gain
     of a variation is its increase of the log evidence over a model with a discrepancy of no cause
-    (calib.inference.model_discrepancy), whose heights are chosen again beside the variation.
+    (calib.inference.model_discrepancy), whose heights are chosen again beside the variation. The
+    discrepancy is smooth, and what the model lacks may not be. Numbers that follow a part of it
+    have a gain beside the rest. So a variation by itself must also be more probable than the
+    discrepancy by itself: it explains more than it leaves. If none is, the structure has no name.
 
     Args:
         fitted: a model at its optimum.
@@ -56,8 +65,9 @@ def find_variations(
     discrepancy = rows.discrepancy(alone.solution)
     with_discrepancy = VariationEquations.of(rows, discrepancy)
     without = alone.log_evidence + possible_gain(with_discrepancy.log_evidence - alone.log_evidence)
-    has_discrepancy = with_discrepancy.log_evidence > alone.log_evidence
+    structure = max(0.0, with_discrepancy.log_evidence - alone.log_evidence)
     candidates = []
+    sufficient = []
     variations = zip(
         alone.variations(groups, patterns),
         with_discrepancy.variations(groups, patterns),
@@ -73,16 +83,24 @@ def find_variations(
         evidence += possible_gain(evidence_with_discrepancy - evidence)
         likelihoods = (
             with_discrepancy.view_log_likelihoods(second)
-            if has_discrepancy
+            if structure
             else alone.view_log_likelihoods(first)
         )
-        candidates.append(replace(first, gain=evidence - without, view_log_likelihoods=likelihoods))
-    candidates = [
-        variation
-        for variation in candidates
-        if variation.gain > MIN_GAIN and variation.largest < MAX_DEVIATION
-    ]
-    return sorted(candidates, key=lambda variation: -variation.gain)
+        variation = replace(first, gain=evidence - without, view_log_likelihoods=likelihoods)
+        if variation.gain > MIN_GAIN and variation.largest < MAX_DEVIATION:
+            candidates.append(variation)
+            if first.gain > structure + MIN_GAIN:
+                sufficient.append(variation)
+    if candidates and not sufficient:
+        return [structure_of_no_cause(max(variation.gain for variation in candidates), fitted)]
+    return sorted(sufficient, key=lambda variation: -variation.gain)
+
+
+def structure_of_no_cause(gain: float, fitted: FittedModel) -> Variation:
+    """Return a variation that stands for structure of each view's own, which has no numbers."""
+    deviations = np.zeros((len(fitted.observations.names), 0))
+    group = Group(STRUCTURE, (), (VariationKind.EACH,))
+    return Variation(group, VariationKind.EACH, gain, np.zeros(0), deviations, np.zeros(0))
 
 
 def largest_gain(fitted: FittedModel, context: EffectContext) -> float:

@@ -34,7 +34,8 @@ def differing_views(case: Case) -> Iterator[Reason]:
     largest = max((test.chi2 / 2 for test in shared), default=0.0)
     differing = find_differing(case.calibration)
     if differing and differing.first.gain > largest:
-        suspects = tuple(variation.group.name for variation in differing.variations)
+        groups = (variation.group for variation in differing.variations)
+        suspects = tuple(group.name for group in groups if group.has_cause)
         command = case.next.report() if diagnosed else case.next.diagnose()
         yield Reason(str(differing), command, suspects)
 
