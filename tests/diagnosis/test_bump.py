@@ -13,6 +13,8 @@ from calib.inference.effect_context import place_of_bump, point_on_glass
 from calib.inference.fitted_model import FittedModel
 from calib.progress import Silent
 from calib.threads import single_thread
+from calib.verdict.differing_views import BUMP
+from calib.verdict.judge import judge
 from tests.diagnosis.hide import fitted, hidden
 
 PLACE = (-0.001, 0.02)
@@ -58,3 +60,10 @@ def test_a_drop_is_named_with_its_place_and_nothing_else_is(dropped: Calibration
     sentence = next(remark for remark in finding.remarks if "clean the glass" in remark)
     assert sentence.startswith("There is a bump of ")
     assert sentence.endswith(" mm wide.")
+
+
+@pytest.mark.slow
+def test_a_fit_asks_for_a_bump_before_it_says_that_something_differs(dropped: Calibration) -> None:
+    sentences = [reason.sentence for reason in judge(dropped).reasons]
+    assert BUMP in sentences
+    assert not any("from view to view" in sentence for sentence in sentences)

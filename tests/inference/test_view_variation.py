@@ -24,9 +24,16 @@ from calib.fit_record.request import Settings
 from calib.fitting.differing import Differing
 from calib.fitting.stages import Setup
 from calib.inference.fitted_model import FittedModel
+from calib.inference.variation import Variation
 from calib.inference.variation_equations import VariationEquations
 from calib.inference.variation_rows import VariationRows
-from calib.inference.varying_numbers import VariationKind, groups_of, time_patterns
+from calib.inference.varying_numbers import (
+    DISTORTION,
+    STRUCTURE,
+    VariationKind,
+    groups_of,
+    time_patterns,
+)
 from calib.inference.view_variation import (
     find_variations,
     largest_gain,
@@ -278,3 +285,61 @@ def test_what_is_smooth_in_single_views_and_of_no_cause_has_no_name() -> None:
     differing = Differing.of(optimum(made), context_of(made))
     assert differing is None or not differing.named
     assert INTRINSICS.fx.value == float(made.values[CAMERA.fx])
+
+
+@pytest.mark.slow
+def test_a_vibration_of_every_picture_has_no_name() -> None:
+    """A wave of 0.35 px along the lines is nearer to a motion of the board than to anything else
+    that has a name, and is not smooth over the board.
+    """
+    made = session(9, "dome")
+    rng = np.random.default_rng(4)
+    views = []
+    for view in made.views:
+        phase = 2 * np.pi * 4 * view.corners[:, 1] / HEIGHT
+        wave = np.stack([np.sin(phase), np.cos(phase)], 1) @ rng.normal(0, 0.35, 2)
+        views.append(replace(view, corners=view.corners + wave[:, None] * [1.0, 0.0]))
+    differing = Differing.of(optimum(replace(made, views=tuple(views))), context_of(made))
+    assert differing
+    assert differing.first.group.name == STRUCTURE
+    assert not differing.named
+    assert not differing.likely
+    assert "no number of the camera, the cover or the board explains it" in str(differing)
+    assert differing.as_json()["number"] == ""
+
+
+@pytest.mark.slow
+def test_a_picture_that_is_blurred_at_its_edge_in_near_views_is_no_other_lens() -> None:
+    made = session(10, "wet-flat")
+    nearness = (1 / made.poses[:, 5].numpy()).clip(0)
+    sizes = 2 * ((nearness - nearness.mean()) / nearness.std()).clip(0)
+    views = []
+    for view, size in zip(made.views, sizes.tolist(), strict=True):
+        outward = (view.corners - [INTRINSICS.cx.value, INTRINSICS.cy.value]) / 1500
+        pull = size * outward * np.linalg.norm(outward, axis=1, keepdims=True) ** 4
+        views.append(replace(view, corners=view.corners + pull))
+    differing = Differing.of(optimum(replace(made, views=tuple(views))), context_of(made))
+    assert differing
+    assert differing.first.group.name == DISTORTION
+    assert not differing.named
+    assert not differing.likely
+    assert "distortion of the picture follows the distance of the board" in str(differing)
+
+
+def test_the_best_name_is_tried_with_what_forbids_it_to_stand_alone() -> None:
+    made = session(5, "wet-flat")
+    groups = {group.name: group for group in groups_of(context_of(made))}
+    deviations = np.zeros((VIEWS, 1))
+    names = ("focal", "principal_point", "thickness")
+    variations = tuple(
+        Variation(groups[name], VariationKind.EACH, 20.0, np.ones(1), deviations, np.zeros(0))
+        for name in names
+    )
+    view_names = tuple(view.name for view in made.views)
+    differing = Differing(variations, (0.6, 0.37, 0.03), view_names)
+    assert [variation.group.name for variation in differing.likely] == ["focal", "principal_point"]
+    nameless = replace(variations[0], group=groups[DISTORTION])
+    differing = Differing((nameless, variations[1]), (0.9, 0.1), view_names)
+    assert not differing.named
+    assert not differing.likely
+    assert "else the principal point" in str(differing)
