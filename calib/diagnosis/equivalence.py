@@ -169,9 +169,10 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
     """Return the other effects that do much of what an effect does, fitted in its place.
 
     Effects without a cause are no rivals, nor are parameters of single views that are not what
-    differs. What may differ as probably is a rival, whatever it can do: the score of an effect with
-    parameters in every view has a part that follows noise. Numbers that follow a pattern have all
-    other numbers as rivals that may follow it: the fit decides, as large changes are not linear.
+    differs. What may differ as probably as what does is a rival, whatever it can do: the score of
+    an effect with parameters in every view has a part that follows noise. Numbers that follow a
+    pattern have all other numbers as rivals that may follow it: the fit decides, as large changes
+    are not linear.
     """
     base = state.evaluations.refit_without(effect)
     problem = state.problem
@@ -186,7 +187,7 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
         for variation in (differing.variations if differing else ())
         for rival in variation.effects(context)
     ]
-    likely = {variation.group.name for variation in (differing.likely if differing else ())}
+    likely = {item.group.name for item in (differing.likely if differing and effect.varies else ())}
     if isinstance(effect, Varying):
         names = {rival.name for rival in varying}
         varying += [
