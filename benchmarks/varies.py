@@ -98,12 +98,12 @@ class Statement:
         possible = [*alone, *members]
         texts = [*accepted, *(f"({' or '.join(family.members)})" for family in families)]
         if differing:
-            named = [item.group for item in differing.variations if item.group.has_cause]
-            groups = [group.name for group in named]
+            causes = [item.group for item in differing.variations if item.group.has_cause]
+            groups = [group.name for group in causes]
             alone += groups[:1] if differing.named else []
             possible += groups
-            said = groups[0] if differing.named else " or ".join(groups)
-            texts.append(f"differs: {said or 'no cause'}, {differing.first.kind}")
+            words = groups[0] if differing.named else " or ".join(groups)
+            texts.append(f"differs: {words or 'no cause'}, {differing.first.kind}")
         return Statement(
             alone=tuple(dict.fromkeys(GROUPS.get(name, name) for name in alone)),
             possible=tuple(dict.fromkeys(GROUPS.get(name, name) for name in possible)),
@@ -125,7 +125,7 @@ class Outcome:
     """None if the session is refused."""
     diagnosed: Grade | None = None
     """None without a loop."""
-    corrected: tuple[str, ...] = ()
+    corrections: tuple[str, ...] = ()
     """The accepted effects that correct declared numbers."""
 
     @property
@@ -136,7 +136,7 @@ class Outcome:
     @property
     def wrong(self) -> tuple[str, ...]:
         """The wrong names that stand alone."""
-        right = (self.cause.group, *self.corrected)
+        right = (self.cause.group, *self.corrections)
         return tuple(name for name in self.statement.alone if name not in right)
 
     @property
@@ -181,11 +181,11 @@ def outcome(
             result,
             statement=Statement.of(diagnosis.differing, diagnosis),
             diagnosed=Grade.of(session.scene, extended, judge(extended)),
-            corrected=corrected(session.scene, extended),
+            corrections=corrections(session.scene, extended),
         )
 
 
-def corrected(made: Scene, calibration: Calibration) -> tuple[str, ...]:
+def corrections(made: Scene, calibration: Calibration) -> tuple[str, ...]:
     """Return the effects of a calibration that halve the errors of the declared numbers which they
     change, at least.
     """
@@ -198,11 +198,11 @@ def corrected(made: Scene, calibration: Calibration) -> tuple[str, ...]:
             for name in number.shifts
             if name in made.values and not number.relative
         ]
-        left = [
+        residuals = [
             error + float(added.parameters[number.param.name][0]) / number.sigma
             for error, number in errors
         ]
-        if errors and np.hypot.reduce(left) < np.hypot.reduce([e for e, _ in errors]) / 2:
+        if errors and np.hypot.reduce(residuals) < np.hypot.reduce([e for e, _ in errors]) / 2:
             names.append(added.effect.name)
     return tuple(names)
 

@@ -92,13 +92,14 @@ def find_variations(
             if first.gain > structure + MIN_GAIN:
                 sufficient.append(variation)
     if candidates and not sufficient:
-        return [structure_of_no_cause(max(variation.gain for variation in candidates), fitted)]
+        gain = max(variation.gain for variation in candidates)
+        return [structure_of_no_cause(gain, len(fitted.observations.names))]
     return sorted(sufficient, key=lambda variation: -variation.gain)
 
 
-def structure_of_no_cause(gain: float, fitted: FittedModel) -> Variation:
+def structure_of_no_cause(gain: float, views: int) -> Variation:
     """Return a variation that stands for structure of each view's own, which has no numbers."""
-    deviations = np.zeros((len(fitted.observations.names), 0))
+    deviations = np.zeros((views, 0))
     group = Group(STRUCTURE, (), (VariationKind.EACH,))
     return Variation(group, VariationKind.EACH, gain, np.zeros(0), deviations, np.zeros(0))
 
