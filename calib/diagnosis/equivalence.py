@@ -181,7 +181,8 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
         return []
     present = {e.name for e in state.model.effects}
     context = effect_context(fitted, problem.board, problem.camera, locate=False)
-    differing = Differing.of(fitted, context)
+    # Numbers of single views can imitate what the model lacks, also where they get no name.
+    differing = Differing.of(fitted, context, nameless=False)
     varying = [
         rival
         for variation in (differing.variations if differing else ())

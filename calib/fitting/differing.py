@@ -96,10 +96,16 @@ class Differing:
     """(V,) those of the views."""
 
     @staticmethod
-    def of(fitted: FittedModel, context: EffectContext) -> Differing | None:
-        """Return what differs beside everything that all views share; None if nothing does."""
+    def of(
+        fitted: FittedModel, context: EffectContext, *, nameless: bool = True
+    ) -> Differing | None:
+        """Return what differs beside everything that all views share; None if nothing does.
+
+        Args:
+            nameless: allow for structure of no cause (`find_variations`).
+        """
         best: dict[str, Variation] = {}
-        for variation in find_variations(fitted, context, SHARED):
+        for variation in find_variations(fitted, context, SHARED, nameless=nameless):
             best.setdefault(variation.group.name, variation)
         if not best:
             return None

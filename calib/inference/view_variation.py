@@ -36,7 +36,11 @@ MIN_VIEWS = 8
 
 
 def find_variations(
-    fitted: FittedModel, context: EffectContext, shared: Sequence[type[Effect]] = ()
+    fitted: FittedModel,
+    context: EffectContext,
+    shared: Sequence[type[Effect]] = (),
+    *,
+    nameless: bool = True,
 ) -> list[Variation]:
     """Return what differs from view to view, the most probable first.
 
@@ -51,10 +55,13 @@ def find_variations(
         fitted: a model at its optimum.
         shared: kinds of effects that all views share, which explain what they can where the model
             lacks them.
+        nameless: allow for structure of no cause to explain more. Without it, numbers that imitate
+            what the model lacks are returned too.
     """
     if largest_gain(fitted, context) < MIN_GAIN:
         return []
     groups, patterns = _groups(fitted, context), patterns_of(fitted)
+    groups = [group for group in groups if nameless or group.has_cause]
     present = {effect.name for effect in fitted.model.effects}
     proposals = [
         effect for kind in shared if kind.name not in present for effect in kind.propose(context)
@@ -89,7 +96,7 @@ def find_variations(
         variation = replace(first, gain=evidence - without, view_log_likelihoods=likelihoods)
         if variation.gain > MIN_GAIN and variation.largest < MAX_DEVIATION:
             candidates.append(variation)
-            if first.gain > structure + MIN_GAIN:
+            if first.gain > structure + MIN_GAIN or not nameless:
                 sufficient.append(variation)
     if candidates and not sufficient:
         gain = max(variation.gain for variation in candidates)
