@@ -17,7 +17,8 @@ Of the others, each table has a row for each cause:
                families; there is none for causes without a name
     wrong      sessions with a name that stands alone and is another: an accepted effect without a
                family, or what is said to differ, without an alternative. A field without a cause
-               is no name.
+               is no name. An effect on declared numbers is no wrong one if it brings them nearer
+               to the true ones by half or more: they have errors here.
     too sure   sessions that are called trusted with a map error above 2.5 sigma, after the loop
     map        map error over predicted sigma, root mean square over the depths: the median and the
                largest, before and after the loop
@@ -97,13 +98,12 @@ class Statement:
         possible = [*alone, *members]
         texts = [*accepted, *(f"({' or '.join(family.members)})" for family in families)]
         if differing:
-            groups = [variation.group.name for variation in differing.variations]
+            causes = [item.group for item in differing.variations if item.group.has_cause]
+            groups = [group.name for group in causes]
             alone += groups[:1] if differing.named else []
             possible += groups
-            kind = differing.first.kind
-            texts.append(
-                f"differs: {groups[0] if differing.named else ' or '.join(groups)}, {kind}"
-            )
+            words = groups[0] if differing.named else " or ".join(groups)
+            texts.append(f"differs: {words or 'no cause'}, {differing.first.kind}")
         return Statement(
             alone=tuple(dict.fromkeys(GROUPS.get(name, name) for name in alone)),
             possible=tuple(dict.fromkeys(GROUPS.get(name, name) for name in possible)),
@@ -125,6 +125,8 @@ class Outcome:
     """None if the session is refused."""
     diagnosed: Grade | None = None
     """None without a loop."""
+    corrections: tuple[str, ...] = ()
+    """The accepted effects that correct declared numbers."""
 
     @property
     def last(self) -> Grade | None:
@@ -134,7 +136,8 @@ class Outcome:
     @property
     def wrong(self) -> tuple[str, ...]:
         """The wrong names that stand alone."""
-        return tuple(name for name in self.statement.alone if name != self.cause.group)
+        right = (self.cause.group, *self.corrections)
+        return tuple(name for name in self.statement.alone if name not in right)
 
     @property
     def right(self) -> bool:
@@ -178,7 +181,30 @@ def outcome(
             result,
             statement=Statement.of(diagnosis.differing, diagnosis),
             diagnosed=Grade.of(session.scene, extended, judge(extended)),
+            corrections=corrections(session.scene, extended),
         )
+
+
+def corrections(made: Scene, calibration: Calibration) -> tuple[str, ...]:
+    """Return the effects of a calibration that halve the errors of the declared numbers which they
+    change, at least.
+    """
+    _, declared = calibration.model()
+    names = []
+    for added in calibration.effects:
+        errors = [
+            (float(declared[name] - made.values[name]) / number.sigma, number)
+            for number in added.effect.effect_parameters
+            for name in number.shifts
+            if name in made.values and not number.relative
+        ]
+        residuals = [
+            error + float(added.parameters[number.param.name][0]) / number.sigma
+            for error, number in errors
+        ]
+        if errors and np.hypot.reduce(residuals) < np.hypot.reduce([e for e, _ in errors]) / 2:
+            names.append(added.effect.name)
+    return tuple(names)
 
 
 Arguments = tuple[str, str, str, int, int, bool]

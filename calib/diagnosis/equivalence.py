@@ -169,8 +169,10 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
     """Return the other effects that do much of what an effect does, fitted in its place.
 
     Effects without a cause are no rivals, nor are parameters of single views that are not what
-    differs. Numbers that follow a pattern have all other numbers as rivals that may follow it: the
-    fit decides, as large changes are not linear.
+    differs. What may differ as probably as what does is a rival, whatever it can do: the score of
+    an effect with parameters in every view has a part that follows noise. Numbers that follow a
+    pattern have all other numbers as rivals that may follow it: the fit decides, as large changes
+    are not linear.
     """
     base = state.evaluations.refit_without(effect)
     problem = state.problem
@@ -179,12 +181,14 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
         return []
     present = {e.name for e in state.model.effects}
     context = effect_context(fitted, problem.board, problem.camera, locate=False)
-    differing = Differing.of(fitted, context)
+    # Numbers of single views can imitate what the model lacks, also where they get no name.
+    differing = Differing.of(fitted, context, nameless=False)
     varying = [
         rival
         for variation in (differing.variations if differing else ())
         for rival in variation.effects(context)
     ]
+    likely = {item.group.name for item in (differing.likely if differing and effect.varies else ())}
     if isinstance(effect, Varying):
         names = {rival.name for rival in varying}
         varying += [
@@ -208,7 +212,8 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
         else:
             overlap = candidate.chi2 / test.chi2
         is_hopeless = (candidate.effect.name, candidate.effect.form) in state.hopeless
-        if overlap < MIN_OVERLAP or is_hopeless:
+        is_likely = bool(candidate.effect.varies) and candidate.effect.name in likely
+        if (overlap < MIN_OVERLAP and not is_likely) or is_hopeless:
             continue
         if (rough := _competitive_fit(state, base, candidate.effect)) is None:
             continue

@@ -116,9 +116,10 @@ def _add_effects(state: SearchState) -> SearchState:
 def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
     """Return the next effect to add.
 
-    Parameters of single views can imitate much. So they are tried only where they are what most
-    probably differs from view to view (`Differing`), beside everything that all views share. An
-    effect that all views share is not added if it only imitates what differs.
+    Parameters of single views can imitate much. So they are tried only where they are what differs
+    from view to view (`Differing`), beside everything that all views share. The most probable of
+    them is tried, and those that may be meant as well: their fits decide. An effect that all views
+    share is not added if it only imitates what differs.
     """
     shared = [kind for kind in EFFECTS if not kind.per_view]
     state, lowering = _lowering(*score(state, shared))
@@ -129,10 +130,12 @@ def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
     cause: Trial | None = None
     if differing:
         _, context = state.problem.at_optimum(state.fit)
-        scored = _score(state, differing.first.effects(context))
+        likely = [(v.gain, effect) for v in differing.likely for effect in v.effects(context)]
+        gains = {effect.name: gain for gain, effect in likely}
+        scored = _score(state, [effect for _, effect in likely])
         state, lowering = _lowering(*scored, previous=len(shared))
         state, probable = _more_probable(state, lowering)
-        causes = [replace(trial, log_odds=differing.first.gain) for trial in probable]
+        causes = [replace(trial, log_odds=gains[trial.test.effect.name]) for trial in probable]
         state, cause = _first_passing(state, causes, lambda fit: fit.joint.log_marginal)
     if best or not (cause or state.problem.has_structure(state.fit)):
         return state, cause

@@ -20,8 +20,16 @@ from calib.effects.varying import VARYING_NUMBERS
 from calib.fitting.declared import PREFIXES
 from calib.inference.fitted_model import FittedModel
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
-from calib.inference.varying_numbers import TWO, VariationKind, first_after_step
-from calib.inference.view_variation import Variation, find_variations
+from calib.inference.variation import Variation
+from calib.inference.varying_numbers import (
+    DISTORTION,
+    NAMELESS,
+    STRUCTURE,
+    TWO,
+    VariationKind,
+    first_after_step,
+)
+from calib.inference.view_variation import find_variations
 
 SHARED: tuple[type[Effect], ...] = (
     LensEffect,
@@ -51,6 +59,8 @@ VERBS: Mapping[VariationKind, str] = {
     VariationKind.NEARNESS: "follows the distance of the board",
     VariationKind.TILT: "follows the tilt of the board",
 }
+SUBJECTS: Mapping[str, str] = {**VARYING_NUMBERS, DISTORTION: "the distortion of the picture"}
+"""Plain words for the numbers of a group."""
 TWO_OF_THEM: Mapping[str, str] = {
     "focal": "two focus settings or two cameras",
     "principal_point": "two cameras or two modes of the sensor",
@@ -70,6 +80,8 @@ ADVICE: Mapping[str, str] = {
     "board_flex": "glue the board to something stiff, and support it in the same way in every view",
     "board_scale": "use one board, on a stiff and dry back",
     "rolling_shutter": "hold the board still, or on a tripod",
+    DISTORTION: "see whether the picture is blurred at its edge, lock the focus, and record again",
+    STRUCTURE: "lock the focus, hold camera and board still, and record again in good light",
 }
 
 
@@ -84,10 +96,16 @@ class Differing:
     """(V,) those of the views."""
 
     @staticmethod
-    def of(fitted: FittedModel, context: EffectContext) -> Differing | None:
-        """Return what differs beside everything that all views share; None if nothing does."""
+    def of(
+        fitted: FittedModel, context: EffectContext, *, nameless: bool = True
+    ) -> Differing | None:
+        """Return what differs beside everything that all views share; None if nothing does.
+
+        Args:
+            nameless: allow for structure of no cause (`find_variations`).
+        """
         best: dict[str, Variation] = {}
-        for variation in find_variations(fitted, context, SHARED):
+        for variation in find_variations(fitted, context, SHARED, nameless=nameless):
             best.setdefault(variation.group.name, variation)
         if not best:
             return None
@@ -108,9 +126,19 @@ class Differing:
         return self.variations[0]
 
     @property
+    def likely(self) -> tuple[Variation, ...]:
+        """The most probable variation and its rivals that forbid it to stand alone; none if no
+        known cause is the most probable.
+        """
+        if not self.first.group.has_cause:
+            return ()
+        rivals = zip(self.variations[1:], self.probabilities[1:], strict=True)
+        return (self.first, *(rival for rival, chance in rivals if chance > 1 - NAME_ALONE))
+
+    @property
     def named(self) -> bool:
         """True if one name is almost sure."""
-        return self.probabilities[0] >= NAME_ALONE
+        return self.first.group.has_cause and self.probabilities[0] >= NAME_ALONE
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON object of the command contract."""
@@ -129,13 +157,17 @@ class Differing:
         first = self.first
         if self.named:
             return f"{describe_variation(first, self.names)}: {advice(first, self.names)}."
-        rivals = " or ".join(
-            VARYING_NUMBERS[variation.group.name] for variation in self.variations[1:]
-        )
+        if first.group.name == STRUCTURE:
+            return (
+                "something differs from view to view, and no number of the camera, the cover or the"
+                f" board explains it: {advice(first, self.names)}."
+            )
+        rivals = " or ".join(SUBJECTS[variation.group.name] for variation in self.variations[1:])
         likely = describe_variation(first, self.names)
         return (
-            f"something differs from view to view: most likely {likely}, else {rivals}. If it is"
-            f" the first, {advice(first, self.names)}."
+            f"something differs from view to view: most likely {likely}, else"
+            f" {rivals or 'nothing that has a name'}. If it is the first,"
+            f" {advice(first, self.names)}."
         )
 
 
@@ -165,7 +197,7 @@ def describe_variation(variation: Variation, names: Sequence[str]) -> str:
     verb = VERBS[variation.kind]
     if variation.kind is VariationKind.STEP:
         verb += f" {names[first_after_step(variation.pattern)]}"
-    clause = f"{VARYING_NUMBERS[variation.group.name]} {verb}"
+    clause = f"{SUBJECTS[variation.group.name]} {verb}"
     if variation.kind in TWO and variation.group.name in TWO_OF_THEM:
         clause += f" ({TWO_OF_THEM[variation.group.name]})"
     size = describe_size(variation)
@@ -174,9 +206,9 @@ def describe_variation(variation: Variation, names: Sequence[str]) -> str:
 
 def describe_size(variation: Variation) -> str:
     """Return the root mean square of the deviations of the number that deviates most, over its
-    tolerance; an empty text for a motion and for a whole lens.
+    tolerance; an empty text for a motion, a whole lens, and what has no name.
     """
-    if variation.group.name in ("lens", "rolling_shutter"):
+    if variation.group.name in ("lens", "rolling_shutter", *NAMELESS):
         return ""
     rms = np.sqrt((variation.deviations**2).mean(0))
     index = int(rms.argmax())

@@ -26,12 +26,12 @@ from calib.fitting.differing import Differing
 from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
+from calib.inference.variation_equations import VariationEquations
+from calib.inference.variation_rows import VariationRows
 from calib.inference.varying_numbers import turned_board
 from calib.inference.view_variation import (
     MIN_GAIN,
     MIN_VIEWS,
-    VariationEquations,
-    VariationRows,
     largest_gain,
 )
 from calib.progress import Progress

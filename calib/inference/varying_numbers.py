@@ -16,6 +16,7 @@ from calib.effects.board_scale import SHEAR, STRETCH, BoardScale
 from calib.effects.board_shape import DEGREES as BEND_DEGREES
 from calib.effects.board_shape import BoardShape
 from calib.effects.effect import EACH_VIEW, EffectContext, EffectParameter
+from calib.effects.lens import UNKNOWNS as BROWN_TERMS
 from calib.effects.varying import (
     ALTERNATING,
     FOCAL_LENGTH,
@@ -38,6 +39,17 @@ WARM_UPS = (1 / 16, 1 / 8, 1 / 4)
 """Time constants of an exponential approach, as fractions of the session."""
 MIN_BLOCK = 3
 """The fewest views before and after a step, or of one kind."""
+
+
+DISTORTION = "distortion"
+"""The name of a group that stands for the picture: it differs in some views, mostly at its edge,
+for no known cause.
+"""
+STRUCTURE = "structure"
+"""The name of a group that stands for the board in each view: its corners are displaced smoothly,
+for no known cause (`calib.inference.model_discrepancy`).
+"""
+NAMELESS = (DISTORTION, STRUCTURE)
 
 
 class VariationKind(StrEnum):
@@ -94,10 +106,15 @@ class Group:
         """The names of the numbers."""
         return tuple(number.param.name for number in self.numbers)
 
+    @property
+    def has_cause(self) -> bool:
+        """True if a known cause changes its numbers."""
+        return self.name not in NAMELESS
+
     def may_vary(self, varies: str) -> bool:
         """Return True if its numbers can differ in this way and be in a model so (`Varying`)."""
-        of_board = self.name in (BoardFlex.name, BoardScale.name)
-        return not of_board and any(kind.varies == varies for kind in self.kinds)
+        excluded = self.name in (BoardFlex.name, BoardScale.name) or not self.has_cause
+        return not excluded and any(kind.varies == varies for kind in self.kinds)
 
     def without_each(self) -> Group:
         """Return the group whose numbers follow a pattern, if they differ."""
@@ -115,6 +132,7 @@ def groups_of(context: EffectContext) -> tuple[Group, ...]:
         for name in ("xx", "xy", "yy")
     )
     scale = tuple(replace(number, shifts=(number.param.name,)) for number in (STRETCH, SHEAR))
+    brown = tuple(replace(number, shifts=(number.param.name,)) for number in BROWN_TERMS)
     rolling = not context.path.shutter and (not context.shutter or context.shutter.rolling)
     return (
         Group("focal", (focal,), (VariationKind.EACH, *TIME, *TWO, VariationKind.NEARNESS)),
@@ -125,6 +143,7 @@ def groups_of(context: EffectContext) -> tuple[Group, ...]:
         *([] if context.board.coding else [turned_board(context.board)]),
         Group("board_scale", scale, (*TIME, *TWO)),
         *([Group("rolling_shutter", (), (VariationKind.EACH,))] if rolling else []),
+        Group(DISTORTION, brown, (VariationKind.EACH, *TIME, VariationKind.NEARNESS)),
     )
 
 

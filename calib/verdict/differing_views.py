@@ -6,12 +6,20 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 from calib.calibration import Calibration
+from calib.effects.fine_surface import FineSurface
 from calib.effects.varying import MANNERS, VARYING_NUMBERS, CameraOfView, Varying
 from calib.fitting.differing import ADVICE, Differing
 from calib.inference.effect_context import effect_context
+from calib.inference.score_test import score_tests
 from calib.verdict.case import Case, optimum_of
 from calib.verdict.residual import beyond_noise, likely_scores
+from calib.verdict.thresholds import AGREED
 from calib.verdict.verdict import Reason
+
+BUMP = (
+    "there may be a small bump on the glass, such as a drop or a speck of dust, or a scratch: clean"
+    " the glass, and record again."
+)
 
 
 def differing_views(case: Case) -> Iterator[Reason]:
@@ -34,9 +42,24 @@ def differing_views(case: Case) -> Iterator[Reason]:
     largest = max((test.chi2 / 2 for test in shared), default=0.0)
     differing = find_differing(case.calibration)
     if differing and differing.first.gain > largest:
-        suspects = tuple(variation.group.name for variation in differing.variations)
         command = case.next.report() if diagnosed else case.next.diagnose()
+        if _bump_gain(case) > differing.first.gain:
+            yield Reason(BUMP, command, (FineSurface.name,))
+            return
+        groups = (variation.group for variation in differing.variations)
+        suspects = tuple(group.name for group in groups if group.has_cause)
         yield Reason(str(differing), command, suspects)
+
+
+def _bump_gain(case: Case) -> float:
+    """Return the increase of the log evidence by one small bump on the glass, at most; 0 if the
+    views do not agree on one. Where it is seen, it looks as if something differed from view to
+    view.
+    """
+    fitted, calibration = case.optimum, case.calibration
+    context = effect_context(fitted, calibration.board, calibration.camera, locate=True)
+    tests = score_tests(fitted, FineSurface.propose(context)[-1:])
+    return max((test.chi2 / 2 for test in tests if test.p_value < AGREED), default=0.0)
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

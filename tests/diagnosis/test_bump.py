@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
+
 import pytest
 import torch
 
 from calib.calibration import Calibration
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.fine_surface import FineSurface
+from calib.fit_record.request import Settings
+from calib.fitting.fit import fit
 from calib.inference.calibration_model import full_model
 from calib.inference.effect_context import place_of_bump, point_on_glass
 from calib.inference.fitted_model import FittedModel
 from calib.progress import Silent
+from calib.session.session import read_session
 from calib.threads import single_thread
+from calib.verdict.differing_views import BUMP
+from calib.verdict.judge import judge
 from tests.diagnosis.hide import fitted, hidden
 
+FIXTURES = Path(__file__).parents[2] / "fixtures"
 PLACE = (-0.001, 0.02)
 """m along the axis of the cone, rad around it."""
 METRES = (1.0, 0.045)
@@ -58,3 +67,13 @@ def test_a_drop_is_named_with_its_place_and_nothing_else_is(dropped: Calibration
     sentence = next(remark for remark in finding.remarks if "clean the glass" in remark)
     assert sentence.startswith("There is a bump of ")
     assert sentence.endswith(" mm wide.")
+
+
+@pytest.mark.slow
+def test_a_fit_names_a_bump_before_it_says_that_something_differs(tmp_path: Path) -> None:
+    """The rendered drop looks as if the lens had two values."""
+    shutil.copytree(FIXTURES / "bump", tmp_path / "bump")
+    calibration = fit(read_session(tmp_path / "bump"), Settings(), Silent())
+    sentences = [reason.sentence for reason in judge(calibration).reasons]
+    assert BUMP in sentences
+    assert not any("from view to view" in sentence for sentence in sentences)

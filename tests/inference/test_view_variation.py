@@ -24,12 +24,19 @@ from calib.fit_record.request import Settings
 from calib.fitting.differing import Differing
 from calib.fitting.stages import Setup
 from calib.inference.fitted_model import FittedModel
-from calib.inference.varying_numbers import VariationKind, groups_of, time_patterns
+from calib.inference.variation import Variation
+from calib.inference.variation_equations import VariationEquations
+from calib.inference.variation_rows import VariationRows
+from calib.inference.varying_numbers import (
+    DISTORTION,
+    VariationKind,
+    groups_of,
+    time_patterns,
+)
 from calib.inference.view_variation import (
-    VariationEquations,
-    VariationRows,
     find_variations,
     largest_gain,
+    structure_of_no_cause,
 )
 from calib.optics.build import covered_path, pinhole_path
 from calib.optics.exposure import MIDDLE
@@ -41,6 +48,7 @@ from calib.session.shutter import Shutter
 from calib.threads import single_thread
 from fixtures.calibrated import CAMERA as SIMULATED
 from fixtures.synthetic import COVERS, HEIGHT, INTRINSICS, WIDTH, Scene, bare_views, scene
+from fixtures.view_variation import CAUSES
 
 Array = NDArray[np.float64]
 VIEWS = 20
@@ -278,3 +286,47 @@ def test_what_is_smooth_in_single_views_and_of_no_cause_has_no_name() -> None:
     differing = Differing.of(optimum(made), context_of(made))
     assert differing is None or not differing.named
     assert INTRINSICS.fx.value == float(made.values[CAMERA.fx])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["vibration/each", "smooth-field/each", "edge-pull/near"])
+def test_what_has_no_known_cause_has_no_name(name: str) -> None:
+    """A vibration, a field of each view's own, and blur at the picture's edge in near views are
+    nearer to a motion of the board or to another lens than to anything else that has a name.
+    """
+    made = session(9, "dome")
+    cause = next(cause for cause in CAUSES if cause.name == name)
+    made = cause.applied(made, cause.deviations(made, np.random.default_rng(4)))
+    differing = Differing.of(optimum(made), context_of(made))
+    print(differing)
+    assert not (differing and (differing.named or differing.likely))
+    if name == "edge-pull/near":
+        assert "the distortion of the picture follows the distance of the board" in str(differing)
+
+
+def test_structure_of_no_cause_is_told_without_a_name() -> None:
+    structure = structure_of_no_cause(50.0, 3)
+    differing = Differing((structure,), (1.0,), ("a", "b", "c"))
+    assert not differing.named
+    assert not differing.likely
+    assert "no number of the camera, the cover or the board explains it" in str(differing)
+    assert differing.as_json()["number"] == ""
+
+
+def test_the_best_name_is_tried_with_what_forbids_it_to_stand_alone() -> None:
+    made = session(5, "wet-flat")
+    groups = {group.name: group for group in groups_of(context_of(made))}
+    deviations = np.zeros((VIEWS, 1))
+    names = ("focal", "principal_point", "thickness")
+    variations = tuple(
+        Variation(groups[name], VariationKind.EACH, 20.0, np.ones(1), deviations, np.zeros(0))
+        for name in names
+    )
+    view_names = tuple(view.name for view in made.views)
+    differing = Differing(variations, (0.6, 0.37, 0.03), view_names)
+    assert [variation.group.name for variation in differing.likely] == ["focal", "principal_point"]
+    nameless = replace(variations[0], group=groups[DISTORTION])
+    differing = Differing((nameless, variations[1]), (0.9, 0.1), view_names)
+    assert not differing.named
+    assert not differing.likely
+    assert "else the principal point" in str(differing)

@@ -1,0 +1,280 @@
+"""The evidence of numbers that differ from view to view: random effects over the views, at the
+optimum of a fit, without a further fit.
+
+A lens that refocuses, a sensor that warms up, or a cover that slips gives every view numbers of its
+own, or two kinds of views, or a drift. For each group of numbers, the deviations are normal, with
+one spread in the group's own tolerances. The evidence is maximised over the spread and the noise,
+with the poses and the shared parameters integrated out, so groups and kinds compare directly.
+
+With A the information of all views' deviations and b their score, both after the elimination of
+everything else, and c the sum of squares without them, a spread s changes twice the log evidence by
+-log det(I + s^2 A) - f log(1 - s^2 b^T (I + s^2 A)^-1 b / c), with f degrees of freedom.
+
+Sources: N. M. Laird, J. H. Ware, Random-effects models for longitudinal data (1982); R. E. Kass,
+    A. E. Raftery, Bayes factors (1995).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from calib.estimation.normal_equations import ReducedProducts
+from calib.inference.model_discrepancy import Discrepancy
+from calib.inference.variation import Variation
+from calib.inference.variation_rows import VariationRows
+from calib.inference.varying_numbers import MIN_BLOCK, Group, VariationKind, centred_pattern
+
+SPREADS = 10.0 ** np.arange(-3.0, 0.01, 0.125)
+"""The spreads that are tried, in tolerances: from a thousandth to one."""
+MOTIONS = ((1.0, 0.0), (1.0, 0.1), (1.0, 0.3), (1.0, 1.0), (0.3, 1.0), (0.1, 1.0), (0.0, 1.0))
+"""Ratios of the spreads of a board's turn and move, each over its tolerance."""
+MAX_PASSES = 5
+"""The largest number of passes over the views that move one view to the other kind."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class VariationEquations:
+    """The linearised residuals of all views, with their own parameters eliminated."""
+
+    rows: VariationRows
+    products: Array
+    """(V, n + 1, n + 1) inner products of each view's n columns and its residual."""
+    log_determinant: float
+    """The log determinant of all that was eliminated."""
+
+    @staticmethod
+    def of(rows: VariationRows, discrepancy: Discrepancy | None = None) -> VariationEquations:
+        """Eliminate the views' own parameters, and a discrepancy."""
+        products = []
+        log_determinant = 0.0
+        for index, view in enumerate(rows.views):
+            inner, eliminated = (
+                discrepancy.eliminate(index, view) if discrepancy else (view.T @ view, 0.0)
+            )
+            reduced = ReducedProducts.of(torch.from_numpy(inner)[None], rows.own_precision)
+            products.append(reduced.products[0].numpy())
+            log_determinant += eliminated + float(reduced.log_determinant)
+        return VariationEquations(rows, np.array(products), log_determinant)
+
+    @property
+    def freedom(self) -> int:
+        """The number of residuals minus that of the views' own parameters."""
+        return sum(len(view) for view in self.rows.views) - self.rows.own * len(self.products)
+
+    def variations(
+        self, groups: Sequence[Group], patterns: Mapping[VariationKind, Sequence[Array]]
+    ) -> list[Variation]:
+        """Return the most probable variation of every kind of every group."""
+        return [
+            variation for group in groups for variation in self.group(group).variations(patterns)
+        ]
+
+    def log_evidence_beside(self, variation: Variation) -> float:
+        """Return the log evidence with a variation and with the most probable discrepancy beside
+        it.
+        """
+        discrepancy = self.rows.discrepancy(self.solution_with(variation), variation)
+        equations = VariationEquations.of(self.rows, discrepancy)
+        return equations.log_evidence + equations.group(variation.group).gain(variation)
+
+    def group(self, group: Group) -> GroupEquations:
+        """Return the equations of the deviations of one group's numbers."""
+        columns = self.rows.columns(group)
+        moved = self.products @ columns  # (V, n + 1, G)
+        diagonal = columns.T @ moved
+        count, size = diagonal.shape[:2]
+        response = self._response(moved)
+        information = -response.T @ response
+        for view in range(count):
+            place = slice(view * size, (view + 1) * size)
+            information[place, place] += diagonal[view]
+        score = moved[:, -1].ravel() - response.T @ self._whitened
+        return GroupEquations(group, information, score, self._cost, self.freedom, size)
+
+    def _response(self, moved: Array) -> Array:
+        """Return (S, V G) the whitened coupling of the shared parameters to the deviations of the
+        numbers of (V, n + 1, G) products.
+        """
+        count, _, size = moved.shape
+        cross = moved[:, self.rows.shared].transpose(1, 0, 2).reshape(-1, count * size)
+        return np.asarray(np.linalg.solve(self._root, cross))
+
+    @cached_property
+    def _reduced(self) -> Array:
+        """(S + 1, S + 1): the inner products of the shared parameters' columns and the residual,
+        over all views, with the prior.
+        """
+        chosen = [*self.rows.shared, -1]
+        reduced = self.products.sum(0)[np.ix_(chosen, chosen)]
+        reduced[:-1, :-1] += self.rows.precision
+        return np.asarray(reduced)
+
+    @cached_property
+    def _root(self) -> Array:
+        """(S, S) lower Cholesky factor of the information about the shared parameters."""
+        return np.asarray(np.linalg.cholesky(self._reduced[:-1, :-1]))
+
+    @cached_property
+    def _whitened(self) -> Array:
+        """(S,) the score of the shared parameters over that factor."""
+        return np.asarray(np.linalg.solve(self._root, self._reduced[:-1, -1]))
+
+    @property
+    def solution(self) -> Array:
+        """The (S,) most probable deviations of the shared parameters from their prior means."""
+        return -np.asarray(np.linalg.solve(self._root.T, self._whitened))
+
+    def solution_with(self, variation: Variation) -> Array:
+        """Return the same (S,) solution for the deviations of a variation."""
+        moved = self.products @ self.rows.columns(variation.group)
+        score = self._whitened + self._response(moved) @ variation.deviations.ravel()
+        return -np.asarray(np.linalg.solve(self._root.T, score))
+
+    def view_log_likelihoods(self, variation: Variation) -> Array:
+        """Return (V,) the log likelihoods of the views' corners with the deviations of a variation,
+        up to a constant, with the noise that these leave.
+        """
+        places = variation.deviations @ self.rows.columns(variation.group).T  # (V, n + 1)
+        places[:, self.rows.shared] += self.solution_with(variation)
+        places[:, -1] = 1.0
+        costs = np.einsum("vi,vij,vj->v", places, self.products, places)
+        return np.asarray(-costs / (2 * costs.sum() / self.freedom))
+
+    @property
+    def log_evidence(self) -> float:
+        """The log evidence without any variation, up to a constant, with the noise that maximises
+        it.
+        """
+        determinant = self.log_determinant + 2 * np.log(self._root.diagonal()).sum()
+        determinant -= np.log(self.rows.prior_precisions).sum()
+        return -float(determinant + self.freedom * np.log(self._cost)) / 2
+
+    @property
+    def _cost(self) -> float:
+        """The sum of squares that the shared parameters leave."""
+        return float(self._reduced[-1, -1] - self._whitened @ self._whitened)
+
+
+@dataclass(frozen=True, eq=False)
+class GroupEquations:
+    """The information about the deviations of one group's numbers in all views, in tolerances,
+    after the elimination of everything else.
+    """
+
+    group: Group
+    information: Array
+    """(V G, V G), view by view."""
+    score: Array
+    """(V G,)"""
+    cost: float
+    """The sum of squares without any deviation."""
+    freedom: int
+    """The degrees of freedom of that sum."""
+    size: int
+    """The number of the group's numbers."""
+
+    @property
+    def count(self) -> int:
+        """The number of views."""
+        return len(self.score) // self.size
+
+    def variations(self, patterns: Mapping[VariationKind, Sequence[Array]]) -> Iterator[Variation]:
+        """Yield the most probable variation of each possible kind.
+
+        Args:
+            patterns: the (V,) patterns that they may follow.
+        """
+        in_every_view = self.in_every_view()
+        if VariationKind.EACH in self.group.kinds:
+            yield in_every_view
+        for kind in self.group.kinds:
+            followed = [self.following(kind, pattern) for pattern in patterns.get(kind, ())]
+            if followed:
+                best = max(followed, key=lambda variation: variation.gain)
+                yield best.penalised(float(np.log(len(followed))))
+        if VariationKind.TWO_KINDS in self.group.kinds:
+            yield self.in_two_kinds(in_every_view.deviations)
+
+    def in_every_view(self) -> Variation:
+        """Return the variation with deviations of each view's own."""
+        sides = [np.ones(self.size)]
+        if not self.group.numbers:
+            sides = [np.repeat(ratio, 3) for ratio in MOTIONS]
+        fitted = [(*self._of_each(side), side) for side in sides]
+        gain, spread, deviations, side = max(fitted, key=lambda fit: fit[0])
+        sizes = (np.tile(side, self.count) * deviations).reshape(self.count, -1)
+        return Variation(self.group, VariationKind.EACH, gain, spread * side, sizes, np.zeros(0))
+
+    def _of_each(self, side: Array) -> tuple[float, float, Array]:
+        sides = np.tile(side, self.count)
+        return self._largest_gain(sides[:, None] * self.information * sides, sides * self.score)
+
+    def gain(self, variation: Variation) -> float:
+        """Return the gain in log evidence of a variation like this one, of the same kind and
+        pattern, with the spread of this fit.
+        """
+        if variation.pattern.size:
+            return self.following(variation.kind, variation.pattern).gain - variation.penalty
+        return self._of_each(variation.scales / variation.scales.max())[0]
+
+    def in_two_kinds(self, deviations: Array) -> Variation:
+        """Return the variation of two kinds of views, from a start: (V, G) deviations of each
+        view's own, which differ most between the kinds.
+        """
+        divisions = (
+            self.following(VariationKind.TWO_KINDS, pattern) for pattern in _divisions(deviations)
+        )
+        best = max(divisions, key=lambda variation: variation.gain)
+        for _ in range(MAX_PASSES):
+            previous = best
+            for view in range(self.count):
+                moved = best.pattern > 0
+                moved[view] = not moved[view]
+                if min(moved.sum(), (~moved).sum()) >= MIN_BLOCK:
+                    flipped = self.following(VariationKind.TWO_KINDS, centred_pattern(moved))
+                    best = max(best, flipped, key=lambda variation: variation.gain)
+            if best is previous:
+                break
+        return best.penalised((self.count - 1) * float(np.log(2)))
+
+    def following(self, kind: VariationKind, pattern: Array) -> Variation:
+        """Return the variation whose deviations follow a (V,) pattern."""
+        views = np.kron(pattern[:, None], np.eye(self.size))  # (V G, G)
+        gain, spread, sizes = self._largest_gain(
+            views.T @ self.information @ views, views.T @ self.score
+        )
+        scales = np.full(self.size, spread)
+        return Variation(self.group, kind, gain, scales, pattern[:, None] * sizes, pattern)
+
+    def _largest_gain(self, information: Array, score: Array) -> tuple[float, float, Array]:
+        """Return the largest gain in log evidence by (k,) deviations of one spread, that spread,
+        and the deviations.
+        """
+        sizes, axes = np.linalg.eigh(information)
+        sizes = sizes.clip(0)
+        projected = axes.T @ score
+        variance = SPREADS[:, None] ** 2
+        explained = (variance * projected**2 / (1 + variance * sizes)).sum(1)
+        log_ratio = np.log1p(-np.minimum(explained / self.cost, 1 - 1e-12))
+        gains = -(np.log1p(variance * sizes).sum(1) + self.freedom * log_ratio) / 2
+        best = int(gains.argmax())
+        squared = float(variance[best, 0])
+        deviations = -axes @ (squared * projected / (1 + squared * sizes))
+        return float(gains[best]), float(SPREADS[best]), deviations
+
+
+def _divisions(deviations: Array) -> Iterator[Array]:
+    """Yield (V,) patterns of two kinds of views, which differ most in their (V, G) deviations."""
+    centred = deviations - deviations.mean(0)
+    projected = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    order = projected.argsort(kind="stable").argsort()
+    for count in range(MIN_BLOCK, len(projected) - MIN_BLOCK + 1):
+        yield centred_pattern(order >= count)
