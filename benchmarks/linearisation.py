@@ -83,8 +83,8 @@ def main() -> None:
         (block,) = make_residual_blocks(path, parameters, observations, weights, values)
         piece = block.linearise(values, poses)
         rays = block.rays(values, poses)
-        off = (piece.jacobian_block - by_torch(block, values, poses)[0]).abs().max()
-        agreement = float(off / piece.jacobian_block.abs().max())
+        error = (piece.jacobian_block - by_torch(block, values, poses)[0]).abs().max()
+        agreement = float(error / piece.jacobian_block.abs().max())
         closed = least_ms(lambda: block.linearise(values, poses))
         torch_ms = least_ms(lambda: by_torch(block, values, poses))
         lines = [

@@ -21,7 +21,7 @@ from calib.session.parameter_names import CAMERA
 
 Array = NDArray[np.float64]
 
-RAY = tuple(f"{part}.{axis}" for part in ("origin", "direction") for axis in "xyz")
+RAY = tuple(f"{vector}.{axis}" for vector in ("origin", "direction") for axis in "xyz")
 MOTION = "motion"
 
 
@@ -49,11 +49,11 @@ def undistorted_jacobian(
     origin, direction = rays.origin, rays.direction
     zero = torch.zeros_like(direction.x)
     components = (origin.x, origin.y, origin.z, direction.x, direction.y, direction.z)
-    copies = {name: part + zero for name, part in zip(RAY, components, strict=True)}
+    copies = {name: value + zero for name, value in zip(RAY, components, strict=True)}
 
     def undistorted(leaves: Values) -> list[Tensor]:
-        parts = [leaves[name] for name in RAY]
-        moved = Rays(Vector(*parts[:3]), Vector(*parts[3:]), rays.failure)
+        values_of_ray = [leaves[name] for name in RAY]
+        moved = Rays(Vector(*values_of_ray[:3]), Vector(*values_of_ray[3:]), rays.failure)
         return list(_undistorted(moved, leaves[MOTION], values, frame).unbind(-1))
 
     outputs, pull_undistorted = by_autograd(

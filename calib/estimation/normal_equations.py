@@ -15,6 +15,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -134,7 +135,8 @@ def _gram(columns: Tensor) -> Tensor:
     if columns.device.type != "cpu" or columns.requires_grad:
         return columns.mT @ columns
     array = columns.numpy()
-    return torch.from_numpy(array.T @ array)
+    with np.errstate(invalid="ignore", over="ignore"):
+        return torch.from_numpy(array.T @ array)
 
 
 @dataclass(frozen=True, slots=True)

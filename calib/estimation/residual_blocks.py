@@ -134,16 +134,16 @@ class ResidualBlock:
         if self.passed:
             return self.path.trace_on(self.traced, values, names, self.passed)
         observations = self.observations
-        own = None
+        cameras = None
         if self.path.camera_block:
             columns = block_columns(self.path.view_blocks)[self.path.camera_block]
-            own = poses[:, columns][observations.view]
+            cameras = poses[:, columns][observations.view]
         return self.path.trace_with_derivatives(
             observations.pixels,
             values,
             observations.exposure,
             names,
-            own=own,
+            cameras=cameras,
             near=self._directions,
         )
 
@@ -240,7 +240,7 @@ def pixel_weights(
     weight.
     """
     blocks = blocks_of_size(poses.shape[1])
-    own = [
+    cameras = [
         poses[:, columns]
         for name, columns in block_columns(blocks).items()
         if name in (FOCAL, CENTRE)
@@ -250,7 +250,7 @@ def pixel_weights(
         values,
         observations.exposure,
         frozenset(),
-        own=own[0][observations.view] if own else None,
+        cameras=cameras[0][observations.view] if cameras else None,
     )
     placement = Placement.of(poses)[observations.view].at_exposure(observations.exposure)
     landed, _, landing = path.target.land(trace.rays, placement, values)

@@ -371,23 +371,23 @@ class Landing:
         (by_x, by_y), by = self._pull_print(by_landed, names)
         slope_x, slope_y = self.slopes
         direction = self.direction
-        along = direction.x * by_x + direction.y * by_y
+        change = direction.x * by_x + direction.y * by_y
         steepness = direction.z - slope_x * direction.x - slope_y * direction.y
-        by_height = along / torch.where(
+        by_height = change / torch.where(
             steepness.abs() < FLATTEST, torch.ones_like(steepness), steepness
         )  # of the board's surface
         by |= self._by_bends(by_height, names)
         by_origin = Vector(by_x + slope_x * by_height, by_y + slope_y * by_height, -by_height)
         turn = Rotation.of(self.placement.turn)
-        outside = turn.turn(by_origin)
+        by_place = turn.turn(by_origin)
         reach = turn.turn(self.point)
         flex = None
         if self.target.flex and self.placement.flex is not None:
             bend = FlexBend(self.target.flex, self.placement.flex)
             flex = by_height.unsqueeze(-1) * bend.weights(self.point.x, self.point.y)
         return (
-            ByRay(outside, outside * self.distance),
-            ByPlacement(outside.cross(reach), Vector(-outside.x, -outside.y, -outside.z), flex),
+            ByRay(by_place, by_place * self.distance),
+            ByPlacement(by_place.cross(reach), Vector(-by_place.x, -by_place.y, -by_place.z), flex),
             by,
         )
 
@@ -411,8 +411,8 @@ class Landing:
         if not copies:
             return printed, {}
 
-        def shift_of(own: Values) -> tuple[Tensor, Tensor]:
-            moved = [print_.shift_corners(x, y, {**self.values, **own}) for print_ in prints]
+        def shift_of(copy: Values) -> tuple[Tensor, Tensor]:
+            moved = [print_.shift_corners(x, y, {**self.values, **copy}) for print_ in prints]
             return (
                 torch.stack([shift.shift_x for shift in moved]).sum(0),
                 torch.stack([shift.shift_y for shift in moved]).sum(0),
@@ -427,8 +427,8 @@ class Landing:
             return {}
         x, y = self.point.x, self.point.y
 
-        def height_of(own: Values) -> tuple[Tensor]:
-            values = {**self.values, **own}
+        def height_of(copy: Values) -> tuple[Tensor]:
+            values = {**self.values, **copy}
             return (torch.stack([bend.height(x, y, values)[0] for bend in bends]).sum(0),)
 
         return by_autograd(height_of, copies)[1]([by_height])

@@ -75,30 +75,34 @@ class Cone:
         around = second / (points.x**2 + points.z**2 + 1e-30)
         return Vector(around * points.z, first, -around * points.x)
 
-    def curvature(self, points: Vector, along: Vector) -> Vector:
+    def curvature(self, points: Vector, step: Vector, values: Values) -> Vector:
+        del values
         inverse = 1 / _rho(points)
         x, z = points.x * inverse, points.z * inverse
-        turn = (z * along.x - x * along.z) * inverse
+        turn = (z * step.x - x * step.z) * inverse
         return Vector(z * turn, torch.zeros_like(turn), -x * turn)
 
-    def by_parameters(self, points: Vector, by_height: Tensor, by_gradient: Vector) -> ByName:
+    def by_parameters(
+        self, points: Vector, by_height: Tensor, by_gradient: Vector, values: Values
+    ) -> ByName:
+        del values
         return {self.radius: -by_height, self.slope: -points.y * by_height - by_gradient.y}
 
-    def chart_change(self, points: Vector, along: Vector) -> tuple[Tensor, Tensor]:
-        around = (points.z * along.x - points.x * along.z) / (points.x**2 + points.z**2 + 1e-30)
-        return along.y, around
+    def chart_change(self, points: Vector, step: Vector) -> tuple[Tensor, Tensor]:
+        around = (points.z * step.x - points.x * step.z) / (points.x**2 + points.z**2 + 1e-30)
+        return step.y, around
 
     def chart_curvature(
-        self, points: Vector, first: Tensor, second: Tensor, along: Vector
+        self, points: Vector, first: Tensor, second: Tensor, step: Vector
     ) -> Vector:
         del first
         inverse = 1 / (points.x**2 + points.z**2 + 1e-30)
         around = second * inverse
-        fall = 2 * inverse * (points.x * along.x + points.z * along.z)
+        fall = 2 * inverse * (points.x * step.x + points.z * step.z)
         return Vector(
-            around * (along.z - fall * points.z),
+            around * (step.z - fall * points.z),
             torch.zeros_like(fall),
-            around * (fall * points.x - along.x),
+            around * (fall * points.x - step.x),
         )
 
 

@@ -50,20 +50,20 @@ class CoverFrame:
         return CoverPose(_vector(self.origin, values, zero), tuple(turns))
 
     def pull_leaving(
-        self, values: Values, pose: CoverPose, left: Rays, by_rays: ByRay, names: frozenset[str]
+        self, values: Values, pose: CoverPose, local: Rays, by_rays: ByRay, names: frozenset[str]
     ) -> tuple[ByRay, ByName]:
         """Return the derivatives by rays in the cover's frame and by these parameters, from the (k,
         M) derivatives by the same rays in the camera frame.
 
         Args:
             pose: that for these values.
-            left: the rays in the cover's frame.
+            local: the rays in the cover's frame.
         """
-        inside = ByRay(pose.turn(by_rays.origin), pose.turn(by_rays.direction))
+        by_local = ByRay(pose.turn(by_rays.origin), pose.turn(by_rays.direction))
         if not names & {param.name for param in self.params}:
-            return inside, {}
-        by_turn = _turning(pose, left, by_rays)
-        return inside, self._by_parameters(values, pose, by_rays.origin, by_turn, names)
+            return by_local, {}
+        by_turn = _turning(pose, local, by_rays)
+        return by_local, self._by_parameters(values, pose, by_rays.origin, by_turn, names)
 
     def pull_entering(
         self, values: Values, pose: CoverPose, entered: Rays, by_rays: ByRay, names: frozenset[str]
@@ -71,14 +71,14 @@ class CoverFrame:
         """Return the derivatives by rays in the camera frame and by these parameters, from the (k,
         M) derivatives by the same rays in the cover's frame, `entered`.
         """
-        outside = ByRay(
+        by_outer = ByRay(
             pose.turn(by_rays.origin, back=True), pose.turn(by_rays.direction, back=True)
         )
         if not names & {param.name for param in self.params}:
-            return outside, {}
-        by_turn = _turning(pose, entered, outside)
-        by = self._by_parameters(values, pose, outside.origin, by_turn, names)
-        return outside, {name: -value for name, value in by.items()}
+            return by_outer, {}
+        by_turn = _turning(pose, entered, by_outer)
+        by = self._by_parameters(values, pose, by_outer.origin, by_turn, names)
+        return by_outer, {name: -value for name, value in by.items()}
 
     def _by_parameters(
         self,
@@ -110,12 +110,12 @@ class CoverFrame:
         return by
 
 
-def _turning(pose: CoverPose, inside: Rays, by_outside: ByRay) -> Vector:
+def _turning(pose: CoverPose, rays: Rays, by_outside: ByRay) -> Vector:
     """Return the derivatives by a further small rotation of the frame of rays that are fixed in it,
     from those by the same rays in the camera frame.
     """
-    arm = pose.turn(inside.origin, back=True)
-    direction = pose.turn(inside.direction, back=True)
+    arm = pose.turn(rays.origin, back=True)
+    direction = pose.turn(rays.direction, back=True)
     return arm.cross(by_outside.origin) + direction.cross(by_outside.direction)
 
 

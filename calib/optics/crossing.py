@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from calib.optics.derivatives import ByRay
+from calib.optics.params import Values
 from calib.optics.rays import Rays
 from calib.optics.relief import Expansion
 from calib.optics.snell import Refraction
@@ -78,12 +79,12 @@ class Crossing:
         assert self.chart
         return self.chart[0] - self.shift[0], self.chart[1] - self.shift[1]
 
-    def pull(self, by_rays: ByRay) -> HitDerivatives:
+    def pull(self, by_rays: ByRay, values: Values) -> HitDerivatives:
         """Return the derivatives by what the crossing reads, from those by the rays that leave."""
         by_direction, by_normal, by_ratio = self.refraction.pull(by_rays.direction)
         normal = self.refraction.normal
         by_gradient = (by_normal - normal * normal.dot(by_normal)) * self.inverse_gradient
-        by_point = by_rays.origin + self.surface.curvature(self.point, by_gradient)
+        by_point = by_rays.origin + self.surface.curvature(self.point, by_gradient, values)
         by_slopes = by_chart = torch.zeros_like(by_ratio), torch.zeros_like(by_ratio)
         if self.relief and self.slopes:
             by_point = by_point - self.surface.chart_curvature(

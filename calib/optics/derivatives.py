@@ -36,9 +36,9 @@ class ByRay:
         return ByRay(turn.turn(self.origin, back=True), turn.turn(self.direction, back=True))
 
 
-def add_to(derivatives: ByName, name: str, more: Tensor) -> None:
+def add_to(derivatives: ByName, name: str, value: Tensor) -> None:
     """Add derivatives by a number to those that other stages have given it."""
-    derivatives[name] = derivatives[name] + more if name in derivatives else more
+    derivatives[name] = derivatives[name] + value if name in derivatives else value
 
 
 def by_autograd(

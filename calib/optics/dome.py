@@ -59,39 +59,42 @@ class Dome:
             fall * points.x + around * points.z, up * rho2, fall * points.z - around * points.x
         )
 
-    def curvature(self, points: Vector, along: Vector) -> Vector:
+    def curvature(self, points: Vector, step: Vector, values: Values) -> Vector:
+        del values
         inverse = 1 / _length(points)
         outward = points * inverse
-        return (along - outward * outward.dot(along)) * inverse
+        return (step - outward * outward.dot(step)) * inverse
 
-    def by_parameters(self, points: Vector, by_height: Tensor, by_gradient: Vector) -> ByName:
-        del points, by_gradient
+    def by_parameters(
+        self, points: Vector, by_height: Tensor, by_gradient: Vector, values: Values
+    ) -> ByName:
+        del points, by_gradient, values
         return {self.radius: -by_height}
 
-    def chart_change(self, points: Vector, along: Vector) -> tuple[Tensor, Tensor]:
+    def chart_change(self, points: Vector, step: Vector) -> tuple[Tensor, Tensor]:
         unit = torch.ones_like(points.x)
         zero = torch.zeros_like(points.x)
         return (
-            self.chart_gradient(points, unit, zero).dot(along),
-            self.chart_gradient(points, zero, unit).dot(along),
+            self.chart_gradient(points, unit, zero).dot(step),
+            self.chart_gradient(points, zero, unit).dot(step),
         )
 
     def chart_curvature(
-        self, points: Vector, first: Tensor, second: Tensor, along: Vector
+        self, points: Vector, first: Tensor, second: Tensor, step: Vector
     ) -> Vector:
         rho2 = _rho2(points)
         up = first / ((rho2 + points.y**2) * rho2.sqrt())
         around = second / rho2
         fall = -up * points.y
-        rho2_change = 2 * (points.x * along.x + points.z * along.z)
-        length2_change = rho2_change + 2 * points.y * along.y
+        rho2_change = 2 * (points.x * step.x + points.z * step.z)
+        length2_change = rho2_change + 2 * points.y * step.y
         up_change = -up * (length2_change / (rho2 + points.y**2) + rho2_change / (2 * rho2))
         around_change = -around * rho2_change / rho2
-        fall_change = -up_change * points.y - up * along.y
+        fall_change = -up_change * points.y - up * step.y
         return Vector(
-            fall_change * points.x + fall * along.x + around_change * points.z + around * along.z,
+            fall_change * points.x + fall * step.x + around_change * points.z + around * step.z,
             up_change * rho2 + up * rho2_change,
-            fall_change * points.z + fall * along.z - around_change * points.x - around * along.x,
+            fall_change * points.z + fall * step.z - around_change * points.x - around * step.x,
         )
 
 

@@ -50,18 +50,20 @@ class Flat:
     def chart_gradient(self, points: Vector, first: Tensor, second: Tensor) -> Vector:
         return Vector(second, first, torch.zeros_like(points.z))
 
-    def curvature(self, points: Vector, along: Vector) -> Vector:
-        zero = torch.zeros_like(along.z)
+    def curvature(self, points: Vector, step: Vector, values: Values) -> Vector:
+        zero = torch.zeros_like(step.z)
         return Vector(zero, zero, zero)
 
-    def by_parameters(self, points: Vector, by_height: Tensor, by_gradient: Vector) -> ByName:
+    def by_parameters(
+        self, points: Vector, by_height: Tensor, by_gradient: Vector, values: Values
+    ) -> ByName:
         return {}
 
-    def chart_change(self, points: Vector, along: Vector) -> tuple[Tensor, Tensor]:
-        return along.y, along.x
+    def chart_change(self, points: Vector, step: Vector) -> tuple[Tensor, Tensor]:
+        return step.y, step.x
 
     def chart_curvature(
-        self, points: Vector, first: Tensor, second: Tensor, along: Vector
+        self, points: Vector, first: Tensor, second: Tensor, step: Vector
     ) -> Vector:
-        zero = torch.zeros_like(along.z)
+        zero = torch.zeros_like(step.z)
         return Vector(zero, zero, zero)

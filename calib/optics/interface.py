@@ -74,19 +74,19 @@ class Interface:
     def __call__(self, rays: Rays, values: Values) -> Rays:
         """Turn rays that travel towards the surface into the refracted rays that start on it."""
         frame = self.frame.at(values)
-        inside = frame.enter_rays(rays)
+        local = frame.enter_rays(rays)
         if not records(rays, values):
-            return frame.leave_rays(self.cross(inside, values)[0])
+            return frame.leave_rays(self.cross(local, values)[0])
         height = self._height(values)
-        distance, failed = self.surface.reach(inside.origin, inside.direction, height, values)
+        distance, failed = self.surface.reach(local.origin, local.direction, height, values)
         if self.reliefs and self.exact_hit:
             distance = self._relief_distance(
-                inside.origin, inside.direction, distance, height, values
+                local.origin, local.direction, distance, height, values
             )
-        point = inside.origin + inside.direction * distance
+        point = local.origin + local.direction * distance
         normal = self._outward_gradient(point, values)[0].unit()
-        refraction = Refraction.of(inside.direction, normal, self._ratio(values))
-        return frame.leave_rays(self._refracted(inside, point, refraction, failed))
+        refraction = Refraction.of(local.direction, normal, self._ratio(values))
+        return frame.leave_rays(self._refracted(local, point, refraction, failed))
 
     def cross(self, rays: Rays, values: Values) -> tuple[Rays, Crossing]:
         """Turn rays in the cover's frame into the refracted rays; return with them what `pull`
@@ -140,14 +140,14 @@ class Interface:
         derivatives by the rays that leave, all in the cover's frame; those by the frame are not
         among them. Those by the outer relief's amplitudes are given by its `PROBES`.
         """
-        hit = crossing.pull(by_rays)
-        by = self.surface.by_parameters(crossing.point, hit.height, hit.gradient)
+        hit = crossing.pull(by_rays, values)
+        by = self.surface.by_parameters(crossing.point, hit.height, hit.gradient, values)
         for name in self.thicknesses:
             add_to(by, name, -hit.height)
-        outside = values[self.index_outside]
+        index = values[self.index_outside]
         if self.index_inside:
-            add_to(by, self.index_inside, hit.ratio / outside)
-        add_to(by, self.index_outside, -hit.ratio * crossing.refraction.ratio / outside)
+            add_to(by, self.index_inside, hit.ratio / index)
+        add_to(by, self.index_outside, -hit.ratio * crossing.refraction.ratio / index)
         by = {name: value for name, value in by.items() if name in names}
         for relief in self.reliefs:
             if names & {param.name for param in relief.params}:
@@ -170,7 +170,7 @@ class Interface:
                 param.name: values[param.name].expand_as(crossing.distance)
                 for param in relief.params
             }
-            return by_autograd(lambda own: relief.height(chart, {**values, **own}), copies)[1](
+            return by_autograd(lambda copy: relief.height(chart, {**values, **copy}), copies)[1](
                 by_probes
             )
         if relief.amplitudes == AMPLITUDES:
@@ -212,14 +212,14 @@ class Interface:
 
     def _ratio(self, values: Values) -> Tensor:
         """Return the index on the camera's side over that on the other side."""
-        inside = values[self.index_inside] if self.index_inside else 1
-        return inside / values[self.index_outside]
+        numerator = values[self.index_inside] if self.index_inside else 1
+        return numerator / values[self.index_outside]
 
-    def _refracted(self, rays: Rays, point: Vector, refraction: Refraction, missed: Tensor) -> Rays:
+    def _refracted(self, rays: Rays, point: Vector, refraction: Refraction, failed: Tensor) -> Rays:
         return rays.advance(
             point,
             refraction.bent,
-            (missed, self.failures[0]),
+            (failed, self.failures[0]),
             (refraction.reflected, self.failures[1]),
         )
 
@@ -230,9 +230,9 @@ class Interface:
         values: Values,
     ) -> Expansion:
         """Return the sum of all reliefs around points of the surface's chart."""
-        own = chart[0] - shift[0], chart[1] - shift[1]
+        shifted = chart[0] - shift[0], chart[1] - shift[1]
         expansions = [
-            relief.expand(own if relief is self.relief else chart, values)
+            relief.expand(shifted if relief is self.relief else chart, values)
             for relief in self.reliefs
         ]
         total = replace(expansions[0], chart=chart)

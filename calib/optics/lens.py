@@ -97,7 +97,7 @@ def launch_by_autograd(
     lens: Lens, pixels: Tensor, values: Values, names: Iterable[str], near: Tensor | None
 ) -> tuple[Rays, Pull]:
     """Return what `Lens.launch` does, differentiated by torch."""
-    own = {
+    copies = {
         param.name: values[param.name].expand(len(pixels), *param.shape)
         if values[param.name].shape == param.shape
         else values[param.name]
@@ -112,7 +112,7 @@ def launch_by_autograd(
         origin, direction = rays.origin, rays.direction
         return origin.x, origin.y, origin.z, direction.x, direction.y, direction.z
 
-    components, pull = by_autograd(rays_of, {PIXELS: pixels, **own})
+    components, pull = by_autograd(rays_of, {PIXELS: pixels, **copies})
 
     def pull_rays(by_rays: ByRay) -> tuple[Tensor, ByName]:
         origin, direction = by_rays.origin, by_rays.direction

@@ -91,9 +91,9 @@ class LensModel:
 
         def pull(by_rays: ByRay) -> tuple[Tensor, ByName]:
             by_direction = by_rays.direction
-            along = direction.dot(by_direction)
-            by_x = (by_direction.x - direction.x * along) * direction.z
-            by_y = (by_direction.y - direction.y * along) * direction.z
+            change = direction.dot(by_direction)
+            by_x = (by_direction.x - direction.x * change) * direction.z
+            by_y = (by_direction.y - direction.y * change) * direction.z
             by: ByName = {}
             if self.count:
                 by_x, by_y = _pull_distortion(x, y, by_x, by_y, coefficients)

@@ -230,7 +230,7 @@ class Path:
         exposure: Exposure | None,
         names: frozenset[str],
         *,
-        own: Tensor | None = None,
+        cameras: Tensor | None = None,
         near: Tensor | None = None,
     ) -> Trace:
         """Trace (M, 2) px to where their rays leave the cover.
@@ -238,7 +238,7 @@ class Path:
         Args:
             names: the parameters by which the rays are differentiated. The outer relief's
                 amplitudes are given by its probes, and linear adjustments by theirs.
-            own: (M, 1 or 2) the numbers of each ray's own camera, if `camera_block` is set.
+            cameras: (M, 1 or 2) the numbers of each ray's own camera, if `camera_block` is set.
             near: that of `Lens`.
 
         Returns:
@@ -246,7 +246,7 @@ class Path:
             cameras.
         """
         moved, adjusted, adjust_back = self._adjust_with_derivatives(
-            pixels, values, exposure, names, own
+            pixels, values, exposure, names, cameras
         )
         stage_names = names | {name for name in adjusted if adjusted[name] is not values.get(name)}
         rays, pull_lens = self.lens.launch(moved, adjusted, stage_names, near)
@@ -288,8 +288,8 @@ class Path:
         def pull(by_rays: ByRay) -> tuple[ByRay, ByName]:
             by: ByName = {}
             for step in steps[::-1]:
-                by_rays, more = step(by_rays, names)
-                for name, value in more.items():
+                by_rays, by_step = step(by_rays, names)
+                for name, value in by_step.items():
                     add_to(by, name, value)
             return by_rays, by
 
@@ -302,12 +302,12 @@ class Path:
         values: Values,
         exposure: Exposure | None,
         names: frozenset[str],
-        own: Tensor | None,
+        cameras: Tensor | None,
     ) -> tuple[Tensor, Values, Callable[[Tensor, ByName], ByName]]:
         """Return the pixels and values as the stages read them, and a function that turns the
         derivatives by these into those by the pixels and values before the adjustments.
         """
-        if own is None and not self.adjustments:
+        if cameras is None and not self.adjustments:
             return pixels, values, lambda by_pixels, by: {**by, PIXELS: by_pixels}
         probes = {
             probe
@@ -329,16 +329,16 @@ class Path:
         }
         inputs |= {name: pixels.new_zeros(rows) for name in probes}
         inputs[PIXELS] = pixels
-        if own is not None:
-            inputs[OWN] = own
+        if cameras is not None:
+            inputs[OWN] = cameras
         changed: list[str] = []
 
         def adjust_rows(leaves: Values) -> Sequence[Tensor]:
             start = {**values, **leaves}
-            after = with_own_camera(start, leaves[OWN]) if own is not None else start
-            moved, after = self.adjust_pixels(leaves[PIXELS], after, exposure)
-            changed[:] = [name for name in after if after[name] is not start.get(name)]
-            return [*moved.unbind(-1), *(after[name] for name in changed)]
+            adjusted = with_own_camera(start, leaves[OWN]) if cameras is not None else start
+            moved, adjusted = self.adjust_pixels(leaves[PIXELS], adjusted, exposure)
+            changed[:] = [name for name in adjusted if adjusted[name] is not start.get(name)]
+            return [*moved.unbind(-1), *(adjusted[name] for name in changed)]
 
         outputs, pull = by_autograd(adjust_rows, inputs)
         adjusted = {**values, **dict(zip(changed, outputs[2:], strict=True))}
@@ -370,11 +370,11 @@ class Path:
         return self.target.place(corners, Placement.of(poses).at_exposure(exposure), values)
 
 
-def with_own_camera(values: Values, own: Tensor) -> Values:
+def with_own_camera(values: Values, cameras: Tensor) -> Values:
     """Return the values with a camera for each row, from (..., 1) fractions by which its focal
     length is longer, or (..., 2) px by which its principal point is shifted.
     """
-    if own.shape[-1] == 1:
-        return {**values, **{name: values[name] * (1 + own[..., 0]) for name in CAMERA.focal}}
-    shifts = zip(CAMERA.centre, own.unbind(-1), strict=True)
+    if cameras.shape[-1] == 1:
+        return {**values, **{name: values[name] * (1 + cameras[..., 0]) for name in CAMERA.focal}}
+    shifts = zip(CAMERA.centre, cameras.unbind(-1), strict=True)
     return {**values, **{name: values[name] + shift for name, shift in shifts}}

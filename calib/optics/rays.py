@@ -99,9 +99,9 @@ class Rays:
         """Return the (2, ...) derivatives of `at_depth` by the rays."""
         forward = self._forward
         distance = (depth - self.origin.z) / forward
-        one, zero = torch.ones_like(distance), torch.zeros_like(distance)
+        unit, zero = torch.ones_like(distance), torch.zeros_like(distance)
         slopes = torch.stack([self.direction.x / forward, self.direction.y / forward])
-        by_origin = Vector(torch.stack([one, zero]), torch.stack([zero, one]), -slopes)
+        by_origin = Vector(torch.stack([unit, zero]), torch.stack([zero, unit]), -slopes)
         return ByRay(by_origin, by_origin * distance)
 
     @property

@@ -68,20 +68,22 @@ class Surface(Protocol):
         """
         ...
 
-    def curvature(self, points: Vector, along: Vector) -> Vector:
+    def curvature(self, points: Vector, step: Vector, values: Values) -> Vector:
         """Return the (...) change of `gradient` along vectors, to first order."""
         ...
 
-    def by_parameters(self, points: Vector, by_height: Tensor, by_gradient: Vector) -> ByName:
+    def by_parameters(
+        self, points: Vector, by_height: Tensor, by_gradient: Vector, values: Values
+    ) -> ByName:
         """Return the derivatives by the parameters, from those by `height` and by `gradient`."""
         ...
 
-    def chart_change(self, points: Vector, along: Vector) -> tuple[Tensor, Tensor]:
+    def chart_change(self, points: Vector, step: Vector) -> tuple[Tensor, Tensor]:
         """Return the (...) changes of the two chart coordinates along vectors, to first order."""
         ...
 
     def chart_curvature(
-        self, points: Vector, first: Tensor, second: Tensor, along: Vector
+        self, points: Vector, first: Tensor, second: Tensor, step: Vector
     ) -> Vector:
         """Return the (...) change of `chart_gradient` along vectors, to first order."""
         ...

@@ -16,8 +16,8 @@ from torch import Tensor
 
 from calib.apply.map_uncertainty import frames_along
 from calib.estimation.jacobians import undistorted_jacobian
-from calib.optics.rotation import matrix
-from calib.rig.poses import cross_matrix, left_jacobian
+from calib.optics.rotation import left_jacobian, matrix
+from calib.rig.poses import cross_matrix
 from calib.rig.triangulation import PlacedCamera
 
 Array = NDArray[np.float64]

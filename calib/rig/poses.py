@@ -53,15 +53,15 @@ def compose_with_derivatives(mounting: Tensor, placements: Tensor) -> ComposedPo
     """
     poses = compose(mounting, placements)
     turn = rotation.matrix(mounting[:3])
-    to_vector = torch.linalg.inv(left_jacobian(poses[:, :3]))  # (V, 3, 3)
-    turn_by_mounting = left_jacobian(mounting[:3])
+    to_vector = torch.linalg.inv(rotation.left_jacobian(poses[:, :3]))  # (V, 3, 3)
+    turn_by_mounting = rotation.left_jacobian(mounting[:3])
     arm = (turn @ placements[:, 3:].unsqueeze(-1)).squeeze(-1)  # (V, 3) m, in the camera frame
     by_mounting = poses.new_zeros(len(poses), 6, 6)
     by_mounting[:, :3, :3] = to_vector @ turn_by_mounting
     by_mounting[:, 3:, :3] = -cross_matrix(arm) @ turn_by_mounting
     by_mounting[:, 3:, 3:] = torch.eye(3).to(poses)
     by_placement = torch.zeros_like(by_mounting)
-    by_placement[:, :3, :3] = to_vector @ turn @ left_jacobian(placements[:, :3])
+    by_placement[:, :3, :3] = to_vector @ turn @ rotation.left_jacobian(placements[:, :3])
     by_placement[:, 3:, 3:] = turn
     return ComposedPoses(poses, by_mounting, by_placement)
 
@@ -121,18 +121,6 @@ def rotation_vector(turns: Tensor) -> Tensor:
     safe = torch.where(small, torch.ones_like(sine), sine)
     vectors: Tensor = vector * torch.where(small, 2 / scalar, 2 * torch.atan2(sine, scalar) / safe)
     return vectors
-
-
-def left_jacobian(vectors: Tensor) -> Tensor:
-    """Return the (..., 3, 3) left Jacobians J of SO(3) at (..., 3) rotation vectors: a change d of
-    the vector turns its rotation further by the small rotation J d.
-    """
-    turns = rotation.matrix(vectors)
-    derivatives = rotation.derivatives(vectors, turns)  # (..., 3, 3, 3), dR / dw_i = [J e_i] R
-    crosses = derivatives @ turns.mT.unsqueeze(-3)
-    return torch.stack(
-        [crosses[..., 2, 1], crosses[..., 0, 2], crosses[..., 1, 0]], -2
-    )  # column i for component i
 
 
 def cross_matrix(vectors: Tensor) -> Tensor:

@@ -26,8 +26,8 @@ from calib.optics.lens import PIXELS
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.projection import project
-from calib.optics.rotation import Rotation, matrix
-from calib.rig.poses import cross_matrix, left_jacobian, move_points
+from calib.optics.rotation import Rotation, left_jacobian, matrix
+from calib.rig.poses import cross_matrix, move_points
 from calib.session.parameter_names import CAMERA
 
 MAX_STEPS = 12

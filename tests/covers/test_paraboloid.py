@@ -2,6 +2,8 @@
 form and the exports, nothing else has to know it.
 """
 
+# ruff: noqa: ARG002 - a paraboloid has no use for some of what the protocol passes.
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +32,7 @@ from calib.fitting.declared import comparisons
 from calib.fitting.fit import fit
 from calib.fleet.limits import limit_of
 from calib.optics.build import with_relief
+from calib.optics.derivatives import ByName
 from calib.optics.params import Param, Values
 from calib.optics.relief import Relief
 from calib.optics.vector import Vector
@@ -87,6 +90,27 @@ class Paraboloid:
 
     def chart_gradient(self, points: Vector, first: Tensor, second: Tensor) -> Vector:
         return Vector(second, first, torch.zeros_like(points.z))
+
+    def curvature(self, points: Vector, step: Vector, values: Values) -> Vector:
+        inverse = 1 / values[self.names.of("bulge")]
+        return Vector(step.x * inverse, step.y * inverse, torch.zeros_like(step.z))
+
+    def by_parameters(
+        self, points: Vector, by_height: Tensor, by_gradient: Vector, values: Values
+    ) -> ByName:
+        bulge = values[self.names.of("bulge")]
+        steeper = points.x * by_gradient.x + points.y * by_gradient.y
+        farther = (points.x**2 + points.y**2) / 2 * by_height
+        return {self.names.of("bulge"): -(farther + steeper) / bulge**2}
+
+    def chart_change(self, points: Vector, step: Vector) -> tuple[Tensor, Tensor]:
+        return step.y, step.x
+
+    def chart_curvature(
+        self, points: Vector, first: Tensor, second: Tensor, step: Vector
+    ) -> Vector:
+        zero = torch.zeros_like(step.z)
+        return Vector(zero, zero, zero)
 
 
 def _check_camera(numbers: Numbers) -> CameraOutside | None:
