@@ -187,8 +187,8 @@ class Recorder:
         return picture
 
     def _has(self, stem: str) -> bool:
-        """Return True if the folder has a file of this name, of whatever type."""
-        return any(path.stem == stem for path in self._folder.iterdir())
+        """Return True if the folder has a file of this name, of whatever type and case."""
+        return any(path.stem.casefold() == stem.casefold() for path in self._folder.iterdir())
 
     def _free_picture(self) -> Path:
         """Return the path of the next picture, where nothing exists: no file is ever replaced."""

@@ -97,8 +97,6 @@ class BoardShape(Effect):
             by_u = (contract(u[:-1] * order, table[..., 1:, :]) * v).sum(0)
             by_x = by_u * inside_u / self.half_x
             by_y = (by_power[1:] * v[:-1] * order).sum(0) * inside_v / self.half_y
-        if PROBE in values:
-            height = height + values[PROBE]
         return with_slopes(height, x, y, by_x, by_y), by_x, by_y
 
     @property

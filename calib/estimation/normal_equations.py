@@ -132,7 +132,7 @@ def _gram(columns: Tensor) -> Tensor:
     """Return the (S, S) inner products of (M, S) columns. numpy takes half the operations of a
     general product, because it knows the result as symmetric.
     """
-    if columns.device.type != "cpu" or columns.requires_grad:
+    if columns.device.type != "cpu":
         return columns.mT @ columns
     array = columns.numpy()
     with np.errstate(invalid="ignore", over="ignore"):

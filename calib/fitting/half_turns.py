@@ -16,29 +16,32 @@ from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from calib.corners.view import View, pose_labels
 from calib.estimation.observations import Observations
+from calib.estimation.poses import refit_poses, rough_poses
 from calib.fit_record.request import Settings
 from calib.fitting.board_turns import RENUMBERED, turn_back
 from calib.fitting.differing import Differing
 from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
+from calib.inference.naming import NAME_ALONE
 from calib.inference.variation_equations import VariationEquations
 from calib.inference.variation_rows import VariationRows
 from calib.inference.varying_numbers import turned_board
-from calib.inference.view_variation import (
-    MIN_GAIN,
-    MIN_VIEWS,
-    largest_gain,
-)
+from calib.inference.view_variation import MIN_GAIN, MIN_VIEWS, largest_gain
 from calib.progress import Progress
 
 MAX_ROUNDS = 3
 """The largest number of renumberings. The first one is by a fit that averages both bends, which may
 take a view for another.
+"""
+CLEAR = 2 * math.log(NAME_ALONE / (1 - NAME_ALONE))
+"""The fall of a view's squares over the noise variance at which the other numbering is as probable
+as a name that stands alone.
 """
 
 
@@ -72,7 +75,7 @@ class HalfTurned:
             names = set(found.names if found else ()) ^ set(better.names)
             views, fitted = better.views, better.fitted
             found = replace(better, names=tuple(v.name for v in views if v.name in names))
-        return found
+        return _with_clear_views(found, setup, settings, progress) if found else None
 
 
 def _turned_back(
@@ -89,18 +92,7 @@ def _turned_back(
     turned = _most_probable_turns(as_they_are, setup)
     if not turned.any():
         return None
-    renumbered = tuple(
-        turn_back(view, setup.board, 2) if is_turned else view
-        for view, is_turned in zip(views, turned.tolist(), strict=True)
-    )
-    refitted = fit_stages(
-        setup,
-        Observations.of(renumbered, setup.board),
-        settings,
-        progress,
-        labels=pose_labels(views),
-        purpose=RENUMBERED,
-    )
+    renumbered, refitted = _renumbered(views, turned, setup, settings, progress)
     turned_back = _at_optimum(refitted, renumbered, setup)
     if not turned_back:
         return None
@@ -110,6 +102,49 @@ def _turned_back(
         return None
     names = tuple(compress((view.name for view in views), turned))
     return HalfTurned(names, renumbered, refitted)
+
+
+def _renumbered(
+    views: Sequence[View],
+    turned: NDArray[np.bool_],
+    setup: Setup,
+    settings: Settings,
+    progress: Progress,
+) -> tuple[tuple[View, ...], Fitted]:
+    """Return the views with the corners of those that are turned renumbered, and their fit."""
+    renumbered = tuple(
+        turn_back(view, setup.board, 2) if is_turned else view
+        for view, is_turned in zip(views, turned.tolist(), strict=True)
+    )
+    observations, labels = Observations.of(renumbered, setup.board), pose_labels(views)
+    return renumbered, fit_stages(
+        setup, observations, settings, progress, labels=labels, purpose=RENUMBERED
+    )
+
+
+def _with_clear_views(
+    found: HalfTurned, setup: Setup, settings: Settings, progress: Progress
+) -> HalfTurned:
+    """Return the same after renumbering the views that clearly fit better so. The linearisation may
+    take a frontal view for turned, as a bend hardly moves corners there.
+    """
+    fitted, views = found.fitted, found.views
+    assert fitted.model
+    assert fitted.joint
+    path, values, sigma = fitted.model.path, fitted.joint.values, fitted.joint.sigma
+    turned = Observations.of([turn_back(view, setup.board, 2) for view in views], setup.board)
+    start = rough_poses(path, values, turned)
+    _, residual = refit_poses(path, values, turned, start, sigma=sigma)
+    change = (residual.image**2 - fitted.residuals.image**2).sum(-1) * turned.weight**2
+    gain = torch.zeros(len(views)).double().index_add(0, turned.view, -change) / sigma**2
+    clear = (gain > CLEAR).numpy()  # false for a view without a pose
+    if not clear.any():
+        return found
+    renumbered, refitted = _renumbered(views, clear, setup, settings, progress)
+    if not _at_optimum(refitted, renumbered, setup):
+        return found
+    names = set(found.names) ^ set(compress((view.name for view in views), clear))
+    return HalfTurned(tuple(v.name for v in views if v.name in names), renumbered, refitted)
 
 
 def _at_optimum(fitted: Fitted, views: Sequence[View], setup: Setup) -> FittedModel | None:

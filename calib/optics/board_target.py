@@ -7,7 +7,7 @@ shutter moves the board line by line.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -322,10 +322,7 @@ class Target:
         shifts = [print_.shift_corners(at_x, at_y, values) for print_ in self.prints]
         error_x = at_x + sum(shift.shift_x for shift in shifts) - x
         error_y = at_y + sum(shift.shift_y for shift in shifts) - y
-        xx = sum(shift.slopes[0][0] for shift in shifts) + 1
-        xy = sum(shift.slopes[0][1] for shift in shifts)
-        yx = sum(shift.slopes[1][0] for shift in shifts)
-        yy = sum(shift.slopes[1][1] for shift in shifts) + 1
+        xx, xy, yx, yy = _printed_slopes(shifts)
         determinant = xx * yy - xy * yx
         return (
             at_x - (yy * error_x - xy * error_y) / determinant,
@@ -401,10 +398,7 @@ class Landing:
             return (by_x, by_y), {}
         x, y = self.nominal
         shifts = [print_.shift_corners(x, y, self.values) for print_ in prints]
-        xx = sum(shift.slopes[0][0] for shift in shifts) + 1
-        xy = sum(shift.slopes[0][1] for shift in shifts)
-        yx = sum(shift.slopes[1][0] for shift in shifts)
-        yy = sum(shift.slopes[1][1] for shift in shifts) + 1
+        xx, xy, yx, yy = _printed_slopes(shifts)
         determinant = xx * yy - xy * yx
         printed = (yy * by_x - yx * by_y) / determinant, (xx * by_y - xy * by_x) / determinant
         copies = self._copies(prints, names)
@@ -421,17 +415,20 @@ class Landing:
         return printed, by_autograd(shift_of, copies)[1]([-printed[0], -printed[1]])
 
     def _by_bends(self, by_height: Tensor, names: frozenset[str]) -> ByName:
-        bends = self.target.bends
-        copies = self._copies(bends, names)
+        """Return the derivatives by the bends, whose heights and probes add up."""
+        linear = [bend for bend in self.target.bends if isinstance(bend, LinearTerm)]
+        by = {probe: by_height for bend in linear for probe in bend.probes.values()}
+        others = [bend for bend in self.target.bends if not isinstance(bend, LinearTerm)]
+        copies = self._copies(others, names)
         if not copies:
-            return {}
-        x, y = self.point.x, self.point.y
+            return by
 
         def height_of(copy: Values) -> tuple[Tensor]:
             values = {**self.values, **copy}
-            return (torch.stack([bend.height(x, y, values)[0] for bend in bends]).sum(0),)
+            heights = [bend.height(self.point.x, self.point.y, values)[0] for bend in others]
+            return (torch.stack(heights).sum(0),)
 
-        return by_autograd(height_of, copies)[1]([by_height])
+        return by | by_autograd(height_of, copies)[1]([by_height])
 
     def _copies(self, terms: Iterable[Bend | Print], names: frozenset[str]) -> dict[str, Tensor]:
         """Return a copy for each ray of the parameters of these names that the terms read, and for
@@ -448,6 +445,18 @@ class Landing:
                     else self.values[name].expand(rows, *self.values[name].shape)
                 )
         return copies
+
+
+def _printed_slopes(
+    shifts: Sequence[PrintShift],
+) -> tuple[Tensor | float, Tensor | float, Tensor | float, Tensor | float]:
+    """Return the derivatives of the printed x by the nominal x and y, then of the printed y."""
+    return (
+        sum(shift.slopes[0][0] for shift in shifts) + 1,
+        sum(shift.slopes[0][1] for shift in shifts),
+        sum(shift.slopes[1][0] for shift in shifts),
+        sum(shift.slopes[1][1] for shift in shifts) + 1,
+    )
 
 
 def _newton_step(
