@@ -9,20 +9,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.calibration import Calibration, Stage
+from calib.calibration import Calibration
 from calib.corners.view import View
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
-from calib.estimation.joint_fit import Estimate
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.robust import outlier_mask
-from calib.fit_record.outcome import JointOutcome, Uncertainty
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.fit_result import with_estimate
 from calib.inference.calibration_model import full_model
 from calib.optics.params import Values
 from calib.progress import Progress, Silent, check_progress
@@ -30,16 +27,14 @@ from calib.rig.joint_estimate import CameraState, RigEstimate, RigState, estimat
 from calib.rig.layout import RigLayout
 from calib.rig.mounting_start import RigStart, start_rig, turn_view
 from calib.rig.placements import Placements
-from calib.rig.poses import compose, invert_poses
 from calib.rig.problem import BaselinePrior
 from calib.rig.rig import Rig
 from calib.rig.rig_content import RejectedView, RigRecord
 from calib.rig.rig_file import RigDescription, RigSource, read_rig
+from calib.rig.rig_result import rig_of
 from calib.rig.scatter import count_placements
 from calib.rig.shared_cover import (
-    cover_in_camera,
     is_of_cover,
-    relief_in_camera,
     share_cover,
     with_joined_relief,
 )
@@ -112,9 +107,20 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
         turned=turned,
         rejected=tuple(rejected),
         alone_px={name: _alone_px(c, dropped[name]) for name, c in calibrations.items()},
+        baseline=description.baseline,
     )
     with single_thread():
-        return _result(description, calibrations, dropped, estimate, placements, record)
+        names = [placements.names[i] for i in _used_placements(placements, dropped)]
+        used = {name: _without(c, dropped[name]) for name, c in calibrations.items()}
+        return rig_of(
+            estimate.state,
+            estimate.covariance,
+            used,
+            description.reference,
+            description.covers,
+            names,
+            record,
+        )
 
 
 def _start(
@@ -336,82 +342,6 @@ def _effect_values(calibrations: Mapping[str, Calibration]) -> Values:
     return values
 
 
-def _result(
-    description: RigDescription,
-    calibrations: Mapping[str, Calibration],
-    dropped: Mapping[str, NDArray[np.bool_]],
-    estimate: RigEstimate,
-    placements: Placements,
-    record: RigRecord,
-) -> Rig:
-    state = estimate.state
-    finite = bool(torch.isfinite(estimate.covariance).all())
-    cameras = {}
-    for index, camera in enumerate(state.cameras):
-        calibration = calibrations[camera.name]
-        columns = state.layout.columns[index]
-        result = Estimate(
-            values=dict(camera.values),
-            poses=state.poses(index),
-            covariance=estimate.covariance[columns[:, None], columns],
-            sigma=camera.sigma,
-            smoothness=camera.smoothness,
-            parameters=camera.model.parameters,
-        )
-        cameras[camera.name] = _calibration(
-            calibration, dropped[camera.name], camera, result, record
-        )
-        if camera.name in description.covers:
-            frame = state.layout.frames[index]
-            mounting = state.mountings[index]
-            in_own_frame = replace(
-                result, poses=compose(mounting, state.placements[camera.placement])
-            )
-            to_camera = compose(mounting, invert_poses(state.mountings[frame]))
-            cameras[camera.name] = _with_own_cover(
-                cameras[camera.name], camera, in_own_frame, to_camera
-            )
-    names = [placements.names[i] for i in _used_placements(placements, dropped)]
-    return Rig(
-        calibrations=cameras,
-        reference=description.reference,
-        mountings=state.mountings.numpy(),
-        covariance=estimate.covariance.numpy() if finite else np.zeros((0, 0)),
-        placements=state.placements.numpy(),
-        placement_names=tuple(names),
-        of_views={camera.name: camera.placement.numpy() for camera in state.cameras},
-        covers=description.covers,
-        record=record,
-    )
-
-
-def _with_own_cover(
-    calibration: Calibration, camera: CameraState, estimate: Estimate, to_camera: torch.Tensor
-) -> Calibration:
-    """Return the calibration of a camera behind a shared cover, with the cover in its own frame and
-    without a covariance: that of the rig has the cover in the first camera's frame.
-
-    Args:
-        estimate: the estimate with the board's poses in the camera's own frame.
-        to_camera: (6,) T_camera_first.
-    """
-    path, values = camera.model.path, camera.values
-    cover = cover_in_camera(calibration.camera, calibration.cover, path, values, to_camera)
-    even = replace(
-        calibration,
-        cover=cover,
-        relief=None,
-        amplitudes=np.zeros((0, 0)),
-        poses=estimate.poses.numpy(),
-        covariance=np.zeros((0, 0)),
-        stated=None,
-    )
-    if not path.relief:
-        return even
-    relief, amplitudes = relief_in_camera(even, path, values)
-    return replace(even, relief=relief, amplitudes=amplitudes)
-
-
 def _alone_px(calibration: Calibration, dropped: NDArray[np.bool_]) -> float:
     """Return the error, px, of the views that the rig uses, in the camera's own fit."""
     path, values = calibration.model()
@@ -432,32 +362,6 @@ def _used_placements(placements: Placements, dropped: Mapping[str, NDArray[np.bo
     return sorted(used)
 
 
-def _calibration(
-    calibration: Calibration,
-    dropped: NDArray[np.bool_],
-    camera: CameraState,
-    estimate: Estimate,
-    record: RigRecord,
-) -> Calibration:
-    """Return a camera's calibration with its part of the joint estimate."""
+def _without(calibration: Calibration, dropped: NDArray[np.bool_]) -> Calibration:
     views = tuple(v for v, out in zip(calibration.views, dropped, strict=True) if not out)
-    result = with_estimate(
-        replace(calibration, views=views), camera.model, estimate, camera.observations
-    )
-    residual = residuals(camera.model.path, camera.values, camera.observations, estimate.poses)
-    last = Stage(result.stages[-1].name, residual.rms_px, residual.rmse_cm)
-    joint = JointOutcome(
-        outcome=record.outcome,
-        iterations=record.iterations,
-        sigma_px=camera.sigma,
-        relief_prior=camera.smoothness,
-    )
-    uncertainty = Uncertainty(
-        views=len(views),
-        inflation=max(1.0, record.scatter),
-        view_scatter=record.scatter,
-        corner_scatter=1.0,
-        method="placements",
-    )
-    outcome = replace(calibration.outcome, joint=joint, uncertainty=uncertainty)
-    return replace(result, stages=(*result.stages[:-1], last), outcome=outcome)
+    return replace(calibration, views=views)

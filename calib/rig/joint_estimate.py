@@ -27,7 +27,13 @@ from calib.estimation.surface_prior import (
 from calib.optics.params import Values
 from calib.rig.layout import RigLayout
 from calib.rig.poses import compose
-from calib.rig.problem import BaselinePrior, CameraProblem, RigProblem, rig_precision
+from calib.rig.problem import (
+    BaselinePrior,
+    CameraProblem,
+    PoseTerms,
+    RigProblem,
+    rig_precision,
+)
 
 Array = NDArray[np.float64]
 
@@ -52,6 +58,8 @@ class CameraState:
     sigma: float
     """px: the standard deviation of a corner in x and in y."""
     smoothness: Smoothness | None
+    terms: PoseTerms | None = None
+    """Numbers of the rig by which the poses of the views differ; the entries count `numbers`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +75,10 @@ class RigState:
     placements: Tensor
     """(P, 6) T_reference_board."""
     baseline: BaselinePrior | None = None
+    numbers: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.float64))
+    """(E,) the numbers of effects of the rig, on which the cameras' `terms` depend."""
+    spreads: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.float64))
+    """(E,) the standard deviations of their priors, whose means are zero."""
 
     def poses(self, camera: int) -> Tensor:
         """Return the (V, 6) T_camera_board of one camera's views, in the frame in which its boards
@@ -74,11 +86,14 @@ class RigState:
         """
         state = self.cameras[camera]
         mounting = self.mountings[self.layout.frames[camera]]
-        return compose(mounting, self.placements[state.placement])
+        placements = self.placements[state.placement]
+        if state.terms:
+            mounting, placements = state.terms.moved(mounting, placements, self.numbers)
+        return compose(mounting, placements)
 
     def vector(self) -> Tensor:
-        """Return the (S,) vector: each parameter as its deviation from the mean of its prior, and
-        each mounting from the nominal one.
+        """Return the (S,) vector: each parameter as its deviation from the mean of its prior, each
+        mounting from the nominal one, and the numbers of effects of the rig.
         """
         vector = torch.zeros(self.layout.count, dtype=torch.float64)
         for camera, columns in zip(self.cameras, self.layout.columns, strict=True):
@@ -86,7 +101,7 @@ class RigState:
         for index, entries in enumerate(self.layout.mountings):
             if len(entries):
                 vector[entries] = self.mountings[index] - self.nominal[index]
-        return vector
+        return torch.cat([vector, self.numbers])
 
     def at(self, vector: Tensor, placements: Tensor) -> RigState:
         """Return the state at another vector and at other placements."""
@@ -98,7 +113,13 @@ class RigState:
         for index, entries in enumerate(self.layout.mountings):
             if len(entries):
                 mountings[index] += vector[entries]
-        return replace(self, cameras=cameras, mountings=mountings, placements=placements)
+        return replace(
+            self,
+            cameras=cameras,
+            mountings=mountings,
+            placements=placements,
+            numbers=vector[self.layout.count :],
+        )
 
     def select_placements(self, placements: range) -> RigState:
         """Return the state with some consecutive placements and their views only."""
@@ -109,7 +130,8 @@ class RigState:
             )
             views = camera.observations.without_views(~selected_views)
             placement = camera.placement[selected_views] - placements.start
-            cameras.append(replace(camera, observations=views, placement=placement))
+            terms = camera.terms.select(selected_views) if camera.terms else None
+            cameras.append(replace(camera, observations=views, placement=placement, terms=terms))
         selected = self.placements[placements.start : placements.stop]
         return replace(self, cameras=tuple(cameras), placements=selected)
 
@@ -136,11 +158,22 @@ class RigState:
                     self.nominal[frame],
                     self.layout.mountings[frame],
                     camera.placement,
+                    self._terms_in_vector(camera),
                 )
             )
             priors.append((self.layout.columns[index], precision))
-        precision = rig_precision(priors, self.layout.count)
+        priors.append((self._number_entries(), self.spreads.pow(-2).diag()))
+        precision = rig_precision(priors, self.layout.count + len(self.numbers))
         return RigProblem(tuple(problems), precision, self.baseline)
+
+    def _number_entries(self) -> Tensor:
+        """Return the (E,) places of the numbers of effects in the vector."""
+        return torch.arange(self.layout.count, self.layout.count + len(self.numbers))
+
+    def _terms_in_vector(self, camera: CameraState) -> PoseTerms | None:
+        """Return a camera's terms with entries that count the vector."""
+        terms = camera.terms
+        return replace(terms, entries=self.layout.count + terms.entries) if terms else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,7 +265,7 @@ def _with_smoothness(state: RigState, problem: RigProblem, solution: Solution) -
         columns = state.layout.columns[index]
         if not parameters.relief or not camera.smoothness or parameters.glass_prior:
             continue
-        is_other = torch.ones(state.layout.count, dtype=torch.bool)
+        is_other = torch.ones(len(solution.shared), dtype=torch.bool)
         is_other[columns] = False
         rest_entries = is_other.nonzero().squeeze(-1)
         prior = problem.precision[rest_entries[:, None], rest_entries]

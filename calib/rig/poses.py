@@ -49,12 +49,12 @@ def compose(mounting: Tensor, placements: Tensor) -> Tensor:
 
 def compose_with_derivatives(mounting: Tensor, placements: Tensor) -> ComposedPoses:
     """Return the poses of (V, 6) placements T_reference_board in a camera of a (6,) mounting
-    T_camera_reference, and their derivatives.
+    T_camera_reference, or of a (V, 6) mounting in each view, and their derivatives.
     """
     poses = compose(mounting, placements)
-    turn = rotation.matrix(mounting[:3])
+    turn = rotation.matrix(mounting[..., :3])
     to_vector = torch.linalg.inv(rotation.left_jacobian(poses[:, :3]))  # (V, 3, 3)
-    turn_by_mounting = rotation.left_jacobian(mounting[:3])
+    turn_by_mounting = rotation.left_jacobian(mounting[..., :3])
     arm = (turn @ placements[:, 3:].unsqueeze(-1)).squeeze(-1)  # (V, 3) m, in the camera frame
     by_mounting = poses.new_zeros(len(poses), 6, 6)
     by_mounting[:, :3, :3] = to_vector @ turn_by_mounting

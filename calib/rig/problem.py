@@ -27,6 +27,41 @@ MIN_BASELINE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
+class PoseTerms:
+    """Numbers by which the board's pose in each view of one camera differs from the mounting times
+    the placement: a camera that is late, or that slipped.
+    """
+
+    entries: Tensor
+    """(k,) int64: the places of these numbers in a vector."""
+    by_mounting: Tensor
+    """(V, 6, k) changes of the mounting in each view."""
+    by_placement: Tensor
+    """(V, 6, k) changes of the placement that each view sees."""
+
+    def select(self, views: Tensor) -> PoseTerms:
+        """Return the terms of the views in a (V,) mask."""
+        return PoseTerms(self.entries, self.by_mounting[views], self.by_placement[views])
+
+    def joined(self, further: PoseTerms | None) -> PoseTerms:
+        """Return these terms and further ones of the same camera."""
+        if further is None:
+            return self
+        return PoseTerms(
+            torch.cat([self.entries, further.entries]),
+            torch.cat([self.by_mounting, further.by_mounting], -1),
+            torch.cat([self.by_placement, further.by_placement], -1),
+        )
+
+    def moved(self, mounting: Tensor, placements: Tensor, numbers: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the (V, 6) mounting and placement of each view, from the (6,) mounting, the (V, 6)
+        placements and all numbers of the vector.
+        """
+        values = numbers[self.entries]
+        return mounting + self.by_mounting @ values, placements + self.by_placement @ values
+
+
+@dataclass(frozen=True, slots=True)
 class CameraProblem:
     """A camera's views, and the places of its numbers among those of the rig."""
 
@@ -42,6 +77,23 @@ class CameraProblem:
     """(6,) int64: the entries of the rig's vector that are added to it; (0,) for the reference."""
     placement: Tensor
     """(V,) int64: the placement of each view."""
+    terms: PoseTerms | None = None
+    """Further numbers of the rig's vector that move the boards of this camera."""
+
+    @property
+    def moving(self) -> Tensor:
+        """(m,) int64: the entries of the rig's vector that move this camera's boards."""
+        return torch.cat([self.mounting, self.terms.entries]) if self.terms else self.mounting
+
+    def by_moving(self, composed: ComposedPoses) -> Tensor:
+        """Return the (V, 6, m) derivatives of the poses by these entries."""
+        parts = [composed.by_mounting[..., : len(self.mounting)]]
+        if self.terms:
+            parts += [
+                composed.by_mounting @ self.terms.by_mounting
+                + composed.by_placement @ self.terms.by_placement
+            ]
+        return torch.cat(parts, -1)
 
     def mounting_at(self, shared: Tensor) -> Tensor:
         """Return the (6,) mounting at the rig's (S,) vector."""
@@ -49,11 +101,16 @@ class CameraProblem:
 
     def compose(self, shared: Tensor, placements: Tensor) -> Tensor:
         """Return the (V, 6) poses of the views."""
-        return compose(self.mounting_at(shared), placements[self.placement])
+        return compose(*self._placed(shared, placements))
 
     def compose_with_derivatives(self, shared: Tensor, placements: Tensor) -> ComposedPoses:
         """Return the poses of the views with their derivatives."""
-        return compose_with_derivatives(self.mounting_at(shared), placements[self.placement])
+        return compose_with_derivatives(*self._placed(shared, placements))
+
+    def _placed(self, shared: Tensor, placements: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the mounting and the (V, 6) placements of the views."""
+        mounting, places = self.mounting_at(shared), placements[self.placement]
+        return self.terms.moved(mounting, places, shared) if self.terms else (mounting, places)
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,13 +246,13 @@ class RigLinearisation:
         shared, blocks = move
         for camera, poses, rows in zip(self.cameras, self.composed, self.linearised, strict=True):
             pose_move = (poses.by_placement @ blocks[camera.placement].unsqueeze(-1)).squeeze(-1)
-            if len(camera.mounting):
-                pose_move = pose_move + poses.by_mounting @ shared[camera.mounting]
+            if len(camera.moving):
+                pose_move = pose_move + camera.by_moving(poses) @ shared[camera.moving]
             by_pose, by_camera = rows.curvature_gradient((shared[camera.columns], pose_move))
             by_shared.index_add_(0, camera.columns, by_camera)
-            if len(camera.mounting):
-                turned = (poses.by_mounting.mT @ by_pose.unsqueeze(-1)).squeeze(-1)
-                by_shared.index_add_(0, camera.mounting, turned.sum(0))
+            if len(camera.moving):
+                turned = (camera.by_moving(poses).mT @ by_pose.unsqueeze(-1)).squeeze(-1)
+                by_shared.index_add_(0, camera.moving, turned.sum(0))
             turned = (poses.by_placement.mT @ by_pose.unsqueeze(-1)).squeeze(-1)
             by_block.index_add_(0, camera.placement, turned)
         return by_block, by_shared
@@ -219,16 +276,16 @@ def _add_camera(
     columns = camera.columns
     shared, cross = rows.hessian_shared, rows.hessian_cross
     gradient = rows.gradient_shared
-    if len(camera.mounting):
-        columns = torch.cat([columns, camera.mounting])
-        by_mounting = poses.by_mounting
-        by_pose = rows.hessian_block @ by_mounting  # (V, 6, 6)
-        mixed = (by_mounting.mT @ cross).sum(0)  # (6, S_c)
-        square = (by_mounting.mT @ by_pose).sum(0)
+    if len(camera.moving):
+        columns = torch.cat([columns, camera.moving])
+        by_moving = camera.by_moving(poses)
+        by_pose = rows.hessian_block @ by_moving  # (V, 6, m)
+        mixed = (by_moving.mT @ cross).sum(0)  # (m, S_c)
+        square = (by_moving.mT @ by_pose).sum(0)
         shared = torch.cat([torch.cat([shared, mixed.mT], 1), torch.cat([mixed, square], 1)])
         cross = torch.cat([cross, by_pose], 2)
-        mounting_gradient = by_mounting.mT @ rows.gradient_block.unsqueeze(-1)
-        gradient = torch.cat([gradient, mounting_gradient.sum(0).squeeze(-1)])
+        moving_gradient = by_moving.mT @ rows.gradient_block.unsqueeze(-1)
+        gradient = torch.cat([gradient, moving_gradient.sum(0).squeeze(-1)])
     slope = poses.by_placement
     total.hessian_shared.index_put_((columns[:, None], columns), shared, accumulate=True)
     total.gradient_shared.index_put_((columns,), gradient, accumulate=True)

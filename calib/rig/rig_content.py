@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
+from calib.diagnosis.finding import ParameterEstimate
 from calib.errors import InputError, brief, harmless
 from calib.rig.placements import Indices
+from calib.session.schema import Number
 from calib.version import VERSION
 
 Array = NDArray[np.float64]
@@ -23,6 +26,52 @@ class RejectedView:
     camera: str
     file: str
     reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class FoundEffect:
+    """An effect of the rig that its diagnosis found."""
+
+    effect: str
+    camera: str
+    varies: str
+    """`each_view`, `from_view`, or empty for a number that holds for all placements."""
+    from_file: str
+    """The first picture after a slip; empty for other effects."""
+    parameters: Mapping[str, ParameterEstimate]
+    sentence: str = ""
+    """The finding in words, without a full stop."""
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the entry of rig_calibration.yaml and of `--json`."""
+        return {
+            "effect": self.effect,
+            "camera": self.camera,
+            "varies": self.varies or None,
+            "from_file": self.from_file or None,
+            "parameters": {
+                name: {"value": number.value, "sigma": number.sigma, "unit": number.unit}
+                for name, number in self.parameters.items()
+            },
+            "sentence": self.sentence,
+        }
+
+    @staticmethod
+    def of_mapping(entry: Mapping[str, Any]) -> FoundEffect:
+        """Return the effect of such an entry."""
+        return FoundEffect(
+            effect=str(entry["effect"]),
+            camera=str(entry["camera"]),
+            varies=str(entry["varies"] or ""),
+            from_file=str(entry["from_file"] or ""),
+            parameters={
+                str(name): ParameterEstimate(
+                    float(number["value"]), float(number["sigma"]), str(number["unit"])
+                )
+                for name, number in entry["parameters"].items()
+            },
+            sentence=str(entry["sentence"]),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +95,10 @@ class RigRecord:
     rejected: tuple[RejectedView, ...] = ()
     alone_px: Mapping[str, float] = field(default_factory=dict)
     """For each camera, the error of its views in the fit of this camera alone."""
+    baseline: Number | None = None
+    """m: the measured distance between the two cameras of a pair, a prior of the fit."""
+    effects: tuple[FoundEffect, ...] = ()
+    """The effects that a diagnosis added to the fit."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,9 @@ from calib.io.file_set import FileSet, find_current
 from calib.io.files import npz, reading
 from calib.io.yaml_reader import read_yaml
 from calib.rig.layout import RigLayout
-from calib.rig.rig_content import RejectedView, RigContent, RigRecord
+from calib.rig.rig_content import FoundEffect, RejectedView, RigContent, RigRecord
 from calib.rig.rig_geometry import rig_geometry, rig_models
+from calib.session.schema import Number
 
 FORMAT = 1
 NAME = "rig_calibration.yaml"
@@ -151,6 +152,7 @@ def rig_mapping(rig: RigContent) -> dict[str, object]:
         "cameras": cameras,
         "baselines": [baseline.as_mapping() for baseline in geometry.baselines],
         "placements": len(rig.placements),
+        "measured_baseline_m": _number(rig.record.baseline),
         "source": rig.record.source,
         "outcome": rig.record.outcome,
         "iterations": rig.record.iterations,
@@ -159,11 +161,20 @@ def rig_mapping(rig: RigContent) -> dict[str, object]:
             "placements": len(rig.placements),
             "inflation": rig.record.scatter,
         },
+        "effects": [effect.as_mapping() for effect in rig.record.effects],
         "turned": {name: list(views) for name, views in rig.record.turned.items()},
         "frames_rejected": [
             {"camera": r.camera, "file": r.file, "reason": r.reason} for r in rig.record.rejected
         ],
     }
+
+
+def _number(number: Number | None) -> dict[str, float] | None:
+    return {"value": number.value, "sigma": number.sigma} if number else None
+
+
+def _read_number(entry: Mapping[str, float] | None) -> Number | None:
+    return Number(float(entry["value"]), float(entry["sigma"])) if entry else None
 
 
 def _from_mapping(
@@ -218,6 +229,8 @@ def _from_mapping(
                 for r in document["frames_rejected"]
             ),
             alone_px={name: float(entry["rms_alone_px"]) for name, entry in cameras.items()},
+            baseline=_read_number(document.get("measured_baseline_m")),
+            effects=tuple(map(FoundEffect.of_mapping, document.get("effects", ()))),
         ),
         refracal=str(document["refracal"]),
     )

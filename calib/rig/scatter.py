@@ -55,16 +55,14 @@ def _placement_rows(state: RigState, root: Array) -> Iterator[WhitenedRows]:
         vector = chunk.vector()
         for camera in problem.cameras:
             composed = camera.compose_with_derivatives(vector, chunk.placements)
-            columns, mounting = camera.columns.numpy(), camera.mounting.numpy()
+            columns, moving = camera.columns.numpy(), camera.moving.numpy()
+            slopes = camera.by_moving(composed).numpy()
             view = 0
             for piece in camera.landing.linearise(vector[camera.columns], composed.poses):
                 for start, stop in zip(piece.starts[:-1], piece.starts[1:], strict=True):
                     by_pose = piece.jacobian_block[start:stop].flatten(0, 1).numpy()
                     by_camera = piece.jacobian_shared[start:stop].flatten(0, 1).numpy()
-                    by_mounting = by_pose @ composed.by_mounting[view].numpy()
-                    whitened = by_camera @ root[columns]
-                    if len(mounting):
-                        whitened += by_mounting @ root[mounting]
+                    whitened = by_camera @ root[columns] + by_pose @ slopes[view] @ root[moving]
                     by_placement = by_pose @ composed.by_placement[view].numpy()
                     residual = piece.residual[start:stop].flatten().numpy()
                     place = int(camera.placement[view])

@@ -1,0 +1,381 @@
+"""The diagnosis of a rig: why its cameras disagree on where the board is.
+
+In each round, every explanation gets its evidence from the linearised fit. The most probable one is
+added to the fit if its odds against no cause are more than chance, and if the error on held-out
+placements falls. What these placements cannot tell from it is said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from calib.diagnosis.finding import Family
+from calib.diagnosis.trial import ALPHA, is_worthwhile
+from calib.effects.varying import FROM_VIEW
+from calib.errors import NotEnoughDataError, wrong_type
+from calib.estimation.residuals import Residuals, residuals
+from calib.inference.cross_validation import FOLDS, HeldOutGain
+from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
+from calib.progress import Progress, Silent, check_progress
+from calib.rig.board_motion import (
+    MIN_BURST,
+    BoardMotion,
+    motion_in_placement,
+    placement_times,
+)
+from calib.rig.explanations import (
+    Evaluator,
+    Explanation,
+    FittedExplanation,
+    RigContext,
+    explanations,
+)
+from calib.rig.held_out_placements import held_out_gain, held_out_squares
+from calib.rig.joint_estimate import RigState
+from calib.rig.motion_evidence import RandomMotion, ReducedMotions
+from calib.rig.motion_products import POSE, MotionProducts
+from calib.rig.rig import Rig, RigCalibrationSource
+from calib.rig.rig_content import FoundEffect, RigRecord
+from calib.rig.rig_effects import RIG_EFFECTS, RIG_SLIP
+from calib.rig.rig_finding import RigCandidate, RigDiagnosis, RigQuality
+from calib.rig.rig_motion_fit import fit_with_motion, stepped
+from calib.rig.rig_result import rig_of, state_of
+from calib.rig.rig_sentences import describe_found, describe_lateness, parameters_of, remarks
+from calib.threads import single_thread
+
+MIN_SHARED = 2 * FOLDS
+"""The fewest placements with which an effect can be confirmed."""
+ACCEPTED = "accepted"
+MAX_EFFECTS = 3
+"""The largest number of effects of a rig."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """The state of the search."""
+
+    state: RigState
+    context: RigContext
+    found: tuple[FoundEffect, ...] = ()
+    sentences: tuple[str, ...] = ()
+    families: tuple[Family, ...] = ()
+    candidates: dict[tuple[str, str, str], RigCandidate] = field(default_factory=dict)
+    rounds: tuple[tuple[FittedExplanation, ...], ...] = ()
+
+
+def diagnose_rig(
+    rig: RigCalibrationSource, progress: Progress = Silent()
+) -> tuple[Rig, RigDiagnosis]:
+    """Diagnose a rig.
+
+    Args:
+        rig: the calibrated rig, or the path of its folder.
+        progress: the progress bars.
+
+    Returns:
+        The rig with the accepted effects in its fit, or the same without any, and the diagnosis.
+
+    Raises:
+        WrongTypeError: an argument is of another type.
+        NotEnoughDataError: too few placements were seen by two cameras.
+    """
+    check_progress(progress)
+    if not isinstance(rig, Rig | str) and not hasattr(rig, "__fspath__"):
+        raise wrong_type("rig", rig, "a calib.Rig, or the path of its folder")
+    calibrated = rig if isinstance(rig, Rig) else Rig.load(rig)
+    advance = progress.task("Diagnosis of the rig", 2 + 2 * MAX_EFFECTS)
+    with single_thread():
+        state = state_of(calibrated)
+        shared = _shared(state)
+        if (count := int(shared.sum())) < MIN_SHARED:
+            raise NotEnoughDataError(
+                f"A diagnosis holds placements out in turn and needs {MIN_SHARED} or more that two"
+                f" cameras saw, but the rig has {count}: take more pictures of the board where the"
+                " views overlap."
+            )
+        times = _times(calibrated, len(state.placements))
+        search = _Search(state, _context(calibrated, state, times))
+        advance(1, "")
+        none = Evaluator(search.context).fit(Explanation(None))
+        noise_px = _noise(state)
+        before = _quality(search, none, noise_px)
+        for number in range(MAX_EFFECTS):
+            advance(2 + 2 * number, "explanations")
+            search, is_found = _round(calibrated, search, times, noise_px)
+            if not is_found:
+                break
+        none = Evaluator(search.context).fit(Explanation(None))
+        after = _quality(search, none, noise_px)
+        better = _with_effects(calibrated, search, none) if search.found else calibrated
+        advance(2 + 2 * MAX_EFFECTS, "")
+    motion = search.context.motion
+    diagnosis = RigDiagnosis(
+        candidates=tuple(sorted(search.candidates.values(), key=_rank)),
+        found=search.found,
+        families=search.families,
+        before=before,
+        after=after,
+        placements=count,
+        bursts=len(motion.bursts),
+        speed_m_s=motion.speeds[1] if motion.bursts else None,
+        remarks=(*_latenesses(search), *remarks(search.context, MIN_BURST)),
+    )
+    return better, diagnosis
+
+
+def _rank(candidate: RigCandidate) -> tuple[bool, float]:
+    return not candidate.accepted, -candidate.log_odds
+
+
+def _round(rig: Rig, search: _Search, times: Array, noise_px: float) -> tuple[_Search, bool]:
+    """Add the most probable effect if held-out placements confirm it."""
+    context = search.context
+    evaluator = Evaluator(context)
+    fits = _fit_all(evaluator, search.found)
+    none, *named = fits
+    named.sort(key=lambda fitted: -fitted.log_evidence)
+    best = named[0]
+    min_log_odds = math.log(len(named) / ALPHA)
+    gain: HeldOutGain | None = None
+    passes = False
+    if best.log_evidence > none.log_evidence + min_log_odds:
+        base = held_out_squares(context, none, noise_px)
+        gain = held_out_gain(base, held_out_squares(context, best, noise_px))
+        passes = gain.ci95[0] > 0 and gain.p_value < ALPHA and is_worthwhile(gain)
+    candidates = dict(search.candidates)
+    for fitted in named:
+        key = _key(fitted.explanation)
+        is_best = fitted is best
+        log_odds = fitted.log_evidence - none.log_evidence
+        if is_best and passes:
+            verdict = ACCEPTED
+        elif log_odds <= min_log_odds:
+            verdict = "no more than chance"
+        elif is_best:
+            verdict = "held-out placements do not confirm it"
+        else:
+            verdict = f"less probable than {best.explanation.name}"
+        candidate = _candidate(rig, fitted, log_odds, gain if is_best else None, verdict)
+        previous = candidates.get(key)
+        if previous is None or candidate.accepted or not previous.accepted:
+            candidates[key] = candidate
+    search = replace(search, candidates=candidates, rounds=(*search.rounds, fits))
+    if not passes:
+        return search, False
+    return _accept(rig, search, best, named, times), True
+
+
+def _fit_all(evaluator: Evaluator, found: Sequence[FoundEffect]) -> tuple[FittedExplanation, ...]:
+    """Return the fits of no cause and of all explanations but those that were found. Of the slips
+    of each camera, the most probable one stands for all.
+    """
+    keys = {(effect.effect, effect.camera, effect.varies) for effect in found}
+    fits = []
+    slips: dict[str, list[Explanation]] = {}
+    for explanation in explanations(evaluator.context):
+        if explanation.effect is RIG_SLIP:
+            slips.setdefault(explanation.camera, []).append(explanation)
+        elif _key(explanation) not in keys:
+            fits.append(evaluator.fit(explanation))
+    fits += [
+        evaluator.best_of(candidates)
+        for candidates in slips.values()
+        if _key(candidates[0]) not in keys
+    ]
+    return tuple(fits)
+
+
+def _accept(
+    rig: Rig,
+    search: _Search,
+    best: FittedExplanation,
+    named: Sequence[FittedExplanation],
+    times: Array,
+) -> _Search:
+    """Add an explanation to the fit."""
+    explanation = best.explanation
+    context = search.context
+    state = search.state
+    accepted = context.accepted
+    if best.fixed:
+        state, best = fit_with_motion(state, context, best)
+        uncertain = tuple(motion for motion in best.random if not motion.adapts)
+        accepted = (*accepted, *uncertain)
+    else:
+        accepted = (*accepted, *best.random)
+    context = replace(_context(rig, state, times), accepted=accepted)
+    effect = FoundEffect(
+        explanation.name,
+        explanation.camera,
+        explanation.varies,
+        rig.placement_names[explanation.placement] if explanation.varies == FROM_VIEW else "",
+        parameters_of(best),
+    )
+    sentence = describe_found(effect, best, _partner(rig))
+    effect = replace(effect, sentence=sentence)
+    return replace(
+        search,
+        state=state,
+        context=context,
+        found=(*search.found, effect),
+        families=(*search.families, *_families(best.explanation, named)),
+    )
+
+
+def _families(best: Explanation, named: Sequence[FittedExplanation]) -> tuple[Family, ...]:
+    """Return the family of an accepted explanation, if others are as probable."""
+    logs = np.array([fitted.log_evidence for fitted in named])
+    odds = np.exp(logs - logs.max())
+    chances = odds / odds.sum()
+    if chances[0] > NAME_ALONE:
+        return ()
+    members: dict[str, float] = {}
+    for fitted, chance in zip(named, chances.tolist(), strict=True):
+        if chance > MIN_MEMBER_PROBABILITY:
+            explanation = fitted.explanation
+            name = f"{explanation.name} of {explanation.camera}"
+            members[name] = members.get(name, 0.0) + chance
+    if len(members) < 2:
+        return ()
+    advice = next(effect.advice for effect in RIG_EFFECTS if effect is best.effect)
+    return (
+        Family(
+            "a reason why the cameras disagree on where the board is",
+            members,
+            f"To separate them, {advice}.",
+        ),
+    )
+
+
+def _candidate(
+    rig: Rig,
+    fitted: FittedExplanation,
+    log_odds: float,
+    gain: HeldOutGain | None,
+    verdict: str,
+) -> RigCandidate:
+    explanation = fitted.explanation
+    return RigCandidate(
+        effect=explanation.name,
+        camera=explanation.camera,
+        varies=explanation.varies or None,
+        from_file=rig.placement_names[explanation.placement]
+        if explanation.varies == FROM_VIEW
+        else None,
+        log_odds=log_odds,
+        parameters=parameters_of(fitted),
+        held_out_px_before=gain.base_px if gain else None,
+        held_out_px_after=gain.extended_px if gain else None,
+        gain_ci95=gain.ci95 if gain else None,
+        p_value=gain.p_value if gain else None,
+        accepted=verdict == ACCEPTED,
+        verdict=verdict,
+    )
+
+
+def _latenesses(search: _Search) -> list[str]:
+    """Return sentences on latenesses that were not found, from the last round."""
+    found = {(effect.effect, effect.camera) for effect in search.found}
+    return [
+        describe_lateness(fitted)
+        for fitted in search.rounds[-1]
+        if fitted.explanation.is_late
+        and (fitted.explanation.name, fitted.explanation.camera) not in found
+    ]
+
+
+def _key(explanation: Explanation) -> tuple[str, str, str]:
+    return explanation.name, explanation.camera, explanation.varies
+
+
+def _partner(rig: Rig) -> str:
+    return rig.reference if len(rig.names) == 2 else ""
+
+
+def _context(rig: Rig, state: RigState, times: Array) -> RigContext:
+    """Linearise the fit, and estimate the motion of the board."""
+    products = MotionProducts.of(state)
+    placements = state.placements.numpy()
+    to_placement = motion_in_placement(placements)
+    information = to_placement.swapaxes(1, 2) @ products.products[:, POSE, POSE] @ to_placement
+    motion = BoardMotion.of(placements, np.linalg.inv(information), times)
+    further = tuple(name for name in rig.names if name != rig.reference)
+    compared = further if len(rig.names) == 2 else rig.names
+    behind_shared = {*rig.covers, *rig.covers.values()}
+    is_timed = np.isfinite(times).all()
+    order = np.argsort(times, kind="stable") if is_timed else np.argsort(rig.placement_names)
+    return RigContext(
+        products=products,
+        compared=compared,
+        mounted=tuple(name for name in compared if name not in behind_shared),
+        reference=rig.reference,
+        order=order.astype(np.int64),
+        shared=_shared(state),
+        motion=motion,
+    )
+
+
+def _shared(state: RigState) -> NDArray[np.bool_]:
+    """Return the (P,) mask of the placements that two cameras saw."""
+    seeing = np.zeros(len(state.placements), np.int64)
+    for camera in state.cameras:
+        seeing[np.unique(camera.placement.numpy())] += 1
+    return np.asarray(seeing > 1)
+
+
+def _times(rig: Rig, count: int) -> Array:
+    """Return the (P,) s times of the placements; NaN where not recorded."""
+    times = [
+        np.array([math.nan if view.time_s is None else view.time_s for view in c.views])
+        for c in rig.calibrations.values()
+    ]
+    names = sorted(rig.names, key=lambda name: name != rig.reference)
+    by_name = dict(zip(rig.names, times, strict=True))
+    return placement_times(
+        [rig.of_views[name] for name in names], [by_name[name] for name in names], count
+    )
+
+
+def _quality(search: _Search, none: FittedExplanation, noise_px: float) -> RigQuality:
+    image = []
+    for index, camera in enumerate(search.state.cameras):
+        poses = search.state.poses(index)
+        image.append(residuals(camera.model.path, camera.values, camera.observations, poses).image)
+    joined = torch.cat(image)
+    squares = held_out_squares(search.context, none, noise_px)
+    held_out = float(np.sqrt(np.nanmean(squares)))
+    return RigQuality(Residuals(joined, joined).rms_px, held_out)
+
+
+def _noise(state: RigState) -> float:
+    """Return the noise of a corner, px per axis."""
+    return float(np.sqrt(np.mean([camera.sigma**2 for camera in state.cameras])))
+
+
+def _with_effects(rig: Rig, search: _Search, none: FittedExplanation) -> Rig:
+    """Return the rig whose numbers are the most probable ones beside the effects."""
+    random: tuple[RandomMotion, ...] = (*search.context.accepted, *none.discrepancy)
+    reduced = ReducedMotions.of(search.context.products, random)
+    independent = ReducedMotions.of(search.context.products)
+    state = stepped(search.state, torch.from_numpy(reduced.step()))
+    ratio = reduced.hessian_inverse.diagonal() / independent.hessian_inverse.diagonal()
+    record: RigRecord = replace(
+        rig.record, effects=search.found, scatter=float(np.sqrt(np.mean(ratio)))
+    )
+    return rig_of(
+        state,
+        torch.from_numpy(reduced.hessian_inverse),
+        rig.calibrations,
+        rig.reference,
+        rig.covers,
+        rig.placement_names,
+        record,
+    )

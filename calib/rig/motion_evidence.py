@@ -1,0 +1,154 @@
+"""The evidence of explanations of how the cameras of a rig disagree, to first order around a fit.
+
+An explanation has numbers that all placements share (fixed), and others that each placement draws
+anew (random). With the rig's numbers and the placements, all are integrated out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.effects.effect import log_bayes_factor
+from calib.rig.motion_products import POSE, MotionProducts
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RandomMotion:
+    """Motions that each placement draws anew."""
+
+    columns: slice
+    """Their columns in the products."""
+    root: Array
+    """(P, k, k) L with L L^T their covariance in each placement."""
+    adapts: bool = True
+    """True if half of the corners of a held-out placement may tell its motions; False for an
+    uncertainty that no effect explains.
+    """
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixedMotion:
+    """Motions by numbers that all placements share."""
+
+    columns: slice
+    """Their columns in the products."""
+    by_number: Array
+    """(P, k, f) the motion in each placement by each number."""
+    spread: Array
+    """(f,) the prior standard deviation of each number, whose mean is zero."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixedEstimate:
+    """The numbers of a fixed motion."""
+
+    log_evidence: float
+    """Relative to the same explanation without them."""
+    value: Array
+    """(f,)"""
+    covariance: Array
+    """(f, f)"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReducedMotions:
+    """The products with the placements and some random motions integrated out."""
+
+    source: MotionProducts
+    random: tuple[RandomMotion, ...]
+    products: Array
+    """(P, n, n) with zeros in the columns of the placements."""
+    log_evidence: float
+    """Of the residual with the rig's numbers integrated out, up to a constant."""
+    hessian_inverse: Array
+    """(S, S) covariance of the rig's vector."""
+    gradient: Array
+    """(S,) half the gradient of the squares by it."""
+
+    @staticmethod
+    def of(
+        source: MotionProducts,
+        random: Sequence[RandomMotion] = (),
+        used: NDArray[np.bool_] | None = None,
+    ) -> ReducedMotions:
+        """Integrate out the placements and random motions.
+
+        Args:
+            used: (P,) the placements that count; None for all.
+        """
+        products, log_volume = eliminate(source.products, random)
+        if used is not None:
+            products = products * used[:, None, None]
+        numbers = source.numbers
+        total = products.sum(0)
+        hessian = total[numbers, numbers] + source.precision
+        gradient = total[numbers, -1] + source.precision @ source.vector
+        inverse = np.linalg.inv(hessian)
+        return ReducedMotions(
+            source=source,
+            random=tuple(random),
+            products=products,
+            log_evidence=float(
+                (gradient @ inverse @ gradient - np.linalg.slogdet(hessian)[1] - total[-1, -1]) / 2
+                - log_volume
+            ),
+            hessian_inverse=inverse,
+            gradient=gradient,
+        )
+
+    def step(self, motion: FixedMotion | None = None, value: Array | None = None) -> Array:
+        """Return the (S,) step of the rig's vector to its most probable value, for (f,) numbers of
+        a fixed motion.
+        """
+        gradient = self.gradient
+        if motion is not None and value is not None:
+            moved = self.products[:, self.source.numbers, motion.columns] @ motion.by_number
+            gradient = gradient + moved.sum(0) @ value
+        return -self.hessian_inverse @ gradient
+
+    def estimate(self, motion: FixedMotion) -> FixedEstimate:
+        """Return the numbers of a fixed motion, and the evidence for it."""
+        information, score = self.marginal(motion)
+        precision = information + np.diag(motion.spread**-2.0)
+        covariance = np.linalg.inv(precision)
+        return FixedEstimate(
+            log_evidence=log_bayes_factor(information, score, motion.spread),
+            value=-covariance @ score,
+            covariance=covariance,
+        )
+
+    def marginal(self, motion: FixedMotion) -> tuple[Array, Array]:
+        """Return the (f, f) information on the numbers of a fixed motion, and their (f,) score,
+        with the rig's numbers integrated out.
+        """
+        moved = self.products[:, :, motion.columns] @ motion.by_number  # (P, n, f)
+        own = moved[:, motion.columns]
+        information = np.einsum("pki,pkj->ij", motion.by_number, own)
+        cross = moved[:, self.source.numbers].sum(0)  # (S, f)
+        gain = self.hessian_inverse @ cross
+        score = moved[:, -1].sum(0) - gain.T @ self.gradient
+        return information - cross.T @ gain, score
+
+
+def eliminate(products: Array, random: Sequence[RandomMotion]) -> tuple[Array, float]:
+    """Return the (P, n, n) products with the placements and random motions eliminated, and half the
+    log determinant of the latter's posterior precision over the prior one.
+    """
+    reduced = _without(products, products[:, POSE, :], products[:, POSE, POSE])
+    log_volume = 0.0
+    for motion in random:
+        rows = motion.root.swapaxes(1, 2) @ reduced[:, motion.columns, :]  # (P, k, n)
+        inner = rows[:, :, motion.columns] @ motion.root + np.eye(motion.root.shape[1])
+        log_volume += float(np.linalg.slogdet(inner)[1].sum()) / 2
+        reduced = _without(reduced, rows, inner)
+    return reduced, log_volume
+
+
+def _without(products: Array, rows: Array, inner: Array) -> Array:
+    return np.asarray(products - rows.swapaxes(1, 2) @ np.linalg.solve(inner, rows))

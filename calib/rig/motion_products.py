@@ -1,0 +1,206 @@
+"""What each placement of a rig's fit tells of the rig's numbers, and of motions of each camera and
+of the board that each camera sees: the inner products of its linearised residuals.
+
+Effects of the rig are combinations of these motions. A camera that is late sees the board further
+on its path; a mounting that differs, or slipped, is a motion of the camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from calib.errors import InputError
+from calib.estimation.normal_equations import NormalEquations
+from calib.estimation.objective import HUBER
+from calib.rig.board_motion import motion_in_placement
+from calib.rig.gauge import mounting_motion
+from calib.rig.joint_estimate import CameraState, RigState
+from calib.rig.problem import PoseTerms, RigProblem
+
+MAX_BYTES = 4e9
+"""The most memory that the products may take."""
+POSE = slice(0, 6)
+"""The columns of the placement itself."""
+MOTIONS = 12
+"""A motion of the camera, then one of the board that it sees: a rotation (rad) and a translation
+(m) each. That of the camera is a motion of everything outside, in the camera's frame.
+"""
+NORMAL_MEDIAN = 1.1774
+"""The median length of a normal vector in two dimensions."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionProducts:
+    """The inner products of each placement's columns, in standard deviations of the corners: those
+    of the placement (6), of the rig's numbers (S), of the motions of each camera (12 each), and the
+    residual.
+    """
+
+    products: Array
+    """(P, n, n)"""
+    halves: Array
+    """(2, P, n, n) the same of every other corner."""
+    numbers: slice
+    """The columns of the rig's vector."""
+    motions: Mapping[str, slice]
+    """The columns of the motions of each camera."""
+    vector: Array
+    """(S,) the rig's vector, by which the residual was linearised."""
+    precision: Array
+    """(S, S) that of its prior."""
+    board: Mapping[str, Array]
+    """For each camera, the (P, 6, 6) information of its own corners on a motion of the board that
+    it sees, px^-2; 0 where it sees none.
+    """
+    corners: Mapping[str, Array]
+    """For each camera, the (P,) corners that it sees."""
+
+    @staticmethod
+    def of(state: RigState) -> MotionProducts:
+        """Linearise the placements of a rig at the state of its fit."""
+        wide = _with_motions(state)
+        vector = wide.vector()
+        _check_size(len(vector) + 7, len(state.placements))
+        limit = _robust_limit(wide, vector)
+        halves: list[list[Array]] = [[], []]
+        for place in range(len(state.placements)):
+            for half in (0, 1):
+                chunk = _every_other(wide.select_placements(range(place, place + 1)), half)
+                problem = with_limit(chunk.problem(), limit)
+                halves[half].append(_all_products(problem, vector, chunk.placements))
+        stacked = np.array(halves)
+        products = stacked.sum(0)
+        size = len(state.vector())
+        first = 6 + size
+        motions = {
+            camera.name: slice(first + MOTIONS * index, first + MOTIONS * (index + 1))
+            for index, camera in enumerate(state.cameras)
+        }
+        board = {}
+        corners = {}
+        for camera in state.cameras:
+            seen = np.arange(motions[camera.name].start + 6, motions[camera.name].stop)
+            board[camera.name] = products[:, seen[:, None], seen] * camera.sigma**2
+            views = camera.placement[camera.observations.view].numpy()
+            corners[camera.name] = np.bincount(views, minlength=len(state.placements))
+        precision = wide.problem().precision[:size, :size].numpy()
+        baseline = wide.problem().baseline_row(vector)
+        if baseline:
+            residual, slope, entries = baseline
+            del residual
+            precision = precision.copy()
+            places = entries.numpy()
+            precision[np.ix_(places, places)] += torch.outer(slope, slope).numpy()
+        return MotionProducts(
+            products=products,
+            halves=stacked,
+            numbers=slice(6, first),
+            motions=motions,
+            vector=vector[:size].numpy(),
+            precision=precision,
+            board=board,
+            corners=corners,
+        )
+
+
+def _check_size(columns: int, placements: int) -> None:
+    """Raise InputError if the products would not fit into memory."""
+    size = 3 * 8 * placements * columns**2
+    if size > MAX_BYTES:
+        raise InputError(
+            f"The diagnosis of {columns} numbers in {placements} placements needs"
+            f" {size / 1e9:.0f} GB: fit a rig of fewer placements, and diagnose that."
+        )
+
+
+def with_limit(problem: RigProblem, limit: float) -> RigProblem:
+    """Return a rig's problem with another limit of Huber's loss, and without the baseline."""
+    cameras = tuple(
+        replace(camera, landing=replace(camera.landing, huber=limit)) for camera in problem.cameras
+    )
+    return replace(problem, cameras=cameras, baseline=None)
+
+
+def motion_terms(camera: CameraState, state: RigState, index: int, first: int) -> PoseTerms:
+    """Return the 12 motions of a camera as terms of its poses.
+
+    Args:
+        index: of the camera.
+        first: the place of the first motion among the numbers of the state.
+    """
+    count = len(camera.placement)
+    by_mounting = torch.zeros(count, 6, MOTIONS, dtype=torch.float64)
+    by_placement = torch.zeros(count, 6, MOTIONS, dtype=torch.float64)
+    mounting = state.mountings[state.layout.frames[index]]
+    by_mounting[:, :, :6] = torch.from_numpy(np.linalg.inv(mounting_motion(mounting)))
+    placements = state.placements[camera.placement].numpy()
+    by_placement[:, :, 6:] = torch.from_numpy(motion_in_placement(placements))
+    return PoseTerms(torch.arange(first, first + MOTIONS), by_mounting, by_placement)
+
+
+def _with_motions(state: RigState) -> RigState:
+    """Return the state with the motions of each camera as further numbers, all zero."""
+    cameras = []
+    count = len(state.numbers)
+    for index, camera in enumerate(state.cameras):
+        terms = motion_terms(camera, state, index, count + MOTIONS * index)
+        cameras.append(replace(camera, terms=terms.joined(camera.terms)))
+    further = MOTIONS * len(cameras)
+    return replace(
+        state,
+        cameras=tuple(cameras),
+        numbers=torch.cat([state.numbers, torch.zeros(further, dtype=torch.float64)]),
+        spreads=torch.cat([state.spreads, torch.full((further,), torch.inf, dtype=torch.float64)]),
+    )
+
+
+def _robust_limit(state: RigState, vector: Tensor) -> float:
+    """Return Huber's limit from the typical residual: a missing effect moves all corners, and must
+    not be weighed down as an outlier.
+    """
+    problem = state.problem()
+    lengths = []
+    for camera in problem.cameras:
+        poses = camera.compose(vector, state.placements)
+        residual, lands = camera.landing.residual(vector[camera.columns], poses)
+        lengths.append(residual[lands].norm(dim=-1))
+    return HUBER * max(1.0, float(torch.cat(lengths).median()) / NORMAL_MEDIAN)
+
+
+def _every_other(state: RigState, half: int) -> RigState:
+    """Return the state with every other corner of each view."""
+    cameras = []
+    for camera in state.cameras:
+        rows = torch.arange(len(camera.observations.pixels)) % 2 == half
+        cameras.append(replace(camera, observations=camera.observations.select_rows(rows)))
+    return replace(state, cameras=tuple(cameras))
+
+
+def _all_products(problem: RigProblem, vector: Tensor, placements: Tensor) -> Array:
+    """Return the (n, n) products of one placement, the placement not eliminated."""
+    cameras = tuple(camera for camera in problem.cameras if len(camera.placement))
+    equations = replace(problem, cameras=cameras).linearisation(vector, placements).equations
+    return _joined(equations)
+
+
+def _joined(equations: NormalEquations) -> Array:
+    size = 6 + len(equations.gradient_shared)
+    products = np.zeros((size + 1, size + 1))
+    cross = equations.hessian_cross[0].numpy()
+    gradient = torch.cat([equations.gradient_block[0], equations.gradient_shared]).numpy()
+    products[POSE, POSE] = equations.hessian_block[0].numpy()
+    products[POSE, 6:size] = cross
+    products[6:size, POSE] = cross.T
+    products[6:size, 6:size] = equations.hessian_shared.numpy()
+    products[:size, size] = gradient
+    products[size, :size] = gradient
+    products[size, size] = equations.sum_of_squares
+    return products

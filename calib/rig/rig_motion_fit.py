@@ -1,0 +1,103 @@
+"""The joint fit of a rig with an effect whose numbers all placements share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from calib.rig.board_motion import motion_in_placement
+from calib.rig.explanations import FittedExplanation, RigContext, late_motion
+from calib.rig.gauge import mounting_motion
+from calib.rig.joint_estimate import RigState, estimate_rig
+from calib.rig.motion_evidence import (
+    FixedEstimate,
+    FixedMotion,
+    ReducedMotions,
+)
+from calib.rig.motion_products import MotionProducts
+from calib.rig.problem import PoseTerms
+
+ROUNDS = (1e-5,)
+"""The tolerance of the fit: its start is the optimum without the effect."""
+SETTLING = 2
+"""The number of steps of the placements after one of the rig's numbers."""
+
+Array = NDArray[np.float64]
+
+
+def fit_with_motion(
+    state: RigState, context: RigContext, fitted: FittedExplanation
+) -> tuple[RigState, FittedExplanation]:
+    """Fit the rig with the numbers of an explanation free, and return its state and the explanation
+    with its numbers there. The board's motion within a lateness is that of the most probable one.
+    """
+    assert fitted.estimate
+    assert fitted.fixed
+    explanation = fitted.explanation
+    index = next(i for i, c in enumerate(state.cameras) if c.name == explanation.camera)
+    motion = fitted.fixed
+    if explanation.is_late:
+        lateness = float(fitted.estimate.value[0])
+        moved = context.motion.after(lateness)
+        motion = late_motion(context, explanation.camera, moved, lateness)
+    is_of_camera = motion.columns == context.of_camera(explanation.camera)
+    terms = effect_terms(state, index, motion, is_of_camera=is_of_camera)
+    camera = state.cameras[index]
+    cameras = list(state.cameras)
+    cameras[index] = replace(camera, terms=terms.joined(camera.terms))
+    start = replace(
+        state,
+        cameras=tuple(cameras),
+        numbers=torch.cat([state.numbers, torch.from_numpy(fitted.estimate.value)]),
+        spreads=torch.cat([state.spreads, torch.from_numpy(motion.spread)]),
+    )
+    state = estimate_rig(start, rounds=ROUNDS).state
+    random = (*context.accepted, *fitted.random, *fitted.discrepancy)
+    reduced = ReducedMotions.of(MotionProducts.of(state), random)
+    count = len(motion.spread)
+    estimate = FixedEstimate(
+        log_evidence=fitted.estimate.log_evidence,
+        value=state.numbers[-count:].numpy() + reduced.step()[-count:],
+        covariance=reduced.hessian_inverse[-count:, -count:],
+    )
+    return state, replace(fitted, estimate=estimate)
+
+
+def effect_terms(
+    state: RigState, index: int, motion: FixedMotion, *, is_of_camera: bool
+) -> PoseTerms:
+    """Return the numbers of a fixed motion as terms of one camera's poses.
+
+    Args:
+        index: of the camera.
+        motion: of this camera, or of the board that it sees.
+        is_of_camera: true for the former.
+    """
+    camera = state.cameras[index]
+    by_number = torch.from_numpy(motion.by_number)[camera.placement]  # (V, 6, f)
+    first = len(state.numbers)
+    entries = torch.arange(first, first + by_number.shape[2])
+    still = torch.zeros_like(by_number)
+    if is_of_camera:
+        mounting = state.mountings[state.layout.frames[index]]
+        to_mounting = torch.from_numpy(np.linalg.inv(mounting_motion(mounting)))
+        return PoseTerms(entries, to_mounting @ by_number, still)
+    placements = state.placements[camera.placement].numpy()
+    to_placement = torch.from_numpy(motion_in_placement(placements))
+    return PoseTerms(entries, still, to_placement @ by_number)
+
+
+def stepped(state: RigState, step: Tensor) -> RigState:
+    """Return the state after a (S,) step of the rig's vector, with the placements that fit best
+    there.
+    """
+    vector = state.vector() + step
+    placements = state.placements
+    problem = state.problem()
+    for _ in range(SETTLING):
+        placements, _ = problem.inner_step(vector, placements)
+    return state.at(vector, placements)

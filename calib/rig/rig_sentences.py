@@ -1,0 +1,135 @@
+"""The words of a rig's diagnosis: what was found, with its size, and what the placements leave
+open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from calib.diagnosis.finding import ParameterEstimate
+from calib.effects.effect import EACH_VIEW
+from calib.fitting.rounding import with_sigma
+from calib.rig.board_motion import MAX_INTERVAL
+from calib.rig.check_words import size_and_sigma
+from calib.rig.explanations import FittedExplanation, RigContext
+from calib.rig.moved_cameras import KINDS
+from calib.rig.rig_content import FoundEffect
+from calib.rig.rig_effects import LATENESS, RIG_FLEX, RIG_SLIP, SYNC_OFFSET
+
+UNTIMED = (
+    "Whether a camera exposes later by a constant time cannot be told: no"
+    f" {{least}} placements follow each other within {MAX_INTERVAL:g} s by time_s in frames.csv."
+    " Record bursts of a moving board."
+)
+"""A sentence without the least number of placements of a burst."""
+
+
+def parameters_of(fitted: FittedExplanation) -> dict[str, ParameterEstimate]:
+    """Return the numbers of an explanation, with their standard deviations."""
+    explanation = fitted.explanation
+    name = explanation.name
+    if explanation.is_late and fitted.estimate:
+        sigma = float(fitted.estimate.covariance[0, 0] ** 0.5)
+        value = float(fitted.estimate.value[0])
+        return {f"{name}.late": ParameterEstimate(value, sigma, "s")}
+    if explanation.varies == EACH_VIEW:
+        parts = ("turn", "rad"), ("shift", "m")
+        return {
+            f"{name}.{part}": ParameterEstimate(float(size), float(sigma), unit)
+            for (part, unit), size, sigma in zip(
+                parts, fitted.sizes, fitted.size_sigmas, strict=False
+            )
+        }
+    if fitted.estimate:
+        axes = [f"{part}.{axis}" for part in ("turn", "shift") for axis in "xyz"]
+        units = ["rad"] * 3 + ["m"] * 3
+        chosen = KINDS[explanation.kind]
+        # The camera goes the other way than everything outside.
+        return {
+            f"{name}.{axis}": ParameterEstimate(-float(value), float(sigma), unit)
+            for axis, unit, value, sigma in zip(
+                axes[chosen],
+                units[chosen],
+                fitted.estimate.value,
+                np.sqrt(fitted.estimate.covariance.diagonal()),
+                strict=True,
+            )
+        }
+    return {}
+
+
+def describe_found(effect: FoundEffect, fitted: FittedExplanation, partner: str) -> str:
+    """Return what was found, as a sentence without a full stop.
+
+    Args:
+        partner: the other camera of a pair; empty for more cameras.
+    """
+    camera = effect.camera
+    others = partner or "the others"
+    numbers = effect.parameters
+    if effect.effect == SYNC_OFFSET.name and not effect.varies:
+        late = numbers[f"{effect.effect}.late"]
+        word = "later" if late.value > 0 else "earlier"
+        size = with_sigma(1e3 * abs(late.value), 1e3 * late.sigma)
+        return f"{camera} exposes {size} ms {word} than {others}"
+    if effect.effect == SYNC_OFFSET.name:
+        return (
+            f"the board moves between the exposures of {camera} and {others}, by"
+            f" {_sizes(effect)} in each number of its pose"
+        )
+    if effect.effect == RIG_FLEX.name:
+        return (
+            f"the mounting of {camera} against {others} differs from placement to placement, by"
+            f" {_sizes(effect)} about and along each axis"
+        )
+    assert effect.effect == RIG_SLIP.name
+    return f"{camera} slipped before {effect.from_file}: it {_slip(fitted)} against {others}"
+
+
+def remarks(context: RigContext, least: int) -> Iterator[str]:
+    """Yield sentences on what these placements cannot tell."""
+    if not context.motion.bursts:
+        yield UNTIMED.format(least=least)
+    missing = [name for name in context.compared if name not in context.mounted]
+    if missing:
+        yield (
+            f"Whether the mounting of {' and '.join(missing)} flexes or slipped is not asked: a"
+            " camera behind a shared cover does not tell its motion from that of the cover."
+        )
+
+
+def describe_lateness(fitted: FittedExplanation) -> str:
+    """Return a sentence on a lateness that was not found."""
+    assert fitted.estimate
+    sigma = float(fitted.estimate.covariance[0, 0] ** 0.5)
+    camera = fitted.explanation.camera
+    if sigma > LATENESS.sigma / 2:
+        return (
+            f"Whether {camera} exposes later by a constant time cannot be told: the board hardly"
+            " moves in the bursts. Move it faster."
+        )
+    value = with_sigma(1e3 * float(fitted.estimate.value[0]), 1e3 * sigma)
+    return f"{camera} exposes {value} ms later than the others, which is no more than chance."
+
+
+def _sizes(effect: FoundEffect) -> str:
+    turn = effect.parameters[f"{effect.effect}.turn"]
+    shift = effect.parameters[f"{effect.effect}.shift"]
+    degrees = with_sigma(np.degrees(turn.value), np.degrees(turn.sigma))
+    return f"{degrees} degrees and {with_sigma(1e3 * shift.value, 1e3 * shift.sigma)} mm"
+
+
+def _slip(fitted: FittedExplanation) -> str:
+    assert fitted.estimate
+    value, covariance = fitted.estimate.value, fitted.estimate.covariance
+    kind = fitted.explanation.kind
+    words = []
+    if kind != "moved":
+        turn = size_and_sigma(value[:3], covariance[:3, :3])
+        words.append(f"turned by {with_sigma(*np.degrees(turn).tolist())} degrees")
+    if kind != "turned":
+        shift = size_and_sigma(value[-3:], covariance[-3:, -3:])
+        words.append(f"moved by {with_sigma(1e3 * shift[0], 1e3 * shift[1])} mm")
+    return " and ".join(words)
