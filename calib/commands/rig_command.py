@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from calib.commands import rig_diagnosis
 from calib.commands.arguments import add_output, add_overwrite, depth
 from calib.commands.fit_options import add_fit_options
 from calib.commands.parser import Help
@@ -19,6 +20,7 @@ and says which of their pictures belong together: docs/rigs.md.
 """
 EXAMPLES = (
     "calib rig fit pair -o pair/calibration",
+    "calib rig diagnose pair/calibration",
     "calib rig check pair/calibration pair/today",
 )
 QUIET = "print no progress and no remarks, and of a fit the verdict alone"
@@ -51,6 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "calibration", type=Path, metavar="CALIBRATION", help="the folder that calib rig fit wrote"
     )
     _add_rig(check, "a rig.yaml with new pictures, or its folder")
+    diagnose = _add_action(actions, "diagnose", rig_diagnosis.SUMMARY)
+    rig_diagnosis.add_arguments(diagnose)
     rectify = _add_action(
         actions,
         "rectify",
@@ -109,7 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " model with rigs.txt; mrcal: a .cameramodel a camera; depthai: the calibration of a"
         " Luxonis board; caliscope: a camera array",
     )
-    for action in (fit, evaluate, check, rectify, depth_action, export):
+    for action in (fit, evaluate, check, diagnose, rectify, depth_action, export):
         action.add_argument("--json", action="store_true", help="print one JSON object")
         # The command's own --quiet stands before ACTION.
         action.add_argument(
@@ -132,6 +136,7 @@ def run(args: argparse.Namespace) -> int | None:
         "fit": _fit,
         "evaluate": _evaluate,
         "check": _check,
+        "diagnose": rig_diagnosis.run,
         "rectify": _rectify,
         "depth": _depth,
         "export": _export,

@@ -253,4 +253,4 @@ def placement_times(
     for table, places, seconds in zip(tables, of_views, times, strict=True):
         # Of several pictures of one placement, the first.
         table[places[::-1]] = seconds[::-1]
-    return tables[np.isfinite(tables).sum(1).argmax()]
+    return np.asarray(tables[np.isfinite(tables).sum(1).argmax()])

@@ -20,28 +20,20 @@ from calib.diagnosis.trial import ALPHA, is_worthwhile
 from calib.effects.varying import FROM_VIEW
 from calib.errors import NotEnoughDataError, wrong_type
 from calib.estimation.residuals import Residuals, residuals
-from calib.inference.cross_validation import FOLDS, HeldOutGain
+from calib.inference.cross_validation import HeldOutGain
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.progress import Progress, Silent, check_progress
 from calib.rig.board_motion import (
     MIN_BURST,
-    BoardMotion,
-    motion_in_placement,
-    placement_times,
 )
-from calib.rig.explanations import (
-    Evaluator,
-    Explanation,
-    FittedExplanation,
-    RigContext,
-    explanations,
-)
-from calib.rig.held_out_placements import held_out_gain, held_out_squares
+from calib.rig.explanation_fit import Evaluator, FittedExplanation
+from calib.rig.explanations import Explanation, explanations
+from calib.rig.held_out_placements import MIN_SHARED, held_out_gain, held_out_squares
 from calib.rig.joint_estimate import RigState
 from calib.rig.motion_evidence import RandomMotion, ReducedMotions
-from calib.rig.motion_products import POSE, MotionProducts
 from calib.rig.rig import Rig, RigCalibrationSource
 from calib.rig.rig_content import FoundEffect, RigRecord
+from calib.rig.rig_context import RigContext, rig_context, times_of
 from calib.rig.rig_effects import RIG_EFFECTS, RIG_SLIP
 from calib.rig.rig_finding import RigCandidate, RigDiagnosis, RigQuality
 from calib.rig.rig_motion_fit import fit_with_motion, stepped
@@ -49,8 +41,6 @@ from calib.rig.rig_result import rig_of, state_of
 from calib.rig.rig_sentences import describe_found, describe_lateness, parameters_of, remarks
 from calib.threads import single_thread
 
-MIN_SHARED = 2 * FOLDS
-"""The fewest placements with which an effect can be confirmed."""
 ACCEPTED = "accepted"
 MAX_EFFECTS = 3
 """The largest number of effects of a rig."""
@@ -94,15 +84,14 @@ def diagnose_rig(
     advance = progress.task("Diagnosis of the rig", 2 + 2 * MAX_EFFECTS)
     with single_thread():
         state = state_of(calibrated)
-        shared = _shared(state)
-        if (count := int(shared.sum())) < MIN_SHARED:
+        if (count := int((calibrated.cameras_seeing > 1).sum())) < MIN_SHARED:
             raise NotEnoughDataError(
                 f"A diagnosis holds placements out in turn and needs {MIN_SHARED} or more that two"
                 f" cameras saw, but the rig has {count}: take more pictures of the board where the"
                 " views overlap."
             )
-        times = _times(calibrated, len(state.placements))
-        search = _Search(state, _context(calibrated, state, times))
+        times = times_of(calibrated, len(state.placements))
+        search = _Search(state, rig_context(calibrated, state, times))
         advance(1, "")
         none = Evaluator(search.context).fit(Explanation(None))
         noise_px = _noise(state)
@@ -211,7 +200,7 @@ def _accept(
         accepted = (*accepted, *uncertain)
     else:
         accepted = (*accepted, *best.random)
-    context = replace(_context(rig, state, times), accepted=accepted)
+    context = rig_context(rig, state, times, accepted)
     effect = FoundEffect(
         explanation.name,
         explanation.camera,
@@ -298,50 +287,6 @@ def _key(explanation: Explanation) -> tuple[str, str, str]:
 
 def _partner(rig: Rig) -> str:
     return rig.reference if len(rig.names) == 2 else ""
-
-
-def _context(rig: Rig, state: RigState, times: Array) -> RigContext:
-    """Linearise the fit, and estimate the motion of the board."""
-    products = MotionProducts.of(state)
-    placements = state.placements.numpy()
-    to_placement = motion_in_placement(placements)
-    information = to_placement.swapaxes(1, 2) @ products.products[:, POSE, POSE] @ to_placement
-    motion = BoardMotion.of(placements, np.linalg.inv(information), times)
-    further = tuple(name for name in rig.names if name != rig.reference)
-    compared = further if len(rig.names) == 2 else rig.names
-    behind_shared = {*rig.covers, *rig.covers.values()}
-    is_timed = np.isfinite(times).all()
-    order = np.argsort(times, kind="stable") if is_timed else np.argsort(rig.placement_names)
-    return RigContext(
-        products=products,
-        compared=compared,
-        mounted=tuple(name for name in compared if name not in behind_shared),
-        reference=rig.reference,
-        order=order.astype(np.int64),
-        shared=_shared(state),
-        motion=motion,
-    )
-
-
-def _shared(state: RigState) -> NDArray[np.bool_]:
-    """Return the (P,) mask of the placements that two cameras saw."""
-    seeing = np.zeros(len(state.placements), np.int64)
-    for camera in state.cameras:
-        seeing[np.unique(camera.placement.numpy())] += 1
-    return np.asarray(seeing > 1)
-
-
-def _times(rig: Rig, count: int) -> Array:
-    """Return the (P,) s times of the placements; NaN where not recorded."""
-    times = [
-        np.array([math.nan if view.time_s is None else view.time_s for view in c.views])
-        for c in rig.calibrations.values()
-    ]
-    names = sorted(rig.names, key=lambda name: name != rig.reference)
-    by_name = dict(zip(rig.names, times, strict=True))
-    return placement_times(
-        [rig.of_views[name] for name in names], [by_name[name] for name in names], count
-    )
 
 
 def _quality(search: _Search, none: FittedExplanation, noise_px: float) -> RigQuality:

@@ -15,9 +15,13 @@ from numpy.typing import NDArray
 
 from calib.inference.cross_validation import BOOTSTRAP_DRAWS, FOLDS, HeldOutGain
 from calib.inference.sign_flip_test import gain_p_value
-from calib.rig.explanations import FittedExplanation, RigContext
+from calib.rig.explanation_fit import FittedExplanation
 from calib.rig.motion_evidence import RandomMotion, ReducedMotions
 from calib.rig.motion_products import POSE
+from calib.rig.rig_context import RigContext
+
+MIN_SHARED = 2 * FOLDS
+"""The fewest placements that two cameras saw, with which an effect can be confirmed."""
 
 Array = NDArray[np.float64]
 

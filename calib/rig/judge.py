@@ -11,7 +11,9 @@ import numpy as np
 
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.rig.evaluate_rig import RigEvaluation
+from calib.rig.held_out_placements import MIN_SHARED as MIN_DIAGNOSED
 from calib.rig.rig import Rig
+from calib.rig.rig_effects import RIG_FLEX, RIG_SLIP
 from calib.verdict.judge import judge
 from calib.verdict.verdict import Reason, Trust, Verdict
 
@@ -31,6 +33,12 @@ MAX_HELD_OUT = 1.5
 MAX_NORMALISED = 2.0
 """The largest root mean square of held-out lengths' errors over their sigma."""
 
+MENDING = {
+    RIG_FLEX.name: "tighten the mounting, and record again",
+    RIG_SLIP.name: "the rig is as after that; check it before you measure",
+}
+"""Advice on the effects of a rig that the user has to mend."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigCase:
@@ -46,7 +54,10 @@ class RigCase:
     @property
     def fit_command(self) -> str:
         source = shlex.quote(str(self.source))
-        return f"calib rig fit {source} -o {shlex.quote(str(self.folder))}"
+        # The folder of a diagnosed rig is that of the diagnosis.
+        is_diagnosed = bool(self.rig.record.effects)
+        folder = self.source.parent / "calibration" if is_diagnosed else self.folder
+        return f"calib rig fit {source} -o {shlex.quote(str(folder))}"
 
 
 RigCheck = Callable[[RigCase], Iterable[Reason]]
@@ -84,9 +95,7 @@ def rig_not_converged(case: RigCase) -> Iterator[Reason]:
 def few_shared(case: RigCase) -> Iterator[Reason]:
     """Yield a reason for each camera that shares few placements with the others."""
     rig = case.rig
-    seeing = np.zeros(len(rig.placements), np.int64)  # cameras that see each placement
-    for places in rig.of_views.values():
-        seeing[np.unique(places)] += 1
+    seeing = rig.cameras_seeing
     for name, places in rig.of_views.items():
         shared = int((seeing[np.unique(places)] > 1).sum())
         if len(rig.names) > 1 and shared < MIN_SHARED:
@@ -100,16 +109,31 @@ def few_shared(case: RigCase) -> Iterator[Reason]:
 
 def disagreement(case: RigCase) -> Iterator[Reason]:
     """Yield a reason for each camera whose error grows where the cameras share the board's pose."""
+    cause = "the board moved between their pictures, or a camera moved in the rig"
+    advice, command = "hold the board still, and record again", case.fit_command
+    if case.rig.record.effects:
+        cause = "the causes that were found do not explain all of it"
+    elif np.sum(case.rig.cameras_seeing > 1) >= MIN_DIAGNOSED:
+        advice = "the diagnosis tells which"
+        command = f"calib rig diagnose {shlex.quote(str(case.folder))}"
     for name, calibration in case.rig.calibrations.items():
         error = calibration.stages[-1].rms_px
         alone = case.rig.record.alone_px.get(name, error)
         if len(case.rig.names) > 1 and error > MAX_GROWTH * alone:
             yield Reason(
                 f"the error of {name} is {error:.3g} px with one pose of the board for all cameras,"
-                f" and {alone:.3g} px alone: the board moved between their pictures, or a camera"
-                " moved in the rig: hold the board still, and record again.",
-                case.fit_command,
+                f" and {alone:.3g} px alone: {cause}: {advice}.",
+                command,
             )
+
+
+def found_effects(case: RigCase) -> Iterator[Reason]:
+    """Yield a reason for each effect of the rig that a diagnosis found and that no number of the
+    rig describes: a mounting that is not the same in all placements.
+    """
+    for effect in case.rig.record.effects:
+        if effect.effect in MENDING:
+            yield Reason(f"{effect.sentence}: {MENDING[effect.effect]}.", case.fit_command)
 
 
 def uncertain_baselines(case: RigCase) -> Iterator[Reason]:
@@ -160,6 +184,7 @@ def camera_reasons(case: RigCase) -> Iterator[Reason]:
 RIG_CHECKS: tuple[RigCheck, ...] = (
     rig_not_converged,
     few_shared,
+    found_effects,
     disagreement,
     camera_reasons,
     uncertain_baselines,

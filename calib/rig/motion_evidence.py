@@ -116,7 +116,7 @@ class ReducedMotions:
         """Return the numbers of a fixed motion, and the evidence for it."""
         information, score = self.marginal(motion)
         precision = information + np.diag(motion.spread**-2.0)
-        covariance = np.linalg.inv(precision)
+        covariance = np.asarray(np.linalg.inv(precision))
         return FixedEstimate(
             log_evidence=log_bayes_factor(information, score, motion.spread),
             value=-covariance @ score,

@@ -60,7 +60,7 @@ class MotionProducts:
     """For each camera, the (P, 6, 6) information of its own corners on a motion of the board that
     it sees, px^-2; 0 where it sees none.
     """
-    corners: Mapping[str, Array]
+    corners: Mapping[str, NDArray[np.int64]]
     """For each camera, the (P,) corners that it sees."""
 
     @staticmethod
@@ -90,7 +90,8 @@ class MotionProducts:
             seen = np.arange(motions[camera.name].start + 6, motions[camera.name].stop)
             board[camera.name] = products[:, seen[:, None], seen] * camera.sigma**2
             views = camera.placement[camera.observations.view].numpy()
-            corners[camera.name] = np.bincount(views, minlength=len(state.placements))
+            counts = np.bincount(views, minlength=len(state.placements))
+            corners[camera.name] = counts.astype(np.int64)
         precision = wide.problem().precision[:size, :size].numpy()
         baseline = wide.problem().baseline_row(vector)
         if baseline:

@@ -173,6 +173,14 @@ class RigContent:
         """The names of the cameras."""
         return tuple(self.calibrations)
 
+    @property
+    def cameras_seeing(self) -> Indices:
+        """(P,) the number of cameras that see each placement."""
+        seeing = np.zeros(len(self.placements), np.int64)
+        for places in self.of_views.values():
+            seeing[np.unique(places)] += 1
+        return seeing
+
     def index(self, name: str) -> int:
         """Return the place of a camera among the names.
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.rig.board_motion import motion_in_placement
-from calib.rig.explanations import FittedExplanation, RigContext, late_motion
+from calib.rig.explanation_fit import FittedExplanation, late_motion
 from calib.rig.gauge import mounting_motion
 from calib.rig.joint_estimate import RigState, estimate_rig
 from calib.rig.motion_evidence import (
@@ -20,6 +20,7 @@ from calib.rig.motion_evidence import (
 )
 from calib.rig.motion_products import MotionProducts
 from calib.rig.problem import PoseTerms
+from calib.rig.rig_context import RigContext
 
 ROUNDS = (1e-5,)
 """The tolerance of the fit: its start is the optimum without the effect."""

@@ -13,9 +13,10 @@ from calib.effects.effect import EACH_VIEW
 from calib.fitting.rounding import with_sigma
 from calib.rig.board_motion import MAX_INTERVAL
 from calib.rig.check_words import size_and_sigma
-from calib.rig.explanations import FittedExplanation, RigContext
+from calib.rig.explanation_fit import FittedExplanation
 from calib.rig.moved_cameras import KINDS
 from calib.rig.rig_content import FoundEffect
+from calib.rig.rig_context import RigContext
 from calib.rig.rig_effects import LATENESS, RIG_FLEX, RIG_SLIP, SYNC_OFFSET
 
 UNTIMED = (

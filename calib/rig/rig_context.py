@@ -1,0 +1,125 @@
+"""What the diagnosis of a rig starts from: the linearised fit, and the motion of the board."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.rig.board_motion import BoardMotion, motion_in_placement, placement_times
+from calib.rig.joint_estimate import RigState
+from calib.rig.motion_evidence import RandomMotion
+from calib.rig.motion_products import POSE, MotionProducts
+from calib.rig.rig import Rig
+
+DISCREPANCY = (1e-4, 10.0)
+"""px: the range of a disagreement without a cause, root mean square over the corners."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RigContext:
+    """What the explanations need: the linearised fit, and what is known of the board's motion."""
+
+    products: MotionProducts
+    compared: tuple[str, ...]
+    """The cameras whose lateness the placements tell."""
+    mounted: tuple[str, ...]
+    """Those of them whose mounting the placements tell."""
+    reference: str
+    order: NDArray[np.int64]
+    """(P,) the placements in the order of time, or of their names."""
+    shared: NDArray[np.bool_]
+    """(P,) true for a placement that two cameras saw."""
+    motion: BoardMotion
+    accepted: tuple[RandomMotion, ...] = ()
+    """The random motions of effects that were found before."""
+
+    @property
+    def count(self) -> int:
+        return len(self.products.products)
+
+    def of_camera(self, name: str) -> slice:
+        """Return the columns of a camera's own motion."""
+        start = self.products.motions[name].start
+        return slice(start, start + 6)
+
+    def of_board(self, name: str) -> slice:
+        """Return the columns of the motion of the board that a camera sees."""
+        stop = self.products.motions[name].stop
+        return slice(stop - 6, stop)
+
+    @cached_property
+    def discrepancies(self) -> tuple[tuple[slice, Array], ...]:
+        """The columns and the (P, 6, 6) covariances of a disagreement of 1 px without a cause, for
+        each camera but the reference.
+        """
+        result = []
+        for name, information in self.products.board.items():
+            if name != self.reference:
+                corners = self.products.corners[name]
+                covariance = np.zeros_like(information)
+                seen = corners > 6
+                covariance[seen] = np.linalg.inv(information[seen]) * (
+                    corners[seen, None, None] / 6
+                )
+                result.append((self.of_board(name), covariance))
+        return tuple(result)
+
+    def discrepancy(self, size: float) -> tuple[RandomMotion, ...]:
+        """Return the disagreement without a cause, of a size in px."""
+        if size <= DISCREPANCY[0]:
+            return ()
+        return tuple(
+            RandomMotion(columns, size * roots(covariance), adapts=False)
+            for columns, covariance in self.discrepancies
+        )
+
+
+def roots(covariances: Array) -> Array:
+    """Return (P, k, k) L with L L^T the (P, k, k) covariances, which may be singular."""
+    values, vectors = np.linalg.eigh(covariances)
+    return np.asarray(vectors * np.sqrt(values.clip(0))[:, None, :])
+
+
+def rig_context(
+    rig: Rig, state: RigState, times: Array, accepted: tuple[RandomMotion, ...] = ()
+) -> RigContext:
+    """Linearise the fit, and estimate the motion of the board."""
+    products = MotionProducts.of(state)
+    placements = state.placements.numpy()
+    to_placement = motion_in_placement(placements)
+    information = to_placement.swapaxes(1, 2) @ products.products[:, POSE, POSE] @ to_placement
+    motion = BoardMotion.of(placements, np.asarray(np.linalg.inv(information)), times)
+    further = tuple(name for name in rig.names if name != rig.reference)
+    compared = further if len(rig.names) == 2 else rig.names
+    behind_shared = {*rig.covers, *rig.covers.values()}
+    is_timed = np.isfinite(times).all()
+    order = np.argsort(times, kind="stable") if is_timed else np.argsort(rig.placement_names)
+    return RigContext(
+        products=products,
+        compared=compared,
+        mounted=tuple(name for name in compared if name not in behind_shared),
+        reference=rig.reference,
+        order=order.astype(np.int64),
+        shared=rig.cameras_seeing > 1,
+        motion=motion,
+        accepted=accepted,
+    )
+
+
+def times_of(rig: Rig, count: int) -> Array:
+    """Return the (P,) s times of the placements; NaN where not recorded."""
+    times = [
+        np.array([math.nan if view.time_s is None else view.time_s for view in c.views])
+        for c in rig.calibrations.values()
+    ]
+    names = sorted(rig.names, key=lambda name: name != rig.reference)
+    by_name = dict(zip(rig.names, times, strict=True))
+    return placement_times(
+        [rig.of_views[name] for name in names], [by_name[name] for name in names], count
+    )
