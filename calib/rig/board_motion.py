@@ -1,11 +1,11 @@
 """The motion of the board in bursts: where it was a little later than a placement.
 
 A burst is a series of placements whose pictures follow each other at short intervals, by their
-`time_s`. The path of the board through a burst is a Gaussian process, once integrated white noise
-of the acceleration in each of six coordinates: the smoothest path through the placements. How
-smooth it is has one number for all rotations and one for all translations, of all bursts together;
-they maximise the evidence of the placements. So a hand that trembles gives uncertain speeds, not
-wrong ones.
+`time_s`. The path of the board through a burst is a Gaussian process: white noise of the
+acceleration in each of six coordinates, as of a hand that trembles, or of the jerk, as of one that
+swings. The noise has one size for all rotations and one for all translations, of all bursts
+together. The evidence of the placements chooses between the two, and the sizes. So a rough motion
+gives uncertain speeds, not wrong ones.
 
 Source: C. E. Rasmussen, C. K. I. Williams, Gaussian processes for machine learning (2006), sections
 2.2 and 6.3.
@@ -34,10 +34,12 @@ MARGIN = 0.5
 """s: a path begins so long before its first placement, more than any camera is late."""
 SPEEDS = np.array([3.0] * 3 + [1.0] * 3)
 """rad/s and m/s: the prior standard deviations of the board's speed, those of a quick hand."""
-PLACE = np.array([1.0] * 3 + [1.0] * 3)
+PLACES = np.array([1.0] * 3 + [1.0] * 3)
 """rad and m: the same of its place in the frame of the first placement of its burst."""
-ROUGHNESS = np.array([1.0, 0.1])
-"""rad/s^1.5 and m/s^1.5: the size of the acceleration's noise from which the search starts."""
+ACCELERATIONS = np.array([6.0] * 3 + [2.0] * 3)
+"""rad/s^2 and m/s^2: the same of its acceleration, where that has no white noise: those of a swing
+at such speeds in 3 s.
+"""
 DECADES = 3.0
 """The search of this size ends so many factors of ten above and below."""
 
@@ -52,6 +54,27 @@ class Burst:
     """(N,) the placements, in the order of time."""
     times: Array
     """(N,) s, 0 for the first one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Roughness:
+    """The white noise of a path's second or third derivative by time."""
+
+    order: int
+    """2 for the acceleration, 3 for the jerk."""
+    sizes: Array
+    """(6,) rad and m, over s^(order - 1/2)."""
+
+    def scaled(self, factors: Array) -> Roughness:
+        """Return the noise with other sizes of rotations and translations, by (2,) factors."""
+        return Roughness(self.order, self.sizes * np.repeat(factors, 3))
+
+
+ROUGHNESSES = (
+    Roughness(2, np.array([1.0] * 3 + [0.1] * 3)),
+    Roughness(3, np.array([10.0] * 3 + [1.0] * 3)),
+)
+"""The noises from which the search starts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,8 +99,7 @@ class BoardMotion:
     count: int
     """P, the number of placements."""
     paths: tuple[_Path, ...]
-    roughness: Array
-    """(2,) the most probable size of the acceleration's noise: rad/s^1.5, m/s^1.5."""
+    roughness: Roughness
 
     @staticmethod
     def of(placements: Array, covariances: Array, times: Array) -> BoardMotion:
@@ -91,24 +113,10 @@ class BoardMotion:
         bursts = find_bursts(times)
         paths = tuple(_Path.of(burst, placements, covariances) for burst in bursts)
         if not paths:
-            return BoardMotion(bursts, len(placements), (), ROUGHNESS)
-
-        def cost(logs: Array) -> float:
-            return -sum(path.log_evidence(ROUGHNESS * np.exp(logs)) for path in paths)
-
-        limit = DECADES * np.log(10.0)
-        solution = minimize(
-            cost,
-            np.zeros(2),
-            method="Nelder-Mead",
-            bounds=[(-limit, limit)] * 2,
-            options={
-                "initial_simplex": [[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]],
-                "xatol": 0.05,
-                "fatol": 0.05,
-            },
-        )
-        return BoardMotion(bursts, len(placements), paths, ROUGHNESS * np.exp(solution.x))
+            return BoardMotion(bursts, len(placements), (), ROUGHNESSES[0])
+        fitted = [_most_probable(paths, start) for start in ROUGHNESSES]
+        roughness, _ = max(fitted, key=lambda fit: fit[1])
+        return BoardMotion(bursts, len(placements), paths, roughness)
 
     def after(self, seconds: float) -> Displacement:
         """Return the motion of the board in some time after each placement; a negative time is one
@@ -183,14 +191,14 @@ class _Path:
             turns=to_axes,
         )
 
-    def log_evidence(self, roughness: Array) -> float:
+    def log_evidence(self, roughness: Roughness) -> float:
         factor = np.linalg.cholesky(
             self._covariance(self.times, self.times, roughness) + self.noise
         )
         whitened = np.linalg.solve(factor, self.coordinates.reshape(-1))
         return float(-np.log(factor.diagonal()).sum() - whitened @ whitened / 2)
 
-    def after(self, seconds: float, roughness: Array) -> tuple[Array, Array]:
+    def after(self, seconds: float, roughness: Roughness) -> tuple[Array, Array]:
         """Return the (N, 6) motion within a time, and its (N, 6, 6) covariance."""
         count = len(self.times)
         later = self.times + seconds
@@ -212,19 +220,48 @@ class _Path:
         motion = np.einsum("nij,nj->ni", to_axes, mean)
         return motion, to_axes @ of_place @ to_axes.swapaxes(1, 2)
 
-    def _covariance(self, first: Array, second: Array, roughness: Array) -> Array:
+    def _covariance(self, first: Array, second: Array, roughness: Roughness) -> Array:
         """Return the (6 A, 6 B) prior covariance of the coordinates at (A,) and (B,) times."""
         early = np.minimum(first[:, None], second)
         late = np.maximum(first[:, None], second)
-        bend = early**3 / 3 + (late - early) * early**2 / 2
+        gap = late - early
         product = (first - MARGIN)[:, None] * (second - MARGIN)
-        size = np.repeat(roughness, 3)
+        if roughness.order == 2:
+            bend = early**3 / 3 + gap * early**2 / 2
+            accelerations = np.zeros(6)
+        else:
+            bend = early**5 / 20 + gap * early**4 / 8 + gap**2 * early**3 / 12
+            accelerations = ACCELERATIONS
         total = np.zeros((len(first), 6, len(second), 6))
         for axis in range(6):
             total[:, axis, :, axis] = (
-                PLACE[axis] ** 2 + SPEEDS[axis] ** 2 * product + size[axis] ** 2 * bend
+                PLACES[axis] ** 2
+                + SPEEDS[axis] ** 2 * product
+                + accelerations[axis] ** 2 * product**2 / 4
+                + roughness.sizes[axis] ** 2 * bend
             )
         return total.reshape(6 * len(first), 6 * len(second))
+
+
+def _most_probable(paths: Sequence[_Path], start: Roughness) -> tuple[Roughness, float]:
+    """Return the noise with the most probable sizes, and the log evidence."""
+
+    def cost(logs: Array) -> float:
+        return -sum(path.log_evidence(start.scaled(np.exp(logs))) for path in paths)
+
+    limit = DECADES * np.log(10.0)
+    solution = minimize(
+        cost,
+        np.zeros(2),
+        method="Nelder-Mead",
+        bounds=[(-limit, limit)] * 2,
+        options={
+            "initial_simplex": [[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]],
+            "xatol": 0.05,
+            "fatol": 0.05,
+        },
+    )
+    return start.scaled(np.exp(solution.x)), -float(solution.fun)
 
 
 def motion_in_placement(placements: Array) -> Array:

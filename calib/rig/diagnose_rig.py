@@ -193,14 +193,10 @@ def _accept(
     explanation = best.explanation
     context = search.context
     state = search.state
-    accepted = context.accepted
     if best.fixed:
-        state, best = fit_with_motion(state, context, best)
-        uncertain = tuple(motion for motion in best.random if not motion.adapts)
-        accepted = (*accepted, *uncertain)
+        state, context, best = fit_with_motion(rig, state, times, context, best)
     else:
-        accepted = (*accepted, *best.random)
-    context = rig_context(rig, state, times, accepted)
+        context = replace(context, accepted=(*context.accepted, *best.random))
     effect = FoundEffect(
         explanation.name,
         explanation.camera,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.errors import InputError
-from calib.estimation.normal_equations import NormalEquations
 from calib.estimation.objective import HUBER
 from calib.rig.board_motion import motion_in_placement
 from calib.rig.gauge import mounting_motion
@@ -31,6 +31,8 @@ MOTIONS = 12
 """A motion of the camera, then one of the board that it sees: a rotation (rad) and a translation
 (m) each. That of the camera is a motion of everything outside, in the camera's frame.
 """
+PLACEMENTS_AT_ONCE = 8
+"""The number of placements whose rows are in memory together."""
 NORMAL_MEDIAN = 1.1774
 """The median length of a normal vector in two dimensions."""
 
@@ -70,13 +72,10 @@ class MotionProducts:
         vector = wide.vector()
         _check_size(len(vector) + 7, len(state.placements))
         limit = _robust_limit(wide, vector)
-        halves: list[list[Array]] = [[], []]
-        for place in range(len(state.placements)):
-            for half in (0, 1):
-                chunk = _every_other(wide.select_placements(range(place, place + 1)), half)
-                problem = with_limit(chunk.problem(), limit)
-                halves[half].append(_all_products(problem, vector, chunk.placements))
-        stacked = np.array(halves)
+        stacked = np.zeros((2, len(state.placements), len(vector) + 7, len(vector) + 7))
+        for first in range(0, len(state.placements), PLACEMENTS_AT_ONCE):
+            chunk = wide.select_placements(range(first, first + PLACEMENTS_AT_ONCE))
+            _add_products(stacked[:, first:], chunk, vector, limit)
         products = stacked.sum(0)
         size = len(state.vector())
         first = 6 + size
@@ -176,32 +175,27 @@ def _robust_limit(state: RigState, vector: Tensor) -> float:
     return HUBER * max(1.0, float(torch.cat(lengths).median()) / NORMAL_MEDIAN)
 
 
-def _every_other(state: RigState, half: int) -> RigState:
-    """Return the state with every other corner of each view."""
-    cameras = []
-    for camera in state.cameras:
-        rows = torch.arange(len(camera.observations.pixels)) % 2 == half
-        cameras.append(replace(camera, observations=camera.observations.select_rows(rows)))
-    return replace(state, cameras=tuple(cameras))
-
-
-def _all_products(problem: RigProblem, vector: Tensor, placements: Tensor) -> Array:
-    """Return the (n, n) products of one placement, the placement not eliminated."""
-    cameras = tuple(camera for camera in problem.cameras if len(camera.placement))
-    equations = replace(problem, cameras=cameras).linearisation(vector, placements).equations
-    return _joined(equations)
-
-
-def _joined(equations: NormalEquations) -> Array:
-    size = 6 + len(equations.gradient_shared)
-    products = np.zeros((size + 1, size + 1))
-    cross = equations.hessian_cross[0].numpy()
-    gradient = torch.cat([equations.gradient_block[0], equations.gradient_shared]).numpy()
-    products[POSE, POSE] = equations.hessian_block[0].numpy()
-    products[POSE, 6:size] = cross
-    products[6:size, POSE] = cross.T
-    products[6:size, 6:size] = equations.hessian_shared.numpy()
-    products[:size, size] = gradient
-    products[size, :size] = gradient
-    products[size, size] = equations.sum_of_squares
-    return products
+def _add_products(total: Array, state: RigState, vector: Tensor, limit: float) -> None:
+    """Add the products of some placements to those of each half, in place; the placements are not
+    eliminated.
+    """
+    for camera in with_limit(state.problem(), limit).cameras:
+        if not len(camera.placement):
+            continue
+        composed = camera.compose_with_derivatives(vector, state.placements)
+        by_moving = camera.by_moving(composed).numpy()
+        by_placement = composed.by_placement.numpy()
+        columns, moving = 6 + camera.columns.numpy(), 6 + camera.moving.numpy()
+        view = 0
+        for piece in camera.landing.linearise(vector[camera.columns], composed.poses):
+            for start, stop in pairwise(piece.starts.tolist()):
+                by_pose = piece.jacobian_block[start:stop].numpy()  # (m, 2, 6)
+                rows = np.zeros((stop - start, 2, total.shape[-1]))
+                rows[..., POSE] = by_pose @ by_placement[view]
+                rows[..., columns] = piece.jacobian_shared[start:stop].numpy()
+                rows[..., moving] = by_pose @ by_moving[view]
+                rows[..., -1] = piece.residual[start:stop].numpy()
+                for half in (0, 1):
+                    chosen = rows[half::2].reshape(-1, total.shape[-1])
+                    total[half, int(camera.placement[view])] += chosen.T @ chosen
+                view += 1

@@ -16,14 +16,17 @@ from calib.rig.joint_estimate import RigState, estimate_rig
 from calib.rig.motion_evidence import (
     FixedEstimate,
     FixedMotion,
+    RandomMotion,
     ReducedMotions,
 )
-from calib.rig.motion_products import MotionProducts
 from calib.rig.problem import PoseTerms
-from calib.rig.rig_context import RigContext
+from calib.rig.rig import Rig
+from calib.rig.rig_context import RigContext, rig_context, roots
 
 ROUNDS = (1e-5,)
 """The tolerance of the fit: its start is the optimum without the effect."""
+REFITS = 2
+"""The number of fits with a lateness, each with the path of the board from the one before."""
 SETTLING = 2
 """The number of steps of the placements after one of the rig's numbers."""
 
@@ -31,41 +34,47 @@ Array = NDArray[np.float64]
 
 
 def fit_with_motion(
-    state: RigState, context: RigContext, fitted: FittedExplanation
-) -> tuple[RigState, FittedExplanation]:
-    """Fit the rig with the numbers of an explanation free, and return its state and the explanation
-    with its numbers there. The board's motion within a lateness is that of the most probable one.
+    rig: Rig, state: RigState, times: Array, context: RigContext, fitted: FittedExplanation
+) -> tuple[RigState, RigContext, FittedExplanation]:
+    """Fit the rig with the numbers of an explanation free. The path of the board is computed again
+    from the placements of that fit, which are those of the cameras that are in time.
+
+    Returns:
+        The state of the fit, what is known there, and the explanation with its numbers there.
     """
     assert fitted.estimate
     assert fitted.fixed
     explanation = fitted.explanation
     index = next(i for i, c in enumerate(state.cameras) if c.name == explanation.camera)
-    motion = fitted.fixed
-    if explanation.is_late:
-        lateness = float(fitted.estimate.value[0])
-        moved = context.motion.after(lateness)
-        motion = late_motion(context, explanation.camera, moved, lateness)
+    motion, value, random = fitted.fixed, fitted.estimate.value, fitted.random
     is_of_camera = motion.columns == context.of_camera(explanation.camera)
-    terms = effect_terms(state, index, motion, is_of_camera=is_of_camera)
     camera = state.cameras[index]
-    cameras = list(state.cameras)
-    cameras[index] = replace(camera, terms=terms.joined(camera.terms))
-    start = replace(
-        state,
-        cameras=tuple(cameras),
-        numbers=torch.cat([state.numbers, torch.from_numpy(fitted.estimate.value)]),
-        spreads=torch.cat([state.spreads, torch.from_numpy(motion.spread)]),
-    )
-    state = estimate_rig(start, rounds=ROUNDS).state
-    random = (*context.accepted, *fitted.random, *fitted.discrepancy)
-    reduced = ReducedMotions.of(MotionProducts.of(state), random)
-    count = len(motion.spread)
-    estimate = FixedEstimate(
-        log_evidence=fitted.estimate.log_evidence,
-        value=state.numbers[-count:].numpy() + reduced.step()[-count:],
-        covariance=reduced.hessian_inverse[-count:, -count:],
-    )
-    return state, replace(fitted, estimate=estimate)
+    accepted = context.accepted
+    for _ in range(REFITS if explanation.is_late else 1):
+        terms = effect_terms(state, index, motion, is_of_camera=is_of_camera)
+        cameras = list(state.cameras)
+        cameras[index] = replace(camera, terms=terms.joined(camera.terms))
+        start = replace(
+            state,
+            cameras=tuple(cameras),
+            numbers=torch.cat([state.numbers, torch.from_numpy(value)]),
+            spreads=torch.cat([state.spreads, torch.from_numpy(motion.spread)]),
+        )
+        refitted = estimate_rig(start, rounds=ROUNDS).state
+        context = rig_context(rig, refitted, times, (*accepted, *random))
+        reduced = ReducedMotions.of(context.products, (*context.accepted, *fitted.discrepancy))
+        # The number of a term stands behind those of the terms before it.
+        entries = slice(len(state.vector()), len(state.vector()) + len(value))
+        value = refitted.vector()[entries].numpy() + reduced.step()[entries]
+        covariance = reduced.hessian_inverse[entries, entries]
+        if explanation.is_late:
+            moved = context.motion.after(float(value[0]))
+            motion = late_motion(context, explanation.camera, moved, float(value[0]))
+            board = context.of_board(explanation.camera)
+            random = (RandomMotion(board, roots(moved.covariance), adapts=False),)
+    estimate = FixedEstimate(fitted.estimate.log_evidence, value, covariance)
+    context = replace(context, accepted=(*accepted, *random))
+    return refitted, context, replace(fitted, estimate=estimate, random=random)
 
 
 def effect_terms(
