@@ -78,7 +78,8 @@ def flex(rng: Rng, rig: SimulatedRig) -> SimulatedRig:
 
 def slip(rng: Rng, rig: SimulatedRig) -> SimulatedRig:
     later = with_motion(rig, "right", SLIP)
-    return join_pictures(with_pictures(rng, rig, 12), with_pictures(rng, later, PLACEMENTS - 12))
+    pictures = with_pictures(rng, rig, 12), with_pictures(rng, later, PLACEMENTS - 12)
+    return replace(join_pictures(*pictures), cameras=later.cameras)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +134,10 @@ def _print_kind(console: Console, name: str, kind: Kind, rigs: int) -> None:
         line += f", as a family in {families}"
     if errors:
         line += f"; error over sigma {_rms(np.array(errors)):.2f}"
-    before, after = _rms(np.array(baselines)[:, 0]), _rms(np.array(baselines)[:, 1])
-    console.print(f"{line}; baseline off by {before:.2f} mm before, {after:.2f} mm after")
+    error_before, error_after = _rms(np.array(baselines)[:, 0]), _rms(np.array(baselines)[:, 1])
+    console.print(
+        f"{line}; baseline off by {error_before:.2f} mm before, {error_after:.2f} mm after"
+    )
 
 
 def diagnosed(kind: Kind, seed: int) -> tuple[RigDiagnosis, tuple[float, float]]:
@@ -146,8 +149,8 @@ def diagnosed(kind: Kind, seed: int) -> tuple[RigDiagnosis, tuple[float, float]]
         rig = fit_rig(simulated.write(Path(folder) / "rig"), Settings(grid=(1, 1), flat_board=True))
     better, diagnosis = diagnose_rig(rig)
     true = float(simulated.cameras["right"].mounting[3:].norm())
-    found = rig.baselines[0].metres, better.baselines[0].metres
-    return diagnosis, (1e3 * (found[0] - true), 1e3 * (found[1] - true))
+    baselines_m = rig.baselines[0].metres, better.baselines[0].metres
+    return diagnosis, (1e3 * (baselines_m[0] - true), 1e3 * (baselines_m[1] - true))
 
 
 def _rms(values: Array) -> float:

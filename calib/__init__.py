@@ -26,6 +26,7 @@ __all__ = [
     "check_rig",
     "describe",
     "diagnose",
+    "diagnose_rig",
     "evaluate",
     "evaluate_rig",
     "fit",
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from calib.fitting.from_points import calibrate
     from calib.progress import Progress, Silent
     from calib.rig.check_rig import check_rig
+    from calib.rig.diagnose_rig import diagnose_rig
     from calib.rig.evaluate_rig import evaluate_rig
     from calib.rig.fit_rig import fit_rig
     from calib.rig.rig import Rig
@@ -71,6 +73,7 @@ else:  # hidden from the type checker, so that it still refuses a misspelt name
         "check_rig": "calib.rig.check_rig",
         "describe": "calib.fitting.description",
         "diagnose": "calib.diagnosis.diagnose",
+        "diagnose_rig": "calib.rig.diagnose_rig",
         "evaluate": "calib.fitting.evaluate",
         "evaluate_rig": "calib.rig.evaluate_rig",
         "fit": "calib.fitting.fit",

@@ -66,7 +66,7 @@ def candidate_title(candidate: RigCandidate) -> str:
 
 
 def _held_out(candidate: RigCandidate) -> str:
-    before, after = candidate.held_out_px_before, candidate.held_out_px_after
-    if before is None or after is None:
+    error, error_with_it = candidate.held_out_px_before, candidate.held_out_px_after
+    if error is None or error_with_it is None:
         return ""
-    return f"{before:.3f} → {after:.3f}"
+    return f"{error:.3f} → {error_with_it:.3f}"

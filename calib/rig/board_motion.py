@@ -78,7 +78,7 @@ ROUGHNESSES = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Displacement:
+class BoardDisplacement:
     """The motion of the board from each placement to a moment later."""
 
     mean: Array
@@ -118,7 +118,7 @@ class BoardMotion:
         roughness, _ = max(fitted, key=lambda fit: fit[1])
         return BoardMotion(bursts, len(placements), paths, roughness)
 
-    def after(self, seconds: float) -> Displacement:
+    def after(self, seconds: float) -> BoardDisplacement:
         """Return the motion of the board in some time after each placement; a negative time is one
         before.
         """
@@ -128,7 +128,7 @@ class BoardMotion:
         for burst, path in zip(self.bursts, self.paths, strict=True):
             mean[burst.places], covariance[burst.places] = path.after(seconds, self.roughness)
             is_known[burst.places] = True
-        return Displacement(mean, covariance, is_known)
+        return BoardDisplacement(mean, covariance, is_known)
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -202,15 +202,15 @@ class _Path:
         """Return the (N, 6) motion within a time, and its (N, 6, 6) covariance."""
         count = len(self.times)
         later = self.times + seconds
-        seen = self._covariance(self.times, self.times, roughness)
-        cross = self._covariance(later, self.times, roughness) - seen
+        covariance_here = self._covariance(self.times, self.times, roughness)
+        cross = self._covariance(later, self.times, roughness) - covariance_here
         prior = (
             self._covariance(later, later, roughness)
             - self._covariance(later, self.times, roughness)
             - self._covariance(self.times, later, roughness)
-            + seen
+            + covariance_here
         )
-        gain = np.linalg.solve(seen + self.noise, cross.T).T
+        gain = np.linalg.solve(covariance_here + self.noise, cross.T).T
         mean = (gain @ self.coordinates.reshape(-1)).reshape(count, 6)
         covariance = (prior - gain @ cross.T).reshape(count, 6, count, 6)
         to_axes = np.zeros((count, 6, 6))

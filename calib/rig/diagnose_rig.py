@@ -23,12 +23,9 @@ from calib.estimation.residuals import Residuals, residuals
 from calib.inference.cross_validation import HeldOutGain
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.progress import Progress, Silent, check_progress
-from calib.rig.board_motion import (
-    MIN_BURST,
-)
 from calib.rig.explanation_fit import Evaluator, FittedExplanation
-from calib.rig.explanations import Explanation, explanations
-from calib.rig.held_out_placements import MIN_SHARED, held_out_gain, held_out_squares
+from calib.rig.explanations import RigExplanation, explanations
+from calib.rig.held_out_placements import MIN_SHARED, held_out_squares, placement_gain
 from calib.rig.joint_estimate import RigState
 from calib.rig.motion_evidence import RandomMotion, ReducedMotions
 from calib.rig.rig import Rig, RigCalibrationSource
@@ -38,7 +35,7 @@ from calib.rig.rig_effects import RIG_EFFECTS, RIG_SLIP
 from calib.rig.rig_finding import RigCandidate, RigDiagnosis, RigQuality
 from calib.rig.rig_motion_fit import fit_with_motion, stepped
 from calib.rig.rig_result import rig_of, state_of
-from calib.rig.rig_sentences import describe_found, describe_lateness, parameters_of, remarks
+from calib.rig.rig_sentences import describe_found, describe_lateness, open_questions, parameters_of
 from calib.threads import single_thread
 
 ACCEPTED = "accepted"
@@ -93,16 +90,16 @@ def diagnose_rig(
         times = times_of(calibrated, len(state.placements))
         search = _Search(state, rig_context(calibrated, state, times))
         advance(1, "")
-        none = Evaluator(search.context).fit(Explanation(None))
+        none = Evaluator(search.context).fit(RigExplanation(None))
         noise_px = _noise(state)
-        before = _quality(search, none, noise_px)
+        first_quality = _quality(search, none, noise_px)
         for number in range(MAX_EFFECTS):
             advance(2 + 2 * number, "explanations")
             search, is_found = _round(calibrated, search, times, noise_px)
             if not is_found:
                 break
-        none = Evaluator(search.context).fit(Explanation(None))
-        after = _quality(search, none, noise_px)
+        none = Evaluator(search.context).fit(RigExplanation(None))
+        last_quality = _quality(search, none, noise_px)
         better = _with_effects(calibrated, search, none) if search.found else calibrated
         advance(2 + 2 * MAX_EFFECTS, "")
     motion = search.context.motion
@@ -110,12 +107,12 @@ def diagnose_rig(
         candidates=tuple(sorted(search.candidates.values(), key=_rank)),
         found=search.found,
         families=search.families,
-        before=before,
-        after=after,
+        before=first_quality,
+        after=last_quality,
         placements=count,
         bursts=len(motion.bursts),
         speed_m_s=motion.speeds[1] if motion.bursts else None,
-        remarks=(*_latenesses(search), *remarks(search.context, MIN_BURST)),
+        remarks=(*_latenesses(search), *open_questions(search.context)),
     )
     return better, diagnosis
 
@@ -129,18 +126,20 @@ def _round(rig: Rig, search: _Search, times: Array, noise_px: float) -> tuple[_S
     context = search.context
     evaluator = Evaluator(context)
     fits = _fit_all(evaluator, search.found)
-    none, *named = fits
-    named.sort(key=lambda fitted: -fitted.log_evidence)
-    best = named[0]
-    min_log_odds = math.log(len(named) / ALPHA)
+    none, *fits_of_effects = fits
+    if not fits_of_effects:
+        return search, False
+    fits_of_effects.sort(key=lambda fitted: -fitted.log_evidence)
+    best = fits_of_effects[0]
+    min_log_odds = math.log(len(fits_of_effects) / ALPHA)
     gain: HeldOutGain | None = None
     passes = False
     if best.log_evidence > none.log_evidence + min_log_odds:
         base = held_out_squares(context, none, noise_px)
-        gain = held_out_gain(base, held_out_squares(context, best, noise_px))
+        gain = placement_gain(base, held_out_squares(context, best, noise_px))
         passes = gain.ci95[0] > 0 and gain.p_value < ALPHA and is_worthwhile(gain)
     candidates = dict(search.candidates)
-    for fitted in named:
+    for fitted in fits_of_effects:
         key = _key(fitted.explanation)
         is_best = fitted is best
         log_odds = fitted.log_evidence - none.log_evidence
@@ -159,16 +158,19 @@ def _round(rig: Rig, search: _Search, times: Array, noise_px: float) -> tuple[_S
     search = replace(search, candidates=candidates, rounds=(*search.rounds, fits))
     if not passes:
         return search, False
-    return _accept(rig, search, best, named, times), True
+    search = _accept(rig, search, best, fits_of_effects, times)
+    key = _key(best.explanation)
+    final = replace(candidates[key], parameters=search.found[-1].parameters)
+    return replace(search, candidates={**candidates, key: final}), True
 
 
-def _fit_all(evaluator: Evaluator, found: Sequence[FoundEffect]) -> tuple[FittedExplanation, ...]:
+def _fit_all(evaluator: Evaluator, effects: Sequence[FoundEffect]) -> tuple[FittedExplanation, ...]:
     """Return the fits of no cause and of all explanations but those that were found. Of the slips
     of each camera, the most probable one stands for all.
     """
-    keys = {(effect.effect, effect.camera, effect.varies) for effect in found}
+    keys = {(effect.effect, effect.camera, effect.varies) for effect in effects}
     fits = []
-    slips: dict[str, list[Explanation]] = {}
+    slips: dict[str, list[RigExplanation]] = {}
     for explanation in explanations(evaluator.context):
         if explanation.effect is RIG_SLIP:
             slips.setdefault(explanation.camera, []).append(explanation)
@@ -186,7 +188,7 @@ def _accept(
     rig: Rig,
     search: _Search,
     best: FittedExplanation,
-    named: Sequence[FittedExplanation],
+    fits_of_effects: Sequence[FittedExplanation],
     times: Array,
 ) -> _Search:
     """Add an explanation to the fit."""
@@ -211,19 +213,21 @@ def _accept(
         state=state,
         context=context,
         found=(*search.found, effect),
-        families=(*search.families, *_families(best.explanation, named)),
+        families=(*search.families, *_families(best.explanation, fits_of_effects)),
     )
 
 
-def _families(best: Explanation, named: Sequence[FittedExplanation]) -> tuple[Family, ...]:
+def _families(
+    best: RigExplanation, fits_of_effects: Sequence[FittedExplanation]
+) -> tuple[Family, ...]:
     """Return the family of an accepted explanation, if others are as probable."""
-    logs = np.array([fitted.log_evidence for fitted in named])
+    logs = np.array([fitted.log_evidence for fitted in fits_of_effects])
     odds = np.exp(logs - logs.max())
     chances = odds / odds.sum()
     if chances[0] > NAME_ALONE:
         return ()
     members: dict[str, float] = {}
-    for fitted, chance in zip(named, chances.tolist(), strict=True):
+    for fitted, chance in zip(fits_of_effects, chances.tolist(), strict=True):
         if chance > MIN_MEMBER_PROBABILITY:
             explanation = fitted.explanation
             name = f"{explanation.name} of {explanation.camera}"
@@ -268,16 +272,16 @@ def _candidate(
 
 def _latenesses(search: _Search) -> list[str]:
     """Return sentences on latenesses that were not found, from the last round."""
-    found = {(effect.effect, effect.camera) for effect in search.found}
+    names = {(effect.effect, effect.camera) for effect in search.found}
     return [
         describe_lateness(fitted)
         for fitted in search.rounds[-1]
         if fitted.explanation.is_late
-        and (fitted.explanation.name, fitted.explanation.camera) not in found
+        and (fitted.explanation.name, fitted.explanation.camera) not in names
     ]
 
 
-def _key(explanation: Explanation) -> tuple[str, str, str]:
+def _key(explanation: RigExplanation) -> tuple[str, str, str]:
     return explanation.name, explanation.camera, explanation.varies
 
 

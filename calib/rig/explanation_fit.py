@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from calib.rig.board_motion import Displacement
-from calib.rig.explanations import SMALLEST, Explanation
+from calib.rig.board_motion import BoardDisplacement
+from calib.rig.explanations import SMALLEST, RigExplanation
 from calib.rig.motion_evidence import FixedEstimate, FixedMotion, RandomMotion, ReducedMotions
 from calib.rig.rig_context import DISCREPANCY, RigContext, roots
 from calib.rig.rig_effects import LATENESS
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 class FittedExplanation:
     """An explanation with its most probable numbers."""
 
-    explanation: Explanation
+    explanation: RigExplanation
     log_evidence: float
     """With the prior odds, up to a constant that all explanations of one search share."""
     sizes: Array
@@ -56,13 +56,13 @@ class Evaluator:
     def __init__(self, context: RigContext) -> None:
         self.context = context
 
-    def fit(self, explanation: Explanation) -> FittedExplanation:
+    def fit(self, explanation: RigExplanation) -> FittedExplanation:
         """Return the most probable numbers of an explanation, and its evidence."""
         if explanation.is_late:
             return self._fit_late(explanation)
         return self._fit(explanation, explanation.fixed, None)
 
-    def best_of(self, candidates: Sequence[Explanation]) -> FittedExplanation:
+    def best_of(self, candidates: Sequence[RigExplanation]) -> FittedExplanation:
         """Return the fit of the most probable of alike explanations with fixed motions. They are
         compared with the disagreement of no cause that is most probable beside one of them.
         """
@@ -84,7 +84,7 @@ class Evaluator:
         """Return the products beside a disagreement without a cause, px."""
         return self._reduced_with((), discrepancy)
 
-    def _fit_late(self, explanation: Explanation) -> FittedExplanation:
+    def _fit_late(self, explanation: RigExplanation) -> FittedExplanation:
         """Fit a lateness: the motion of the board is that within it, and as uncertain."""
         lateness = MOMENT
         uncertainty: RandomMotion | None = None
@@ -103,7 +103,7 @@ class Evaluator:
 
     def _fit(
         self,
-        explanation: Explanation,
+        explanation: RigExplanation,
         fixed: FixedMotion | None,
         uncertainty: RandomMotion | None,
     ) -> FittedExplanation:
@@ -132,7 +132,7 @@ class Evaluator:
         reduced = self._reduced_with(random, float(sizes[-1]))
         return FittedExplanation(
             explanation=explanation,
-            log_evidence=log_evidence(logs) + log_width - math.log(explanation.ways),
+            log_evidence=log_evidence(logs) + log_width - math.log(explanation.rivals),
             sizes=sizes,
             size_sigmas=sizes * sigmas,
             estimate=reduced.estimate(fixed) if fixed else None,
@@ -147,7 +147,7 @@ class Evaluator:
 
 
 def late_motion(
-    context: RigContext, camera: str, moved: Displacement, lateness: float
+    context: RigContext, camera: str, moved: BoardDisplacement, lateness: float
 ) -> FixedMotion:
     """Return the motion of the board by a second of lateness, from that within a lateness."""
     return FixedMotion(
@@ -163,8 +163,8 @@ def _maximise(function: Callable[[Array], float], limits: Array) -> Array:
     def cost(logs: Array) -> float:
         return -function(logs)
 
-    for part in (0.35, 0.7):
-        start = limits[:, 0] + part * width
+    for fraction in (0.35, 0.7):
+        start = limits[:, 0] + fraction * width
         simplex = np.vstack([start, start + np.diag(0.25 * width)])
         solution = minimize(
             cost,

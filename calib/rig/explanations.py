@@ -48,7 +48,7 @@ class RandomKind:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Explanation:
+class RigExplanation:
     """A candidate explanation."""
 
     effect: RigEffect | None
@@ -58,7 +58,7 @@ class Explanation:
     """`each_view` for motions that each placement draws anew, `from_view` for a slip."""
     placement: int = -1
     """The first placement after a slip."""
-    ways: int = 1
+    rivals: int = 1
     """The number of explanations among which the prior odds of the effect are divided."""
     fixed: FixedMotion | None = None
     random: RandomKind | None = None
@@ -72,58 +72,58 @@ class Explanation:
         return self.effect.name if self.effect else ""
 
 
-def explanations(context: RigContext) -> Iterator[Explanation]:
+def explanations(context: RigContext) -> Iterator[RigExplanation]:
     """Yield every explanation that is possible, no cause first."""
-    yield Explanation(None)
+    yield RigExplanation(None)
     cameras = len(context.compared)
     placements = context.count
     is_timed = bool(context.motion.bursts)
     for name in context.compared:
         board = context.of_board(name)
         if is_timed:
-            yield Explanation(SYNC_OFFSET, name, ways=2 * cameras, is_late=True)
-        yield Explanation(
+            yield RigExplanation(SYNC_OFFSET, name, rivals=2 * cameras, is_late=True)
+        yield RigExplanation(
             SYNC_OFFSET,
             name,
             varies=EACH_VIEW,
-            ways=(1 + is_timed) * cameras,
+            rivals=(1 + is_timed) * cameras,
             random=_turns_and_shifts(
                 board, placements, tolerances.BOARD_SPIN.sigma, tolerances.BOARD_MOVE.sigma
             ),
         )
     for name in context.mounted:
-        own = context.of_camera(name)
-        yield Explanation(
+        columns = context.of_camera(name)
+        yield RigExplanation(
             RIG_FLEX,
             name,
             varies=EACH_VIEW,
-            ways=len(context.mounted),
-            random=_turns_and_shifts(own, placements, FLEX_TURN.sigma, FLEX_SHIFT.sigma),
+            rivals=len(context.mounted),
+            random=_turns_and_shifts(columns, placements, FLEX_TURN.sigma, FLEX_SHIFT.sigma),
         )
         yield from _slips(context, name)
 
 
-def _slips(context: RigContext, name: str) -> Iterator[Explanation]:
+def _slips(context: RigContext, name: str) -> Iterator[RigExplanation]:
     """Yield the slips of a camera before each placement but the first."""
     order = context.order[context.shared[context.order]]
     if len(order) < MIN_SLIP_PLACEMENTS:
         return
-    own = context.of_camera(name)
+    columns = context.of_camera(name)
     spread = np.repeat([TURN_SPREAD, SHIFT_SPREAD], 3)
     moments = range(1, len(order))
-    ways = len(context.mounted) * len(moments) * len(KINDS)
+    rivals = len(context.mounted) * len(moments) * len(KINDS)
     for first in moments:
-        before = np.zeros(context.count)
-        before[order[:first]] = -1.0  # the rig's own mounting is that after the slip
+        sign = np.zeros(context.count)
+        sign[order[:first]] = -1.0  # the rig's own mounting is that after the slip
         for kind, numbers in KINDS.items():
-            by_number = before[:, None, None] * np.eye(6)[:, numbers]
-            yield Explanation(
+            by_number = sign[:, None, None] * np.eye(6)[:, numbers]
+            yield RigExplanation(
                 RIG_SLIP,
                 name,
                 varies=FROM_VIEW,
                 placement=int(order[first]),
-                ways=ways,
-                fixed=FixedMotion(own, by_number, spread[numbers]),
+                rivals=rivals,
+                fixed=FixedMotion(columns, by_number, spread[numbers]),
                 kind=kind,
             )
 

@@ -55,7 +55,7 @@ def held_out_squares(context: RigContext, fitted: FittedExplanation, noise_px: f
     return np.asarray(squares / corners)
 
 
-def held_out_gain(base: Array, extended: Array) -> HeldOutGain:
+def placement_gain(base: Array, extended: Array) -> HeldOutGain:
     """Compare two models by the (P,) px^2 of `held_out_squares`."""
     scored = np.isfinite(base) & np.isfinite(extended)
     base, extended = base[scored], extended[scored]

@@ -128,8 +128,8 @@ class ReducedMotions:
         with the rig's numbers integrated out.
         """
         moved = self.products[:, :, motion.columns] @ motion.by_number  # (P, n, f)
-        own = moved[:, motion.columns]
-        information = np.einsum("pki,pkj->ij", motion.by_number, own)
+        rows = moved[:, motion.columns]
+        information = np.einsum("pki,pkj->ij", motion.by_number, rows)
         cross = moved[:, self.source.numbers].sum(0)  # (S, f)
         gain = self.hessian_inverse @ cross
         score = moved[:, -1].sum(0) - gain.T @ self.gradient

@@ -86,8 +86,8 @@ class MotionProducts:
         board = {}
         corners = {}
         for camera in state.cameras:
-            seen = np.arange(motions[camera.name].start + 6, motions[camera.name].stop)
-            board[camera.name] = products[:, seen[:, None], seen] * camera.sigma**2
+            moved = np.arange(motions[camera.name].start + 6, motions[camera.name].stop)
+            board[camera.name] = products[:, moved[:, None], moved] * camera.sigma**2
             views = camera.placement[camera.observations.view].numpy()
             counts = np.bincount(views, minlength=len(state.placements))
             corners[camera.name] = counts.astype(np.int64)

@@ -87,13 +87,13 @@ class CameraProblem:
 
     def by_moving(self, composed: ComposedPoses) -> Tensor:
         """Return the (V, 6, m) derivatives of the poses by these entries."""
-        parts = [composed.by_mounting[..., : len(self.mounting)]]
+        slopes = [composed.by_mounting[..., : len(self.mounting)]]
         if self.terms:
-            parts += [
+            slopes += [
                 composed.by_mounting @ self.terms.by_mounting
                 + composed.by_placement @ self.terms.by_placement
             ]
-        return torch.cat(parts, -1)
+        return torch.cat(slopes, -1)
 
     def mounting_at(self, shared: Tensor) -> Tensor:
         """Return the (6,) mounting at the rig's (S,) vector."""

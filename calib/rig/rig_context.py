@@ -63,9 +63,9 @@ class RigContext:
             if name != self.reference:
                 corners = self.products.corners[name]
                 covariance = np.zeros_like(information)
-                seen = corners > 6
-                covariance[seen] = np.linalg.inv(information[seen]) * (
-                    corners[seen, None, None] / 6
+                is_seen = corners > 6
+                covariance[is_seen] = np.linalg.inv(information[is_seen]) * (
+                    corners[is_seen, None, None] / 6
                 )
                 result.append((self.of_board(name), covariance))
         return tuple(result)

@@ -91,14 +91,14 @@ def effect_terms(
     by_number = torch.from_numpy(motion.by_number)[camera.placement]  # (V, 6, f)
     first = len(state.numbers)
     entries = torch.arange(first, first + by_number.shape[2])
-    still = torch.zeros_like(by_number)
+    zero = torch.zeros_like(by_number)
     if is_of_camera:
         mounting = state.mountings[state.layout.frames[index]]
         to_mounting = torch.from_numpy(np.linalg.inv(mounting_motion(mounting)))
-        return PoseTerms(entries, to_mounting @ by_number, still)
+        return PoseTerms(entries, to_mounting @ by_number, zero)
     placements = state.placements[camera.placement].numpy()
     to_placement = torch.from_numpy(motion_in_placement(placements))
-    return PoseTerms(entries, still, to_placement @ by_number)
+    return PoseTerms(entries, zero, to_placement @ by_number)
 
 
 def stepped(state: RigState, step: Tensor) -> RigState:

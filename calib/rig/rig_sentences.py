@@ -11,7 +11,7 @@ import numpy as np
 from calib.diagnosis.finding import ParameterEstimate
 from calib.effects.effect import EACH_VIEW
 from calib.fitting.rounding import with_sigma
-from calib.rig.board_motion import MAX_INTERVAL
+from calib.rig.board_motion import MAX_INTERVAL, MIN_BURST
 from calib.rig.check_words import size_and_sigma
 from calib.rig.explanation_fit import FittedExplanation
 from calib.rig.moved_cameras import KINDS
@@ -20,11 +20,10 @@ from calib.rig.rig_context import RigContext
 from calib.rig.rig_effects import LATENESS, RIG_FLEX, RIG_SLIP, SYNC_OFFSET
 
 UNTIMED = (
-    "Whether a camera exposes later by a constant time cannot be told: no"
-    f" {{least}} placements follow each other within {MAX_INTERVAL:g} s by time_s in frames.csv."
-    " Record bursts of a moving board."
+    "Whether a camera exposes later by a constant time cannot be told:"
+    f" no {MIN_BURST} placements in a row are within {MAX_INTERVAL:g} s of each other by time_s in"
+    " frames.csv. Record bursts of a moving board."
 )
-"""A sentence without the least number of placements of a burst."""
 
 
 def parameters_of(fitted: FittedExplanation) -> dict[str, ParameterEstimate]:
@@ -36,15 +35,15 @@ def parameters_of(fitted: FittedExplanation) -> dict[str, ParameterEstimate]:
         value = float(fitted.estimate.value[0])
         return {f"{name}.late": ParameterEstimate(value, sigma, "s")}
     if explanation.varies == EACH_VIEW:
-        parts = ("turn", "rad"), ("shift", "m")
+        numbers = ("turn", "rad"), ("shift", "m")
         return {
-            f"{name}.{part}": ParameterEstimate(float(size), float(sigma), unit)
-            for (part, unit), size, sigma in zip(
-                parts, fitted.sizes, fitted.size_sigmas, strict=False
+            f"{name}.{number_name}": ParameterEstimate(float(size), float(sigma), unit)
+            for (number_name, unit), size, sigma in zip(
+                numbers, fitted.sizes, fitted.size_sigmas, strict=False
             )
         }
     if fitted.estimate:
-        axes = [f"{part}.{axis}" for part in ("turn", "shift") for axis in "xyz"]
+        axes = [f"{number_name}.{axis}" for number_name in ("turn", "shift") for axis in "xyz"]
         units = ["rad"] * 3 + ["m"] * 3
         chosen = KINDS[explanation.kind]
         # The camera goes the other way than everything outside.
@@ -68,31 +67,31 @@ def describe_found(effect: FoundEffect, fitted: FittedExplanation, partner: str)
         partner: the other camera of a pair; empty for more cameras.
     """
     camera = effect.camera
-    others = partner or "the others"
+    partners = partner or "the others"
     numbers = effect.parameters
     if effect.effect == SYNC_OFFSET.name and not effect.varies:
         late = numbers[f"{effect.effect}.late"]
         word = "later" if late.value > 0 else "earlier"
         size = with_sigma(1e3 * abs(late.value), 1e3 * late.sigma)
-        return f"{camera} exposes {size} ms {word} than {others}"
+        return f"{camera} exposes {size} ms {word} than {partners}"
     if effect.effect == SYNC_OFFSET.name:
         return (
-            f"the board moves between the exposures of {camera} and {others}, by"
+            f"the board moves between the exposures of {camera} and {partners}, by"
             f" {_sizes(effect)} in each number of its pose"
         )
     if effect.effect == RIG_FLEX.name:
         return (
-            f"the mounting of {camera} against {others} differs from placement to placement, by"
+            f"the mounting of {camera} against {partners} differs from placement to placement, by"
             f" {_sizes(effect)} about and along each axis"
         )
     assert effect.effect == RIG_SLIP.name
-    return f"{camera} slipped before {effect.from_file}: it {_slip(fitted)} against {others}"
+    return f"{camera} slipped before {effect.from_file}: it {_slip(fitted)} against {partners}"
 
 
-def remarks(context: RigContext, least: int) -> Iterator[str]:
+def open_questions(context: RigContext) -> Iterator[str]:
     """Yield sentences on what these placements cannot tell."""
     if not context.motion.bursts:
-        yield UNTIMED.format(least=least)
+        yield UNTIMED
     missing = [name for name in context.compared if name not in context.mounted]
     if missing:
         yield (

@@ -13,9 +13,11 @@ import pytest
 
 from calib.effects.effect import Effect
 from calib.effects.registry import KINDS
+from calib.rig.rig_effects import RIG_EFFECTS, RigEffect
 
 ROOT = Path(__file__).parents[2]
 PAGES = ROOT / "docs" / "effects"
+ALL = (*KINDS, *RIG_EFFECTS)
 LARGEST = 40_000
 """bytes, of a picture"""
 
@@ -47,8 +49,8 @@ print(finding.accepted, [c.parameters["board_fold.angle"].value for c in finding
 """A board that OpenCV shows folded by 0.03 rad; prints what is found."""
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
-def test_every_effect_has_its_page_and_its_advice(kind: type[Effect]) -> None:
+@pytest.mark.parametrize("kind", ALL, ids=lambda kind: kind.name)
+def test_every_effect_has_its_page_and_its_advice(kind: type[Effect] | RigEffect) -> None:
     page = (PAGES / f"{kind.name}.md").read_text(encoding="utf-8")
     assert page.startswith(f"# `{kind.name}`\n")
     assert f"]({kind.name}.png)" in page
@@ -58,7 +60,7 @@ def test_every_effect_has_its_page_and_its_advice(kind: type[Effect]) -> None:
 
 
 def test_there_are_no_pages_of_effects_that_do_not_exist() -> None:
-    assert {page.stem for page in PAGES.iterdir()} == {"README", *(kind.name for kind in KINDS)}
+    assert {page.stem for page in PAGES.iterdir()} == {"README", *(kind.name for kind in ALL)}
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from calib.rig.joint_estimate import RigState
 from calib.rig.motion_evidence import FixedMotion, RandomMotion, ReducedMotions
 from calib.rig.motion_products import MOTIONS, POSE, MotionProducts
 from calib.rig.poses import compose
-from calib.rig.problem import PoseTerms
+from calib.rig.problem import PoseTerms, RigProblem
 from fixtures.rig_motion import HandPath
 from fixtures.rigs import simulate_rig
 from tests.rig.conftest import BOARD, WINDOW
@@ -23,6 +23,8 @@ from tests.rig.test_problem import close, initial_state
 
 Array = NDArray[np.float64]
 STEP = 1e-6
+WIDE = 1e3
+"""The standard deviation of a placement that is as good as unknown."""
 
 
 @pytest.fixture(scope="module")
@@ -68,16 +70,16 @@ def test_terms_of_poses_agree_with_central_differences(state: RigState) -> None:
     length = float(stacked_rows(problem, vector, wide).norm())
     assert close(rows.gradient_shared, gradient, scale * length)
     assert problem.precision[-2:, -2:].diagonal().tolist() == [1.0, 0.25]
-    again = wide.at(vector, wide.placements)
-    assert torch.equal(again.poses(1), wide.poses(1))
+    same = wide.at(vector, wide.placements)
+    assert torch.equal(same.poses(1), wide.poses(1))
 
 
-def stacked_rows(problem: object, vector: torch.Tensor, state: RigState) -> torch.Tensor:
+def stacked_rows(problem: RigProblem, vector: torch.Tensor, state: RigState) -> torch.Tensor:
     rows = [
         camera.landing.residual(vector[camera.columns], camera.compose(vector, state.placements))[
             0
         ].flatten()
-        for camera in problem.cameras  # type: ignore[attr-defined]
+        for camera in problem.cameras
     ]
     return torch.cat(rows)
 
@@ -158,15 +160,15 @@ def test_the_evidence_is_that_of_a_dense_gaussian() -> None:
         size = sum(len(residual) for residual in residuals)
         covariance = np.eye(size)
         shared = np.concatenate([jacobian[:, 6:9] for jacobian in jacobians])
-        mean = -shared @ source.vector  # the rig's numbers have their prior around zero
+        mean = shared @ source.vector  # the rig's numbers have their prior around zero
         covariance += shared @ np.diag(1 / np.diag(source.precision)) @ shared.T
         first = 0
         moved = []
         for place, jacobian in enumerate(jacobians):
             rows = slice(first, first + len(jacobian))
             first += len(jacobian)
-            own = jacobian[:, POSE]
-            covariance[rows, rows] += 1e6 * own @ own.T
+            poses = jacobian[:, POSE]
+            covariance[rows, rows] += WIDE**2 * poses @ poses.T
             if with_random:
                 drawn = jacobian[:, motion] @ roots[place]
                 covariance[rows, rows] += drawn @ drawn.T
@@ -196,9 +198,11 @@ def test_the_numbers_are_those_of_least_squares() -> None:
     fixed = FixedMotion(slice(15, 21), by_number, np.array([1e6]))
     rows = []
     for place, jacobian in enumerate(jacobians):
-        own = np.zeros((len(jacobian), 24))
-        own[:, 6 * place : 6 * place + 6] = jacobian[:, POSE]
-        rows.append(np.column_stack([own, jacobian[:, 6:9], jacobian[:, 15:21] @ by_number[place]]))
+        poses = np.zeros((len(jacobian), 24))
+        poses[:, 6 * place : 6 * place + 6] = jacobian[:, POSE]
+        rows.append(
+            np.column_stack([poses, jacobian[:, 6:9], jacobian[:, 15:21] @ by_number[place]])
+        )
     prior = np.column_stack([np.zeros((3, 24)), source.precision**0.5, np.zeros((3, 1))])
     matrix = np.concatenate([*rows, prior])
     right = np.concatenate([*residuals, source.precision.diagonal() ** 0.5 * source.vector])
@@ -221,12 +225,12 @@ def test_the_speed_of_the_board_is_that_of_its_path() -> None:
         path = HandPath.draw(rng, (0.5, 1.0), 0.2)
         for frame in range(8):
             time = frame / 15
-            pose, after = path.at(time), path.at(time + later)
+            pose, later_pose = path.at(time), path.at(time + later)
             noise = torch.from_numpy(rng.normal(0, 1, 6) * np.repeat([2e-4, 5e-5], 3))
             placements.append((pose + noise).numpy())
             # The turn about the axes of the reference, from the derivatives of the numbers.
             to_motion = np.linalg.inv(motion_in_placement(pose.numpy()[None]))[0]
-            moved.append(to_motion @ (after - pose).numpy())
+            moved.append(to_motion @ (later_pose - pose).numpy())
             times.append(100.0 * burst + time)
     covariance = np.diag(np.repeat([2e-4, 5e-5], 3) ** 2)
     count = len(placements)
@@ -234,11 +238,11 @@ def test_the_speed_of_the_board_is_that_of_its_path() -> None:
         np.array(placements), np.tile(covariance, (count, 1, 1)), np.array(times)
     )
     assert len(motion.bursts) == 6
-    found = motion.after(later)
-    assert found.is_known.all()
-    error = found.mean - np.array(moved)
+    displacement = motion.after(later)
+    assert displacement.is_known.all()
+    error = displacement.mean - np.array(moved)
     assert np.linalg.norm(error) < 0.2 * np.linalg.norm(moved)
-    sigma = np.sqrt(found.covariance.diagonal(axis1=1, axis2=2))
+    sigma = np.sqrt(displacement.covariance.diagonal(axis1=1, axis2=2))
     # A sine is smoother than the process, which is rather too careful than too sure.
     assert 0.3 < np.sqrt(np.mean((error / sigma) ** 2)) < 1.3
     assert np.array(motion.speeds) == pytest.approx((0.6, 0.2), rel=0.5)
@@ -251,12 +255,14 @@ def test_bursts_are_placements_at_short_intervals() -> None:
     assert second.places.tolist() == [3, 0, 6]
     assert second.times == pytest.approx([0.0, 0.1, 0.2])
     assert find_bursts(np.full(4, np.nan)) == ()
-    assert [len(burst.places) for burst in find_bursts(np.arange(100) * 0.1)] == [34, 33, 33]
-    still = BoardMotion.of(np.zeros((3, 6)), np.zeros((3, 6, 6)), np.full(3, np.nan))
-    assert not still.after(0.01).is_known.any()
+    assert [len(burst.places) for burst in find_bursts(np.linspace(0.0, 9.9, 100))] == [34, 33, 33]
+    unmoved = BoardMotion.of(np.zeros((3, 6)), np.zeros((3, 6, 6)), np.full(3, np.nan))
+    assert not unmoved.after(0.01).is_known.any()
 
 
 def test_times_are_those_of_the_camera_that_has_most() -> None:
-    left, right = np.array([0, 1]), np.array([0, 1, 2])
-    times = placement_times([left, right], [np.array([7.0, np.nan]), np.array([1.0, 2.0, 3.0])], 3)
+    first, second = np.array([0, 1]), np.array([0, 1, 2])
+    times = placement_times(
+        [first, second], [np.array([7.0, np.nan]), np.array([1.0, 2.0, 3.0])], 3
+    )
     assert times.tolist() == [1.0, 2.0, 3.0]

@@ -1,0 +1,183 @@
+"""The diagnosis of a rig: what is hidden is found with its size, and nothing where there is
+nothing.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.cli import main
+from calib.errors import NotEnoughDataError, WrongTypeError
+from calib.rig.diagnose_rig import diagnose_rig
+from calib.rig.fit_rig import fit_rig
+from calib.rig.judge import judge_rig
+from calib.rig.rig import Rig
+from calib.rig.rig_effects import RIG_EFFECTS
+from fixtures.rig_motion import with_bursts, with_flex
+from fixtures.rigs import SimulatedRig, join_pictures, simulate_rig, with_motion, with_pictures
+from tests.rig.conftest import BOARD, EVEN, WINDOW
+
+LATE_S = 8e-3
+Make = Callable[[np.random.Generator, SimulatedRig], SimulatedRig]
+
+
+def bare(seed: int, names: tuple[str, ...] = ("left", "right")) -> SimulatedRig:
+    return simulate_rig(seed, WINDOW, placements=1, amplitude=0.0, board=BOARD, names=names)
+
+
+def late(rng: np.random.Generator, rig: SimulatedRig) -> SimulatedRig:
+    return with_bursts(rng, rig, 4, 5, late_s={"right": LATE_S})
+
+
+def fitted_to(make: Make, folder: Path, seed: int = 21) -> tuple[Rig, SimulatedRig]:
+    simulated = make(np.random.default_rng(seed), bare(seed))
+    return fit_rig(simulated.write(folder / "rig"), EVEN), simulated
+
+
+def baseline_error_mm(rig: Rig, simulated: SimulatedRig) -> float:
+    true = float(simulated.cameras["right"].mounting[3:].norm())
+    return 1e3 * abs(rig.baselines[0].metres - true)
+
+
+@pytest.mark.slow
+def test_a_late_camera_is_found_with_its_size(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig, simulated = fitted_to(late, tmp_path)
+    rig.save(tmp_path / "calibration")
+    verdict = judge_rig(rig, folder=tmp_path / "calibration")
+    assert any("the diagnosis tells which" in reason.sentence for reason in verdict.reasons)
+    assert main(["rig", "diagnose", str(tmp_path / "calibration"), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["accepted"] == ["sync_offset"]
+    (effect,) = answer["effects"]
+    assert (effect["camera"], effect["varies"]) == ("right", None)
+    number = effect["parameters"]["sync_offset.late"]
+    assert number["unit"] == "s"
+    assert abs(number["value"] - LATE_S) < 4 * number["sigma"] < 1.2e-3
+    assert "ms later than left" in effect["sentence"]
+    assert not answer["families"]
+    assert answer["bursts"] == 4
+    assert answer["after"]["held_out_px"] < 0.3 * answer["before"]["held_out_px"]
+    chosen = answer["candidates"][0]
+    assert chosen["accepted"]
+    assert chosen["held_out_px_after"] < chosen["held_out_px_before"]
+    better = Rig.load(tmp_path / "calibration" / "diagnosed")
+    assert better.record.effects[0].as_mapping() == effect
+    assert baseline_error_mm(better, simulated) < 0.3 * baseline_error_mm(rig, simulated)
+    assert (tmp_path / "calibration" / "diagnosed" / "report.html").is_file()
+
+
+def test_nothing_is_found_in_a_rig_without_effects(fitted: Rig) -> None:
+    better, diagnosis = diagnose_rig(fitted)
+    assert diagnosis.accepted == ()
+    assert better is fitted
+    assert {candidate.effect for candidate in diagnosis.candidates} == {
+        effect.name for effect in RIG_EFFECTS
+    }
+    assert all(candidate.verdict == "no more than chance" for candidate in diagnosis.candidates)
+    # Single pictures of unknown motion cannot tell a constant lateness.
+    (remark,) = diagnosis.remarks
+    assert "cannot be told" in remark
+    assert "time_s" in remark
+
+
+def test_bad_input_gets_a_sentence(fitted: Rig) -> None:
+    with pytest.raises(WrongTypeError):
+        diagnose_rig(3)  # type: ignore[arg-type]
+    shorter = {name: replace(c, views=c.views[:4]) for name, c in fitted.calibrations.items()}
+    of_views = {name: places[:4] for name, places in fitted.of_views.items()}
+    with pytest.raises(NotEnoughDataError, match="needs 10 or more"):
+        diagnose_rig(replace(fitted, calibrations=shorter, of_views=of_views))
+
+
+@pytest.mark.slow
+def test_cameras_in_time_are_not_late(tmp_path: Path) -> None:
+    rig, _ = fitted_to(lambda rng, pair: with_bursts(rng, pair, 4, 5), tmp_path)
+    _, diagnosis = diagnose_rig(rig)
+    assert diagnosis.accepted == ()
+    assert any("ms later than" in remark for remark in diagnosis.remarks)
+    number = next(
+        c.parameters["sync_offset.late"]
+        for c in diagnosis.candidates
+        if "sync_offset.late" in c.parameters
+    )
+    assert abs(number.value) < 4 * number.sigma < 4e-4
+
+
+@pytest.mark.slow
+def test_a_mounting_that_flexes(tmp_path: Path) -> None:
+    turn, shift = float(np.radians(0.02)), 1e-4
+
+    def flex(rng: np.random.Generator, pair: SimulatedRig) -> SimulatedRig:
+        return with_flex(rng, with_pictures(rng, pair, 20), "right", turn, shift)
+
+    rig, simulated = fitted_to(flex, tmp_path)
+    better, diagnosis = diagnose_rig(rig)
+    assert diagnosis.accepted == ("rig_flex",)
+    numbers = diagnosis.found[0].parameters
+    for name, true in (("rig_flex.turn", turn), ("rig_flex.shift", shift)):
+        assert abs(numbers[name].value - true) < 4 * numbers[name].sigma < 2 * true
+    assert "degrees and" in diagnosis.found[0].sentence
+    assert diagnosis.after.held_out_px < 0.4 * diagnosis.before.held_out_px
+    sentences = [reason.sentence for reason in judge_rig(better).reasons]
+    assert any("tighten the mounting" in sentence for sentence in sentences)
+    error = baseline_error_mm(better, simulated)
+    assert error < 4e3 * better.baselines[0].sigma
+
+
+@pytest.mark.slow
+def test_a_camera_that_slipped(tmp_path: Path) -> None:
+    motion = np.array([0.0, 0.0, np.radians(0.03), 3e-4, 0.0, 0.0])
+
+    def slip(rng: np.random.Generator, pair: SimulatedRig) -> SimulatedRig:
+        later = with_motion(pair, "right", motion)
+        pictures = with_pictures(rng, pair, 8), with_pictures(rng, later, 12)
+        return replace(join_pictures(*pictures), cameras=later.cameras)
+
+    rig, simulated = fitted_to(slip, tmp_path)
+    better, diagnosis = diagnose_rig(rig)
+    assert diagnosis.accepted == ("rig_slip",)
+    (effect,) = diagnosis.found
+    assert effect.from_file == "0008.png"
+    assert "right slipped before 0008.png" in effect.sentence
+    number = effect.parameters["rig_slip.shift.x"]
+    assert abs(number.value + 3e-4) < 4 * number.sigma < 2e-4, "the camera goes the other way"
+    # The rig's mounting is that after the slip.
+    assert baseline_error_mm(better, simulated) < 4e3 * better.baselines[0].sigma
+
+
+@pytest.mark.slow
+def test_single_pictures_tell_that_the_board_moved_not_how_late(tmp_path: Path) -> None:
+    def blind(rng: np.random.Generator, pair: SimulatedRig) -> SimulatedRig:
+        moved = with_bursts(rng, pair, 20, 1, late_s={"right": LATE_S})
+        views = {
+            name: tuple(replace(view, time_s=None) for view in camera_views)
+            for name, camera_views in moved.views.items()
+        }
+        return replace(moved, views=views)
+
+    rig, _ = fitted_to(blind, tmp_path)
+    _, diagnosis = diagnose_rig(rig)
+    assert diagnosis.accepted == ("sync_offset",)
+    assert diagnosis.found[0].varies == "each_view"
+    assert "the board moves between the exposures" in diagnosis.found[0].sentence
+    assert any("cannot be told" in remark for remark in diagnosis.remarks)
+
+
+@pytest.mark.slow
+def test_of_three_cameras_the_late_one_is_named(tmp_path: Path) -> None:
+    trio = bare(23, ("left", "right", "third"))
+    rng = np.random.default_rng(23)
+    # The reference is late: all others see the board earlier on its path.
+    simulated = with_bursts(rng, trio, 4, 5, late_s={"left": LATE_S})
+    _, diagnosis = diagnose_rig(fit_rig(simulated.write(tmp_path / "rig"), EVEN))
+    (effect,) = diagnosis.found
+    assert (effect.effect, effect.camera) == ("sync_offset", "left")
+    number = effect.parameters["sync_offset.late"]
+    assert abs(number.value - LATE_S) < 4 * number.sigma < 1.2e-3
+    assert "later than the others" in effect.sentence
