@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.calibration import Calibration, Stage
+from calib.calibration import Calibration
+from calib.calibration_content import Stage
 from calib.corners.view import View
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
