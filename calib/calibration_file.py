@@ -1,229 +1,345 @@
-"""Check the two files of a calibration as they are read: the keys of calibration.yaml, and the
-arrays of calibration.npz.
-
-CALIBRATION describes the value of each key. Board, camera and cover follow the rules of
-session.yaml, so they have no shape here.
+"""The two files of a calibration: calibration.yaml is for people, and calibration.npz in the same
+folder holds the arrays. Together they are enough to fit again.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from hashlib import sha256
-from pathlib import Path
+import shlex
+from dataclasses import asdict, replace
+from os import PathLike
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
-from calib.errors import InputError, brief
-from calib.fit_record.outcome import JointOutcome
-from calib.fit_record.shapes import RECORD
+from calib.calibration_content import AddedEffect, CalibrationContent, Declared, Stage
+from calib.corners.pose_requirements import split_usable_views
+from calib.corners.view import RejectedPicture, View
+from calib.effects.serialise import effect_from_yaml, effect_to_yaml
+from calib.effects.varying import Varying
+from calib.errors import InputError, NotEnoughDataError, brief, wrong_type
+from calib.fit_record.file_checks import (
+    CALIBRATION,
+    check_arrays,
+    check_joint,
+    check_stages,
+    read_arrays,
+    relief_from_yaml,
+)
+from calib.fit_record.outcome import Uncertainty
+from calib.fit_record.record_file import record_from_yaml
 from calib.io.arrays import decode_npz
-from calib.io.files import read_file, reading
-from calib.io.frames_table import LATEST_S
-from calib.io.shapes import (
-    anything,
-    choice,
-    count,
-    either,
-    flag,
-    many,
-    maybe,
-    number,
-    positive,
-    record,
-    table,
-    text,
+from calib.io.file_set import find_current
+from calib.io.files import npz, reading
+from calib.io.images import session_pictures
+from calib.io.yaml_reader import read_yaml
+from calib.optics.board_target import POSE, VIEW_BLOCKS
+from calib.session.camera import camera_to_yaml
+from calib.session.cover_section import cover_to_yaml
+from calib.session.point_target import PointTarget
+from calib.session.session import (
+    fit_pictures_command,
+    is_media,
+    session_from_mapping,
+    session_to_yaml,
 )
-from calib.optics.relief import Relief
-from calib.session.board import Board
+from calib.threads import single_thread
 
-MAX_AMPLITUDE = 0.1
-"""m, of the relief: a thousand times that of any glass."""
-MAX_NUMBER = 1e12
-"""Largest number in an array, in SI units or px; its square limits a covariance. Coefficients of a
-rational lens that cancel each other have standard deviations of 1e7 of their scale.
+FORMAT = 2
+FILES = ("calibration.yaml", "calibration.npz")
+DERIVED = ("rays.npz", "map_*m.npz", "report.html")
+"""Files in a calibration's folder that are made from it."""
+MAX_READS = 2
+"""Times that the two files are read: another writer may replace them between the two."""
+SAMPLED_CORNERS = 12
+"""Corners of each view whose rays are traced when a file is read; all corners of a thousand views
+would take a second.
 """
-STAGES = ("pinhole", "cover", "cover+rbf", "cover+rbf+effects")
-"""The stages of a fit, in their order; a fit may lack any but the first."""
-COVER_STAGES = STAGES[1:3]
-COVER = either(many(table(anything)), table(anything))
-CALIBRATION = record(
-    {
-        "refracal": text,
-        "arrays_sha256": text,
-        "camera": table(anything),
-        "cover": COVER,
-        "declared": record({"camera": table(anything), "cover": COVER}, {"doubted": many(text)}),
-        "relief": maybe(
-            record(
-                {
-                    "low": anything,
-                    "high": anything,
-                    "grid": anything,
-                    "beta": positive,
-                    "exact_hit": flag,
-                },
-                {"inset": number, "anchor": anything},
-            )
-        ),
-        "effects": many(
-            record(
-                {
-                    "name": text,
-                    "form": table(either(flag, number, text, many(number), many(text))),
-                    "parameters": table(anything),
-                }
-            )
-        ),
-        "gauge": text,
-        "settings": record({}, RECORD),
-        "noise_px": number,
-        "stages": many(record({"name": choice(*STAGES), "rms_px": number, "rmse_cm": number})),
-        "frames_rejected": many(record({"file": text, "reason": text})),
-    },
-    {
-        "board": table(anything),
-        "target": table(anything),
-        "uncertainty": record(
-            {
-                "method": text,
-                "views": count,
-                "inflation": positive,
-                "view_scatter": number,
-                "corner_scatter": number,
-                "heavy_views": table(number),
-            }
-        ),
-    },
-)
+MIN_LANDED_FRACTION = 0.5
+"""Fraction of the sampled corners whose rays must reach the view's board. All corners of a fitted
+view do, except outliers.
+"""
 
 
-def relief_from_yaml(mapping: Mapping[str, Any]) -> Relief:
-    """Return the relief that a mapping describes.
+def read_content(path: str | FilePath) -> CalibrationContent:
+    """Read a calibration.yaml, or the one in a folder, with its calibration.npz.
 
     Raises:
-        LookupError, TypeError, ValueError: the mapping describes no relief.
+        WrongTypeError: the argument is no path.
+        InputError: a file is missing or damaged, or they do not belong together.
     """
-    low = _pair(mapping["low"], "low")
-    high = _pair(mapping["high"], "high")
-    grid = _pair(mapping["grid"], "grid")
-    relief = Relief(
-        low,
-        high,
-        (int(grid[0]), int(grid[1])),
-        float(mapping["beta"]),
-        inset=float(mapping.get("inset", 0.0)),
-        anchor=_pair(mapping["anchor"], "anchor") if "anchor" in mapping else None,
-    )
-    if not 0 <= relief.inset < 1:
-        raise ValueError("relief.inset is not from 0 to below 1")
-    if relief.grid != grid or min(relief.grid) < 2:
-        raise ValueError("relief.grid is not two whole numbers of 2 or more")
-    if not (low[0] < high[0] and low[1] < high[1] and 0 < relief.beta < math.inf):
-        raise ValueError("relief.low is not below relief.high, or relief.beta not above 0")
-    return relief
-
-
-def _pair(written: object, key: str) -> tuple[float, float]:
-    match written:
-        case [int() | float() as first, int() | float() as second] if math.isfinite(
-            first
-        ) and math.isfinite(second):
-            return first, second
-    raise ValueError(f"relief.{key} is not two numbers")
-
-
-def check_stages(names: Sequence[str], *, has_cover: bool, has_views: bool) -> None:
-    """Raise ValueError if no fit has these stages in this order."""
-    places = [STAGES.index(name) for name in names]
-    if places != sorted(set(places)) or (places and places[0] != 0):
-        raise ValueError(f"stages are not some of {', '.join(STAGES)} in this order")
-    if has_views and not names:
-        raise ValueError("stages are missing")
-    if not has_cover and set(names) & set(COVER_STAGES):
-        raise ValueError("there is a stage of the cover and no cover")
-
-
-def check_joint(joint: JointOutcome | None, *, has_covariance: bool, has_relief: bool) -> None:
-    """Raise ValueError if the record of the joint fit lacks an input of the covariance."""
-    if has_covariance and not joint:
-        raise ValueError("settings.sigma_px is missing")
-    if has_covariance and has_relief and not (joint and joint.relief_prior):
-        raise ValueError("settings.relief_prior is missing")
-
-
-def check_arrays(
-    arrays: Mapping[str, NDArray[Any]], relief: Relief | None, board: Board, per_view: int
-) -> None:
-    """Raise ValueError if the arrays have inconsistent shapes or implausible values.
-
-    Args:
-        per_view: number of parameters of each view.
-    """
-    views, parameters = len(arrays["names"]), len(arrays["covariance"])
-    shapes = {
-        "amplitudes": relief.grid if relief else (0, 0),
-        "poses": (views, per_view),
-        "covariance": (parameters, parameters),
-        "corners": (views, board.count, 2),
-        "weights": (views, board.count),
-        "times_s": (views,),
-    }
-    if (corners_at := arrays.get("corners_at")) is not None:
-        shapes["corners_at"] = (len(corners_at), 3)
-    if (blurs := arrays.get("blurs")) is not None:
-        shapes["blurs"] = (views, board.count, 2)
-    if not board.has_grid:
-        shapes["target"] = (board.count, 2)
-        shapes["point_covariances"] = (views, board.count, 2, 2)
-    for name, shape in shapes.items():
-        array = arrays[name]
-        if array.shape != shape or array.dtype != np.float64:
-            raise ValueError(
-                f"{name} are {array.dtype} of shape {array.shape} where float64 of shape {shape} is"
-                " expected"
-            )
-        limit = MAX_NUMBER**2 if name == "covariance" else MAX_NUMBER
-        free = ("corners", "times_s", "blurs", "point_covariances")
-        if name not in free and not (np.abs(array) < limit).all():
-            raise ValueError(f"{name} are not all numbers that a fit would leave")
-    if not (np.abs(arrays["amplitudes"]) < MAX_AMPLITUDE).all():
-        raise ValueError("amplitudes are not those of a glass")
-    for name in ("names", "pose_ids"):
-        if arrays[name].shape != (views,) or (views and arrays[name].dtype.kind != "U"):
-            raise ValueError(f"{name} are not a text for each view")
-    visible = arrays["weights"] > 0
-    if (
-        (arrays["weights"] < 0).any()
-        or not visible.any(axis=1).all()
-        or not (np.abs(arrays["corners"][visible]) < MAX_NUMBER).all()
-    ):
-        raise ValueError("corners that were seen are not all somewhere, or a view has none")
-    if not board.has_grid:
-        covariances = arrays["point_covariances"][visible]
-        if not np.isfinite(covariances).all() or (np.linalg.eigvalsh(covariances) <= 0).any():
-            raise ValueError("point_covariances are not all covariances")
-    if blurs is not None and ((blurs <= 0) | (blurs >= MAX_NUMBER)).any():
-        raise ValueError("blurs are not all widths in px")
-    if (np.abs(arrays["times_s"]) >= LATEST_S).any():
-        raise ValueError("times_s are not all times in s")
-    covariance = arrays["covariance"]
-    sigmas = np.sqrt(np.abs(covariance.diagonal()))
-    # the rounding error of an entry near zero is relative to its sigmas, not to itself
-    tolerance = 1e-6 * np.outer(sigmas, sigmas)
-    if (np.abs(covariance - covariance.T) > tolerance).any() or (covariance.diagonal() < 0).any():
-        raise ValueError("covariance is not symmetric with variances of 0 or more")
-
-
-def read_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], str]:
-    """Return the arrays and the SHA-256 of their file."""
+    if not isinstance(path, str | PathLike):
+        advice = "the path of a calibration's folder or calibration.yaml"
+        raise wrong_type("path", path, advice)
+    path = FilePath(path)
     with reading(path):
-        if not path.exists():
+        if is_media(path):
             raise InputError(
-                f"{path} is missing: keep calibration.yaml and calibration.npz in one folder."
+                f"{path} is a picture or a video where a calibration is needed:"
+                f" {fit_pictures_command(path)} makes one."
             )
-    data = read_file(path)
+        path = path / "calibration.yaml" if path.is_dir() else path
+        document, arrays = _read_pair(path)
     try:
-        return decode_npz(data), sha256(data).hexdigest()
-    except ValueError as error:
-        raise InputError(f"{path} is damaged ({brief(error)}): fit the session again.") from error
+        return _from_mapping(document, arrays, path)
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise InputError(
+            f"{path} is not a whole calibration ({brief(error)}): fit the session again."
+        ) from error
+
+
+def calibration_mapping(content: CalibrationContent, digest: str) -> dict[str, object]:
+    """Return the content of calibration.yaml, for arrays with a SHA-256."""
+    camera, declared = content.camera, content.declared
+    relief = content.relief and {
+        "low": list(content.relief.low),
+        "high": list(content.relief.high),
+        "grid": list(content.relief.grid),
+        "beta": content.relief.beta,
+        "exact_hit": content.exact_hit,
+        "inset": content.relief.inset,
+        **({"anchor": list(content.relief.anchor)} if content.relief.anchor else {}),
+    }
+    uncertainty = content.outcome.uncertainty
+    return {
+        "format": FORMAT,
+        "refracal": content.refracal,
+        "arrays_sha256": digest,
+        **session_to_yaml(content.board, camera, content.cover),
+        "declared": {
+            "camera": camera_to_yaml(replace(camera, intrinsics=declared.intrinsics)),
+            "cover": cover_to_yaml(declared.cover),
+            "doubted": list(declared.doubted),
+        },
+        "relief": relief,
+        "effects": [effect_to_yaml(added.effect, added.parameters) for added in content.effects],
+        "gauge": content.gauge,
+        **({} if uncertainty is None else {"uncertainty": asdict(uncertainty)}),
+        "settings": content.record(),
+        "noise_px": math.nan if content.noise_px is None else content.noise_px,
+        "stages": [
+            {"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in content.stages
+        ],
+        "frames_rejected": [{"file": r.name, "reason": r.reason} for r in content.rejected],
+    }
+
+
+def array_bytes(content: CalibrationContent) -> memoryview:
+    """Return the bytes of calibration.npz."""
+    board, views = content.board, content.views
+    arrays = {
+        "amplitudes": content.amplitudes,
+        "poses": content.poses,
+        "covariance": content.covariance,
+        "times_s": np.array(
+            [math.nan if view.time_s is None else view.time_s for view in views],
+            dtype=np.float64,
+        ),
+        "pose_ids": np.array([view.pose_id or "" for view in views], dtype=str),
+        "names": np.array([view.name for view in views]),
+        "corners": (np.array([view.corners for view in views]).reshape(-1, board.count, 2)),
+        "weights": np.array([view.weight for view in views]).reshape(-1, board.count),
+    }
+    if any(view.blur is not None for view in views):
+        unknown = np.full((board.count, 2), math.nan)
+        arrays["blurs"] = np.array([unknown if view.blur is None else view.blur for view in views])
+    if not board.has_grid:
+        unknown = np.full((board.count, 2, 2), math.nan)
+        arrays["target"] = board.points()
+        arrays["point_covariances"] = np.array(
+            [unknown if view.covariance is None else view.covariance for view in views]
+        ).reshape(-1, *unknown.shape)
+    if content.corners_at.size:
+        arrays["corners_at"] = content.corners_at
+    return npz(arrays, compressed=False)  # not compressed: the same bytes on every machine
+
+
+def check_readable(document: dict[str, Any], arrays: memoryview) -> None:
+    """Raise NotEnoughDataError if `read_content` would refuse the two files."""
+    try:
+        _from_mapping(document, decode_npz(bytes(arrays)), FilePath("calibration.yaml"))
+    except (InputError, ValueError) as error:
+        raise NotEnoughDataError(
+            "The views leave a number of the camera or cover open, so that no calibration is"
+            " written: take more views, tilted, near and far, or hold more numbers with --free"
+            f" ({str(error).rstrip('.')})."
+        ) from error
+
+
+def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return the content of calibration.yaml, and the arrays of the .npz written with it."""
+    for _ in range(MAX_READS):
+        place = find_current(path)
+        if not place.is_file():
+            raise InputError(f"{path} does not exist: {_where_to_find(path)}.")
+        document = read_yaml(place)
+        if document.get("format") != FORMAT:
+            version = brief(repr(document.get("format")))
+            raise InputError(
+                f"{path}: format is {version} where this version of calib reads {FORMAT}: fit the"
+                " session again."
+            )
+        arrays, digest = read_arrays(find_current(path.with_suffix(".npz")))
+        if document.get("arrays_sha256", digest) == digest:
+            return document, arrays
+    raise InputError(
+        f"{path} and {path.with_suffix('.npz').name} do not belong together: fit the session again."
+    )
+
+
+def _where_to_find(path: FilePath) -> str:
+    """Return advice for a calibration.yaml that does not exist."""
+    folder = path.parent
+    if (folder / "calibration" / path.name).is_file():
+        return f"the session's is {folder / 'calibration'}"
+    if (folder / "session.yaml").is_file():
+        return f"calib fit {shlex.quote(str(folder))} makes it"
+    if session_pictures(folder):
+        return f"{fit_pictures_command(folder)} makes one of these pictures"
+    return "give the folder that calib fit wrote"
+
+
+def _from_mapping(
+    document: dict[str, Any], arrays: dict[str, NDArray[Any]], path: FilePath
+) -> CalibrationContent:
+    CALIBRATION(document, "")
+    target: dict[str, object] = {
+        key: document[key] for key in ("board", "target") if key in document
+    }
+    board, camera, cover = session_from_mapping(
+        {**target, "camera": document["camera"], "cover": document["cover"]}, str(path)
+    )
+    if not board.has_grid:
+        pitch = board.pitch if isinstance(board, PointTarget) else None
+        board = PointTarget.of(arrays["target"], pitch)
+    _, declared, declared_cover = session_from_mapping(
+        {
+            **target,
+            "camera": document["declared"]["camera"],
+            "cover": document["declared"]["cover"],
+        },
+        f"{path}: declared",
+    )
+    if not (camera.intrinsics and declared.intrinsics):
+        raise ValueError("camera.intrinsics is missing")
+    relief = None if document["relief"] is None else relief_from_yaml(document["relief"])
+    if relief and cover.shape == "none":
+        raise ValueError("there is a relief and no cover")
+    effects = tuple(AddedEffect(*effect_from_yaml(mapping)) for mapping in document["effects"])
+    count = len(arrays["names"])
+    if any(len(e.effect.pattern) != count for e in effects if isinstance(e.effect, Varying)):
+        raise ValueError("an effect has a pattern that is not of these views")
+    check_stages(
+        [stage["name"] for stage in document["stages"]],
+        has_cover=cover.shape != "none",
+        has_views=len(arrays["names"]) > 0,
+    )
+    request, outcome, history = record_from_yaml(document["settings"])
+    if "uncertainty" in document:
+        outcome = replace(outcome, uncertainty=Uncertainty(**document["uncertainty"]))
+    check_joint(
+        outcome.joint,
+        has_covariance=arrays["covariance"].size > 0,
+        has_relief=relief is not None,
+    )
+    check_arrays(
+        arrays,
+        relief,
+        board,
+        sum(
+            VIEW_BLOCKS[block]
+            for block in (POSE, *(added.effect.per_view for added in effects))
+            if block
+        ),
+    )
+    blurs = arrays.get("blurs", np.full((*arrays["weights"].shape, 2), math.nan))
+    covariances = arrays.get("point_covariances", [None] * count)
+    content = CalibrationContent(
+        board=board,
+        camera=camera,
+        cover=cover,
+        relief=relief,
+        amplitudes=arrays["amplitudes"],
+        exact_hit=bool(document["relief"]["exact_hit"]) if relief else True,
+        views=tuple(
+            View(
+                str(name),
+                corners,
+                weight,
+                None if math.isnan(time_s) else float(time_s),
+                str(pose_id) or None,
+                covariance=covariance,
+                blur=blur if np.isfinite(blur).any() else None,
+            )
+            for name, corners, weight, time_s, pose_id, covariance, blur in zip(
+                *(arrays[key] for key in ("names", "corners", "weights", "times_s", "pose_ids")),
+                covariances,
+                blurs,
+                strict=True,
+            )
+        ),
+        poses=arrays["poses"],
+        covariance=arrays["covariance"],
+        rejected=tuple(
+            RejectedPicture(r["file"], r["reason"]) for r in document["frames_rejected"]
+        ),
+        stages=tuple(
+            Stage(s["name"], float(s["rms_px"]), float(s["rmse_cm"])) for s in document["stages"]
+        ),
+        noise_px=None if math.isnan(document["noise_px"]) else float(document["noise_px"]),
+        gauge=document["gauge"],
+        request=request,
+        outcome=outcome,
+        history=history,
+        effects=effects,
+        stated=Declared(
+            declared.intrinsics,
+            declared_cover,
+            tuple(map(str, document["declared"].get("doubted", ()))),
+        ),
+        refracal=document["refracal"],
+        corners_at=arrays.get("corners_at", np.zeros((0, 3))),
+    )
+    if content.covariance.size and len(content.covariance) != (
+        count := content.camera_model().parameters.count
+    ):
+        raise ValueError(
+            f"covariance is of {len(content.covariance)} parameters where {count} were estimated"
+        )
+    _check_views(content)
+    return content
+
+
+def _check_views(content: CalibrationContent) -> None:
+    """Raise ValueError if a view has corners or a pose that no fit could have: too few corners for
+    a pose, corners outside the picture, or rays that do not reach the board.
+    """
+    camera, views = content.camera, content.views
+    _, unusable = split_usable_views(views, content.board)
+    if unusable:
+        raise ValueError(f"{unusable[0].name}: {unusable[0].reason}")
+    last = np.array([camera.width, camera.height]) - 0.5
+    for view in views:
+        corners = view.corners[view.seen]
+        if ((corners < -0.5) | (corners > last)).any():
+            raise ValueError(f"{view.name} has a corner outside the picture")
+    if not views:
+        return
+    observations = content.observations
+    row = torch.arange(len(observations.view)) - observations.starts[observations.view]
+    spacing = (observations.starts.diff()[observations.view] // SAMPLED_CORNERS).clamp(min=1)
+    sample = observations.select_rows(row % spacing == 0)
+    path, values = content.model()
+    with single_thread():
+        _, failure = path.land(
+            sample.pixels,
+            values,
+            torch.from_numpy(content.poses)[sample.view],
+            sample.exposure,
+        )
+    landed = torch.bincount(sample.view[failure == 0], minlength=len(views))
+    implausible = landed < MIN_LANDED_FRACTION * sample.starts.diff()
+    if implausible.any():
+        name = views[int(implausible.int().argmax())].name
+        raise ValueError(f"the corners of {name} do not lie on a board at its pose")

@@ -21,7 +21,7 @@ import pypdfium2
 from numpy.typing import NDArray
 from PIL import Image
 
-from calib.calibration import TITLES
+from calib.calibration_content import TITLES
 from calib.cli import main as calib
 from fixtures.wall import bend_of_joint
 from tests.capture.tui.driving import running, see, shown, until

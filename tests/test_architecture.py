@@ -19,6 +19,7 @@ BESIDE = {
     "threads",
     "fit_record",
     "fringes",
+    "calibration_content",
     "calibration_file",
     "__main__",
 }

@@ -11,7 +11,8 @@ import pytest
 import yaml
 
 from calib.apply.measure import Measurer
-from calib.calibration import Calibration, Declared
+from calib.calibration import Calibration
+from calib.calibration_content import Declared
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError

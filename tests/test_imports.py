@@ -26,6 +26,7 @@ LAYERS = {
         ("estimation",),
         ("undistortion",),
         ("fit_record",),
+        ("calibration_content",),
         ("calibration_file",),
         ("calibration",),
         ("inference",),

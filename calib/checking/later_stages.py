@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import torch
 
-from calib.calibration import Calibration, Stage
+from calib.calibration import Calibration
+from calib.calibration_content import Stage
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
 from calib.fitting.fit_result import EFFECTS_STAGE

@@ -55,7 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     with fast_imports():
-        from calib.calibration import DERIVED, FILES, Calibration
+        from calib.calibration import Calibration
+        from calib.calibration_file import DERIVED, FILES
         from calib.checking.check import Checker
         from calib.checking.pictures import read_pictures
         from calib.checking.result import CheckStatus

@@ -43,7 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     with fast_imports():
-        from calib.calibration import DERIVED, FILES, Calibration
+        from calib.calibration import Calibration
+        from calib.calibration_file import DERIVED, FILES
         from calib.commands.console import Bars
         from calib.commands.diagnosis_table import print_diagnosis
         from calib.commands.printing import print_json, verdict_mapping

@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
 
     with fast_imports():
         from calib.apply.colour import predict_fringes
-        from calib.calibration import DERIVED, FILES
+        from calib.calibration_file import DERIVED, FILES
         from calib.commands.colour_lines import fringes_lines, fringes_mapping
         from calib.commands.console import Bars, print_fit
         from calib.commands.diagnosis_table import print_diagnosis

@@ -97,7 +97,8 @@ def run(args: argparse.Namespace) -> None:
 
     with fast_imports():
         from calib.apply.change_medium import DEPTHS, immerse
-        from calib.calibration import DERIVED, FILES, Calibration
+        from calib.calibration import Calibration
+        from calib.calibration_file import DERIVED, FILES
         from calib.commands.console import Bars
         from calib.commands.printing import print_json
         from calib.diagnosis.all_free import all_free

@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import torch
 
-from calib.calibration import Calibration, Declared
+from calib.calibration import Calibration
+from calib.calibration_content import Declared
 from calib.errors import NotEnoughDataError
 from calib.fitting.fit_result import with_fit
 from calib.inference.calibration_model import full_model

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.calibration import Calibration, Declared
+from calib.calibration import Calibration
+from calib.calibration_content import Declared
 from calib.corners.view import RejectedPicture, View, pose_labels
 from calib.errors import NotEnoughDataError, wrong_type
 from calib.estimation.noise import on_board_grid, short_scale_noise, stated_noise

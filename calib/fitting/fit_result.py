@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.calibration import AddedEffect, Calibration, Stage
+from calib.calibration import Calibration
+from calib.calibration_content import AddedEffect, Stage
 from calib.corners.view import pose_labels
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel

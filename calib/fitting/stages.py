@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.calibration import Stage
+from calib.calibration_content import Stage
 from calib.effects.board_shape import DEGREES, BoardShape
 from calib.effects.effect import Effect
 from calib.errors import InputError, NotEnoughDataError

@@ -12,7 +12,8 @@ from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from calib.calibration import DERIVED, FILES, Calibration
+from calib.calibration import Calibration
+from calib.calibration_file import DERIVED, FILES
 from calib.checking.check import check
 from calib.checking.pictures import read_pictures
 from calib.checking.result import CheckResult

@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from calib.calibration import FILES
+from calib.calibration_file import FILES
 from calib.errors import InputError
 from calib.export.file_names import file_names
 from calib.export.formats import FORMATS

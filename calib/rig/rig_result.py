@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from calib.calibration import Calibration, Stage
+from calib.calibration import Calibration
+from calib.calibration_content import Stage
 from calib.estimation.joint_fit import Estimate
 from calib.estimation.residuals import residuals
 from calib.fit_record.outcome import JointOutcome, Uncertainty

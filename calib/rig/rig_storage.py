@@ -15,9 +15,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from calib.calibration import DERIVED, Calibration
-from calib.calibration_file import read_arrays
+from calib.calibration import Calibration
+from calib.calibration_file import DERIVED
 from calib.errors import InputError, brief, wrong_type
+from calib.fit_record.file_checks import read_arrays
 from calib.io.file_set import FileSet, find_current
 from calib.io.files import npz, reading
 from calib.io.yaml_reader import read_yaml

@@ -19,7 +19,8 @@ def check_calibration(
     any.
     """
     progress.task(LOADING, 1)
-    from calib.calibration import DERIVED, Calibration
+    from calib.calibration import Calibration
+    from calib.calibration_file import DERIVED
     from calib.checking.check import Checker
     from calib.checking.pictures import read_pictures
     from calib.checking.update import NumberUpdate, is_updatable, update

@@ -23,7 +23,8 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     Returns the summary of a fit, with the names of the accepted effects and a text for the screen.
     """
     progress.task(LOADING, 1)
-    from calib.calibration import DERIVED, FILES, Calibration
+    from calib.calibration import Calibration
+    from calib.calibration_file import DERIVED, FILES
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.effect_description import describe_estimates
     from calib.effects.description import describe_effect

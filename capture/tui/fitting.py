@@ -16,7 +16,7 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
 
     session_input = read_session(session)  # its errors are reported before torch is loaded
     progress.task(LOADING, 1)
-    from calib.calibration import DERIVED, FILES
+    from calib.calibration_file import DERIVED, FILES
     from calib.fit_record.request import Settings
     from calib.fitting.fit import fit
     from calib.io.file_set import FileSet

@@ -15,7 +15,8 @@ from calib.apply.change_medium import DEPTHS, Immersion, immerse, replace_medium
 from calib.apply.dominant_uncertainty import MAX_SIGMA_PX
 from calib.apply.map_uncertainty import predicted_sigma
 from calib.apply.water import index_of_water
-from calib.calibration import AddedEffect, Calibration
+from calib.calibration import Calibration
+from calib.calibration_content import AddedEffect
 from calib.cli import main
 from calib.diagnosis.all_free import all_free
 from calib.effects.cover_offset import CoverOffset

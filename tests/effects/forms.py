@@ -12,7 +12,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from calib.calibration import AddedEffect, Calibration, Stage
+from calib.calibration import Calibration
+from calib.calibration_content import AddedEffect, Stage
 from calib.corners.view import View
 from calib.effects.effect import Effect, EffectContext, PlaceOnGlass
 from calib.effects.registry import KINDS, OF_VIEW

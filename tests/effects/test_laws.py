@@ -12,7 +12,8 @@ import torch
 import yaml
 from torch import Tensor
 
-from calib.calibration import AddedEffect, Calibration
+from calib.calibration import Calibration
+from calib.calibration_content import AddedEffect
 from calib.commands.effect_names import effects_help
 from calib.effects.cover_offset import CoverOffset
 from calib.effects.cover_tilt import CoverTilt

@@ -10,7 +10,8 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from calib.calibration import AddedEffect, Calibration
+from calib.calibration import Calibration
+from calib.calibration_content import AddedEffect
 from calib.cli import main
 from calib.effects.cover_offset import CoverOffset
 from calib.effects.flat_port import FlatPort

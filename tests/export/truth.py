@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.calibration import Calibration, Stage
+from calib.calibration import Calibration
+from calib.calibration_content import Stage
 from calib.optics.relief import Relief
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration import AddedEffect, Calibration, Stage
+from calib.calibration import Calibration
+from calib.calibration_content import AddedEffect, Stage
 from calib.commands.console import print_fit
 from calib.diagnosis.effect_description import describe_estimates
 from calib.effects.board_shape import BoardShape

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration import Calibration, Stage
+from calib.calibration import Calibration
+from calib.calibration_content import Stage
 from calib.effects.board_shape import BoardShape
 from calib.effects.thickness import Thickness
 from calib.fitting.cover_section import cover_section

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from calib.calibration import AddedEffect, Calibration
+from calib.calibration import Calibration
+from calib.calibration_content import AddedEffect
 from calib.effects.board_shape import BoardShape
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from calib.calibration import Calibration, Stage
+from calib.calibration import Calibration
+from calib.calibration_content import Stage
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
 from calib.fit_record.request import Settings

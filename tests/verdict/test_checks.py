@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.calibration import Calibration, Declared, Stage
+from calib.calibration import Calibration
+from calib.calibration_content import Declared, Stage
 from calib.corners.coded import PAST_LAST_ROW
 from calib.corners.view import RejectedPicture, View
 from calib.estimation.levenberg_marquardt import Outcome
