@@ -36,7 +36,7 @@ class FittedExplanation:
     log_evidence: float
     """With the prior odds, up to a constant that all explanations of one search share."""
     sizes: Array
-    """(k,) the sizes of the random motions; the last one is that of the disagreement without a
+    """(k,) the sizes of the random motions; the last two are those of the disagreement without a
     cause, px.
     """
     size_sigmas: Array
@@ -66,10 +66,10 @@ class Evaluator:
         """Return the fit of the most probable of alike explanations with fixed motions. They are
         compared with the disagreement of no cause that is most probable beside one of them.
         """
-        size = DISCREPANCY[0]
+        sizes = np.full(2, DISCREPANCY[0])
         best = candidates[0]
         for _ in range(2):
-            reduced = self.reduced(size)
+            reduced = self._reduced_with((), sizes)
             scores = [
                 reduced.estimate(candidate.fixed).log_evidence
                 for candidate in candidates
@@ -77,12 +77,8 @@ class Evaluator:
             ]
             best = candidates[int(np.argmax(scores))]
             fitted = self.fit(best)
-            size = float(fitted.sizes[-1])
+            sizes = fitted.sizes[-2:]
         return fitted
-
-    def reduced(self, discrepancy: float) -> ReducedMotions:
-        """Return the products beside a disagreement without a cause, px."""
-        return self._reduced_with((), discrepancy)
 
     def _fit_late(self, explanation: RigExplanation) -> FittedExplanation:
         """Fit a lateness: the motion of the board is that within it, and as uncertain."""
@@ -108,7 +104,7 @@ class Evaluator:
         uncertainty: RandomMotion | None,
     ) -> FittedExplanation:
         kind = explanation.random
-        ranges = (*(kind.ranges if kind else ()), DISCREPANCY)
+        ranges = (*(kind.ranges if kind else ()), DISCREPANCY, DISCREPANCY)
         limits = np.log(np.array(ranges))
         certain = (uncertainty,) if uncertainty else ()
 
@@ -121,15 +117,15 @@ class Evaluator:
 
         def log_evidence(logs: Array) -> float:
             sizes = np.exp(np.clip(logs, limits[:, 0], limits[:, 1]))
-            reduced = self._reduced_with(motions(sizes[:-1]), float(sizes[-1]))
+            reduced = self._reduced_with(motions(sizes[:-2]), sizes[-2:])
             gain = reduced.estimate(fixed).log_evidence if fixed else 0.0
             return reduced.log_evidence + gain
 
         logs = _maximise(log_evidence, limits)
         sizes = np.exp(logs)
         sigmas, log_width = _widths(log_evidence, logs, limits)
-        random = motions(sizes[:-1])
-        reduced = self._reduced_with(random, float(sizes[-1]))
+        random = motions(sizes[:-2])
+        reduced = self._reduced_with(random, sizes[-2:])
         return FittedExplanation(
             explanation=explanation,
             log_evidence=log_evidence(logs) + log_width - math.log(explanation.rivals),
@@ -138,10 +134,11 @@ class Evaluator:
             estimate=reduced.estimate(fixed) if fixed else None,
             fixed=fixed,
             random=random,
-            discrepancy=self.context.discrepancy(float(sizes[-1])),
+            discrepancy=self.context.discrepancy(sizes[-2:]),
         )
 
-    def _reduced_with(self, random: tuple[RandomMotion, ...], discrepancy: float) -> ReducedMotions:
+    def _reduced_with(self, random: tuple[RandomMotion, ...], discrepancy: Array) -> ReducedMotions:
+        """Return the products beside a disagreement without a cause, of (2,) px."""
         motions = (*self.context.accepted, *random, *self.context.discrepancy(discrepancy))
         return ReducedMotions.of(self.context.products, motions)
 

@@ -7,7 +7,7 @@ on its path; a mounting that differs, or slipped, is a motion of the camera.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -21,7 +21,7 @@ from calib.estimation.objective import HUBER
 from calib.rig.board_motion import motion_in_placement
 from calib.rig.gauge import mounting_motion
 from calib.rig.joint_estimate import CameraState, RigState
-from calib.rig.problem import PoseTerms, RigProblem
+from calib.rig.problem import CameraProblem, PoseTerms, RigProblem
 
 MAX_BYTES = 4e9
 """The most memory that the products may take."""
@@ -33,6 +33,10 @@ MOTIONS = 12
 """
 PLACEMENTS_AT_ONCE = 8
 """The number of placements whose rows are in memory together."""
+SMOOTH = 2.0
+"""The correlation length of errors that are nearly the same all over a board, in its longer
+sides.
+"""
 NORMAL_MEDIAN = 1.1774
 """The median length of a normal vector in two dimensions."""
 
@@ -58,9 +62,10 @@ class MotionProducts:
     """(S,) the rig's vector, by which the residual was linearised."""
     precision: Array
     """(S, S) that of its prior."""
-    board: Mapping[str, Array]
-    """For each camera, the (P, 6, 6) information of its own corners on a motion of the board that
-    it sees, px^-2; 0 where it sees none.
+    imitations: Mapping[str, Array]
+    """For each camera, the (2, P, 6, 6) covariances of the motions of the board that errors of its
+    corners of 1 px imitate: errors without a pattern in the six numbers, and errors that are nearly
+    the same all over the board. 0 where it sees none.
     """
     corners: Mapping[str, NDArray[np.int64]]
     """For each camera, the (P,) corners that it sees."""
@@ -72,22 +77,30 @@ class MotionProducts:
         vector = wide.vector()
         _check_size(len(vector) + 7, len(state.placements))
         limit = _robust_limit(wide, vector)
-        stacked = np.zeros((2, len(state.placements), len(vector) + 7, len(vector) + 7))
-        for first in range(0, len(state.placements), PLACEMENTS_AT_ONCE):
-            chunk = wide.select_placements(range(first, first + PLACEMENTS_AT_ONCE))
-            _add_products(stacked[:, first:], chunk, vector, limit)
-        products = stacked.sum(0)
+        count = len(state.placements)
         size = len(state.vector())
-        first = 6 + size
         motions = {
-            camera.name: slice(first + MOTIONS * index, first + MOTIONS * (index + 1))
+            camera.name: slice(6 + size + MOTIONS * index, 6 + size + MOTIONS * (index + 1))
             for index, camera in enumerate(state.cameras)
         }
-        board = {}
+        stacked = np.zeros((2, count, len(vector) + 7, len(vector) + 7))
+        imitations = {camera.name: np.zeros((2, count, 6, 6)) for camera in state.cameras}
+        for first in range(0, count, PLACEMENTS_AT_ONCE):
+            chunk = wide.select_placements(range(first, first + PLACEMENTS_AT_ONCE))
+            problem = with_limit(chunk.problem(), limit)
+            for camera, numbers in zip(chunk.cameras, problem.cameras, strict=True):
+                moved = range(motions[camera.name].stop - 6, motions[camera.name].stop)
+                for view, rows in enumerate(_rows(numbers, vector, chunk.placements)):
+                    place = first + int(camera.placement[view])
+                    for half in (0, 1):
+                        chosen = rows[half::2].reshape(-1, rows.shape[-1])
+                        stacked[half, place] += chosen.T @ chosen
+                    points = camera.observations.corners[camera.observations.view == view]
+                    slopes = rows[..., moved].reshape(-1, 6) * camera.sigma
+                    imitations[camera.name][:, place] += _imitations(slopes, points.numpy())
+        products = stacked.sum(0)
         corners = {}
         for camera in state.cameras:
-            moved = np.arange(motions[camera.name].start + 6, motions[camera.name].stop)
-            board[camera.name] = products[:, moved[:, None], moved] * camera.sigma**2
             views = camera.placement[camera.observations.view].numpy()
             counts = np.bincount(views, minlength=len(state.placements))
             corners[camera.name] = counts.astype(np.int64)
@@ -102,11 +115,11 @@ class MotionProducts:
         return MotionProducts(
             products=products,
             halves=stacked,
-            numbers=slice(6, first),
+            numbers=slice(6, 6 + size),
             motions=motions,
             vector=vector[:size].numpy(),
             precision=precision,
-            board=board,
+            imitations=imitations,
             corners=corners,
         )
 
@@ -175,27 +188,41 @@ def _robust_limit(state: RigState, vector: Tensor) -> float:
     return HUBER * max(1.0, float(torch.cat(lengths).median()) / NORMAL_MEDIAN)
 
 
-def _add_products(total: Array, state: RigState, vector: Tensor, limit: float) -> None:
-    """Add the products of some placements to those of each half, in place; the placements are not
-    eliminated.
+def _rows(camera: CameraProblem, vector: Tensor, placements: Tensor) -> Iterator[Array]:
+    """Yield, for each view of a camera, the (m, 2, n) columns of its m corners; those of the
+    placement are not eliminated.
     """
-    for camera in with_limit(state.problem(), limit).cameras:
-        if not len(camera.placement):
-            continue
-        composed = camera.compose_with_derivatives(vector, state.placements)
-        by_moving = camera.by_moving(composed).numpy()
-        by_placement = composed.by_placement.numpy()
-        columns, moving = 6 + camera.columns.numpy(), 6 + camera.moving.numpy()
-        view = 0
-        for piece in camera.landing.linearise(vector[camera.columns], composed.poses):
-            for start, stop in pairwise(piece.starts.tolist()):
-                by_pose = piece.jacobian_block[start:stop].numpy()  # (m, 2, 6)
-                rows = np.zeros((stop - start, 2, total.shape[-1]))
-                rows[..., POSE] = by_pose @ by_placement[view]
-                rows[..., columns] = piece.jacobian_shared[start:stop].numpy()
-                rows[..., moving] = by_pose @ by_moving[view]
-                rows[..., -1] = piece.residual[start:stop].numpy()
-                for half in (0, 1):
-                    chosen = rows[half::2].reshape(-1, total.shape[-1])
-                    total[half, int(camera.placement[view])] += chosen.T @ chosen
-                view += 1
+    if not len(camera.placement):
+        return
+    composed = camera.compose_with_derivatives(vector, placements)
+    by_moving = camera.by_moving(composed).numpy()
+    by_placement = composed.by_placement.numpy()
+    columns, moving = 6 + camera.columns.numpy(), 6 + camera.moving.numpy()
+    view = 0
+    for piece in camera.landing.linearise(vector[camera.columns], composed.poses):
+        for start, stop in pairwise(piece.starts.tolist()):
+            by_pose = piece.jacobian_block[start:stop].numpy()  # (m, 2, 6)
+            rows = np.zeros((stop - start, 2, len(vector) + 7))
+            rows[..., POSE] = by_pose @ by_placement[view]
+            rows[..., columns] = piece.jacobian_shared[start:stop].numpy()
+            rows[..., moving] = by_pose @ by_moving[view]
+            rows[..., -1] = piece.residual[start:stop].numpy()
+            yield rows
+            view += 1
+
+
+def _imitations(slopes: Array, points: Array) -> Array:
+    """Return the (2, 6, 6) covariances of `MotionProducts.imitations` of one view.
+
+    Args:
+        slopes: (2 m, 6) px by a motion of the board.
+        points: (m, 2) m on the board.
+    """
+    if len(points) <= 6:
+        return np.zeros((2, 6, 6))
+    inverse = np.linalg.pinv(slopes)
+    plain = inverse @ inverse.T * len(points) / 6
+    side = np.ptp(points, axis=0).max()
+    squares = ((points[:, None] - points) ** 2).sum(-1) / side**2
+    kernel = np.kron(np.exp(-squares / (2 * SMOOTH**2)), np.eye(2)) / 2
+    return np.stack([plain, inverse @ kernel @ inverse.T])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,30 +52,21 @@ class RigContext:
         stop = self.products.motions[name].stop
         return slice(stop - 6, stop)
 
-    @cached_property
-    def discrepancies(self) -> tuple[tuple[slice, Array], ...]:
-        """The columns and the (P, 6, 6) covariances of a disagreement of 1 px without a cause, for
-        each camera but the reference.
+    def discrepancy(self, sizes: Array) -> tuple[RandomMotion, ...]:
+        """Return the disagreement without a cause, of (2,) sizes in px: of errors of the corners
+        without a pattern, and of errors that are nearly the same all over a board.
         """
-        result = []
-        for name, information in self.products.board.items():
-            if name != self.reference:
-                corners = self.products.corners[name]
-                covariance = np.zeros_like(information)
-                is_seen = corners > 6
-                covariance[is_seen] = np.linalg.inv(information[is_seen]) * (
-                    corners[is_seen, None, None] / 6
-                )
-                result.append((self.of_board(name), covariance))
-        return tuple(result)
-
-    def discrepancy(self, size: float) -> tuple[RandomMotion, ...]:
-        """Return the disagreement without a cause, of a size in px."""
-        if size <= DISCREPANCY[0]:
+        used = sizes > DISCREPANCY[0]
+        if not used.any():
             return ()
         return tuple(
-            RandomMotion(columns, size * roots(covariance), adapts=False)
-            for columns, covariance in self.discrepancies
+            RandomMotion(
+                self.of_board(name),
+                roots(np.einsum("s,spij->pij", np.where(used, sizes, 0.0) ** 2, covariances)),
+                adapts=False,
+            )
+            for name, covariances in self.products.imitations.items()
+            if name != self.reference
         )
 
 

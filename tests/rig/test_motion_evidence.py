@@ -137,7 +137,7 @@ def random_products(rng: np.random.Generator) -> tuple[MotionProducts, list[Arra
             motions={"right": slice(6 + numbers, columns)},
             vector=vector,
             precision=np.diag([1.0, 2.0, 3.0]),
-            board={},
+            imitations={},
             corners={},
         ),
         jacobians,
