@@ -35,7 +35,13 @@ from calib.rig.rig_effects import RIG_EFFECTS, RIG_SLIP
 from calib.rig.rig_finding import RigCandidate, RigDiagnosis, RigQuality
 from calib.rig.rig_motion_fit import fit_with_motion, stepped
 from calib.rig.rig_result import rig_of, state_of
-from calib.rig.rig_sentences import describe_found, describe_lateness, open_questions, parameters_of
+from calib.rig.rig_sentences import (
+    describe_found,
+    describe_lateness,
+    describe_own,
+    open_questions,
+    parameters_of,
+)
 from calib.threads import single_thread
 
 ACCEPTED = "accepted"
@@ -112,7 +118,7 @@ def diagnose_rig(
         placements=count,
         bursts=len(motion.bursts),
         speed_m_s=motion.speeds[1] if motion.bursts else None,
-        remarks=(*_latenesses(search), *open_questions(search.context)),
+        remarks=(*search.sentences, *_latenesses(search), *open_questions(search.context)),
     )
     return better, diagnosis
 
@@ -124,40 +130,50 @@ def _rank(candidate: RigCandidate) -> tuple[bool, float]:
 def _round(rig: Rig, search: _Search, times: Array, noise_px: float) -> tuple[_Search, bool]:
     """Add the most probable effect if held-out placements confirm it."""
     context = search.context
-    evaluator = Evaluator(context)
-    fits = _fit_all(evaluator, search.found)
+    fits = _fit_all(Evaluator(context), search.found)
     none, *fits_of_effects = fits
     if not fits_of_effects:
         return search, False
     fits_of_effects.sort(key=lambda fitted: -fitted.log_evidence)
-    best = fits_of_effects[0]
-    min_log_odds = math.log(len(fits_of_effects) / ALPHA)
-    gain: HeldOutGain | None = None
-    passes = False
-    if best.log_evidence > none.log_evidence + min_log_odds:
-        base = held_out_squares(context, none, noise_px)
-        gain = placement_gain(base, held_out_squares(context, best, noise_px))
-        passes = gain.ci95[0] > 0 and gain.p_value < ALPHA and is_worthwhile(gain)
+    min_log_odds = none.log_evidence + math.log(len(fits_of_effects) / ALPHA)
+    gains: dict[int, HeldOutGain] = {}
+    best: FittedExplanation | None = None
+    base = held_out_squares(context, none, noise_px)
+    for index, fitted in enumerate(fits_of_effects):
+        if fitted.log_evidence <= min_log_odds or best:
+            break
+        wide = context.with_own_effects() if fitted.explanation.own else context
+        gain = placement_gain(base, held_out_squares(wide, fitted, noise_px))
+        gains[index] = gain
+        if gain.ci95[0] > 0 and gain.p_value < ALPHA and is_worthwhile(gain):
+            best = fitted
     candidates = dict(search.candidates)
-    for fitted in fits_of_effects:
-        key = _key(fitted.explanation)
-        is_best = fitted is best
-        log_odds = fitted.log_evidence - none.log_evidence
-        if is_best and passes:
-            verdict = ACCEPTED
-        elif log_odds <= min_log_odds:
+    for index, fitted in enumerate(fits_of_effects):
+        is_own = fitted.explanation.own is not None
+        is_probable = fitted.log_evidence > min_log_odds
+        if is_own and not is_probable:
+            continue
+        if fitted is best:
+            verdict = ACCEPTED if not is_own else "most probable"
+        elif not is_probable:
             verdict = "no more than chance"
-        elif is_best:
+        elif index in gains:
             verdict = "held-out placements do not confirm it"
         else:
+            assert best
             verdict = f"less probable than {best.explanation.name}"
-        candidate = _candidate(rig, fitted, log_odds, gain if is_best else None, verdict)
+        log_odds = fitted.log_evidence - none.log_evidence
+        candidate = _candidate(rig, fitted, log_odds, gains.get(index), verdict)
+        key = _key(fitted.explanation)
         previous = candidates.get(key)
         if previous is None or candidate.accepted or not previous.accepted:
             candidates[key] = candidate
     search = replace(search, candidates=candidates, rounds=(*search.rounds, fits))
-    if not passes:
+    if best is None:
         return search, False
+    if best.explanation.own:
+        sentence = describe_own(best, best.explanation.camera or rig.reference)
+        return replace(search, sentences=(sentence,)), False
     search = _accept(rig, search, best, fits_of_effects, times)
     key = _key(best.explanation)
     final = replace(candidates[key], parameters=search.found[-1].parameters)
@@ -166,14 +182,18 @@ def _round(rig: Rig, search: _Search, times: Array, noise_px: float) -> tuple[_S
 
 def _fit_all(evaluator: Evaluator, effects: Sequence[FoundEffect]) -> tuple[FittedExplanation, ...]:
     """Return the fits of no cause and of all explanations but those that were found. Of the slips
-    of each camera, the most probable one stands for all.
+    of each camera, and of the effects of cameras and the board, the most probable one stands for
+    all.
     """
     keys = {(effect.effect, effect.camera, effect.varies) for effect in effects}
     fits = []
     slips: dict[str, list[RigExplanation]] = {}
+    own = []
     for explanation in explanations(evaluator.context):
         if explanation.effect is RIG_SLIP:
             slips.setdefault(explanation.camera, []).append(explanation)
+        elif explanation.own:
+            own.append(explanation)
         elif _key(explanation) not in keys:
             fits.append(evaluator.fit(explanation))
     fits += [
@@ -181,6 +201,8 @@ def _fit_all(evaluator: Evaluator, effects: Sequence[FoundEffect]) -> tuple[Fitt
         for candidates in slips.values()
         if _key(candidates[0]) not in keys
     ]
+    if own:
+        fits.append(Evaluator(evaluator.context.with_own_effects()).best_of(own))
     return tuple(fits)
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from calib.rig.board_motion import BoardDisplacement
-from calib.rig.explanations import SMALLEST, RigExplanation
+from calib.rig.explanations import SMALLEST, RigExplanation, own_motion
 from calib.rig.motion_evidence import FixedEstimate, FixedMotion, RandomMotion, ReducedMotions
 from calib.rig.rig_context import DISCREPANCY, RigContext, roots
 from calib.rig.rig_effects import LATENESS
@@ -67,16 +67,15 @@ class Evaluator:
         compared with the disagreement of no cause that is most probable beside one of them.
         """
         sizes = np.full(2, DISCREPANCY[0])
-        best = candidates[0]
         for _ in range(2):
             reduced = self._reduced_with((), sizes)
+            motions = [_motion(reduced, candidate) for candidate in candidates]
             scores = [
-                reduced.estimate(candidate.fixed).log_evidence
-                for candidate in candidates
-                if candidate.fixed
+                reduced.estimate(motion).log_evidence - math.log(candidate.rivals)
+                for motion, candidate in zip(motions, candidates, strict=True)
             ]
-            best = candidates[int(np.argmax(scores))]
-            fitted = self.fit(best)
+            best = int(np.argmax(scores))
+            fitted = self._fit(candidates[best], motions[best], None)
             sizes = fitted.sizes[-2:]
         return fitted
 
@@ -141,6 +140,20 @@ class Evaluator:
         """Return the products beside a disagreement without a cause, of (2,) px."""
         motions = (*self.context.accepted, *random, *self.context.discrepancy(discrepancy))
         return ReducedMotions.of(self.context.products, motions)
+
+
+def _motion(reduced: ReducedMotions, explanation: RigExplanation) -> FixedMotion:
+    """Return the fixed motion of an explanation; of an effect of a camera or of the board, in its
+    most probable form. The numbers of each form begin with those of the simpler ones.
+    """
+    motion, own = explanation.fixed, explanation.own
+    assert motion
+    if not own:
+        return motion
+    tuned = own.effect.tune(*reduced.marginal(motion))
+    entries = own.entries[: len(tuned.effect_parameters)]
+    simpler = replace(own, effect=tuned, entries=entries)
+    return own_motion(simpler, len(motion.by_number))
 
 
 def late_motion(

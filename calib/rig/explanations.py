@@ -1,10 +1,11 @@
 """The explanations of how the cameras of a rig disagree: each with its numbers, the evidence for
 it, and how large it is.
 
-Beside every explanation the cameras may disagree without a cause: each camera sees the board of
-each placement a little elsewhere, by motions that shift its corners alike in all directions. What
-the lens and the cover leave looks so. Without this rival, any random motion would be found in every
-rig that is not perfect.
+Beside every explanation the cameras may disagree without a cause: errors of the corners let each
+camera see the board of each placement a little elsewhere. Some have no pattern, some are nearly the
+same all over the board, as what vibration, readout and lens leave. Without this rival, any random
+motion would be found in every rig that is not perfect: two measured pairs of cameras seemed to
+flex.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from calib.effects.effect import EACH_VIEW
 from calib.effects.varying import FROM_VIEW
 from calib.rig.motion_evidence import FixedMotion
 from calib.rig.moved_cameras import KINDS, MIN_SLIP_PLACEMENTS, SHIFT_SPREAD, TURN_SPREAD
+from calib.rig.own_effects import OwnEffect
 from calib.rig.rig_context import RigContext
 from calib.rig.rig_effects import (
     FLEX_SHIFT,
@@ -66,6 +68,8 @@ class RigExplanation:
     """True for a constant lateness, whose effect depends on the speed of the board."""
     kind: str = ""
     """Of a slip: one of `KINDS`."""
+    own: OwnEffect | None = None
+    """An effect of one camera, or of the board; then `camera` may be empty."""
 
     @property
     def name(self) -> str:
@@ -91,6 +95,7 @@ def explanations(context: RigContext) -> Iterator[RigExplanation]:
                 board, placements, tolerances.BOARD_SPIN.sigma, tolerances.BOARD_MOVE.sigma
             ),
         )
+    yield from _own(context)
     for name in context.mounted:
         columns = context.of_camera(name)
         yield RigExplanation(
@@ -101,6 +106,25 @@ def explanations(context: RigContext) -> Iterator[RigExplanation]:
             random=_turns_and_shifts(columns, placements, FLEX_TURN.sigma, FLEX_SHIFT.sigma),
         )
         yield from _slips(context, name)
+
+
+def _own(context: RigContext) -> Iterator[RigExplanation]:
+    """Yield the effects of single cameras and of the board."""
+    for own_effect in context.wide.own_effects:
+        effect = own_effect.effect
+        yield RigExplanation(
+            RigEffect(effect.name, effect.description, effect.advice),
+            own_effect.camera,
+            rivals=len(context.wide.motions) if own_effect.camera else 1,
+            fixed=own_motion(own_effect, context.count),
+            own=own_effect,
+        )
+
+
+def own_motion(own: OwnEffect, placements: int) -> FixedMotion:
+    """Return an effect of a camera or of the board as a change by its numbers."""
+    by_number = np.tile(np.eye(len(own.entries)), (placements, 1, 1))
+    return FixedMotion(own.entries, by_number, own.spread)
 
 
 def _slips(context: RigContext, name: str) -> Iterator[RigExplanation]:

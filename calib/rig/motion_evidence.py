@@ -34,9 +34,9 @@ class RandomMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FixedMotion:
-    """Motions by numbers that all placements share."""
+    """Motions, or other changes, by numbers that all placements share."""
 
-    columns: slice
+    columns: slice | NDArray[np.int64]
     """Their columns in the products."""
     by_number: Array
     """(P, k, f) the motion in each placement by each number."""
@@ -87,7 +87,7 @@ class ReducedMotions:
             products = products * used[:, None, None]
         numbers = source.numbers
         total = products.sum(0)
-        hessian = total[numbers, numbers] + source.precision
+        hessian = total[np.ix_(numbers, numbers)] + source.precision
         gradient = total[numbers, -1] + source.precision @ source.vector
         inverse = np.linalg.inv(hessian)
         return ReducedMotions(
@@ -108,8 +108,8 @@ class ReducedMotions:
         """
         gradient = self.gradient
         if motion is not None and value is not None:
-            moved = self.products[:, self.source.numbers, motion.columns] @ motion.by_number
-            gradient = gradient + moved.sum(0) @ value
+            moved = self.products[:, :, motion.columns] @ motion.by_number
+            gradient = gradient + moved[:, self.source.numbers].sum(0) @ value
         return -self.hessian_inverse @ gradient
 
     def estimate(self, motion: FixedMotion) -> FixedEstimate:

@@ -21,7 +21,9 @@ from calib.estimation.objective import HUBER
 from calib.rig.board_motion import motion_in_placement
 from calib.rig.gauge import mounting_motion
 from calib.rig.joint_estimate import CameraState, RigState
+from calib.rig.own_effects import OwnEffect, with_own_effects
 from calib.rig.problem import CameraProblem, PoseTerms, RigProblem
+from calib.rig.rig import Rig
 
 MAX_BYTES = 4e9
 """The most memory that the products may take."""
@@ -46,7 +48,8 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionProducts:
     """The inner products of each placement's columns, in standard deviations of the corners: those
-    of the placement (6), of the rig's numbers (S), of the motions of each camera (12 each), and the
+    of the placement (6), of the rig's numbers (S), of the motions of each camera (12 each), those
+    of effects of single cameras and of the board, and the
     residual.
     """
 
@@ -54,8 +57,10 @@ class MotionProducts:
     """(P, n, n)"""
     halves: Array
     """(2, P, n, n) the same of every other corner."""
-    numbers: slice
-    """The columns of the rig's vector."""
+    numbers: NDArray[np.int64]
+    """(S,) the columns of the rig's vector."""
+    own_effects: tuple[OwnEffect, ...]
+    """Effects of single cameras and of the board, with their columns as entries."""
     motions: Mapping[str, slice]
     """The columns of the motions of each camera."""
     vector: Array
@@ -71,14 +76,15 @@ class MotionProducts:
     """For each camera, the (P,) corners that it sees."""
 
     @staticmethod
-    def of(state: RigState) -> MotionProducts:
+    def of(rig: Rig, state: RigState) -> MotionProducts:
         """Linearise the placements of a rig at the state of its fit."""
-        wide = _with_motions(state)
+        wider = with_own_effects(rig, state)
+        wide = _with_motions(wider.state)
         vector = wide.vector()
         _check_size(len(vector) + 7, len(state.placements))
         limit = _robust_limit(wide, vector)
         count = len(state.placements)
-        size = len(state.vector())
+        size = len(wider.state.vector())
         motions = {
             camera.name: slice(6 + size + MOTIONS * index, 6 + size + MOTIONS * (index + 1))
             for index, camera in enumerate(state.cameras)
@@ -104,23 +110,47 @@ class MotionProducts:
             views = camera.placement[camera.observations.view].numpy()
             counts = np.bincount(views, minlength=len(state.placements))
             corners[camera.name] = counts.astype(np.int64)
-        precision = wide.problem().precision[:size, :size].numpy()
+        base = wider.base
+        moving = np.concatenate([np.r_[place] for place in motions.values()])
+        order = np.r_[np.r_[POSE], 6 + base, moving]
+        further = np.setdiff1d(np.arange(stacked.shape[-1] - 1), order)
+        order = np.r_[order, further, stacked.shape[-1] - 1]
+        places_in_order = np.argsort(order)
+        precision = wide.problem().precision.numpy()
         baseline = wide.problem().baseline_row(vector)
         if baseline:
             residual, slope, entries = baseline
             del residual
-            precision = precision.copy()
-            places = entries.numpy()
+            places = entries.numpy()  # in the vector
             precision[np.ix_(places, places)] += torch.outer(slope, slope).numpy()
         return MotionProducts(
-            products=products,
-            halves=stacked,
-            numbers=slice(6, 6 + size),
-            motions=motions,
-            vector=vector[:size].numpy(),
-            precision=precision,
+            products=products[:, order[:, None], order],
+            halves=stacked[:, :, order[:, None], order],
+            numbers=6 + np.arange(len(base)),
+            own_effects=tuple(
+                replace(own, entries=places_in_order[6 + own.entries]) for own in wider.effects
+            ),
+            motions={
+                name: slice(*(places_in_order[[place.start, place.stop - 1]] + [0, 1]))
+                for name, place in motions.items()
+            },
+            vector=vector.numpy()[base],
+            precision=precision[np.ix_(base, base)],
             imitations=imitations,
             corners=corners,
+        )
+
+    def without_own_effects(self) -> MotionProducts:
+        """Return the products without the columns of effects of single cameras and of the board,
+        which come last.
+        """
+        last = max(place.stop for place in self.motions.values())
+        columns = np.r_[np.arange(last), self.products.shape[-1] - 1]
+        return replace(
+            self,
+            products=self.products[:, columns[:, None], columns],
+            halves=self.halves[:, :, columns[:, None], columns],
+            own_effects=(),
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ class RigContext:
     """What the explanations need: the linearised fit, and what is known of the board's motion."""
 
     products: MotionProducts
+    wide: MotionProducts
+    """The same with the columns of effects of single cameras and of the board."""
     compared: tuple[str, ...]
     """The cameras whose lateness the placements tell."""
     mounted: tuple[str, ...]
@@ -41,6 +43,10 @@ class RigContext:
     @property
     def count(self) -> int:
         return len(self.products.products)
+
+    def with_own_effects(self) -> RigContext:
+        """Return the same with the columns of effects of single cameras and of the board."""
+        return replace(self, products=self.wide)
 
     def of_camera(self, name: str) -> slice:
         """Return the columns of a camera's own motion."""
@@ -80,7 +86,8 @@ def rig_context(
     rig: Rig, state: RigState, times: Array, accepted: tuple[RandomMotion, ...] = ()
 ) -> RigContext:
     """Linearise the fit, and estimate the motion of the board."""
-    products = MotionProducts.of(state)
+    wide = MotionProducts.of(rig, state)
+    products = wide.without_own_effects()
     placements = state.placements.numpy()
     to_placement = motion_in_placement(placements)
     information = to_placement.swapaxes(1, 2) @ products.products[:, POSE, POSE] @ to_placement
@@ -92,6 +99,7 @@ def rig_context(
     order = np.argsort(times, kind="stable") if is_timed else np.argsort(rig.placement_names)
     return RigContext(
         products=products,
+        wide=wide,
         compared=compared,
         mounted=tuple(name for name in compared if name not in behind_shared),
         reference=rig.reference,

@@ -30,6 +30,17 @@ def parameters_of(fitted: FittedExplanation) -> dict[str, ParameterEstimate]:
     """Return the numbers of an explanation, with their standard deviations."""
     explanation = fitted.explanation
     name = explanation.name
+    if explanation.own and fitted.estimate:
+        unknowns = explanation.own.effect.effect_parameters
+        sigmas = np.sqrt(fitted.estimate.covariance.diagonal())
+        return {
+            unknown.param.name: ParameterEstimate(
+                float(value) * unknown.param.scale,
+                float(sigma) * unknown.param.scale,
+                unknown.param.unit,
+            )
+            for unknown, value, sigma in zip(unknowns, fitted.estimate.value, sigmas, strict=False)
+        }
     if explanation.is_late and fitted.estimate:
         sigma = float(fitted.estimate.covariance[0, 0] ** 0.5)
         value = float(fitted.estimate.value[0])
@@ -98,6 +109,17 @@ def open_questions(context: RigContext) -> Iterator[str]:
             f"Whether the mounting of {' and '.join(missing)} flexes or slipped is not asked: a"
             " camera behind a shared cover does not tell its motion from that of the cover."
         )
+
+
+def describe_own(fitted: FittedExplanation, folder: str) -> str:
+    """Return a sentence on an effect of a camera or of the board that explains most."""
+    explanation = fitted.explanation
+    assert explanation.effect
+    subject = f"of {explanation.camera}" if explanation.camera else "of the board"
+    return (
+        f"Most probable is an effect {subject}, not of the rig: {explanation.name}."
+        f" {explanation.effect.description} Diagnose a camera: calib diagnose {folder}."
+    )
 
 
 def describe_lateness(fitted: FittedExplanation) -> str:

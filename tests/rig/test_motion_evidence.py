@@ -133,7 +133,8 @@ def random_products(rng: np.random.Generator) -> tuple[MotionProducts, list[Arra
         MotionProducts(
             products=products,
             halves=np.array([products, products]) / 2,
-            numbers=slice(6, 6 + numbers),
+            numbers=6 + np.arange(numbers),
+            own_effects=(),
             motions={"right": slice(6 + numbers, columns)},
             vector=vector,
             precision=np.diag([1.0, 2.0, 3.0]),
