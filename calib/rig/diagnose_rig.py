@@ -21,7 +21,6 @@ from calib.effects.varying import FROM_VIEW
 from calib.errors import NotEnoughDataError, wrong_type
 from calib.estimation.residuals import Residuals, residuals
 from calib.inference.cross_validation import HeldOutGain
-from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.progress import Progress, Silent, check_progress
 from calib.rig.explanation_fit import Evaluator, FittedExplanation
 from calib.rig.explanations import RigExplanation, explanations
@@ -29,9 +28,10 @@ from calib.rig.held_out_placements import MIN_SHARED, held_out_squares, placemen
 from calib.rig.joint_estimate import RigState
 from calib.rig.motion_evidence import RandomMotion, ReducedMotions
 from calib.rig.rig import Rig, RigCalibrationSource
+from calib.rig.rig_candidates import ACCEPTED, candidate_of, families_of
 from calib.rig.rig_content import FoundEffect, RigRecord
 from calib.rig.rig_context import RigContext, rig_context, times_of
-from calib.rig.rig_effects import RIG_EFFECTS, RIG_SLIP
+from calib.rig.rig_effects import RIG_SLIP
 from calib.rig.rig_finding import RigCandidate, RigDiagnosis, RigQuality
 from calib.rig.rig_motion_fit import fit_with_motion, stepped
 from calib.rig.rig_result import rig_of, state_of
@@ -44,7 +44,6 @@ from calib.rig.rig_sentences import (
 )
 from calib.threads import single_thread
 
-ACCEPTED = "accepted"
 MAX_EFFECTS = 3
 """The largest number of effects of a rig."""
 
@@ -163,7 +162,7 @@ def _round(rig: Rig, search: _Search, times: Array, noise_px: float) -> tuple[_S
             assert best
             verdict = f"less probable than {best.explanation.name}"
         log_odds = fitted.log_evidence - none.log_evidence
-        candidate = _candidate(rig, fitted, log_odds, gains.get(index), verdict)
+        candidate = candidate_of(rig, fitted, log_odds, gains.get(index), verdict)
         key = _key(fitted.explanation)
         previous = candidates.get(key)
         if previous is None or candidate.accepted or not previous.accepted:
@@ -174,7 +173,8 @@ def _round(rig: Rig, search: _Search, times: Array, noise_px: float) -> tuple[_S
     if best.explanation.own:
         sentence = describe_own(best, best.explanation.camera or rig.reference)
         return replace(search, sentences=(sentence,)), False
-    search = _accept(rig, search, best, fits_of_effects, times)
+    rivals = fits_of_effects[fits_of_effects.index(best) :]
+    search = _accept(rig, search, best, rivals, times)
     key = _key(best.explanation)
     final = replace(candidates[key], parameters=search.found[-1].parameters)
     return replace(search, candidates={**candidates, key: final}), True
@@ -235,60 +235,7 @@ def _accept(
         state=state,
         context=context,
         found=(*search.found, effect),
-        families=(*search.families, *_families(best.explanation, fits_of_effects)),
-    )
-
-
-def _families(
-    best: RigExplanation, fits_of_effects: Sequence[FittedExplanation]
-) -> tuple[Family, ...]:
-    """Return the family of an accepted explanation, if others are as probable."""
-    logs = np.array([fitted.log_evidence for fitted in fits_of_effects])
-    odds = np.exp(logs - logs.max())
-    chances = odds / odds.sum()
-    if chances[0] > NAME_ALONE:
-        return ()
-    members: dict[str, float] = {}
-    for fitted, chance in zip(fits_of_effects, chances.tolist(), strict=True):
-        if chance > MIN_MEMBER_PROBABILITY:
-            explanation = fitted.explanation
-            name = f"{explanation.name} of {explanation.camera}"
-            members[name] = members.get(name, 0.0) + chance
-    if len(members) < 2:
-        return ()
-    advice = next(effect.advice for effect in RIG_EFFECTS if effect is best.effect)
-    return (
-        Family(
-            "a reason why the cameras disagree on where the board is",
-            members,
-            f"To separate them, {advice}.",
-        ),
-    )
-
-
-def _candidate(
-    rig: Rig,
-    fitted: FittedExplanation,
-    log_odds: float,
-    gain: HeldOutGain | None,
-    verdict: str,
-) -> RigCandidate:
-    explanation = fitted.explanation
-    return RigCandidate(
-        effect=explanation.name,
-        camera=explanation.camera,
-        varies=explanation.varies or None,
-        from_file=rig.placement_names[explanation.placement]
-        if explanation.varies == FROM_VIEW
-        else None,
-        log_odds=log_odds,
-        parameters=parameters_of(fitted),
-        held_out_px_before=gain.base_px if gain else None,
-        held_out_px_after=gain.extended_px if gain else None,
-        gain_ci95=gain.ci95 if gain else None,
-        p_value=gain.p_value if gain else None,
-        accepted=verdict == ACCEPTED,
-        verdict=verdict,
+        families=(*search.families, *families_of(best.explanation, fits_of_effects)),
     )
 
 

@@ -26,11 +26,11 @@ from calib.estimation.surface_prior import (
 )
 from calib.optics.params import Values
 from calib.rig.layout import RigLayout
+from calib.rig.pose_terms import PoseTerms
 from calib.rig.poses import compose
 from calib.rig.problem import (
     BaselinePrior,
     CameraProblem,
-    PoseTerms,
     RigProblem,
     rig_precision,
 )

@@ -21,9 +21,9 @@ from calib.estimation.objective import HUBER
 from calib.rig.board_motion import motion_in_placement
 from calib.rig.gauge import mounting_motion
 from calib.rig.joint_estimate import CameraState, RigState
-from calib.rig.own_effects import OwnEffect, with_own_effects
-from calib.rig.problem import CameraProblem, PoseTerms, RigProblem
-from calib.rig.rig import Rig
+from calib.rig.own_effects import OwnEffect, WideState
+from calib.rig.pose_terms import PoseTerms
+from calib.rig.problem import CameraProblem, RigProblem
 
 MAX_BYTES = 4e9
 """The most memory that the products may take."""
@@ -76,15 +76,15 @@ class MotionProducts:
     """For each camera, the (P,) corners that it sees."""
 
     @staticmethod
-    def of(rig: Rig, state: RigState) -> MotionProducts:
+    def of(wider: WideState) -> MotionProducts:
         """Linearise the placements of a rig at the state of its fit."""
-        wider = with_own_effects(rig, state)
-        wide = _with_motions(wider.state)
+        state = wider.state
+        wide = _with_motions(state)
         vector = wide.vector()
         _check_size(len(vector) + 7, len(state.placements))
         limit = _robust_limit(wide, vector)
         count = len(state.placements)
-        size = len(wider.state.vector())
+        size = len(state.vector())
         motions = {
             camera.name: slice(6 + size + MOTIONS * index, 6 + size + MOTIONS * (index + 1))
             for index, camera in enumerate(state.cameras)

@@ -12,6 +12,7 @@ from calib.rig.board_motion import BoardMotion, motion_in_placement, placement_t
 from calib.rig.joint_estimate import RigState
 from calib.rig.motion_evidence import RandomMotion
 from calib.rig.motion_products import POSE, MotionProducts
+from calib.rig.own_effects import with_own_effects
 from calib.rig.rig import Rig
 
 DISCREPANCY = (1e-4, 10.0)
@@ -86,7 +87,7 @@ def rig_context(
     rig: Rig, state: RigState, times: Array, accepted: tuple[RandomMotion, ...] = ()
 ) -> RigContext:
     """Linearise the fit, and estimate the motion of the board."""
-    wide = MotionProducts.of(rig, state)
+    wide = MotionProducts.of(with_own_effects(rig, state))
     products = wide.without_own_effects()
     placements = state.placements.numpy()
     to_placement = motion_in_placement(placements)

@@ -19,7 +19,7 @@ from calib.rig.motion_evidence import (
     RandomMotion,
     ReducedMotions,
 )
-from calib.rig.problem import PoseTerms
+from calib.rig.pose_terms import PoseTerms
 from calib.rig.rig import Rig
 from calib.rig.rig_context import RigContext, rig_context, roots
 

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from calib.cli import main
 from calib.errors import NotEnoughDataError, WrongTypeError
 from calib.rig.diagnose_rig import diagnose_rig
 from calib.rig.fit_rig import fit_rig
 from calib.rig.judge import judge_rig
+from calib.rig.poses import move_points
 from calib.rig.rig import Rig
 from calib.rig.rig_effects import RIG_EFFECTS
 from fixtures.rig_motion import with_bursts, with_flex
@@ -181,3 +183,49 @@ def test_of_three_cameras_the_late_one_is_named(tmp_path: Path) -> None:
     number = effect.parameters["sync_offset.late"]
     assert abs(number.value - LATE_S) < 4 * number.sigma < 1.2e-3
     assert "later than the others" in effect.sentence
+
+
+@pytest.mark.slow
+def test_a_bent_board_is_no_effect_of_the_rig(tmp_path: Path) -> None:
+    """A board that nobody declared as bent shifts corners in both cameras; no camera is blamed."""
+
+    def bent(rng: np.random.Generator, pair: SimulatedRig) -> SimulatedRig:
+        simulated = with_pictures(rng, pair, 16)
+        flat = simulated.board.points()
+        half = np.abs(flat).max(0)
+        solid = np.column_stack([flat, 2e-3 * (1 - (flat[:, 0] / half[0]) ** 2)])
+        views = {}
+        for name, camera in simulated.cameras.items():
+            pixels = [
+                camera.see(move_points(pose, torch.from_numpy(solid)).numpy())
+                for pose in simulated.placements
+            ]
+            views[name] = tuple(
+                replace(view, corners=seen_px + rng.normal(0, 0.1, seen_px.shape))
+                for view, seen_px in zip(simulated.views[name], pixels, strict=True)
+            )
+        return replace(simulated, views=views)
+
+    rig, _ = fitted_to(bent, tmp_path)
+    better, diagnosis = diagnose_rig(rig)
+    assert diagnosis.accepted == ()
+    assert better is rig
+    chosen = next(c for c in diagnosis.candidates if c.verdict == "most probable")
+    assert (chosen.effect, chosen.camera) == ("board_shape", "")
+    assert "an effect of the board, not of the rig: board_shape" in diagnosis.remarks[0]
+
+
+@pytest.mark.slow
+def test_what_cannot_be_told_apart_is_a_family(tmp_path: Path) -> None:
+    """A mounting that only shifts does what a board does that only shifts between exposures."""
+
+    def shifting(rng: np.random.Generator, pair: SimulatedRig) -> SimulatedRig:
+        return with_flex(rng, with_pictures(rng, pair, 16), "right", 0.0, 3e-4)
+
+    rig, _ = fitted_to(shifting, tmp_path)
+    _, diagnosis = diagnose_rig(rig)
+    (family,) = diagnosis.families
+    assert set(family.members) == {"rig_flex of right", "sync_offset of right"}
+    assert sum(family.members.values()) == pytest.approx(1.0, abs=0.01)
+    assert "To separate them" in str(family)
+    assert diagnosis.accepted[0] in ("rig_flex", "sync_offset")

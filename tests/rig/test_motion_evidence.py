@@ -14,8 +14,10 @@ from calib.rig.board_motion import BoardMotion, find_bursts, motion_in_placement
 from calib.rig.joint_estimate import RigState
 from calib.rig.motion_evidence import FixedMotion, RandomMotion, ReducedMotions
 from calib.rig.motion_products import MOTIONS, POSE, MotionProducts
+from calib.rig.own_effects import WideState
+from calib.rig.pose_terms import PoseTerms
 from calib.rig.poses import compose
-from calib.rig.problem import PoseTerms, RigProblem
+from calib.rig.problem import RigProblem
 from fixtures.rig_motion import HandPath
 from fixtures.rigs import simulate_rig
 from tests.rig.conftest import BOARD, WINDOW
@@ -88,7 +90,7 @@ def test_motions_are_those_of_a_camera_and_of_the_board(state: RigState) -> None
     """The score of each motion is the slope of the squares by a rig whose mounting, or whose board,
     is really moved.
     """
-    products = MotionProducts.of(state)
+    products = MotionProducts.of(WideState(state, np.arange(len(state.vector())), ()))
     right = products.motions["right"]
     assert right.stop - right.start == MOTIONS
     score = products.products[:, right, -1].sum(0)
