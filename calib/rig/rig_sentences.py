@@ -111,14 +111,18 @@ def open_questions(context: RigContext) -> Iterator[str]:
         )
 
 
-def describe_own(fitted: FittedExplanation, folder: str) -> str:
-    """Return a sentence on an effect of a camera or of the board that explains most."""
+def describe_own(fitted: FittedExplanation, camera: str) -> str:
+    """Return a sentence on an effect of a camera or of the board that explains most.
+
+    Args:
+        camera: one whose own diagnosis may fit it.
+    """
     explanation = fitted.explanation
     assert explanation.effect
     subject = f"of {explanation.camera}" if explanation.camera else "of the board"
     return (
         f"Most probable is an effect {subject}, not of the rig: {explanation.name}."
-        f" {explanation.effect.description} Diagnose a camera: calib diagnose {folder}."
+        f" {explanation.effect.description} calib diagnose of the folder of {camera} fits it."
     )
 
 
