@@ -119,7 +119,7 @@ def _to_fixed_relief(model: CameraModel, parameters: Parameters) -> Array:
     to_fixed[: parameters.amplitudes] *= float(place.growth)
     scales = {param.name: param.scale for param in parameters.free}
     for name, rows in outer.view_derivatives(model.means, frozenset(names)).items():
-        change = (by_view.T @ rows).numpy() * scales[name]
+        change = (by_view.T @ rows).numpy()[:, 0] * scales[name]
         entry = parameters.slices()[name].start
         to_fixed[: parameters.amplitudes, entry] = np.linalg.solve(relief_basis(relief), change)
     return to_fixed

@@ -197,15 +197,16 @@ class Interface:
         return -hit.height if self.exact_hit else torch.zeros_like(hit.height)
 
     def view_derivatives(self, values: Values, names: frozenset[str]) -> ByName:
-        """Return the derivatives of the `relief_view` by the parameters, (5,) or (5, M) by name:
+        """Return the derivatives of the `relief_view` by the parameters, (5, 1) or (5, M) by name:
         those of its middle, of the logarithms of its spreads and of that of its distance.
         """
         smooth = self._smooth
         pose = smooth.frame.at(values)
         entered = pose.enter_rays(view_rays(values[self.index_outside]))
         _, crossing = smooth.cross(entered, values)
-        chart = self.surface.chart(crossing.point)
-        weights = view_weights(chart)  # (5 numbers, 5 rays, ...) each
+        first, second = self.surface.chart(crossing.point)
+        zero = torch.zeros_like(first + second + crossing.distance)  # (5, M)
+        weights = view_weights((first + zero, second + zero))  # (5 numbers, 5 rays, M) each
         by_point = self.surface.chart_gradient(crossing.point, *weights)
         along = torch.zeros_like(weights[0])
         along[-1, 0] = 1 / crossing.distance[0]
@@ -254,8 +255,7 @@ class Interface:
         expansions = [relief.expand(chart, values) for relief in self.extra_reliefs]
         outer = None
         if place:
-            own = place.relief.expand(place.to_relief(chart), values)
-            outer = place.to_chart(own, chart)
+            outer = place.to_chart(place.relief.expand(place.to_relief(chart), values), chart)
             expansions = [outer, *expansions]
         total = expansions[0]
         for expansion in expansions[1:]:
@@ -302,8 +302,8 @@ class Interface:
         chart = self.surface.chart(point)
         parts = [relief.height(chart, values) for relief in self.extra_reliefs]
         if place := self.relief_place(values):
-            own = place.relief.height(place.to_relief(chart), values)
-            height, first, second = (f * part for f, part in zip(place.factors, own, strict=True))
+            heights = place.relief.height(place.to_relief(chart), values)
+            height, first, second = (f * h for f, h in zip(place.factors, heights, strict=True))
             parts.append((height, first, second))
         bump, first, second = (torch.stack(part).sum(0) for part in zip(*parts, strict=True))
         return gradient - self.surface.chart_gradient(point, first, second), bump

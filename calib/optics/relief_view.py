@@ -41,7 +41,7 @@ class ReliefView:
 
     @staticmethod
     def of(chart: tuple[Tensor, Tensor], distance: Tensor) -> ReliefView:
-        """Return the view from the chart coordinates and distances of its (5, ...) rays."""
+        """Return the view from the chart coordinates and distances of its (5, M) rays."""
         spread = tuple(((c[1:] - c[0]) ** 2).mean(0).sqrt() for c in chart)
         return ReliefView((chart[0][0], chart[1][0]), (spread[0], spread[1]), distance[0])
 
@@ -57,12 +57,15 @@ class ReliefView:
 
 
 def view_rays(like: Tensor) -> Rays:
-    """Return the (5, ...) rays of a view in the camera frame, for values of this (...) shape."""
-    zero = torch.zeros_like(like).expand(ROWS, *like.shape)
-    sides = like.new_tensor([[0, SIDE, -SIDE, 0, 0], [0, 0, 0, SIDE, -SIDE]])
-    x, y = (side.reshape(ROWS, *(1,) * like.ndim) + zero for side in sides)
+    """Return the (5, 1) rays of a view in the camera frame. Values may differ along the last axis.
+
+    Args:
+        like: a tensor of the rays' type.
+    """
+    x, y = like.new_tensor([[0, SIDE, -SIDE, 0, 0], [0, 0, 0, SIDE, -SIDE]]).unsqueeze(-1)
     length = (1 + x**2 + y**2).rsqrt()
-    failure = torch.zeros_like(zero, dtype=torch.uint8)
+    zero = torch.zeros_like(x)
+    failure = torch.zeros_like(x, dtype=torch.uint8)
     return Rays(Vector(zero, zero, zero), Vector(x * length, y * length, length), failure)
 
 
@@ -178,12 +181,12 @@ def described_at(
     """
     if not relief.anchor:
         return relief
-    own = relief.size or size
+    described = relief.size or size
     ends = [
         [
-            middle + (end - before) * spread / spread_before
-            for end, before, middle, spread, spread_before in zip(
-                place, relief.anchor, anchor, size, own, strict=False
+            middle + (end - described_middle) * spread / described_spread
+            for end, described_middle, middle, spread, described_spread in zip(
+                place, relief.anchor, anchor, size, described, strict=False
             )
         ]
         for place in (relief.low, relief.high)
@@ -193,5 +196,5 @@ def described_at(
         low=(ends[0][0], ends[0][1]),
         high=(ends[1][0], ends[1][1]),
         anchor=anchor,
-        size=(size[0], size[1], own[2]) if relief.size else None,
+        size=(size[0], size[1], described[2]) if relief.size else None,
     )
