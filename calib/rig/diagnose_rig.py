@@ -141,14 +141,14 @@ def _round(rig: Rig, search: _Search, times: Array, noise_px: float) -> tuple[_S
     for index, fitted in enumerate(fits_of_effects):
         if fitted.log_evidence <= min_log_odds or best:
             break
-        wide = context.with_own_effects() if fitted.explanation.own else context
+        wide = context.with_own_effects() if fitted.explanation.own_effect else context
         gain = placement_gain(base, held_out_squares(wide, fitted, noise_px))
         gains[index] = gain
         if gain.ci95[0] > 0 and gain.p_value < ALPHA and is_worthwhile(gain):
             best = fitted
     candidates = dict(search.candidates)
     for index, fitted in enumerate(fits_of_effects):
-        is_own = fitted.explanation.own is not None
+        is_own = fitted.explanation.own_effect is not None
         is_probable = fitted.log_evidence > min_log_odds
         if is_own and not is_probable:
             continue
@@ -170,7 +170,7 @@ def _round(rig: Rig, search: _Search, times: Array, noise_px: float) -> tuple[_S
     search = replace(search, candidates=candidates, rounds=(*search.rounds, fits))
     if best is None:
         return search, False
-    if best.explanation.own:
+    if best.explanation.own_effect:
         sentence = describe_own(best, best.explanation.camera or rig.reference)
         return replace(search, sentences=(sentence,)), False
     rivals = fits_of_effects[fits_of_effects.index(best) :]
@@ -188,12 +188,12 @@ def _fit_all(evaluator: Evaluator, effects: Sequence[FoundEffect]) -> tuple[Fitt
     keys = {(effect.effect, effect.camera, effect.varies) for effect in effects}
     fits = []
     slips: dict[str, list[RigExplanation]] = {}
-    own = []
+    own_effects = []
     for explanation in explanations(evaluator.context):
         if explanation.effect is RIG_SLIP:
             slips.setdefault(explanation.camera, []).append(explanation)
-        elif explanation.own:
-            own.append(explanation)
+        elif explanation.own_effect:
+            own_effects.append(explanation)
         elif _key(explanation) not in keys:
             fits.append(evaluator.fit(explanation))
     fits += [
@@ -201,8 +201,8 @@ def _fit_all(evaluator: Evaluator, effects: Sequence[FoundEffect]) -> tuple[Fitt
         for candidates in slips.values()
         if _key(candidates[0]) not in keys
     ]
-    if own:
-        fits.append(Evaluator(evaluator.context.with_own_effects()).best_of(own))
+    if own_effects:
+        fits.append(Evaluator(evaluator.context.with_own_effects()).best_of(own_effects))
     return tuple(fits)
 
 

@@ -146,13 +146,13 @@ def _motion(reduced: ReducedMotions, explanation: RigExplanation) -> FixedMotion
     """Return the fixed motion of an explanation; of an effect of a camera or of the board, in its
     most probable form. The numbers of each form begin with those of the simpler ones.
     """
-    motion, own = explanation.fixed, explanation.own
+    motion, own_effect = explanation.fixed, explanation.own_effect
     assert motion
-    if not own:
+    if not own_effect:
         return motion
-    tuned = own.effect.tune(*reduced.marginal(motion))
-    entries = own.entries[: len(tuned.effect_parameters)]
-    simpler = replace(own, effect=tuned, entries=entries)
+    tuned = own_effect.effect.tune(*reduced.marginal(motion))
+    entries = own_effect.entries[: len(tuned.effect_parameters)]
+    simpler = replace(own_effect, effect=tuned, entries=entries)
     return own_motion(simpler, len(motion.by_number))
 
 

@@ -68,7 +68,7 @@ class RigExplanation:
     """True for a constant lateness, whose effect depends on the speed of the board."""
     kind: str = ""
     """Of a slip: one of `KINDS`."""
-    own: OwnEffect | None = None
+    own_effect: OwnEffect | None = None
     """An effect of one camera, or of the board; then `camera` may be empty."""
 
     @property
@@ -117,14 +117,14 @@ def _own(context: RigContext) -> Iterator[RigExplanation]:
             own_effect.camera,
             rivals=len(context.wide.motions) if own_effect.camera else 1,
             fixed=own_motion(own_effect, context.count),
-            own=own_effect,
+            own_effect=own_effect,
         )
 
 
-def own_motion(own: OwnEffect, placements: int) -> FixedMotion:
+def own_motion(own_effect: OwnEffect, placements: int) -> FixedMotion:
     """Return an effect of a camera or of the board as a change by its numbers."""
-    by_number = np.tile(np.eye(len(own.entries)), (placements, 1, 1))
-    return FixedMotion(own.entries, by_number, own.spread)
+    by_number = np.tile(np.eye(len(own_effect.entries)), (placements, 1, 1))
+    return FixedMotion(own_effect.entries, by_number, own_effect.spread)
 
 
 def _slips(context: RigContext, name: str) -> Iterator[RigExplanation]:

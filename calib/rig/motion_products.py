@@ -128,7 +128,8 @@ class MotionProducts:
             halves=stacked[:, :, order[:, None], order],
             numbers=6 + np.arange(len(base)),
             own_effects=tuple(
-                replace(own, entries=places_in_order[6 + own.entries]) for own in wider.effects
+                replace(effect, entries=places_in_order[6 + effect.entries])
+                for effect in wider.effects
             ),
             motions={
                 name: slice(*(places_in_order[[place.start, place.stop - 1]] + [0, 1]))

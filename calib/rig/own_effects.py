@@ -67,7 +67,7 @@ def with_own_effects(rig: Rig, state: RigState) -> WideState:
         for camera, model in zip(state.cameras, models, strict=True)
     )
     wide = replace(state, cameras=cameras, layout=layout)
-    own: dict[tuple[str, str], OwnEffect] = {}
+    by_owner: dict[tuple[str, str], OwnEffect] = {}
     for index, (model, effects) in enumerate(zip(models, proposed, strict=True)):
         board = {param.name for param in model.path.target.params}
         places = _places(model, layout, index)
@@ -75,8 +75,8 @@ def with_own_effects(rig: Rig, state: RigState) -> WideState:
             names = [unknown.param.name for unknown in effect.effect_parameters]
             owner = "" if board.issuperset(names) else rig.names[index]
             entries = np.concatenate([places[name] for name in names])
-            own.setdefault((effect.name, owner), OwnEffect(effect, owner, entries))
-    return WideState(wide, _base_places(state, wide), tuple(own.values()))
+            by_owner.setdefault((effect.name, owner), OwnEffect(effect, owner, entries))
+    return WideState(wide, _base_places(state, wide), tuple(by_owner.values()))
 
 
 def _proposed(calibration: Calibration, camera: CameraState) -> Iterator[Effect]:

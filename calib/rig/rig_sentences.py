@@ -30,8 +30,8 @@ def parameters_of(fitted: FittedExplanation) -> dict[str, ParameterEstimate]:
     """Return the numbers of an explanation, with their standard deviations."""
     explanation = fitted.explanation
     name = explanation.name
-    if explanation.own and fitted.estimate:
-        unknowns = explanation.own.effect.effect_parameters
+    if explanation.own_effect and fitted.estimate:
+        unknowns = explanation.own_effect.effect.effect_parameters
         sigmas = np.sqrt(fitted.estimate.covariance.diagonal())
         return {
             unknown.param.name: ParameterEstimate(
