@@ -26,6 +26,7 @@ by 2.01 and -1.49 degrees, of which session.yaml says nothing. The command copie
 commands that you would type for your own camera, and shows what they print.
 """
 EXAMPLES = ("calib demo", "calib demo -o try --no-open")
+QUIET = "print no progress, no remarks and no tables"
 FOLDER = "refracal-demo"
 PICTURE = "wall.jpg"
 WALL_DEPTH = "0.8"

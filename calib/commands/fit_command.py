@@ -27,13 +27,16 @@ EXAMPLES = (
     "calib fit photos --board 9x6 --square-mm 25",
     "calib fit cam0 --depth 0.5 1",
 )
+QUIET = "print the verdict alone: no progress, no remarks and no tables"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "session", type=Path, nargs="+", metavar="SESSION", help="the session, pictures or a video"
     )
-    add_description(parser)
+    add_description(
+        parser, "for pictures without a session.yaml", " (default: the board in the pictures)"
+    )
     add_camera(parser)
     add_output(parser, "folder for the results (default: SESSION/calibration)", required=False)
     add_overwrite(parser)

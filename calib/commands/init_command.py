@@ -26,7 +26,7 @@ SIZE = (1640, 1232)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder")
-    add_description(parser)
+    add_description(parser, "written into session.yaml")
     parser.add_argument(
         "--size",
         type=whole_size,
