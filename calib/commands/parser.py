@@ -151,7 +151,7 @@ class Parser(argparse.ArgumentParser):
         """
         if action.type is int and not re.fullmatch(r"[+-]?[0-9]+", arg_string):
             raise argparse.ArgumentError(action, f"{brief(repr(arg_string))} is not a whole number")
-        return super()._get_value(action, arg_string)  # type: ignore[misc]
+        return super()._get_value(action, arg_string)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Raise ArgumentError for a value that is none of the choices, with the one that may have

@@ -58,7 +58,7 @@ def test_every_format_of_the_help_writes_its_files(
         not form.needs_depth and form.name != "npz"
     )  # npz takes depths, and needs none
     assert any("0.5m" in path for path in written) is not for_every_depth
-    assert ("Misfit of the central camera" in err) is (bool(form.lenses) and not for_every_depth)
+    assert ("px RMS (" in err) is (bool(form.lenses) and not for_every_depth)
 
 
 def test_the_help_lists_every_format(capsys: pytest.CaptureFixture[str]) -> None:
@@ -98,8 +98,8 @@ def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(
         assert len(stated) == 3
         assert all(misfit in err for misfit in stated)
     assert (
-        "this camera's distortion depends on depth, and a central camera's does not: the one"
-        " fitted at 0.2 m has errors that differ by up to" in err
+        "it holds at 0.2 m. At" in err
+        and "for the distortion depends on the depth: export one for each depth" in err
     )
 
 

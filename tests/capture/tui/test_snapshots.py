@@ -128,7 +128,10 @@ RESULT = {
         for number in (1, 2, 3, 5, 7, 9)
     ],
     "rejected": [],
-    "verdict": {"word": "trusted", "sentences": ["To be trusted where it has corners."]},
+    "verdict": {
+        "word": "trusted",
+        "sentences": ["You can trust it in the parts of the picture where the board was."],
+    },
     "sigma_px": [
         {"depth_m": 0.3, "px": 0.021},
         {"depth_m": 0.55, "px": 0.012},
