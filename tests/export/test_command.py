@@ -1,6 +1,7 @@
 """calib export: its files, what it says about the misfit, and what it refuses."""
 
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -96,10 +97,8 @@ def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(
         stated = re.findall(r"Misfit over the image: ([\d.]+) px RMS", path.read_text())
         # three decimals are printed of the four in the file
         assert [float(n) for n in stated] == pytest.approx([float(n) for n in numbers], abs=6e-4)
-    assert (
-        "it holds at 0.2 m. At" in err
-        and "for the distortion depends on the depth: export one for each depth" in err
-    )
+    assert "it holds at 0.2 m. At" in err
+    assert "for the distortion depends on the depth: export one for each depth" in err
 
 
 def test_outputs_of_an_earlier_fit_are_named(

@@ -305,8 +305,8 @@ async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
     """The longest possible text."""
     reasons = [
         (
-            "0.227 px are left where the corners' noise is about 0.047 px: it may be board_shape,"
-            " which would lower it by 87 %."
+            "the error is 0.227 px, and the corners' noise is about 0.047 px: it may be"
+            " board_shape, which would lower it by 87 %."
         ),
         (
             "cover.thickness 5.4887 ± 0.43 mm, declared as 3 ± 0.5 mm, 9.8 standard deviations"
