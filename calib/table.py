@@ -1,7 +1,7 @@
 """A table of texts in sections, which terminal, screen, notebook and report draw in their ways."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from html import escape
 
 
@@ -14,6 +14,8 @@ class TableSection:
     title: str
     rows: tuple[tuple[str, ...], ...]
     """The cells of each row, as many as the table has columns."""
+    headed: bool = True
+    """False if the headings of the columns do not suit the cells, in HTML."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +39,10 @@ class Table:
 
     def as_json(self) -> list[dict[str, object]]:
         """Return the sections, each with its name, its title and its rows."""
-        return [asdict(section) for section in self.sections]
+        return [
+            {"name": section.name, "title": section.title, "rows": section.rows}
+            for section in self.sections
+        ]
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
@@ -60,7 +65,10 @@ class Table:
         """Return the table as HTML, without its title."""
         parts = (
             f"<h3>{escape(section.title)}</h3>"
-            + html_table(self.columns, [[escape(cell) for cell in row] for row in section.rows])
+            + html_table(
+                self.columns if section.headed else [""] * len(self.columns),
+                [[escape(cell) for cell in row] for row in section.rows],
+            )
             for section in self.sections
         )
         notes = (f"<p>{escape(note)}</p>" for note in self.notes)

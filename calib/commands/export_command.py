@@ -145,6 +145,10 @@ def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:
     return chosen
 
 
+NEGLIGIBLE = 5e-5
+"""px: a misfit that is printed as zero."""
+
+
 def _misfit_words(model: "CentralModel") -> str:
     """Return a sentence on the model's misfit at its depth, and at half and double of it."""
     misfits = model.misfits
@@ -157,8 +161,9 @@ def _misfit_words(model: "CentralModel") -> str:
 
 
 def _brief_px(value: float, digits: int) -> str:
-    """Return a length in px with this number of decimals; a smaller one with its first digit."""
-    return f"{value:.{digits}f}" if value >= 10.0 ** (1 - digits) else f"{value:.1g}"
+    """Return a length in px with this number of decimals; a small one with its first digit."""
+    small = NEGLIGIBLE < value < 10.0 ** (1 - digits)
+    return f"{value:.1g}" if small else f"{value:.{digits}f}"
 
 
 def _print_remarks(form: Format, exported: "ExportedFiles", old: Sequence[Path]) -> None:

@@ -65,7 +65,7 @@ def describe(calibration: CalibrationSource) -> Table:
             _effects_title(calibration),
             tuple((number.name, number.estimated, "", "", "") for number in of_effects),
         ),
-        TableSection("pictures", "Pictures", tuple(_range_rows(calibration))),
+        TableSection("pictures", "Pictures", tuple(_range_rows(calibration)), headed=False),
     )
     sections = tuple(section for section in sections if section.rows)
     words = {row[3].partition(",")[0] for section in sections for row in section.rows}

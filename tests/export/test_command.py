@@ -140,7 +140,7 @@ def test_a_central_camera_is_not_warned_about(
         == 0
     )
     err = capsys.readouterr().err
-    assert "0.0000 px RMS" in err
+    assert "off by 0.000 / 0.000 / 0.000 px RMS" in err
     assert "Take care" not in err
 
 
