@@ -67,10 +67,10 @@ def describe(calibration: CalibrationSource) -> Table:
         ),
         TableSection("pictures", "Pictures", tuple(_range_rows(calibration)), headed=False),
     )
-    sections = tuple(section for section in sections if section.rows)
-    words = {row[3].partition(",")[0] for section in sections for row in section.rows}
+    shown = tuple(section for section in sections if section.rows)
+    words = {row[3].partition(",")[0] for section in shown for row in section.rows}
     notes = tuple(f"{word}: {note}" for word, note in NOTES.items() if word in words)
-    return Table("What was calibrated", COLUMNS, sections, notes)
+    return Table("What was calibrated", COLUMNS, shown, notes)
 
 
 def calibrated_numbers(calibration: Calibration) -> dict[str, object]:
