@@ -12,8 +12,8 @@ from calib.errors import InputError
 
 SUMMARY = "Write a session.yaml to fill in, with a comment beside every key."
 DESCRIPTION = """
-SESSION is a new folder, or one that has pictures, whose size is then taken. The options put your
-own numbers in place of examples. Put pictures into SESSION/frames, or beside session.yaml, and
+SESSION is a new folder, or a folder with pictures: session.yaml then has their size. The options
+write your own numbers in place of the examples. Put pictures into SESSION/frames, or beside session.yaml, and
 pictures without the cover into SESSION/bare.
 """
 EXAMPLES = (
