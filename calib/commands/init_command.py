@@ -13,8 +13,8 @@ from calib.errors import InputError
 SUMMARY = "Write a session.yaml to fill in, with a comment beside every key."
 DESCRIPTION = """
 SESSION is a new folder, or a folder with pictures: session.yaml then has their size. The options
-write your own numbers in place of the examples. Put pictures into SESSION/frames, or beside session.yaml, and
-pictures without the cover into SESSION/bare.
+write your own numbers in place of the examples. Put pictures into SESSION/frames, or beside
+session.yaml, and pictures without the cover into SESSION/bare.
 """
 EXAMPLES = (
     "calib init cam0",
