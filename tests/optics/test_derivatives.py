@@ -45,7 +45,9 @@ def in_closed_form(path: Path, values: dict[str, Tensor], pixels: Tensor) -> dic
         assert trace.relief_chart
         columns = pixels.new_empty(ROWS, 6, values[AMPLITUDES].numel())
         path.relief.spread(
-            torch.stack([by[name] for name in PROBES], -1).transpose(0, 1),
+            torch.stack(
+                [f * by[n] for n, f in zip(PROBES, trace.relief_factors, strict=True)], -1
+            ).transpose(0, 1),
             trace.relief_chart,
             columns,
         )
@@ -63,7 +65,9 @@ def compare(path: Path, values: dict[str, Tensor], pixels: Tensor) -> None:
 
 
 @each_shape
-@pytest.mark.parametrize("kind", ["even", "relief", "anchored", "tilts only", "inner", "bump"])
+@pytest.mark.parametrize(
+    "kind", ["even", "relief", "anchored", "grown", "tilts only", "inner", "bump", "grown bump"]
+)
 def test_those_of_a_cover(example: Example, kind: str) -> None:
     path, values = nominal(example, changed=example.moved)
     *inner, outer = path.cover
@@ -74,15 +78,18 @@ def test_those_of_a_cover(example: Example, kind: str) -> None:
     if kind == "even":
         outer = replace(outer, relief=None)
         del values[AMPLITUDES]
-    if kind == "anchored":
-        anchor = tuple(float(chart) + 1e-3 for chart in outer.axis_chart(values))
-        outer = replace(outer, relief=replace(relief, anchor=(anchor[0], anchor[1])))
+    if kind in ("anchored", "grown", "grown bump"):
+        view = outer.relief_view(values)
+        first, second = (chart + 1e-3 for chart in view.anchor)
+        size = (0.9 * view.size[0], 1.05 * view.size[1], 1.1 * view.size[2])
+        tied = replace(relief, anchor=(first, second), size=None if kind == "anchored" else size)
+        outer = replace(outer, relief=tied)
     if kind == "tilts only":
         outer = replace(outer, exact_hit=False)
     if kind == "inner":
         inner[0] = replace(inner[0], relief=Relief(low, high, (4, 5), name="inner"))
         values["inner.amplitudes"] = torch.from_numpy(rng.normal(0, 1e-5, (4, 5)))
-    if kind == "bump":
+    if kind in ("bump", "grown bump"):
         middle = (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
         span = high[0] - low[0], high[1] - low[1]
         bump = Bump("bump", middle, (0.03 / span[0], 0.03 / span[1]))
