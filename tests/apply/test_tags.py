@@ -334,8 +334,8 @@ def test_the_command_prints_what_the_library_finds(
     out = capsys.readouterr().out
     assert "turn, degrees" in out
     distances = {tag.number: 1000 * tag.poses[0].position[2] for tag in located[0].tags}
-    row = next(line for line in out.splitlines() if line.startswith("5 "))
-    assert float(row.split()[3]) == pytest.approx(distances[5], abs=0.005)
+    printed = next(line for line in out.splitlines() if line.startswith("5 "))
+    assert float(printed.split()[3]) == pytest.approx(distances[5], abs=0.005)
 
 
 def test_pictures_without_tags_are_listed_as_well(
