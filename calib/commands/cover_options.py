@@ -51,8 +51,8 @@ def add_intrinsics(parser: Options) -> None:
         type=typed_list,
         metavar="FX,FY,CX,CY,...",
         help=(
-            "the lens, px, with OpenCV's coefficients behind (default: from pictures without the"
-            " cover in bare/, else from these views)"
+            "the lens in px, then OpenCV's coefficients (default: from pictures without the cover"
+            " in bare/, else from these views)"
         ),
     )
 

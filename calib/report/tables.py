@@ -4,7 +4,7 @@ from html import escape
 
 from calib.fitting.description import describe
 from calib.report.evidence import Evidence
-from calib.table import change, html_table
+from calib.table import board_error, change, html_table
 
 MEANING = {
     "pinhole": "the camera alone, with its lens",
@@ -31,7 +31,7 @@ def stages_html(evidence: Evidence) -> str:
             f"<b>{escape(stage.title)}</b>",
             escape(MEANING.get(stage.name, "")),
             f"{bar(stage.rms_px, largest)} {stage.rms_px:.3f} px",
-            f"{stage.rmse_cm:.4f} cm",
+            board_error(stage.rmse_cm),
             "" if stage is stages[0] else change(stage.rms_px, stages[0].rms_px),
         )
         for stage in stages
