@@ -23,7 +23,9 @@ EXAMPLES = (
     "calib rig diagnose pair/calibration",
     "calib rig check pair/calibration pair/today",
 )
-QUIET = "print no progress and no remarks; calib rig fit prints the verdict alone"
+QUIET = (
+    "print no progress and no remarks; calib rig fit and calib rig diagnose print the verdict alone"
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
