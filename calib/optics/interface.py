@@ -186,7 +186,7 @@ class Interface:
         """Return the derivatives of `axis_chart` by the parameters, (2,) or (2, M) by name."""
         smooth = self._smooth
         pose = smooth.frame.at(values)
-        entered = pose.enter_rays(_optical_axis(values[self.index_outside]))
+        entered = pose.enter_rays(smooth._optical_axis(values))
         _, crossing = smooth.cross(entered, values)
         zero = torch.zeros_like(crossing.distance)
         first, second = torch.stack([zero + 1, zero]), torch.stack([zero, zero + 1])
@@ -245,7 +245,7 @@ class Interface:
         Further tilts, which turn the glass against the camera, do not count.
         """
         smooth = self._smooth
-        axis = smooth.frame.at(values).enter_rays(_optical_axis(values[self.index_outside]))
+        axis = smooth.frame.at(values).enter_rays(smooth._optical_axis(values))
         return self.surface.chart(smooth.cross(axis, values)[1].point)
 
     def relief_chart(self, point: Vector, values: Values) -> tuple[Tensor, Tensor]:
@@ -255,6 +255,15 @@ class Interface:
         first, second = self.surface.chart(point)
         shift_first, shift_second = self._chart_shift(values)
         return first - shift_first, second - shift_second
+
+    def _optical_axis(self, values: Values) -> Rays:
+        """Return the ray along the camera's z axis, as a bundle of the shape to which the numbers
+        of this smooth surface broadcast: () or (M,), if an effect gives each row its own.
+        """
+        zeros = (torch.zeros_like(values[param.name]) for param in self.params)
+        zero = sum(zeros, torch.zeros_like(values[self.index_outside]))
+        failure = torch.zeros_like(zero, dtype=torch.uint8)
+        return Rays(Vector(zero, zero, zero), Vector(zero, zero, zero + 1), failure)
 
     def _chart_shift(self, values: Values) -> tuple[Tensor | float, Tensor | float]:
         """Return how far the relief has moved along the two chart coordinates with its anchor."""
@@ -304,13 +313,6 @@ class Interface:
         """
         gradient, bump = self._outward_gradient(point, values)
         return self.surface.height(point, values) - height - bump, divisor(gradient.dot(direction))
-
-
-def _optical_axis(like: Tensor) -> Rays:
-    """Return the ray along the camera's z axis, as a bundle of the tensor's shape."""
-    zero = torch.zeros_like(like)
-    failure = torch.zeros_like(like, dtype=torch.uint8)
-    return Rays(Vector(zero, zero, zero), Vector(zero, zero, zero + 1), failure)
 
 
 def records(rays: Rays, values: Values) -> bool:
