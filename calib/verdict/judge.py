@@ -5,12 +5,14 @@ A new check is a function from a Case to reasons, and a line here.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from calib.calibration import Calibration, CalibrationSource
+from calib.errors import RefracalError, brief
 from calib.fit_record.request import Settings
 from calib.fitting.evaluate import Evaluation
 from calib.io.images import frames_folder
@@ -124,8 +126,31 @@ def judge(
                 tuple(other_medium(case)),
                 commands.undistort(float(np.median(calibration.corners_at[:, 2]))),
             )
-        reasons = tuple(reason for check in CHECKS for reason in check(case))
+        reasons = _reasons(case)
         depth = next(iter(case.depths), float(np.median(case.distance)))
         proof = commands.evaluate(), commands.diagnose()
         uses = commands.uses(depth, mapped=bool(case.depths))
         return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses))
+
+
+def _reasons(case: Case) -> tuple[Reason, ...]:
+    """Return the reasons of all checks. A check that fails by a bug is itself a reason, so that a
+    calibration keeps its report and the other checks.
+    """
+    reasons: list[Reason] = []
+    bugs: dict[str, Reason] = {}
+    for check in CHECKS:
+        try:
+            reasons += check(case)
+        except RefracalError:
+            raise
+        except Exception as error:
+            if "REFRACAL_TRACEBACK" in os.environ:
+                raise
+            bug = f"{type(error).__name__}: {brief(error)}"
+            sentence = (
+                f"a check of this verdict failed, which is a bug in calib ({bug}): run the command"
+                " again with REFRACAL_TRACEBACK=1 and report what it prints."
+            )
+            bugs.setdefault(bug, Reason(sentence, case.next.report()))
+    return (*reasons, *bugs.values())

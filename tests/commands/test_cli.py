@@ -483,6 +483,7 @@ def test_a_bug_is_one_sentence_and_exit_code_1(
     def broken(_: Path) -> None:
         raise ZeroDivisionError("by design")
 
+    monkeypatch.delenv("REFRACAL_TRACEBACK")
     monkeypatch.setattr("calib.session.session.read_session", broken)
     assert main(["fit", "fixtures/clean"]) == 1
     err = capsys.readouterr().err
