@@ -7,9 +7,12 @@ import re
 
 from calib.commands.arguments import quoted
 from calib.errors import InputError
+from calib.session.cover import MEDIA, WATER
 from calib.session.lens import COEFFICIENTS
 from calib.session.schema import UNKNOWN, is_unknown
 from calib.session.shapes.dimension import Dimension
+from calib.session.shapes.layer import OUTSIDE
+from calib.session.shapes.none import NONE
 from calib.session.shapes.registry import dimensions, find_shape, shape_names, stated_shape_names
 from calib.session.typed_number import join_sigmas, typed_number
 
@@ -118,7 +121,7 @@ def describe_usual(args: argparse.Namespace) -> str:
     """Return a sentence on the numbers of the cover that nobody gave and that have a usual value,
     which `cover_from_options` takes; empty if there are none.
     """
-    shape = find_shape(args.cover or "none")
+    shape = find_shape(args.cover or NONE.name)
     assumed = [
         kind
         for kind in shape.keys
@@ -136,6 +139,20 @@ def describe_usual(args: argparse.Namespace) -> str:
         f"no {', '.join(options)}: {'; '.join(numbers)}. If you know better, add"
         f" {options[0]} 1.49, with its uncertainty as {options[0]} 1.49+-0.01, or"
         f" {options[0]} unknown."
+    )
+
+
+def describe_medium(args: argparse.Namespace) -> str:
+    """Return a sentence that air is taken to be outside of a cover whose medium nobody gave; empty
+    if it was given or there is no glass.
+    """
+    option = _option(OUTSIDE)
+    given = getattr(args, f"{PREFIX}{option.replace('-', '_')}") is not None
+    if given or not find_shape(args.cover or NONE.name).has_glass:
+        return ""
+    return (
+        f"no --{option}: air is taken to be outside of the cover. For pictures that were taken under"
+        f" water, add --{option} {MEDIA[WATER]:g}."
     )
 
 

@@ -14,6 +14,7 @@ from calib.commands.cover_options import (
     add_cover,
     add_intrinsics,
     cover_from_options,
+    describe_medium,
     describe_usual,
     intrinsics_from_options,
 )
@@ -90,7 +91,7 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     board = find(args, source, progress)
     if not cover:
         print(NO_COVER, file=sys.stderr)
-    if assumed := describe_usual(args):
+    for assumed in filter(None, (describe_usual(args), describe_medium(args))):
         print(f"calib: {assumed}", file=sys.stderr)
     cover = cover or {"shape": "none"}
     for notice in describe_pictures(source, board, cover, intrinsics, progress):

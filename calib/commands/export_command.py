@@ -97,8 +97,8 @@ def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from contextlib import ExitStack
 
-        from calib.apply.near_depth import describe_hidden
         from calib.apply.colour import channel_calibration, check_dispersion
+        from calib.apply.near_depth import describe_hidden
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths

@@ -161,6 +161,6 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         },
     } | {
         key: record[key]
-        for key in ("cross_validation", "fleet_prior", "shape_log_odds")
+        for key in ("cross_validation", "fleet_prior", "shape_log_odds", "medium_log_odds")
         if key in record
     }

@@ -125,6 +125,10 @@ class FitOutcome:
     """The logarithm of the odds of each shape of the cover against the most probable one, which the
     fit chose; None if the session states the shape.
     """
+    medium_log_odds: Mapping[str, float] | None = None
+    """The same of air and water outside of the cover, where other numbers are unknown; None if
+    they were not compared.
+    """
     lens_held_out_px: Mapping[str, float] | None = None
     """The held-out error of each tried lens model; empty if there was no choice."""
     turned_boards: tuple[str, ...] | None = None

@@ -67,7 +67,7 @@ def test_a_good_calibration_is_not_doubted(check, good: Calibration, freed: Cali
 def test_a_check_with_a_bug_leaves_the_other_checks(
     good: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(case: Case) -> list[Reason]:
+    def broken(_: Case) -> list[Reason]:
         raise ZeroDivisionError("by design")
 
     monkeypatch.setattr(judge, "CHECKS", (broken, *CHECKS[:3], broken))
