@@ -7,11 +7,10 @@ import re
 
 from calib.commands.arguments import quoted
 from calib.errors import InputError
-from calib.session.cover import MEDIA, WATER
 from calib.session.lens import COEFFICIENTS
 from calib.session.schema import UNKNOWN, is_unknown
 from calib.session.shapes.dimension import Dimension
-from calib.session.shapes.layer import OUTSIDE
+from calib.session.shapes.layer import MEDIA, OUTSIDE, WATER
 from calib.session.shapes.none import NONE
 from calib.session.shapes.registry import dimensions, find_shape, shape_names, stated_shape_names
 from calib.session.typed_number import join_sigmas, typed_number
@@ -151,8 +150,8 @@ def describe_medium(args: argparse.Namespace) -> str:
     if given or not find_shape(args.cover or NONE.name).has_glass:
         return ""
     return (
-        f"no --{option}: air is taken to be outside of the cover. For pictures that were taken under"
-        f" water, add --{option} {MEDIA[WATER]:g}."
+        f"no --{option}: air is taken to be outside of the cover. For pictures that were taken"
+        f" under water, add --{option} {MEDIA[WATER]:g}."
     )
 
 

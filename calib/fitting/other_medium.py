@@ -13,9 +13,9 @@ from calib.fit_record.request import EVEN_GRID, Settings
 from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.progress import Progress
-from calib.session.cover import AIR, MEDIA, WATER, medium_word
 from calib.session.numbers import unknown_names
 from calib.session.schema import Number
+from calib.session.shapes.layer import AIR, MEDIA, WATER, medium_word
 
 COMPARED_VIEWS = 12
 """Views of the first comparison, with even glass: where the medium can be told, eight tell it."""

@@ -22,9 +22,10 @@ from calib.intrinsics.calibrate import calibrate_bare
 from calib.optics.build import covered_path, pinhole_path
 from calib.optics.params import Values
 from calib.progress import Progress, Silent
-from calib.session.cover import MEDIA, Cover
+from calib.session.cover import Cover
 from calib.session.numbers import camera_numbers, unknown_names
 from calib.session.parameter_names import CAMERA, COVER, number_of
+from calib.session.shapes.layer import MEDIA
 from calib.session.shapes.registry import find_shape
 
 SPREAD = (0.0, -1.0, 1.0)

@@ -16,18 +16,8 @@ from calib.session.shapes.registry import find_shape
 
 MEDIUM = OUTSIDE.quantity.stem
 """The name of the index of what is outside of a cover."""
-AIR, WATER = "air", "water"
-MEDIA = {AIR: 1.0, WATER: 1.333}
-"""The index of each medium that a camera may look into."""
-HALFWAY = 1.17
-"""The index from which a medium counts as water."""
 AUTO, EVEN, UNEVEN = SURFACES = ("auto", "even", "uneven")
 """The outer surface: as the views have it, without a relief, or with one."""
-
-
-def medium_word(index: float) -> str:
-    """Return which of MEDIA an index belongs to."""
-    return WATER if index > HALFWAY else AIR
 
 
 @dataclass(frozen=True, slots=True)

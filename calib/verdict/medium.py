@@ -10,8 +10,8 @@ from calib.calibration import Calibration
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path
-from calib.session.cover import AIR, MEDIA, WATER, medium_word
 from calib.session.schema import Number
+from calib.session.shapes.layer import AIR, MEDIA, WATER, medium_word
 from calib.verdict.case import Case
 from calib.verdict.thresholds import OTHER_MEDIUM, OTHER_MEDIUM_LOG_ODDS
 from calib.verdict.verdict import Reason

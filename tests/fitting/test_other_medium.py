@@ -13,8 +13,8 @@ from calib.fitting.other_medium import LIKELY, medium_log_odds
 from calib.fitting.stages import Setup, fit_stages
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.progress import Silent
-from calib.session.cover import MEDIA
 from calib.session.schema import Number
+from calib.session.shapes.layer import MEDIA
 from calib.session.tolerances import UNKNOWN_THICKNESS
 from calib.verdict.medium import medium
 from fixtures.calibrated import CAMERA, calibrated, with_outcome
