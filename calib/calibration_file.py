@@ -193,6 +193,8 @@ def _where_to_find(path: FilePath) -> str:
     folder = path.parent
     if (folder / "calibration" / path.name).is_file():
         return f"the session's is {folder / 'calibration'}"
+    if path.stem != "calibration":
+        return "give the folder that calib fit wrote"
     if (folder / "session.yaml").is_file():
         return f"calib fit {shlex.quote(str(folder))} makes it"
     if session_pictures(folder):

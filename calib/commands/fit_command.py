@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> None:
             with Bars() as bars:
                 written.append(write_report(calibration, files, bars, depths, before=before))
         finally:  # if the report fails, the calibration is still written and printed
-            files.commit(instead_of=DERIVED)
+            removed = files.commit(instead_of=DERIVED)
             verdict = judge(calibration, depths=depths, folder=output, session=session.path)
             if args.json:
                 print_json(
@@ -128,6 +128,9 @@ def run(args: argparse.Namespace) -> None:
                 if finding and not args.quiet:
                     print_diagnosis(finding, calibration)
                 print_verdict(verdict, written, verdict.further)
+    if removed:
+        names = ", ".join(removed)
+        print(f"Removed {names}, of the earlier fit: --depth writes maps.", file=sys.stderr)
     for remark in describe_hidden(calibration.ray_field(), depths):
         print(remark, file=sys.stderr)
     if reached.refusals:

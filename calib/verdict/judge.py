@@ -13,9 +13,7 @@ import numpy as np
 
 from calib.calibration import Calibration, CalibrationSource
 from calib.errors import RefracalError, brief
-from calib.fit_record.request import Settings
 from calib.fitting.evaluate import Evaluation
-from calib.io.images import frames_folder
 from calib.threads import single_thread
 from calib.verdict.bare_pictures import bare_pictures
 from calib.verdict.board_place import board_place, board_size, cover_size
@@ -100,34 +98,23 @@ def judge(
         depths: m, of the requested maps.
         folder: the calibration's folder in the commands; by default that beside its session.
         session: the fitted session in the commands; by default that of the calibration's
-            provenance.
+            provenance, or the folder around the calibration's if they were moved together.
         evaluation: the errors on views of the session `holdout`.
     """
     calibration = Calibration.of(calibration)
-    session = session or Path(calibration.request.session)
-    settings = calibration.request.settings or Settings()
-    commands = NextCommands(
-        session,
-        folder or session / "calibration",
-        settings,
-        records=calibration.board.has_grid and frames_folder(session) != session,
-        has_pictures=any(
-            frames_folder(place).is_dir() for place in (session, Path(calibration.request.session))
-        ),
-    )
-    case = Case(
-        calibration, tuple(dict.fromkeys(depths)), commands, evaluation, str(holdout or "HOLDOUT")
-    )
+    depths = tuple(dict.fromkeys(depths))
+    commands = NextCommands.of(calibration, folder, session, depths)
+    case = Case(calibration, depths, commands, evaluation, str(holdout or "HOLDOUT"))
     with single_thread():
         if broken := tuple(not_finite(case)):  # then no other check is possible
             return Verdict(broken, commands.fit())
         if not calibration.views:
             return Verdict(
                 tuple(other_medium(case)),
-                commands.undistort(float(np.median(calibration.corners_at[:, 2]))),
+                commands.undistort(float(f"{np.median(calibration.corners_at[:, 2]):.2g}")),
             )
         reasons = _reasons(case)
-        depth = next(iter(case.depths), float(np.median(case.distance)))
+        depth = next(iter(commands.depths), case.usual_depths[0])
         proof = commands.evaluate(), commands.diagnose()
         uses = commands.uses(depth, mapped=bool(case.depths))
         return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses))
