@@ -209,7 +209,10 @@ def test_another_mode_in_the_folder_one_is_in(
     """
     (tmp_path / "frames").mkdir()
     cv2.imwrite(str(tmp_path / "frames" / "a.png"), np.full((48, 64), 99, np.uint8))
-    (tmp_path / "session.yaml").touch()
+    (tmp_path / "session.yaml").write_text(
+        "format: 1\nboard: {columns: 9, rows: 9, square_mm: 20}\ncamera: {width: 64, height: 48}\n"
+        "cover: {shape: none}\n"
+    )
     monkeypatch.chdir(tmp_path)
     assert main(["check", str(saved), "."]) == 5
     assert f"Next: capture {tmp_path}-again" in capsys.readouterr().out
