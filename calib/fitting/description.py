@@ -23,6 +23,7 @@ from calib.inference.calibration_model import without_own_bend
 from calib.session.lens import OPENCV
 from calib.session.parameter_names import CAMERA
 from calib.session.schema import UNKNOWN
+from calib.session.shapes.none import NONE as NO_COVER
 from calib.table import Table, TableSection
 
 COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "difference")
@@ -155,10 +156,11 @@ def _row(number: Comparison) -> tuple[str, ...]:
 
 
 def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
-    """Yield the row of a shape that the fit chose, with those that are as probable."""
-    chosen, *rivals = calibration.outcome.probable_shapes or ("",)
-    if chosen:
-        yield "cover.shape", " or ".join((chosen, *rivals)), UNKNOWN, "", ""
+    """Yield the row of a shape that the fit chose, with those that explain the views as well."""
+    outcome = calibration.outcome
+    shapes = dict.fromkeys((*outcome.probable_shapes, *(outcome.shape_map_changes_px or {})))
+    if shapes:
+        yield "cover.shape", " or ".join(shapes), UNKNOWN, "", ""
 
 
 def _note(number: Comparison) -> str:
@@ -185,6 +187,8 @@ def _camera_title(calibration: Calibration) -> str:
 
 
 def _cover_title(calibration: Calibration) -> str:
+    if calibration.cover.shape == NO_COVER.name:
+        return "Cover: none"
     surface = "uneven" if calibration.relief else "even"
     return f"Cover: {calibration.cover.words} with an {surface} outer surface"
 

@@ -85,11 +85,13 @@ def fit(
     expectation = Expectation.of(session, start)
     nominal = expectation.nominal if expectation else _nominal_setup(session, start)
     shape_log_odds: dict[str, float] | None = None
+    shape_map_changes: dict[str, float] | None = None
     if nominal.cover.has_unknown_shape:
         _check_enough(views, rejected)
         choice = choose_shape(nominal, views, settings, progress)
         nominal = choice.setup
         shape_log_odds = dict(choice.log_odds)
+        shape_map_changes = dict(choice.map_changes_px) or None
     if unknown_names(nominal.intrinsics, nominal.cover):
         _check_enough(views, rejected)
         with single_thread():
@@ -232,6 +234,7 @@ def fit(
             grid_held_out_px=grids,
             intrinsics_from=start.intrinsics_from,
             shape_log_odds=shape_log_odds,
+            shape_map_changes_px=shape_map_changes,
             medium_log_odds=media,
             lens_held_out_px=start.lens_held_out_px,
             turned_boards=turned or None,

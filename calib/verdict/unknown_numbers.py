@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from calib.fitting.declared import comparisons
 from calib.session.shapes.registry import find_shape
 from calib.verdict.case import Case
+from calib.verdict.uncertainty import map_sigmas
 from calib.verdict.verdict import Reason
 
 
@@ -12,11 +13,30 @@ def unknown_shape(case: Case) -> Iterator[Reason]:
     """Name the shapes that are about as probable as the one that the fit chose."""
     chosen, *rivals = case.calibration.outcome.probable_shapes or ("",)
     if not rivals:
+        yield from _unseen_cover(case)
         return
     listed = " or ".join(find_shape(name).words for name in (chosen, *rivals))
     sentence = (
         f"these views do not tell whether the cover is {listed}; {find_shape(chosen).words} is"
         " taken. Look at it, and write cover.shape in session.yaml."
+    )
+    yield Reason(sentence, case.next.fit(), ("cover.shape",))
+
+
+def _unseen_cover(case: Case) -> Iterator[Reason]:
+    """Name the shapes that explain the pictures as well as no cover, if the maps depend on it by
+    more than their standard deviation.
+    """
+    changes = case.calibration.outcome.shape_map_changes_px or {}
+    sigma = max(map_sigmas(case.calibration, case.usual_depths).values(), default=0.0)
+    rivals = {name: change for name, change in changes.items() if change > sigma}
+    if not rivals:
+        return
+    listed = " or ".join(find_shape(name).words for name in rivals)
+    sentence = (
+        f"these pictures do not show a cover: {listed} explains them as well, and the maps would"
+        f" differ by {max(rivals.values()):.2g} px. If there is a cover, write its shape in"
+        " session.yaml, with its numbers."
     )
     yield Reason(sentence, case.next.fit(), ("cover.shape",))
 

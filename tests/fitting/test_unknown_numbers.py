@@ -164,6 +164,20 @@ def test_no_cover_is_a_shape_too_and_what_is_as_probable_is_named() -> None:
     assert "cover.shape" not in judge(certain).suspects
 
 
+def test_a_cover_that_explains_the_views_as_well_as_none_is_named() -> None:
+    """Of no cover, which the wide priors of a cover's numbers make more probable."""
+    calibration = calibrate(made("dome", views=8), INTRINSICS, COVERS["dome"][0])
+    odds = {"none": 0.0, "dome": -5.8}
+    differing = with_outcome(calibration, shape_log_odds=odds, shape_map_changes_px={"dome": 3.5})
+    assert any(
+        "do not show a cover: a dome explains them as well" in s for s in judge(differing).sentences
+    )
+    rows = {row[0]: row for section in describe(differing).sections for row in section.rows}
+    assert rows["cover.shape"][1] == "none or dome"
+    same = with_outcome(calibration, shape_log_odds=odds, shape_map_changes_px={"dome": 1e-6})
+    assert "cover.shape" not in judge(same).suspects
+
+
 @pytest.mark.slow
 def test_place_of_a_dome_that_the_lens_makes_up_for_is_as_uncertain_as_it_is() -> None:
     """Eight boards through a dome in water, of which nobody knows where it stands, nor the lens:
