@@ -4,13 +4,14 @@ make.
 
 import argparse
 import re
+from collections.abc import Mapping
 
 from calib.commands.arguments import quoted
 from calib.errors import InputError
 from calib.session.lens import COEFFICIENTS
 from calib.session.schema import UNKNOWN, is_unknown
 from calib.session.shapes.dimension import Dimension
-from calib.session.shapes.layer import MEDIA, OUTSIDE, WATER
+from calib.session.shapes.layer import LAYER, MEDIA, OUTSIDE, WATER
 from calib.session.shapes.none import NONE
 from calib.session.shapes.registry import dimensions, find_shape, shape_names, stated_shape_names
 from calib.session.typed_number import join_sigmas, typed_number
@@ -76,13 +77,26 @@ def typed_list(text: str) -> list[object]:
     return [UNKNOWN if is_unknown(word) else typed_number(word) for word in words]
 
 
-def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
+def has_cover_option(args: argparse.Namespace) -> bool:
+    """Return True if an option describes a cover."""
+    names = (f"{PREFIX}{option.replace('-', '_')}" for option in _kinds_by_option())
+    return args.cover is not None or any(getattr(args, name) is not None for name in names)
+
+
+def cover_from_options(
+    args: argparse.Namespace, earlier: Mapping[str, object] | None = None
+) -> dict[str, object] | None:
     """Return the section `cover`, in which a number that is not given is unknown; None if no option
     describes a cover.
+
+    Args:
+        earlier: the section that the new one replaces: its numbers stay where none is given, of
+            another shape those of the glass and of what is outside.
 
     Raises:
         InputError: a number belongs to another shape.
     """
+    earlier = earlier or {}
     options = _kinds_by_option()
     typed = {
         option: values
@@ -91,12 +105,13 @@ def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
     }
     if args.cover is None and not typed:
         return None
-    if args.cover is None:
+    name = args.cover or earlier.get("shape")
+    if name not in stated_shape_names():
         raise InputError(
             f"--{next(iter(typed))} describes a cover without a shape: add --cover, one of"
             f" {', '.join(stated_shape_names())}."
         )
-    shape = find_shape(args.cover)
+    shape = find_shape(str(name))
     for option in typed:
         if not any(kind in shape.keys for kind in options[option]):
             allowed = [f"--{_option(kind)}" for kind in shape.keys]
@@ -104,11 +119,16 @@ def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
                 f"--{option} is no number of --cover {shape.name}: leave it out"
                 + (f", or write some of {', '.join(allowed)}." if allowed else ".")
             )
-    section: dict[str, object] = {"shape": shape.name}
+    same = earlier.get("shape") == shape.name
+    section: dict[str, object] = dict(earlier) if same else {"shape": shape.name}
     for kind in shape.keys:
         quantity = kind.quantity
         if values := typed.get(_option(kind)):
             section[quantity.key] = values if quantity.components else _single(kind, values)
+        elif quantity.key in earlier and (same or kind in (*LAYER, OUTSIDE)):
+            section[quantity.key] = earlier[quantity.key]
+        elif same and "layers" in earlier and kind in LAYER:
+            continue
         elif kind.usual:
             section[quantity.key] = float(kind.usual)
         elif quantity.default is None:
@@ -116,15 +136,18 @@ def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
     return section
 
 
-def describe_usual(args: argparse.Namespace) -> str:
+def describe_usual(args: argparse.Namespace, earlier: Mapping[str, object] | None = None) -> str:
     """Return a sentence on the numbers of the cover that nobody gave and that have a usual value,
-    which `cover_from_options` takes; empty if there are none.
+    which `cover_from_options` takes; empty if there are none. `earlier` is that of
+    `cover_from_options`.
     """
     shape = find_shape(args.cover or NONE.name)
     assumed = [
         kind
         for kind in shape.keys
-        if kind.usual and getattr(args, f"{PREFIX}{_option(kind).replace('-', '_')}") is None
+        if kind.usual
+        and kind.quantity.key not in (earlier or {})
+        and getattr(args, f"{PREFIX}{_option(kind).replace('-', '_')}") is None
     ]
     if not assumed:
         return ""
@@ -141,13 +164,17 @@ def describe_usual(args: argparse.Namespace) -> str:
     )
 
 
-def describe_medium(args: argparse.Namespace) -> str:
+def describe_medium(args: argparse.Namespace, earlier: Mapping[str, object] | None = None) -> str:
     """Return a sentence that air is taken to be outside of a cover whose medium nobody gave; empty
-    if it was given or there is no glass.
+    if it was given or there is no glass. `earlier` is that of `cover_from_options`.
     """
     option = _option(OUTSIDE)
     given = getattr(args, f"{PREFIX}{option.replace('-', '_')}") is not None
-    if given or not find_shape(args.cover or NONE.name).has_glass:
+    if (
+        given
+        or OUTSIDE.quantity.key in (earlier or {})
+        or not find_shape(args.cover or NONE.name).has_glass
+    ):
         return ""
     return (
         f"no --{option}: air is taken to be outside of the cover. For pictures that were taken"

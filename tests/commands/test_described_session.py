@@ -298,11 +298,33 @@ def test_a_cover_is_described_by_options(photos: Path) -> None:
     lens = session.camera.intrinsics
     assert lens
     assert lens.fx.sigma > 0.3 * lens.fx.value, "nobody knows the lens"
+    shutil.copytree(photos, photos / "bare", ignore=shutil.ignore_patterns("session.yaml", "bare"))
+    assert described(str(photos), *BOARD, *dome).camera.intrinsics is None, "bare/ tells the lens"
     known = described(str(photos), *BOARD, *dome, "--intrinsics", "520,525,322+-3,238")
     assert known.camera.intrinsics
     assert known.camera.intrinsics.cx.sigma == 3
-    shutil.copytree(photos, photos / "bare", ignore=shutil.ignore_patterns("session.yaml", "bare"))
-    assert described(str(photos), *BOARD, *dome).camera.intrinsics is None, "bare/ tells the lens"
+
+
+def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
+    photos: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lens = ["--intrinsics", "520,525,322+-3,238"]
+    wet = ["--cover", "dome", "--radius", "40+-30", "--index", "1.49", "--outside-index", "1.333"]
+    first = described(str(photos), *BOARD, *lens, *wet)
+    assert "--outside-index: air" not in capsys.readouterr().err
+    thick = described(str(photos), "--thickness", "3")
+    assert "stays as the session.yaml of an earlier command" in capsys.readouterr().err
+    assert thick.board == first.board
+    assert thick.camera == first.camera
+    assert thick.cover.parameters["thickness"].value == 0.003
+    assert thick.cover.parameters["inner_radius"] == first.cover.parameters["inner_radius"]
+    assert thick.cover.medium == first.cover.medium
+    flat = described(str(photos), "--square-mm", "20", "--cover", "flat", "--distance", "20")
+    assert flat.board == Board(7, 6, 0.02)
+    assert flat.cover.shape == "flat"
+    assert flat.cover.medium == first.cover.medium
+    assert flat.cover.parameters["thickness"].value == 0.003
+    assert described(str(photos), "--cover", "none").cover.shape == "none"
 
 
 @pytest.mark.parametrize(
