@@ -5,6 +5,7 @@ make.
 import argparse
 import re
 from collections.abc import Mapping
+from pathlib import Path
 
 from calib.commands.arguments import quoted
 from calib.errors import InputError
@@ -19,6 +20,8 @@ from calib.session.typed_number import join_sigmas, typed_number
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?", re.IGNORECASE)
 UNKNOWN_KEY = "?"
 """The key for an unknown number in the form of `capture`."""
+OPENCV_SUFFIXES = (".yml", ".yaml", ".xml", ".json")
+"""The suffixes of files of cv2.FileStorage."""
 PREFIX = "cover_"
 """The beginning of these options' names among the arguments."""
 
@@ -51,11 +54,11 @@ def add_cover(parser: Options) -> None:
 def add_intrinsics(parser: Options) -> None:
     parser.add_argument(
         "--intrinsics",
-        type=typed_list,
+        type=typed_intrinsics,
         metavar="FX,FY,CX,CY,...",
         help=(
-            "the lens, px, with OpenCV's coefficients behind (default: from pictures without the"
-            " cover in bare/, else from these views)"
+            "the lens, px, with OpenCV's coefficients behind, or a file of OpenCV (default: from"
+            " pictures without the cover in bare/, else from these views)"
         ),
     )
 
@@ -75,6 +78,18 @@ def typed_list(text: str) -> list[object]:
                 " uncertainty, or unknown, and a list as 0,-30"
             )
     return [UNKNOWN if is_unknown(word) else typed_number(word) for word in words]
+
+
+def typed_intrinsics(text: str) -> list[object]:
+    """Return the numbers of a list, or of a file that OpenCV wrote."""
+    if not text.lower().endswith(OPENCV_SUFFIXES):
+        return typed_list(text)
+    from calib.importing.opencv_file import read_opencv_intrinsics
+
+    try:
+        return [*read_opencv_intrinsics(Path(text))]
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error).replace("%", "%%")) from error
 
 
 def has_cover_option(args: argparse.Namespace) -> bool:
