@@ -100,6 +100,7 @@ def calibration_mapping(content: CalibrationContent, digest: str) -> dict[str, o
         "exact_hit": content.exact_hit,
         "inset": content.relief.inset,
         **({"anchor": list(content.relief.anchor)} if content.relief.anchor else {}),
+        **({"size": list(content.relief.size)} if content.relief.size else {}),
     }
     uncertainty = content.outcome.uncertainty
     return {

@@ -20,6 +20,7 @@ from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.surface_prior import relief_basis
 from calib.optics.board_target import with_blocks
+from calib.optics.relief import AMPLITUDES
 
 Array = NDArray[np.float64]
 
@@ -89,9 +90,11 @@ def fix_relief(model: CameraModel, parameters: Parameters) -> tuple[CameraModel,
     to_fixed = _to_fixed_relief(model, parameters)
     *inner, outer = model.path.cover
     assert outer.relief
-    fixed = replace(outer, relief=replace(outer.relief, anchor=None))
-    model = replace(model, path=replace(model.path, cover=(*inner, fixed)))
-    return model, replace(parameters, relief=model.path.relief), to_fixed
+    fixed = replace(outer, relief=replace(outer.relief, anchor=None, size=None))
+    grown = model.path.relief_growth(model.means) * model.means[AMPLITUDES]
+    path = replace(model.path, cover=(*inner, fixed))
+    model = replace(model, path=path, means={**model.means, AMPLITUDES: grown})
+    return model, replace(parameters, relief=path.relief, origin=model.means), to_fixed
 
 
 def _to_fixed_relief(model: CameraModel, parameters: Parameters) -> Array:
@@ -101,21 +104,24 @@ def _to_fixed_relief(model: CameraModel, parameters: Parameters) -> Array:
     relief, outer = parameters.relief, model.path.cover[-1]
     assert relief
     names = [param.name for param in parameters.free if not model.means[param.name].ndim]
-    to_fixed = np.eye(parameters.count)
-    by_number = outer.axis_derivatives(model.means, frozenset(names))
+    place = outer.relief_place(model.means)
+    assert place
     low, high = relief.region
     rows = torch.linspace(low[0], high[0], relief.grid[0], dtype=torch.float64)
     columns = torch.linspace(low[1], high[1], relief.grid[1], dtype=torch.float64)
     first, second = torch.meshgrid(rows, columns, indexing="ij")
-    _, by_first, by_second = relief.height((first.flatten(), second.flatten()), model.means)
-    slopes = torch.stack([by_first, by_second], -1).numpy()  # (n, 2)
+    chart = first.flatten(), second.flatten()
+    expansion = place.to_chart(relief.expand(chart, model.means), chart)
+    unit = torch.ones(1, len(chart[0]), dtype=torch.float64)
+    zero = torch.zeros_like(unit)
+    by_view = torch.cat(place.pull(expansion, chart, unit, (zero, zero)))  # (5, n) heights
+    to_fixed = np.eye(parameters.count)
+    to_fixed[: parameters.amplitudes] *= float(place.growth)
     scales = {param.name: param.scale for param in parameters.free}
-    for name, by_name in by_number.items():
-        shift = by_name.numpy() * scales[name]
+    for name, rows in outer.view_derivatives(model.means, frozenset(names)).items():
+        change = (by_view.T @ rows).numpy()[:, 0] * scales[name]
         entry = parameters.slices()[name].start
-        to_fixed[: parameters.amplitudes, entry] = -np.linalg.solve(
-            relief_basis(relief), slopes @ shift
-        )
+        to_fixed[: parameters.amplitudes, entry] = np.linalg.solve(relief_basis(relief), change)
     return to_fixed
 
 

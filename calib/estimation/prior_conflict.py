@@ -7,6 +7,9 @@ declared one, compared with its tolerance, gets a wider prior.
 
 from collections.abc import Collection
 
+import numpy as np
+from numpy.typing import NDArray
+
 from calib.estimation.joint_fit import JointFit
 from calib.session.deviation import independent_deviation, normalised_deviation
 
@@ -62,3 +65,28 @@ def _deviation(joint: JointFit, name: str) -> float:
     tolerance = float(joint.parameters.priors.sigmas[name])
     sigma = float(joint.sigma_of(name))
     return abs(float(normalised_deviation(distance, tolerance, sigma, min_spread=MIN_SPREAD)))
+
+
+def log_odds_of_swap(
+    deviation: NDArray[np.float64], covariance: NDArray[np.float64], tolerances: NDArray[np.float64]
+) -> float:
+    """Return the log odds that of two declared values the second is wrong in place of the first.
+
+    The fit widened the first one's prior by `PRIOR_INFLATION`. Its normal posterior tells, without
+    another fit, how probable the corners are if the second one's prior is wide instead: the mean
+    over the posterior of the ratio of both priors. Minus infinity if this mean is not finite.
+
+    Args:
+        deviation: (2,) the estimates minus the declared values.
+        covariance: (2, 2) of the estimates.
+        tolerances: (2,) standard deviations of the declared values.
+    """
+    wide = 1 - PRIOR_INFLATION**-2.0
+    change = np.diag([wide, -wide] / tolerances**2)  # of the inverse prior variances
+    precision = np.linalg.inv(covariance)
+    changed = precision + change
+    if np.linalg.eigvalsh(changed)[0] <= 0:
+        return -np.inf
+    pull = precision @ deviation
+    gain = pull @ np.linalg.solve(changed, pull) - deviation @ pull
+    return float(gain + np.linalg.slogdet(precision)[1] - np.linalg.slogdet(changed)[1]) / 2

@@ -41,7 +41,13 @@ def shared_columns(
         assert path.relief
         assert trace.relief_chart
         path.relief.spread(
-            torch.stack([by[name] for name in PROBES], -1).transpose(0, 1),
+            torch.stack(
+                [
+                    factor * by[name]
+                    for name, factor in zip(PROBES, trace.relief_factors, strict=True)
+                ],
+                -1,
+            ).transpose(0, 1),
             trace.relief_chart,
             columns[..., : parameters.amplitudes],
         )

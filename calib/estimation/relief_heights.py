@@ -22,5 +22,5 @@ def height_spread(path: Path, values: Values, observations: Observations) -> flo
         return 0.0
     rays = path.trace(observations.pixels, values, observations.exposure)
     _, values = path.adjust_pixels(observations.pixels, values, observations.exposure)
-    chart = outer[0].relief_chart(outer[0].frame.at(values).enter(rays.origin), values)
-    return float(np.std(path.relief.height(chart, values)[0].numpy()[rays.failure.numpy() == 0]))
+    heights = outer[0].relief_height(outer[0].frame.at(values).enter(rays.origin), values)
+    return float(np.std(heights.numpy()[rays.failure.numpy() == 0]))

@@ -63,7 +63,7 @@ CALIBRATION = record(
                     "beta": positive,
                     "exact_hit": flag,
                 },
-                {"inset": number, "anchor": anything},
+                {"inset": number, "anchor": anything, "size": many(positive)},
             )
         ),
         "effects": many(
@@ -114,6 +114,7 @@ def relief_from_yaml(mapping: Mapping[str, Any]) -> Relief:
         float(mapping["beta"]),
         inset=float(mapping.get("inset", 0.0)),
         anchor=_pair(mapping["anchor"], "anchor") if "anchor" in mapping else None,
+        size=_size(mapping["size"]) if "size" in mapping else None,
     )
     if not 0 <= relief.inset < 1:
         raise ValueError("relief.inset is not from 0 to below 1")
@@ -122,6 +123,13 @@ def relief_from_yaml(mapping: Mapping[str, Any]) -> Relief:
     if not (low[0] < high[0] and low[1] < high[1] and 0 < relief.beta < math.inf):
         raise ValueError("relief.low is not below relief.high, or relief.beta not above 0")
     return relief
+
+
+def _size(written: Sequence[float]) -> tuple[float, float, float]:
+    if len(written) != 3 or not all(map(math.isfinite, written)):
+        raise ValueError("relief.size is not three numbers")
+    first, second, distance = map(float, written)
+    return first, second, distance
 
 
 def _pair(written: object, key: str) -> tuple[float, float]:

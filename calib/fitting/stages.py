@@ -35,6 +35,7 @@ from calib.optics.build import covered_path, footprint, pinhole_path, relief_ove
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import AMPLITUDES, Relief
+from calib.optics.relief_view import described_at
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
@@ -376,9 +377,9 @@ def _with_relief(job: _Job, even: CameraModel, relief: Relief) -> CameraModel:
 
 def _matches(job: _Job, relief: Relief, path: Path, values: Values) -> bool:
     """True if the region of the relief is about the one that the camera sees at these values."""
-    if not relief.anchor:
+    if not (relief.anchor and relief.size):
         return True
-    seen = _relief(job, path, values).moved(relief.anchor)
+    seen = described_at(_relief(job, path, values), relief.anchor, relief.size)
     (low, high), (seen_low, seen_high) = np.array(relief.region), np.array(seen.region)
     off = np.maximum(np.abs(low - seen_low), np.abs(high - seen_high))
     return bool((off < MAX_SHIFT * (seen_high - seen_low)).all())

@@ -108,8 +108,10 @@ class Common:
         """
         assert calibration.relief
         assert calibration.camera.intrinsics
-        to_figure = self._to_figure(calibration.relief)
-        parameters = calibration.camera_model().parameters
+        model = calibration.camera_model()
+        growth = model.path.relief_growth(model.means)
+        to_figure = growth * self._to_figure(calibration.relief)
+        parameters = model.parameters
         count = parameters.amplitudes
         places = parameters.entries(self.names)
         to_vector = np.zeros((len(self.names) + len(to_figure), parameters.count))

@@ -104,8 +104,8 @@ def relief_over(
     """Return a relief of the outer surface for the glass between two chart coordinates, low and
     high, as the camera sees it at these values.
     """
-    first, second = path.cover[-1].axis_chart(values)
-    return Relief.around(*region, grid, (float(first), float(second)))
+    view = path.cover[-1].relief_view(values)
+    return Relief.around(*region, grid, view.anchor, view.size)
 
 
 def footprint(

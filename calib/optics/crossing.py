@@ -16,6 +16,7 @@ from calib.optics.derivatives import ByRay
 from calib.optics.params import Values
 from calib.optics.rays import Rays
 from calib.optics.relief import Expansion
+from calib.optics.relief_view import ReliefPlace
 from calib.optics.snell import Refraction
 from calib.optics.surface import Surface
 from calib.optics.vector import Vector
@@ -41,8 +42,6 @@ class HitDerivatives:
     """By the gradient of that height, beyond its change with the point."""
     slopes: tuple[Tensor, Tensor]
     """By the relief's two slopes."""
-    chart: tuple[Tensor, Tensor]
-    """By the two chart coordinates at which the relief is read."""
     ratio: Tensor
     """By the index before the surface over that behind it."""
 
@@ -61,8 +60,8 @@ class Crossing:
     """The sum of the reliefs, around points next to the hits."""
     chart: tuple[Tensor, Tensor] | None
     """The two (M,) chart coordinates of the hits, if there is a relief."""
-    shift: tuple[Tensor | float, Tensor | float]
-    """How far the outer relief has moved along them."""
+    outer: tuple[ReliefPlace, Expansion] | None
+    """The place of the outer relief, and its part of `relief`."""
     slopes: tuple[Tensor, Tensor] | None
     """The relief's two (M,) slopes at the hits."""
     exact_hit: bool
@@ -75,9 +74,9 @@ class Crossing:
 
     @property
     def relief_chart(self) -> tuple[Tensor, Tensor]:
-        """The two (M,) chart coordinates at which the outer relief is read."""
+        """The two (M,) coordinates of its own at which the outer relief is read."""
         assert self.chart
-        return self.chart[0] - self.shift[0], self.chart[1] - self.shift[1]
+        return self.outer[0].to_relief(self.chart) if self.outer else self.chart
 
     def pull(self, by_rays: ByRay, values: Values) -> HitDerivatives:
         """Return the derivatives by what the crossing reads, from those by the rays that leave."""
@@ -85,7 +84,7 @@ class Crossing:
         normal = self.refraction.normal
         by_gradient = (by_normal - normal * normal.dot(by_normal)) * self.inverse_gradient
         by_point = by_rays.origin + self.surface.curvature(self.point, by_gradient, values)
-        by_slopes = by_chart = torch.zeros_like(by_ratio), torch.zeros_like(by_ratio)
+        by_slopes = torch.zeros_like(by_ratio), torch.zeros_like(by_ratio)
         if self.relief and self.slopes:
             by_point = by_point - self.surface.chart_curvature(
                 self.point, *self.slopes, by_gradient
@@ -96,16 +95,12 @@ class Crossing:
             by_point = by_point + self.surface.chart_gradient(self.point, *by_chart)
         direction = self.entered.direction
         by_height = -direction.dot(by_point) / divisor(self.hit_gradient.dot(direction))
-        if self.slopes and self.exact_hit:
-            first, second = self.slopes
-            by_chart = by_chart[0] - by_height * first, by_chart[1] - by_height * second
         by_origin = by_point + self.hit_gradient * by_height
         return HitDerivatives(
             ByRay(by_origin, by_direction + by_origin * self.distance),
             by_height,
             by_gradient,
             by_slopes,
-            by_chart,
             by_ratio,
         )
 

@@ -17,6 +17,7 @@ from calib.optics.derivatives import ByName, ByRay, add_to, by_autograd
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays, surface_failures
 from calib.optics.relief import AMPLITUDES, PROBES, Bump, Expansion, Relief
+from calib.optics.relief_view import ReliefPlace, ReliefView, view_rays, view_weights
 from calib.optics.snell import Refraction
 from calib.optics.surface import Surface
 from calib.optics.vector import Vector
@@ -95,12 +96,13 @@ class Interface:
         surface, origin, direction = self.surface, rays.origin, rays.direction
         height = self._height(values)
         distance, failed = surface.reach(origin, direction, height, values)
-        shift = self._chart_shift(values)
-        relief = None
+        place = self.relief_place(values)
+        relief, outer = None, None
         for steps in NEWTON_STEPS[: len(NEWTON_STEPS) if self.exact_hit else 1]:
             if not self.reliefs:
                 break
-            relief = self._expand(surface.chart(origin + direction * distance), shift, values)
+            reached = surface.chart(origin + direction * distance)
+            relief, outer = self._expand(reached, place, values)
             for _ in range(steps if self.exact_hit else 0):
                 point = origin + direction * distance
                 bump, first, second = relief.at(surface.chart(point))
@@ -124,7 +126,7 @@ class Interface:
             point=point,
             relief=relief,
             chart=chart,
-            shift=shift,
+            outer=(place, outer) if place and outer else None,
             slopes=(slopes[0], slopes[1]) if slopes else None,
             exact_hit=self.exact_hit,
             inverse_gradient=inverse,
@@ -152,17 +154,20 @@ class Interface:
         for relief in self.reliefs:
             if names & {param.name for param in relief.params}:
                 by |= self._by_relief(relief, crossing, values, hit)
-        if self.relief and self.relief.anchor:
-            for name, (by_first, by_second) in self.axis_derivatives(values, names).items():
-                add_to(by, name, -hit.chart[0] * by_first - hit.chart[1] * by_second)
+        if crossing.outer and crossing.outer[0].view:
+            assert crossing.chart
+            place, outer = crossing.outer
+            by_view = place.pull(outer, crossing.chart, self._by_bump(hit), hit.slopes)
+            for name, rows in self.view_derivatives(values, names).items():
+                terms = (part * row for part, row in zip(by_view, rows, strict=True))
+                add_to(by, name, sum(terms, torch.zeros_like(hit.height)))
         return hit.rays, by
 
     def _by_relief(
         self, relief: Relief | Bump, crossing: Crossing, values: Values, hit: HitDerivatives
     ) -> ByName:
         """Return the derivatives by the parameters of a relief."""
-        by_bump = -hit.height if self.exact_hit else torch.zeros_like(hit.height)
-        by_probes = by_bump, *hit.slopes
+        by_probes: tuple[Tensor, ...] = (self._by_bump(hit), *hit.slopes)
         assert crossing.chart
         if isinstance(relief, Bump):
             chart = crossing.chart
@@ -175,26 +180,44 @@ class Interface:
             )
         if relief.amplitudes == AMPLITUDES:
             return dict(zip(PROBES, by_probes, strict=True))
-        chart = crossing.relief_chart if relief is self.relief else crossing.chart
+        chart = crossing.chart
+        if relief is self.relief and crossing.outer:
+            chart = crossing.relief_chart
+            factors = crossing.outer[0].factors
+            by_probes = tuple(f * by for f, by in zip(factors, by_probes, strict=True))
         count = relief.grid[0] * relief.grid[1]
-        columns = by_bump.new_empty(by_bump.shape[1], by_bump.shape[0], count)
+        outputs, rows = hit.height.shape
+        columns = hit.height.new_empty(rows, outputs, count)
         relief.spread(torch.stack(by_probes, -1).transpose(0, 1), chart, columns)
-        shape = (*by_bump.shape, *relief.grid)
+        shape = (outputs, rows, *relief.grid)
         return {relief.amplitudes: columns.transpose(0, 1).reshape(shape)}
 
-    def axis_derivatives(self, values: Values, names: frozenset[str]) -> ByName:
-        """Return the derivatives of `axis_chart` by the parameters, (2,) or (2, M) by name."""
+    def _by_bump(self, hit: HitDerivatives) -> Tensor:
+        """Return the (k, M) derivatives by the height of the relief at the hits."""
+        return -hit.height if self.exact_hit else torch.zeros_like(hit.height)
+
+    def view_derivatives(self, values: Values, names: frozenset[str]) -> ByName:
+        """Return the derivatives of the `relief_view` by the parameters, (5, 1) or (5, M) by name:
+        those of its middle, of the logarithms of its spreads and of that of its distance.
+        """
         smooth = self._smooth
         pose = smooth.frame.at(values)
-        entered = pose.enter_rays(smooth._optical_axis(values))
+        entered = pose.enter_rays(view_rays(values[self.index_outside]))
         _, crossing = smooth.cross(entered, values)
-        zero = torch.zeros_like(crossing.distance)
-        first, second = torch.stack([zero + 1, zero]), torch.stack([zero, zero + 1])
-        none = Vector(first * 0, first * 0, first * 0)
-        by_point = self.surface.chart_gradient(crossing.point, first, second)
-        by_rays, by = smooth.pull(crossing, values, ByRay(by_point, none), names)
+        first, second = self.surface.chart(crossing.point)
+        zero = torch.zeros_like(first + second + crossing.distance)  # (5, M)
+        weights = view_weights((first + zero, second + zero))  # (5 numbers, 5 rays, M) each
+        by_point = self.surface.chart_gradient(crossing.point, *weights)
+        along = torch.zeros_like(weights[0])
+        along[-1, 0] = 1 / crossing.distance[0]
+        outwards = entered.direction * along
+        none = Vector(*(torch.zeros_like(along),) * 3)
+        by_rays, by = smooth.pull(crossing, values, ByRay(by_point + outwards, none), names)
+        by_rays = replace(by_rays, origin=by_rays.origin - outwards)
         _, by_frame = smooth.frame.pull_entering(values, pose, entered, by_rays, names)
-        return by | by_frame
+        for name, value in by_frame.items():
+            add_to(by, name, value)
+        return {name: value.sum(1) for name, value in by.items()}
 
     @property
     def _smooth(self) -> "Interface":
@@ -224,53 +247,50 @@ class Interface:
         )
 
     def _expand(
-        self,
-        chart: tuple[Tensor, Tensor],
-        shift: tuple[Tensor | float, Tensor | float],
-        values: Values,
-    ) -> Expansion:
-        """Return the sum of all reliefs around points of the surface's chart."""
-        shifted = chart[0] - shift[0], chart[1] - shift[1]
-        expansions = [
-            relief.expand(shifted if relief is self.relief else chart, values)
-            for relief in self.reliefs
-        ]
-        total = replace(expansions[0], chart=chart)
+        self, chart: tuple[Tensor, Tensor], place: ReliefPlace | None, values: Values
+    ) -> tuple[Expansion, Expansion | None]:
+        """Return the sum of all reliefs around points of the surface's chart, and the part of the
+        outer one.
+        """
+        expansions = [relief.expand(chart, values) for relief in self.extra_reliefs]
+        outer = None
+        if place:
+            outer = place.to_chart(place.relief.expand(place.to_relief(chart), values), chart)
+            expansions = [outer, *expansions]
+        total = expansions[0]
         for expansion in expansions[1:]:
             total = total + expansion
-        return total
+        return total, outer
 
-    def axis_chart(self, values: Values) -> tuple[Tensor, Tensor]:
-        """Return the two chart coordinates at which the camera's z axis meets the smooth surface.
-        Further tilts, which turn the glass against the camera, do not count.
+    def relief_view(self, values: Values) -> ReliefView:
+        """Return the camera's view of the smooth surface, without further tilts, which turn the
+        glass against the camera.
         """
         smooth = self._smooth
-        axis = smooth.frame.at(values).enter_rays(smooth._optical_axis(values))
-        return self.surface.chart(smooth.cross(axis, values)[1].point)
+        rays = smooth.frame.at(values).enter_rays(view_rays(values[self.index_outside]))
+        crossing = smooth.cross(rays, values)[1]
+        return ReliefView.of(self.surface.chart(crossing.point), crossing.distance)
 
     def relief_chart(self, point: Vector, values: Values) -> tuple[Tensor, Tensor]:
-        """Return the two (...) chart coordinates at which the relief has its height at points in
-        the cover's frame.
+        """Return the two (...) coordinates of its own at which the relief has its height at points
+        in the cover's frame.
         """
-        first, second = self.surface.chart(point)
-        shift_first, shift_second = self._chart_shift(values)
-        return first - shift_first, second - shift_second
+        place = self.relief_place(values)
+        chart = self.surface.chart(point)
+        return place.to_relief(chart) if place else chart
 
-    def _optical_axis(self, values: Values) -> Rays:
-        """Return the ray along the camera's z axis, as a bundle of the shape to which the numbers
-        of this smooth surface broadcast: () or (M,), if an effect gives each row its own.
-        """
-        zeros = (torch.zeros_like(values[param.name]) for param in self.params)
-        zero = sum(zeros, torch.zeros_like(values[self.index_outside]))
-        failure = torch.zeros_like(zero, dtype=torch.uint8)
-        return Rays(Vector(zero, zero, zero), Vector(zero, zero, zero + 1), failure)
+    def relief_height(self, point: Vector, values: Values) -> Tensor:
+        """Return the (...) m height of the relief at points in the cover's frame."""
+        place = self.relief_place(values)
+        assert place
+        chart = self.surface.chart(point)
+        return place.growth * place.relief.height(place.to_relief(chart), values)[0]
 
-    def _chart_shift(self, values: Values) -> tuple[Tensor | float, Tensor | float]:
-        """Return how far the relief has moved along the two chart coordinates with its anchor."""
-        if not self.relief or not self.relief.anchor:
-            return 0.0, 0.0
-        first, second = self.axis_chart(values)
-        return first - self.relief.anchor[0], second - self.relief.anchor[1]
+    def relief_place(self, values: Values) -> ReliefPlace | None:
+        """Return the place of the relief; None without one."""
+        if not self.relief:
+            return None
+        return ReliefPlace(self.relief, self.relief_view(values) if self.relief.anchor else None)
 
     def _outward_gradient(self, point: Vector, values: Values) -> tuple[Vector, Tensor | float]:
         """Return the gradient of the height above the surface with its relief, and the relief's
@@ -279,11 +299,13 @@ class Interface:
         gradient = self.surface.gradient(point, values)
         if not self.reliefs:
             return gradient, 0.0
-        chart = self.relief_chart(point, values)
-        bump, first, second = self.reliefs[0].height(chart, values)
-        for relief in self.reliefs[1:]:
-            height, by_first, by_second = relief.height(self.surface.chart(point), values)
-            bump, first, second = bump + height, first + by_first, second + by_second
+        chart = self.surface.chart(point)
+        parts = [relief.height(chart, values) for relief in self.extra_reliefs]
+        if place := self.relief_place(values):
+            heights = place.relief.height(place.to_relief(chart), values)
+            height, first, second = (f * h for f, h in zip(place.factors, heights, strict=True))
+            parts.append((height, first, second))
+        bump, first, second = (torch.stack(part).sum(0) for part in zip(*parts, strict=True))
         return gradient - self.surface.chart_gradient(point, first, second), bump
 
     def _relief_distance(

@@ -35,6 +35,7 @@ from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays
 from calib.optics.relief import Relief
+from calib.optics.relief_view import described_at
 from calib.session.parameter_names import CAMERA
 
 OWN = "camera of the view"
@@ -65,7 +66,9 @@ class Trace:
 
     rays: Rays
     relief_chart: tuple[Tensor, Tensor] | None
-    """The two (M,) chart coordinates at which the outer relief is read, if there is one."""
+    """The two (M,) coordinates of its own at which the outer relief is read, if there is one."""
+    relief_factors: tuple[Tensor | float, ...]
+    """The factors of its height and of its two slopes on the chart."""
     pull: Callable[[ByRay], ByName]
     """From the (k, M) derivatives of k outputs by the rays to those by name."""
 
@@ -152,15 +155,22 @@ class Path:
         return self.cover[-1].relief if self.cover else None
 
     def settled_relief(self, values: Values) -> Relief | None:
-        """Return the relief, described for these values: if it has an anchor, with the chart
-        coordinates that it has there.
+        """Return the relief, described for these values: if it has an anchor, as the camera sees it
+        there.
         """
         if not self.relief or not self.relief.anchor:
             return self.relief
         middle = next(iter(values.values())).new_zeros(1, 2)
         _, values = self.adjust_pixels(middle, values, MIDDLE)
-        first, second = self.cover[-1].axis_chart(values)
-        return self.relief.moved((float(first), float(second)))
+        view = self.cover[-1].relief_view(values)
+        return described_at(self.relief, view.anchor, view.size)
+
+    def relief_growth(self, values: Values) -> float:
+        """Return the height of the outer relief over that of its own size; 1 without one."""
+        middle = next(iter(values.values())).new_zeros(1, 2)
+        _, values = self.adjust_pixels(middle, values, MIDDLE)
+        place = self.cover[-1].relief_place(values) if self.cover else None
+        return float(place.growth) if place else 1.0
 
     @property
     def stages(self) -> tuple[Lens | Interface, ...]:
@@ -294,7 +304,8 @@ class Path:
             return by_rays, by
 
         chart = crossing.relief_chart if crossing and crossing.chart else None
-        return Trace(rays, chart, lambda by_rays: pull(by_rays)[1]), pull
+        factors = crossing.outer[0].factors if crossing and crossing.outer else (1.0, 1.0, 1.0)
+        return Trace(rays, chart, factors, lambda by_rays: pull(by_rays)[1]), pull
 
     def _adjust_with_derivatives(
         self,

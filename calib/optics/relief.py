@@ -6,7 +6,7 @@ paper's section 2, equation 1). A height and its gradient are sums of products o
 Gaussians, so both cost rows + columns exponentials a point.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -111,6 +111,11 @@ class Relief:
     `high`. The relief moves with that point: as the cover's numbers change, it stays where the
     camera sees it. None: it stays on the chart.
     """
+    size: tuple[float, float, float] | None = None
+    """How far the two chart coordinates spread in the camera's view of the smooth cover, and the m
+    distance along the optical axis, for `low`, `high` and the amplitudes. A relief with an anchor
+    grows with them (`calib.optics.relief_view`). None: it keeps its size.
+    """
 
     @staticmethod
     def around(
@@ -118,6 +123,7 @@ class Relief:
         high: tuple[float, float],
         grid: tuple[int, int],
         anchor: tuple[float, float] | None = None,
+        size: tuple[float, float, float] | None = None,
     ) -> "Relief":
         """Return the relief whose prior describes the heights from `low` to `high`. Its centres
         reach farther, as a sum of Gaussians falls off at the outermost ones.
@@ -129,6 +135,7 @@ class Relief:
             grid,
             inset=INSET,
             anchor=anchor,
+            size=size,
         )
 
     @property
@@ -138,18 +145,6 @@ class Relief:
         return (
             (self.low[0] + margin[0], self.low[1] + margin[1]),
             (self.high[0] - margin[0], self.high[1] - margin[1]),
-        )
-
-    def moved(self, anchor: tuple[float, float]) -> "Relief":
-        """Return the same relief, described where the optical axis leaves the cover at `anchor`."""
-        if not self.anchor:
-            return self
-        first, second = anchor[0] - self.anchor[0], anchor[1] - self.anchor[1]
-        return replace(
-            self,
-            low=(self.low[0] + first, self.low[1] + second),
-            high=(self.high[0] + first, self.high[1] + second),
-            anchor=anchor,
         )
 
     @property

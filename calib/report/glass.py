@@ -107,6 +107,7 @@ def heights(evidence: Evidence, relief: Relief) -> Heights:
     vertical_bells = relief.gaussians(torch.from_numpy(y / panel.scales[1]), 0)[0].numpy()
     horizontal_bells = relief.gaussians(torch.from_numpy(x / panel.scales[0]), 1)[0].numpy()
     basis = np.einsum("ip,jq->pqij", vertical_bells, horizontal_bells)
+    basis *= evidence.path.relief_growth(evidence.values)
     shape = basis.shape[:2]
     basis = basis.reshape(visible.size, -1)  # (h w, amplitudes)
     mean = basis[visible.ravel()].mean(0)

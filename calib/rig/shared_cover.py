@@ -278,7 +278,7 @@ def relief_in_camera(calibration: Calibration, path: Path, values: Values) -> tu
     pixels = _lattice((camera.width, camera.height), HEIGHTS)
     rays = path.trace(pixels, values, MIDDLE)
     point = shared.frame.at(values).enter(rays.origin)
-    heights, *_ = shared.relief.height(shared.relief_chart(point, values), values)
+    heights = shared.relief_height(point, values)
     own_rays = own.trace(pixels, own_values, MIDDLE)
     outer = replace(own.cover[-1], relief=relief)
     chart = outer.relief_chart(outer.frame.at(own_values).enter(own_rays.origin), own_values)

@@ -2,11 +2,17 @@
 
 from collections.abc import Iterator
 
-from calib.fitting.declared import BARE, DECLARED, VIEWS, comparisons
+import numpy as np
+
+from calib.calibration import Calibration
+from calib.estimation.prior_conflict import log_odds_of_swap
+from calib.fitting.declared import BARE, DECLARED, VIEWS, Comparison, comparisons
 from calib.verdict.case import Case
 from calib.verdict.residual import likely_effects
 from calib.verdict.verdict import Reason
 
+RIVAL_LOG_ODDS = 3.0
+"""The log odds, 20 to 1, from which one of two declared numbers is named as the wrong one."""
 ADVICE = {
     DECLARED: "measure it again, and correct session.yaml",
     BARE: "take the pictures in bare/ again, with the focus as it is under the cover",
@@ -34,7 +40,38 @@ def declared_numbers(case: Case) -> Iterator[Reason]:
             if model_lacks
             else ADVICE[number.source]
         )
+        rivals = _rivals(case.calibration, number)
+        others = "".join(f", or {rival} is wrong" for rival in rivals)
         sentence = (
-            f"{number}, {number.normalised_deviation:.1f} standard deviations apart: {advice}."
+            f"{number}, {number.normalised_deviation:.1f} standard deviations apart{others}:"
+            f" {advice}."
         )
-        yield Reason(sentence, case.next.fit(), (number.name,))
+        yield Reason(sentence, case.next.fit(), (number.name, *rivals))
+
+
+def _rivals(calibration: Calibration, number: Comparison) -> list[str]:
+    """Return the declared numbers whose error would explain the views about as well as that of a
+    doubted number.
+    """
+    if not number.doubted:
+        return []
+    parameters = calibration.camera_model().parameters
+    others = {
+        row.name: row
+        for row in comparisons(calibration)
+        if not (row.held or row.unknown or row.doubted)
+    }
+    rivals = []
+    for name in (param.name for param in parameters.free if param.name in others):
+        pair = [number, others[name]]
+        entries = parameters.entries([number.name, name])
+        scales = parameters.scales.numpy()[entries - parameters.amplitudes]
+        units = scales * [row.per_si for row in pair]
+        odds = log_odds_of_swap(
+            np.array([row.estimate - row.declared for row in pair]) / units,
+            calibration.covariance[np.ix_(entries, entries)],
+            np.array([row.tolerance for row in pair]) / units,
+        )
+        if odds > -RIVAL_LOG_ODDS:
+            rivals.append(name)
+    return rivals

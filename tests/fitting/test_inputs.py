@@ -260,14 +260,18 @@ class Tasks(Silent):
 
 
 def test_the_fits_of_a_session_are_distinguished(tmp_path: Path) -> None:
-    """A radius so wrong that it is first believed, then held, then doubted; and a view that is left
-    out.
+    """A radius so wrong that it is first believed, then held, then doubted, or the axis's distance
+    in its place: the views show the glass's distance, which is the sum of the two. And a view that
+    is left out.
     """
     tasks, ten = Tasks(), scene(21, views=10, noise=0.05)
-    fit(read_session(spoiled(tmp_path / "radius", ten, cover__inner_radius_mm=60.0)), SHORT, tasks)
+    wrong = spoiled(tmp_path / "radius", ten, cover__inner_radius_mm=60.0)
+    verdict = fit(read_session(wrong), SHORT, tasks).verdict
     assert tasks.titles[:2] == ["Joint fit", "Joint fit, uneven glass"]
     assert "Joint fit, numbers as declared" in tasks.titles
-    assert "Joint fit, uneven glass, inner_radius doubted" in tasks.titles
+    assert tasks.titles[-1].startswith("Joint fit, uneven glass, ")
+    assert tasks.titles[-1].endswith(" doubted")
+    assert set(verdict.reasons[0].suspects) == {"cover.inner_radius", "cover.axis_offset.z"}
     last = ten.views[-1]
     swapped = last.corners.reshape(9, 9, 2)[[1, 0, *range(2, 9)]].reshape(
         81, 2

@@ -111,8 +111,10 @@ def test_a_fit_describes_its_relief_where_it_is() -> None:
     path, values = result.model()
     assert result.relief
     assert result.relief.anchor
-    first, second = path.cover[-1].axis_chart(values)
-    assert (float(first), float(second)) == pytest.approx(result.relief.anchor, abs=1e-12)
+    view = path.cover[-1].relief_view(values)
+    assert view.anchor == pytest.approx(result.relief.anchor, abs=1e-12)
+    assert result.relief.size
+    assert view.size[:2] == pytest.approx(result.relief.size[:2], rel=1e-12)
 
 
 def behind(name: str, seed: int, views: int) -> Scene:
