@@ -14,7 +14,7 @@ from calib.session.schema import Number
 from calib.session.shapes.layer import AIR, MEDIA, WATER, medium_word
 from calib.verdict.case import Case
 from calib.verdict.thresholds import OTHER_MEDIUM, OTHER_MEDIUM_LOG_ODDS
-from calib.verdict.verdict import Reason
+from calib.verdict.verdict import Reason, Trust
 
 MAX_POWER = 100
 """The largest power of ten in a sentence on odds."""
@@ -55,7 +55,8 @@ def _more_probable(case: Case, stated: float) -> Iterator[Reason]:
         f" {medium_word(stated)}. Write outside_index: {MEDIA[name]:g} under cover in session.yaml,"
         f" or add --outside-index {MEDIA[name]:g}."
     )
-    yield Reason(sentence, case.next.fit(), (case.calibration.declared.cover.medium_name,))
+    suspects = (case.calibration.declared.cover.medium_name,)
+    yield Reason(sentence, case.next.fit(), suspects, Trust.DO_NOT_USE)
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

@@ -17,6 +17,7 @@ from calib.session.schema import Number
 from calib.session.shapes.layer import MEDIA
 from calib.session.tolerances import UNKNOWN_THICKNESS
 from calib.verdict.medium import medium
+from calib.verdict.verdict import Trust
 from fixtures.calibrated import CAMERA, calibrated, with_outcome
 from fixtures.synthetic import COVERS, INTRINSICS, Scene, scene
 from tests.verdict.cases import asked
@@ -75,5 +76,6 @@ def test_the_verdict_names_the_medium() -> None:
     assert "probably taken in water" in reason.sentence
     assert "10^12 times as probable as with air" in reason.sentence
     assert reason.sentence.endswith("or add --outside-index 1.333.")
+    assert reason.word is Trust.DO_NOT_USE
     assert reason.suspects == ("cover.outside_index",)
     assert not asked(medium, with_outcome(fitted, medium_log_odds=None))
