@@ -3,8 +3,10 @@ that the options describe.
 """
 
 import argparse
+import os
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,7 +94,7 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     source = find_pictures(args.session)
     if source.is_described and not is_described:
         return read_session(source.session)
-    source = choose_pictures(source, args.camera)
+    source = _in_writable_folder(choose_pictures(source, args.camera), args.output)
     earlier = _earlier_sections(source)
     cover = cover_from_options(args, earlier.get("cover"))
     intrinsics = intrinsics_from_options(args)
@@ -110,6 +112,20 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     for notice in describe_pictures(source, board, cover, intrinsics, progress):
         print(harmless(f"calib: {notice}"), file=sys.stderr)
     return read_session(source.session)
+
+
+def _in_writable_folder(source: "NamedPictures", output: Path | None) -> "NamedPictures":
+    """Return the source with the folder `output` as its session, if its own cannot be written."""
+    own = source.session
+    place = own if own.exists() else own.parent
+    if os.access(place, os.W_OK):
+        return source
+    if output is None:
+        raise InputError(
+            f"{place} cannot be written: name a folder for the session and its calibration by -o,"
+            f" such as -o {shlex.quote(own.name)}-session"
+        )
+    return replace(source, session=output)
 
 
 def _earlier_sections(source: "NamedPictures") -> dict[str, dict[str, object]]:

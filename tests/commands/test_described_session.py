@@ -1,6 +1,7 @@
 """Pictures and videos without a session.yaml go into a calibration by one command."""
 
 import argparse
+import os
 import re
 import shlex
 import shutil
@@ -303,6 +304,22 @@ def test_a_cover_is_described_by_options(photos: Path) -> None:
     known = described(str(photos), *BOARD, *dome, "--intrinsics", "520,525,322+-3,238")
     assert known.camera.intrinsics
     assert known.camera.intrinsics.cx.sigma == 3
+
+
+def test_pictures_in_a_folder_that_cannot_be_written_become_a_session_of_the_output(
+    photos: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def access(path: Path, mode: int) -> bool:
+        return not (mode == os.W_OK and Path(path).resolve() == photos.resolve())
+
+    monkeypatch.setattr(os, "access", access)
+    with pytest.raises(InputError, match="cannot be written: name a folder for the session"):
+        described(str(photos), *BOARD)
+    session = described(str(photos), *BOARD, "-o", "out")
+    assert session.path == Path("out")
+    assert len(session.frames) == 8
+    assert not (photos / "session.yaml").exists()
+    assert described(str(photos), *BOARD, "-o", "out").path == Path("out")
 
 
 def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
