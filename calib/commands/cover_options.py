@@ -12,9 +12,10 @@ from calib.errors import InputError
 from calib.session.lens import COEFFICIENTS
 from calib.session.schema import UNKNOWN, is_unknown
 from calib.session.shapes.dimension import Dimension
-from calib.session.shapes.layer import LAYER, MEDIA, OUTSIDE, WATER
+from calib.session.shapes.layer import LAYER, MEDIA, OUTSIDE, WATER, medium_word
 from calib.session.shapes.none import NONE
 from calib.session.shapes.registry import dimensions, find_shape, shape_names, stated_shape_names
+from calib.session.tolerances import ANY_WATER
 from calib.session.typed_number import join_sigmas, typed_number
 
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?", re.IGNORECASE)
@@ -139,7 +140,8 @@ def cover_from_options(
     for kind in shape.keys:
         quantity = kind.quantity
         if values := typed.get(_option(kind)):
-            section[quantity.key] = values if quantity.components else _single(kind, values)
+            value = values if quantity.components else _single(kind, values)
+            section[quantity.key] = _any_water(value) if kind is OUTSIDE else value
         elif quantity.key in earlier and (same or kind in (*LAYER, OUTSIDE)):
             section[quantity.key] = earlier[quantity.key]
         elif same and "layers" in earlier and kind in LAYER:
@@ -180,13 +182,19 @@ def describe_usual(args: argparse.Namespace, earlier: Mapping[str, object] | Non
 
 
 def describe_medium(args: argparse.Namespace, earlier: Mapping[str, object] | None = None) -> str:
-    """Return a sentence that air is taken to be outside of a cover whose medium nobody gave; empty
-    if it was given or there is no glass. `earlier` is that of `cover_from_options`.
+    """Return a sentence that air is taken to be outside of a cover whose medium nobody gave, or how
+    well water is taken to be known; empty if there is no glass, or the option says it. `earlier` is
+    that of `cover_from_options`.
     """
     option = _option(OUTSIDE)
-    given = getattr(args, f"{PREFIX}{option.replace('-', '_')}") is not None
+    values = getattr(args, f"{PREFIX}{option.replace('-', '_')}")
+    if values and _any_water(values[0]) != values[0]:
+        return (
+            f"--{option} {values[0]} is taken as {values[0]} ± {ANY_WATER.sigma:g}, from fresh"
+            f" water to the sea's. If you know it better, write --{option} {values[0]}+-0.001."
+        )
     if (
-        given
+        values
         or OUTSIDE.quantity.key in (earlier or {})
         or not find_shape(args.cover or NONE.name).has_glass
     ):
@@ -212,6 +220,13 @@ def intrinsics_from_options(args: argparse.Namespace) -> dict[str, object] | Non
         )
     pinhole = zip((quantity.key for quantity in PINHOLE), values[: len(PINHOLE)], strict=True)
     return {**dict(pinhole), "distortion": values[len(PINHOLE) :]}
+
+
+def _any_water(value: object) -> object:
+    """Return a plain index of water with its tolerance; anything else as it is."""
+    if isinstance(value, int | float) and medium_word(value) == WATER:
+        return {"value": value, "sigma": ANY_WATER.sigma}
+    return value
 
 
 def _single(kind: Dimension, values: list[object]) -> object:

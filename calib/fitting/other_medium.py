@@ -17,6 +17,8 @@ from calib.session.numbers import unknown_names
 from calib.session.schema import Number
 from calib.session.shapes.layer import AIR, MEDIA, WATER, medium_word
 
+TOLD = 0.05
+"""The standard deviation of an outside index below which it says which medium is meant."""
 COMPARED_VIEWS = 12
 """Views of the first comparison, with even glass: where the medium can be told, eight tell it."""
 LIKELY = 7.0
@@ -39,7 +41,7 @@ def medium_log_odds(
         fitted: its fit to the views.
     """
     medium = nominal.cover.medium
-    is_told = medium and not medium.sigma and not medium.unknown
+    is_told = medium and medium.sigma < TOLD and not medium.unknown
     if not is_told or not unknown_names(nominal.intrinsics, nominal.cover):
         return None
     if not (fitted.joint and fitted.joint.finite):

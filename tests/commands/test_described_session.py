@@ -22,6 +22,7 @@ from calib.importing.from_video import MAX_FRAMES
 from calib.io.images import list_images
 from calib.progress import Silent
 from calib.session.board import Board
+from calib.session.schema import Number
 from calib.session.session import Session, read_session
 from calib.session.shapes.registry import find_shape, shape_names
 from tests.corners import test_other_makers
@@ -328,7 +329,8 @@ def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
     lens = ["--intrinsics", "520,525,322+-3,238"]
     wet = ["--cover", "dome", "--radius", "40+-30", "--index", "1.49", "--outside-index", "1.333"]
     first = described(str(photos), *BOARD, *lens, *wet)
-    assert "--outside-index: air" not in capsys.readouterr().err
+    assert "--outside-index 1.333 is taken as 1.333 ± 0.004" in capsys.readouterr().err
+    assert first.cover.medium == Number(1.333, 0.004)
     thick = described(str(photos), "--thickness", "3")
     assert "stays as the session.yaml of an earlier command" in capsys.readouterr().err
     assert thick.board == first.board
