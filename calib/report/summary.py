@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.apply.angular_reach import undistortion_limit
-from calib.fitting.description import describe_bend
+from calib.fitting.description import describe_bend, has_declared_lens
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
 from calib.report.tiles import Tile, report_tiles
@@ -86,7 +86,7 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
     calibration = evidence.calibration
     rms = calibration.stages[-1].rms_px
     noise = calibration.noise_px
-    if len(calibration.stages) > 1:
+    if len(calibration.stages) > 1 and has_declared_lens(calibration):
         bare_rms = calibration.stages[0].rms_px
         text = f"The error is {rms:.3f} px, where the camera alone leaves {bare_rms:.3f} px"
     else:

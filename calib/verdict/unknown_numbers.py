@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from calib.fitting.declared import comparisons
+from calib.session.parameter_names import CAMERA
 from calib.session.shapes.registry import find_shape
 from calib.verdict.case import Case
 from calib.verdict.uncertainty import map_sigmas
@@ -58,8 +59,15 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
     if not numbers:
         return
     listed = ", ".join(f"{number.name} ({number.estimated})" for number in numbers)
+    is_lens = all(number.name.startswith(CAMERA.of("")) for number in numbers)
+    advice = (
+        "take views near and tilted that reach the picture's edges, or pictures without the cover"
+        " in bare/"
+        if is_lens
+        else "measure it and write it in session.yaml, or take views near and tilted"
+    )
     sentence = (
         f"these views do not tell what nobody knew: {listed}. The maps' sigma counts it; to know"
-        " it, measure it and write it in session.yaml, or take views near and tilted."
+        f" it, {advice}."
     )
     yield Reason(sentence, case.next.capture(), tuple(number.name for number in numbers))

@@ -52,7 +52,8 @@ def run(args: argparse.Namespace) -> None:
     for remark in describe_hidden(calibration.ray_field(), [args.depth]):
         narrator.tell(remark)
     targets: list[StreamTarget] = [window] if window else []
-    stream = Stream(source, straightener, targets, listener)
+    is_watched = any(place.kind in ("window", "http") for place in places)
+    stream = Stream(source, straightener, targets, listener, paced=is_watched)
     targets += [
         _target(place, args, stream, straightener) for place in places if place.kind != "window"
     ]
