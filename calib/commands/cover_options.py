@@ -23,6 +23,9 @@ UNKNOWN_KEY = "?"
 """The key for an unknown number in the form of `capture`."""
 OPENCV_SUFFIXES = (".yml", ".yaml", ".xml", ".json")
 """The suffixes of files of cv2.FileStorage."""
+RADIUS_KEY = "inner_radius_mm"
+SMALLEST_RADIUS_MM = 0.5
+"""A smaller radius is one in metres: that of a cover of half a metre would be 0.5."""
 PREFIX = "cover_"
 """The beginning of these options' names among the arguments."""
 
@@ -141,6 +144,8 @@ def cover_from_options(
         quantity = kind.quantity
         if values := typed.get(_option(kind)):
             value = values if quantity.components else _single(kind, values)
+            if quantity.key == RADIUS_KEY:
+                _refuse_metres(_option(kind), value)
             section[quantity.key] = _any_water(value) if kind is OUTSIDE else value
         elif quantity.key in earlier and (same or kind in (*LAYER, OUTSIDE)):
             section[quantity.key] = earlier[quantity.key]
@@ -220,6 +225,16 @@ def intrinsics_from_options(args: argparse.Namespace) -> dict[str, object] | Non
         )
     pinhole = zip((quantity.key for quantity in PINHOLE), values[: len(PINHOLE)], strict=True)
     return {**dict(pinhole), "distortion": values[len(PINHOLE) :]}
+
+
+def _refuse_metres(option: str, value: object) -> None:
+    """Raise InputError for a size of a cover that is stated in metres."""
+    size = value["value"] if isinstance(value, dict) else value
+    if isinstance(size, int | float) and 0 < size < SMALLEST_RADIUS_MM:
+        raise InputError(
+            f"--{option} {size:g} is in millimetres, and no camera fits into such a cover: write"
+            f" one such as 40 ({size:g} m, if metres were meant, is {size * 1000:g})."
+        )
 
 
 def _any_water(value: object) -> object:

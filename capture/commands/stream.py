@@ -26,6 +26,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.printing import print_json
         from calib.io.json_text import json_text
         from capture.sources.registry import open_source
+        from capture.sources.video import VideoSource
         from capture.streaming.narrator import StreamNarrator
         from capture.streaming.places import parse_places
         from capture.streaming.straightener import Straightener
@@ -37,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
     size = f"{calibration.camera.width}x{calibration.camera.height}"
     camera_options = {"size": size, "colour": "yes", "auto": "yes"}
     source = partial(open_source, args.source, camera_options=camera_options)
-    source()  # a text that names no source is refused before anything is opened
+    unopened = source()  # a text that names no source is refused before anything is opened
     window = _window() if any(place.kind == "window" for place in places) else None
     narrator = StreamNarrator()
     listener = window or narrator
@@ -53,7 +54,8 @@ def run(args: argparse.Namespace) -> None:
         narrator.tell(remark)
     targets: list[StreamTarget] = [window] if window else []
     is_watched = any(place.kind in ("window", "http") for place in places)
-    stream = Stream(source, straightener, targets, listener, paced=is_watched)
+    paced = is_watched and isinstance(unopened, VideoSource)  # a folder has its own speed
+    stream = Stream(source, straightener, targets, listener, paced=paced)
     targets += [
         _target(place, args, stream, straightener) for place in places if place.kind != "window"
     ]

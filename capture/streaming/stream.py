@@ -115,7 +115,7 @@ class Stream:
             for frame in reader:
                 if self.stop.is_set():
                     return
-                if self._paced and not source.live:
+                if self._paced:
                     self.stop.wait(max(0.0, frame.time_s - time.monotonic()))
                 picture = self._straightener.straighten(frame.pixels)
                 for target in self._targets:

@@ -364,6 +364,10 @@ def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
             ["my photos", *BOARD, "--cover", "flat", "--radius", "3"],
             "--radius is no number of --cover flat: leave it out, or write some of --distance",
         ),
+        (
+            ["my photos", *BOARD, "--cover", "dome", "--radius", "0.05+-0.01"],
+            "0.05 m, if metres were meant, is 50",
+        ),
         (["my photos", *BOARD, "--intrinsics", "1,2"], "such as 1200,1200,640,360"),
         (["taken.avi", *BOARD], "calib import video taken.avi --board 9x6 --square-mm 25 -o NEW"),
     ],
