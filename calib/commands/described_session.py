@@ -116,14 +116,14 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
 
 def _in_writable_folder(source: "NamedPictures", output: Path | None) -> "NamedPictures":
     """Return the source with the folder `output` as its session, if its own cannot be written."""
-    own = source.session
-    place = own if own.exists() else own.parent
+    folder = source.session
+    place = folder if folder.exists() else folder.parent
     if os.access(place, os.W_OK):
         return source
     if output is None:
         raise InputError(
             f"{place} cannot be written: name a folder for the session and its calibration by -o,"
-            f" such as -o {shlex.quote(own.name)}-session"
+            f" such as -o {shlex.quote(folder.name)}-session"
         )
     return replace(source, session=output)
 
@@ -153,15 +153,17 @@ def _board_of(
     earlier: "dict[str, object] | None",
     progress: "Progress",
 ) -> "Board":
-    """Return the board that the options describe. What they leave open is as in `earlier`, the
-    section of the session.yaml that is to be replaced, or as the pictures have it.
+    """Return the board that the options describe. If they lack its corners or its size, the rest is
+    as in `earlier`, the section of the session.yaml that is to be replaced; else as the pictures
+    have it.
     """
     from calib.session.board_section import read_board
     from calib.session.schema import Section
 
     options = _board_options(args)
     kind = str((earlier or {}).get("type", "checkerboard"))
-    if earlier and options.get("type", kind) == kind:
+    is_complete = args.board and options.keys() & {"square_mm", "tag_mm"}
+    if earlier and not is_complete and options.get("type", kind) == kind:
         size = dict(zip(("columns", "rows"), args.board or (), strict=False))
         return read_board(Section({**earlier, **size, **options}, "The command line"))
     find = _declared_board if args.board else _find_board

@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from calib.apply.measure import Measurer
         from calib.apply.measure_files import (
@@ -99,7 +99,8 @@ def run(args: argparse.Namespace) -> int:
         print_json(_as_mapping(names, measured, frame, measurer.noise_px))
     else:
         _print(names, measured, frame, measurer.noise_px)
-    return NotEnoughDataError.exit_code if all(measured.reasons) else 0
+    if all(measured.reasons):
+        raise NotEnoughDataError(f"No point was measured: {measured.reasons[0]}.")
 
 
 def _as_mapping(

@@ -48,23 +48,23 @@ def medium_log_odds(
         return None
     assert medium
     stated = medium_word(medium.value)
-    other = WATER if stated == AIR else AIR
-    cover = nominal.cover.replace_medium(Number(MEDIA[other]), None)
+    rival_name = WATER if stated == AIR else AIR
+    cover = nominal.cover.replace_medium(Number(MEDIA[rival_name]), None)
     rival = replace(nominal, cover=cover, initial={})
-    few = views[:: -(-len(views) // COMPARED_VIEWS)]
-    even = replace(settings, grid=EVEN_GRID)
-    rival = with_initial_values(rival, few, progress)
-    rival_fit = _fit(rival, few, even, progress, f"{other} outside")
-    fit = _fit(nominal, few, even, progress, f"{stated} outside")
+    sample = views[:: -(-len(views) // COMPARED_VIEWS)]
+    even_glass = replace(settings, grid=EVEN_GRID)
+    rival = with_initial_values(rival, sample, progress)
+    rival_fit = _fit(rival, sample, even_glass, progress, f"{rival_name} outside")
+    fit = _fit(nominal, sample, even_glass, progress, f"{stated} outside")
     log_odds = _log_marginal(rival_fit) - _log_marginal(fit) if rival_fit and fit else 0.0
     if log_odds > LIKELY:
-        rival_fit = _fit(rival, views, settings, progress, f"{other} outside")
+        rival_fit = _fit(rival, views, settings, progress, f"{rival_name} outside")
         if rival_fit and _explains(rival_fit, views, nominal):
             log_odds = min(log_odds, _log_marginal(rival_fit) - fitted.joint.log_marginal)
         else:
             log_odds = 0.0
     best = max(log_odds, 0.0)
-    return {stated: 0.0 - best, other: log_odds - best}
+    return {stated: 0.0 - best, rival_name: log_odds - best}
 
 
 def _fit(

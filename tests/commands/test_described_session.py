@@ -263,9 +263,9 @@ def test_a_board_that_is_not_described_is_looked_for(
     assert not path.with_suffix("").joinpath("session.yaml").exists()
     command = re.search(r"(calib fit .*--square-mm 25)", str(caught.value))
     assert command
-    assert described(*shlex.split(command[1])[2:]).board == Board(7, 6, 0.025)
     assert described(str(path), "--square-mm", "30").board == Board(7, 6, 0.03)
     assert "Found a checkerboard of 7x6 inner corners" in capsys.readouterr().err
+    assert described(*shlex.split(command[1])[2:]).board == Board(7, 6, 0.025)
 
 
 def test_a_description_is_corrected_until_a_person_changed_it(photos: Path) -> None:

@@ -114,8 +114,8 @@ def test_one_number_may_differ_from_ray_to_ray(example: Example, count: int) -> 
     *inner, outer = path.cover
     assert outer.relief
     view = outer.relief_view(nominal_values)
-    first, second = (chart + 1e-3 for chart in view.anchor)
-    tied = replace(outer.relief, anchor=(first, second), size=view.size)
+    anchor = view.anchor[0] + 1e-3, view.anchor[1] + 1e-3
+    tied = replace(outer.relief, anchor=anchor, size=view.size)
     outer = replace(outer, relief=tied)
     path, pixels = replace(path, cover=(*inner, outer)), some_pixels(count)
     names = frozenset(nominal_values)
