@@ -61,7 +61,7 @@ def main() -> None:
     print(f"{'':<49}maps, px")
     print(f"{'not known':<22}{'true':>8}  {'found':<17} error  sigma   verdict")
     for shape, cases in CASES.items():
-        print(f"a {shape}")
+        print("a window" if shape == "flat" else f"a {shape}")
         for unknown in cases:
             for line in lines(shape, unknown):
                 print(line.rstrip())

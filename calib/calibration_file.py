@@ -162,7 +162,7 @@ def check_readable(document: dict[str, Any], arrays: memoryview) -> None:
         _from_mapping(document, decode_npz(bytes(arrays)), FilePath("calibration.yaml"))
     except (InputError, ValueError) as error:
         raise NotEnoughDataError(
-            "The views leave a number of the camera or cover open, so that no calibration is"
+            "The views do not determine a number of the camera or cover, so that no calibration is"
             " written: take more views, tilted, near and far, or hold more numbers with --free"
             f" ({str(error).rstrip('.')})."
         ) from error

@@ -28,6 +28,9 @@ from calib.commands.parser import CommandGroup
 DESCRIPTION = """
 Calibrate a camera that looks through a refractive cover, and undistort its pictures at any depth.
 
+calib COMMAND --help explains a command.
+"""
+EPILOG = """
 stdout carries the result, stderr progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong usage
 or input, 3 not enough good data, 4 a device failed, 5 the checked calibration is not valid, 6 a
 fleet lost its cluster, or none of its workers could start, before every camera was done.
@@ -57,4 +60,4 @@ COMMANDS = tuple(command for group in GROUPS for command in group.commands)
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `calib` with these arguments and return its exit code."""
-    return run_command("calib", DESCRIPTION, COMMANDS, argv, GROUPS)
+    return run_command("calib", DESCRIPTION, COMMANDS, argv, GROUPS, EPILOG)

@@ -1,7 +1,7 @@
 """A table of texts in sections, which terminal, screen, notebook and report draw in their ways."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from html import escape
 
 
@@ -14,6 +14,8 @@ class TableSection:
     title: str
     rows: tuple[tuple[str, ...], ...]
     """The cells of each row, as many as the table has columns."""
+    headed: bool = True
+    """False if the headings of the columns do not suit the cells, in HTML."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +26,8 @@ class Table:
     columns: tuple[str, ...]
     """The headings; that of the first column, which names the rows, is empty."""
     sections: tuple[TableSection, ...]
+    notes: tuple[str, ...] = ()
+    """Sentences below the table that explain words in it."""
 
     def first_columns(self, count: int) -> "Table":
         """Return the table without the columns after the first `count`."""
@@ -31,17 +35,20 @@ class Table:
             replace(section, rows=tuple(row[:count] for row in section.rows))
             for section in self.sections
         )
-        return Table(self.title, self.columns[:count], sections)
+        return replace(self, columns=self.columns[:count], sections=sections)
 
     def as_json(self) -> list[dict[str, object]]:
         """Return the sections, each with its name, its title and its rows."""
-        return [asdict(section) for section in self.sections]
+        return [
+            {"name": section.name, "title": section.title, "rows": section.rows}
+            for section in self.sections
+        ]
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
 
     def lines(self) -> Iterator[str]:
-        """Yield the lines of the table as text. A line of a row begins with a space."""
+        """Yield the lines of the table as text. A line of a row or a note begins with a space."""
         rows = [self.columns, *(row for section in self.sections for row in section.rows)]
         widths = [max(len(row[column]) for row in rows) for column in range(len(self.columns))]
         yield self.title
@@ -49,6 +56,7 @@ class Table:
         for section in self.sections:
             yield section.title
             yield from (_line(row, widths) for row in section.rows)
+        yield from (f"  {note}" for note in self.notes)
 
     def _repr_html_(self) -> str:
         return f"<p><b>{escape(self.title)}</b></p>{self.html()}"
@@ -57,10 +65,14 @@ class Table:
         """Return the table as HTML, without its title."""
         parts = (
             f"<h3>{escape(section.title)}</h3>"
-            + html_table(self.columns, [[escape(cell) for cell in row] for row in section.rows])
+            + html_table(
+                self.columns if section.headed else [""] * len(self.columns),
+                [[escape(cell) for cell in row] for row in section.rows],
+            )
             for section in self.sections
         )
-        return "".join(parts)
+        notes = (f"<p>{escape(note)}</p>" for note in self.notes)
+        return "".join((*parts, *notes))
 
 
 def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
@@ -74,6 +86,13 @@ def change(value: float, reference: float) -> str:
     """
     percent = round(100 * (value / reference - 1))
     return f"{percent:+d} %" if percent else "0 %"
+
+
+def board_error(rmse_cm: float) -> str:
+    """Return an error on the board, given in cm as results have it, as text in mm: every length
+    near the board is read in mm.
+    """
+    return f"{10 * rmse_cm:.3f} mm"
 
 
 def html_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -15,7 +15,8 @@ Record the pictures for a calibration, with any camera of this machine.
   capture SESSION --serve --host 0.0.0.0 --port 8000
                                          in any browser that has the address
 `capture ui --help` lists all options of these.
-
+"""
+EPILOG = """
 stdout carries the result, stderr the next step and remarks. Exit codes: 0 done, 1 a bug, 2 wrong
 usage or input, 3 not enough good data, 4 the device failed.
 """
@@ -40,4 +41,4 @@ def main(argv: Sequence[str] | None = None) -> int:
     names = {command.__name__.rpartition(".")[2] for command in COMMANDS}
     if argv[0].partition("=")[0] not in (*names, "-h", "--help", "--version", "--print-completion"):
         argv = ["ui", *argv]
-    return run_command("capture", DESCRIPTION, COMMANDS, argv)
+    return run_command("capture", DESCRIPTION, COMMANDS, argv, epilog=EPILOG)

@@ -285,7 +285,7 @@ def test_the_notebook_runs(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "cover.inner_radius" in done.stdout
-    assert "To be trusted" in done.stdout
+    assert "You can trust it" in done.stdout
 
 
 RUN_CELLS = """

@@ -289,7 +289,7 @@ def test_the_search_works_on_files(site: Path) -> None:
     ("page", "spoilt"),
     [
         ("index.md", "[gone](gone.md)"),
-        ("story.md", "[gone](measured.md#gone)"),
+        ("story.md", "[gone](development/measured.md#gone)"),
         ("new.md", "# New"),
     ],
 )

@@ -30,7 +30,7 @@ WORDS = {
 """The words for groups that are no dimension of the cover."""
 ADVICE = {
     "camera": "calibrate the camera without its cover, in bare/",
-    "relief": "no view in one medium tells it well",
+    "relief": "no view in one medium determines it well",
     MEDIUM: "measure its salinity and temperature, and write --index-sigma",
 }
 DISPLAY_UNITS = {"m": ("mm", 1e3), "rad": ("degrees", 180 / np.pi), "": ("", 1.0)}

@@ -124,7 +124,7 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera",
         metavar="NAME",
-        help="the camera, if the pictures' names or EXIF tell several; all: it is one camera",
+        help="which camera, if the pictures' names or EXIF show several; all: they are one camera",
     )
 
 

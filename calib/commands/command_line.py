@@ -18,7 +18,7 @@ from calib.commands.parser import CommandGroup, Help, Parser, command_name, exam
 from calib.errors import RefracalError, brief
 from calib.version import VERSION
 
-QUIET = "print no progress and no remarks, and of a fit or a diagnosis the verdict alone"
+QUIET = "print no progress and no remarks"
 
 
 def run_command(
@@ -27,6 +27,7 @@ def run_command(
     commands: Sequence[ModuleType],
     argv: Sequence[str] | None,
     groups: Sequence[CommandGroup] = (),
+    epilog: str = "",
 ) -> int:
     """Run the command that the arguments name, and return the exit code.
 
@@ -35,13 +36,15 @@ def run_command(
         commands: modules with the texts SUMMARY (one line) and DESCRIPTION, and the functions
             `add_arguments(parser)` and `run(args)`, which returns an exit code, or None for 0. The
             help lists them in this order. A command has the name of its module, without
-            `_command` and with dashes. It may have EXAMPLES, command lines for its help.
+            `_command` and with dashes. It may have EXAMPLES, command lines for its help, and QUIET,
+            the help of its --quiet.
         argv: the arguments; None for those of this process.
         groups: the same commands in groups, for the help of a program that has many. The commands
             then take --quiet.
+        epilog: the text below the list of commands.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    parser = _parser(program, description, commands, groups)
+    parser = _parser(program, description, commands, groups, epilog)
     words = sys.argv[1:] if argv is None else argv
     if not words:
         parser.print_help()
@@ -100,8 +103,10 @@ def _parser(
     description: str,
     commands: Sequence[ModuleType],
     groups: Sequence[CommandGroup] = (),
+    epilog: str = "",
 ) -> argparse.ArgumentParser:
-    parser = Parser(program, description=description, formatter_class=partial(Help, groups=groups))
+    formatter = partial(Help, groups=groups)
+    parser = Parser(program, description=description, epilog=epilog, formatter_class=formatter)
     parser.add_argument("--version", action="version", version=f"refracal {VERSION}")
     add_completion(parser)
     choices = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
@@ -116,6 +121,7 @@ def _parser(
         )
         command.add_arguments(subparser)
         if groups:
-            subparser.add_argument("-q", "--quiet", action="store_true", help=QUIET)
+            quiet = getattr(command, "QUIET", QUIET)
+            subparser.add_argument("-q", "--quiet", action="store_true", help=quiet)
         subparser.set_defaults(run=command.run)
     return parser

@@ -6,13 +6,12 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import (
     BarColumn,
-    MofNCompleteColumn,
     Progress,
     TaskID,
     TextColumn,
     TimeElapsedColumn,
 )
-from rich.table import Table
+from rich.table import Column, Table
 
 from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
@@ -31,7 +30,10 @@ from calib.fitting.guided_redetection import describe_redetection
 from calib.fitting.view_noise import describe_noisy_views
 from calib.progress import Advance
 from calib.session.lens import NAMES
-from calib.table import change
+from calib.table import board_error, change
+
+TITLE_WIDTH = 22
+BAR_WIDTH = 20
 
 
 class Bars:
@@ -39,11 +41,11 @@ class Bars:
 
     def __init__(self) -> None:
         columns = (
-            TextColumn("{task.description}", markup=False),
-            BarColumn(bar_width=30),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TextColumn("{task.fields[words]}", markup=False),
+            TextColumn("{task.description}", markup=False, table_column=_column(TITLE_WIDTH)),
+            BarColumn(bar_width=BAR_WIDTH, table_column=_column(BAR_WIDTH)),
+            TextColumn("{task.completed:>4.0f}/{task.total:<4.0f}", table_column=_column(9)),
+            TimeElapsedColumn(table_column=_column(7)),
+            TextColumn("{task.fields[words]}", markup=False, table_column=_column()),
         )
         self._progress = Progress(*columns, console=Console(stderr=True))
 
@@ -65,6 +67,11 @@ class Bars:
         return lambda done, words: self._progress.update(bar, completed=done, words=brief(words))
 
 
+def _column(width: int | None = None) -> Column:
+    """Return a column of one line. All bars have the same widths, whatever their words are."""
+    return Column(width=width, min_width=width, no_wrap=True, overflow="ellipsis")
+
+
 def print_fit(calibration: Calibration, seconds: float) -> None:
     """Print the table of stages, the numbers of views and corners, and the rejected pictures."""
     console = Console()
@@ -81,7 +88,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         column.justify = "right"
     for stage in calibration.stages:
         fall = change(stage.rms_px, first.rms_px) if stage is not first and is_compared else ""
-        table.add_row(stage.title, f"{stage.rms_px:.3f} px", f"{stage.rmse_cm:.4f} cm", fall)
+        table.add_row(stage.title, f"{stage.rms_px:.3f} px", board_error(stage.rmse_cm), fall)
     console.print(table)
     print_description(console, calibration)
     corners = sum(view.count for view in calibration.views)
@@ -137,14 +144,15 @@ def _turned_boards(calibration: Calibration) -> Iterator[str]:
 
 
 def _heavy_views(calibration: Calibration) -> Iterator[str]:
-    """Yield a line on each view that tells much of what all views tell."""
+    """Yield a line on the views that carry much of the information, if there are any."""
     uncertainty = calibration.outcome.uncertainty
-    shape = calibration.cover.shape
-    subject = "the camera" if shape == "none" else "the camera and its cover"
-    for name, share in uncertainty.heavy_views.items() if uncertainty else ():
+    views = dict(uncertainty.heavy_views) if uncertainty else {}
+    shares = [f"{name} carries {100 * share:.0f} %" for name, share in views.items()]
+    if shares:
+        pronoun = "them" if shares[1:] else "it"
         yield (
-            f"{name} alone tells {100 * share:.0f} % of what all views tell of {subject}: take more"
-            " views like it, so that not one picture decides."
+            f"{' and '.join(shares)} of the information. Take more pictures like {pronoun}, so that"
+            " no single picture decides."
         )
 
 
@@ -186,11 +194,11 @@ def print_evaluation(evaluation: Evaluation, *, wide: bool) -> None:
             f"{band.from_m:g} to {band.to_m:g} m",
             str(band.corners),
             f"{band.rms_px:.3f} px",
-            f"{band.rmse_cm:.4f} cm",
+            board_error(band.rmse_cm),
         )
     table.add_section()
     total = sum(band.corners for band in evaluation.by_depth)
-    table.add_row("all", str(total), f"{evaluation.rms_px:.3f} px", f"{evaluation.rmse_cm:.4f} cm")
+    table.add_row("all", str(total), f"{evaluation.rms_px:.3f} px", board_error(evaluation.rmse_cm))
     console.print(table)
     console.print(f"{evaluation.frames_used} views, their poses refitted.")
     for view in evaluation.bad_views:

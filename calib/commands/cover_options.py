@@ -61,7 +61,7 @@ def add_intrinsics(parser: Options) -> None:
         type=typed_intrinsics,
         metavar="FX,FY,CX,CY,...",
         help=(
-            "the lens, px, with OpenCV's coefficients behind, or a file of OpenCV (default: from"
+            "the lens in px, then OpenCV's coefficients, or a file that OpenCV wrote (default: from"
             " pictures without the cover in bare/, else from these views)"
         ),
     )

@@ -22,10 +22,11 @@ SUMMARY = "Calibrate pictures that come with calib, and open the report."
 DESCRIPTION = """
 The pictures are of a checkerboard under water, and of a tiled wall, through the window of a
 housing. They were rendered, so the truth is known: the window is 21.0 mm from the lens and tilted
-by 2.01 and -1.49 degrees, of which session.yaml says nothing. The command copies them, types the
+by 2.01 and -1.49 degrees, and session.yaml does not say so. The command copies them, types the
 commands that you would type for your own camera, and shows what they print.
 """
 EXAMPLES = ("calib demo", "calib demo -o try --no-open")
+QUIET = "print no progress, no remarks and no tables"
 FOLDER = "refracal-demo"
 PICTURE = "wall.jpg"
 WALL_DEPTH = "0.8"

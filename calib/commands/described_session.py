@@ -48,21 +48,25 @@ NO_COVER = (
 """The remark on pictures that are described without a cover."""
 
 
-def add_description(parser: argparse.ArgumentParser) -> None:
-    """Add the options that describe the board, the cover and the lens of pictures."""
-    board = parser.add_argument_group("board", "of pictures without a session.yaml")
+def add_description(parser: argparse.ArgumentParser, purpose: str, board_default: str = "") -> None:
+    """Add the options that describe the board, the cover and the lens of pictures.
+
+    Args:
+        purpose: what they are for, as the first words below their headings.
+        board_default: what happens without --board, behind its help.
+    """
+    board = parser.add_argument_group("board", purpose)
     board.add_argument(
         "--board",
         type=whole_size,
         metavar="AxB",
-        help="inner corners, columns x rows, or a grid's tags (default: as found)",
+        help=f"inner corners, columns x rows, or a grid's tags{board_default}",
     )
     board.add_argument("--square-mm", type=millimetres, metavar="S", help="side of a square")
     add_coding(board)
     cover = parser.add_argument_group(
         "cover",
-        "of pictures without a session.yaml; lengths in mm, angles in degrees, 40+-5 for a number"
-        " that is known to 5",
+        f"{purpose}; lengths in mm, angles in degrees, 40+-5 for a number that is known to 5",
     )
     add_cover(cover)
     add_intrinsics(cover)

@@ -19,6 +19,7 @@ EXAMPLES = (
     "calib diagnose cam0/calibration",
     "calib diagnose cam0/calibration --holdout holdout -o better",
 )
+QUIET = "print the verdict alone: no progress, no remarks and no tables"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,5 +83,6 @@ def run(args: argparse.Namespace) -> None:
                     | verdict_mapping(verdict, written)
                 )
             else:
-                print_diagnosis(finding, better)
+                if not args.quiet:
+                    print_diagnosis(finding, better)
                 print_verdict(verdict, written)

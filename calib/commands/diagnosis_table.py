@@ -10,6 +10,7 @@ from calib.diagnosis.effect_description import describe_estimates
 from calib.diagnosis.finding import Candidate, Diagnosis
 from calib.effects.description import describe_effect
 from calib.errors import harmless
+from calib.table import board_error
 
 LONGEST_TITLE = 20
 """The longest title in the line of its numbers."""
@@ -67,7 +68,7 @@ def _errors(finding: Diagnosis) -> Table:
         table.add_row(
             name,
             f"{quality.rms_px:.3f} px",
-            f"{quality.rmse_cm:.4f} cm",
+            board_error(quality.rmse_cm),
             f"{quality.held_out_px:.3f} px",
         )
     noise = finding.noise_px

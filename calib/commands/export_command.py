@@ -18,6 +18,7 @@ from calib.errors import InputError, harmless
 from calib.export.formats import AXES, FORMATS, ExportLens, Format
 
 if TYPE_CHECKING:
+    from calib.export.central import CentralModel
     from calib.export.export import ExportedFiles
 
 SUMMARY = "Write a calibration for other programs, as maps or as a central camera."
@@ -132,7 +133,7 @@ def run(args: argparse.Namespace) -> None:
             files.commit()
     print_paths([path for exported in exports for path in exported.paths])
     for exported in exports:
-        _print_remarks(exported, find_outdated_files(exported.paths, inputs[0]))
+        _print_remarks(form, exported, find_outdated_files(exported.paths, inputs[0]))
     for remark in describe_hidden(calibration.ray_field(), depths):
         print(remark, file=sys.stderr)
 
@@ -148,17 +149,34 @@ def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:
     return chosen
 
 
-def _print_remarks(exported: "ExportedFiles", old: Sequence[Path]) -> None:
+NEGLIGIBLE = 5e-5
+"""px: a misfit that is printed as zero."""
+
+
+def _misfit_words(model: "CentralModel") -> str:
+    """Return a sentence on the model's misfit at its depth, and at half and double of it."""
+    misfits = model.misfits
+    rms = " / ".join(_brief_px(misfit.rms_px, 3) for misfit in misfits)
+    worst = " / ".join(_brief_px(misfit.worst_px, 2) for misfit in misfits)
+    depths = " / ".join(f"{misfit.depth:g}" for misfit in misfits)
+    lens = model.lens.name
+    words = f"{lens} coefficients" if lens.isdigit() else f"the lens {lens}"
+    return f"off by {rms} px RMS ({worst} px at worst) at {depths} m, with {words}."
+
+
+def _brief_px(value: float, digits: int) -> str:
+    """Return a length in px with this number of decimals; a small one with its first digit."""
+    small = NEGLIGIBLE < value < 10.0 ** (1 - digits)
+    return f"{value:.1g}" if small else f"{value:.{digits}f}"
+
+
+def _print_remarks(form: Format, exported: "ExportedFiles", old: Sequence[Path]) -> None:
     """Print the misfits and remarks on stderr, because stdout lists the files."""
     from rich.console import Console
 
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     for model in exported.models:
-        for misfit in model.misfits:
-            console.print(
-                f"Misfit of the central camera ({model.lens.name}) fitted at"
-                f" {model.misfit_at_depth.depth:g} m: {misfit}."
-            )
+        console.print(f"{form.name}: {_misfit_words(model)}")
         for remark in model.remarks():
             console.print(f"Take care: {remark}")
     for remark in exported.remarks:

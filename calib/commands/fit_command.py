@@ -15,10 +15,11 @@ if TYPE_CHECKING:
 
 SUMMARY = "Calibrate a session: a folder of pictures in, a calibration and undistortion maps out."
 DESCRIPTION = """
-SESSION is a folder with session.yaml and pictures, in frames/ or beside it. Or it is what you have:
-a folder of pictures, some pictures, a pattern such as 'photos/*.jpg', or a video. Then --board and
---square-mm describe the board, --cover and what follows it the cover, and the command writes the
-session.yaml. Without --board it looks for a board and says what it found.
+SESSION is a folder with session.yaml and pictures, in frames/ or beside it. Pictures without a
+session.yaml will do as well: a folder, single files, a pattern such as 'photos/*.jpg', or a video.
+Describe the board with --board and --square-mm, and the cover with --cover and the options below
+it; the command then writes session.yaml. Without --board it looks for a board and says what it
+found.
 
 OUT gets calibration.yaml with calibration.npz, the ray field, a map for every --depth, and
 report.html, which shows the result and says whether to trust it.
@@ -27,13 +28,16 @@ EXAMPLES = (
     "calib fit photos --board 9x6 --square-mm 25",
     "calib fit cam0 --depth 0.5 1",
 )
+QUIET = "print the verdict alone: no progress, no remarks and no tables"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "session", type=Path, nargs="+", metavar="SESSION", help="the session, pictures or a video"
     )
-    add_description(parser)
+    add_description(
+        parser, "for pictures without a session.yaml", " (default: the board in the pictures)"
+    )
     add_camera(parser)
     add_output(parser, "folder for the results (default: SESSION/calibration)", required=False)
     add_overwrite(parser)
@@ -43,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=effects,
         metavar="none|auto|NAME,...",
         help=(
-            "auto: find the effects that the model lacks, and add those that held-out views"
+            "auto: find effects that are missing in the model, and add those that held-out views"
             " confirm; or add effects by name, as listed below; none: take the board as flat"
             " (default: the board's bend, if the views show one)"
         ),

@@ -22,8 +22,8 @@ def add_fit_options(parser: argparse.ArgumentParser, *, default_folds: int = 0) 
         default=(12, 12),
         metavar="AxB",
         help=(
-            "numbers of the relief's centres around and along the cover (default: 12x12); auto"
-            " chooses them by the held-out error; 1x1 takes the glass as even"
+            "how finely the bumps of the glass are modelled: centres around and along the cover"
+            " (default: 12x12); auto: by the error on held-out views; 1x1: even glass"
         ),
     )
     parser.add_argument(
@@ -50,7 +50,7 @@ def add_fit_options(parser: argparse.ArgumentParser, *, default_folds: int = 0) 
     parser.add_argument(
         "--neglect-shift",
         action="store_true",
-        help="let the relief bend the normal only, as the paper does",
+        help="let a bump tilt the surface only and not move it, as the paper does",
     )
 
 

@@ -207,13 +207,13 @@ def _remarks(immersion: "Immersion") -> Iterator[str]:
         original_sigmas = _listed(immersion.before_px)
         new_sigmas = _listed(immersion.after_px)
         yield (
-            f"the views leave open a number that matters in the new medium: at {depths} m the maps"
-            f" are known to {new_sigmas} px, and in the medium of the calibration to"
+            f"the views do not determine a number that matters in the new medium: at {depths} m the"
+            f" maps are known to {new_sigmas} px, and in the medium of the calibration to"
             f" {original_sigmas}. Take three pictures of the board in the new medium, which"
             " determine it (calib check IMMERSED PICTURES --update), or improve the following."
         )
         for parameter in immersion.dominant[:2]:
-            yield f"the views leave open {parameter.words}: {parameter.advice}."
+            yield f"the views do not determine {parameter.words}: {parameter.advice}."
     if immersion.other_face_px and max(immersion.other_face_px) > UNKNOWN_FACE:
         yield (
             "views in one medium do not show which face of the glass is uneven; calib assumes the"

@@ -31,31 +31,51 @@ EXAMPLES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     sources = parser.add_subparsers(title="sources", metavar="SOURCE", dest="source", required=True)
-    for name, metavar, words in (
-        ("mrcal", "FILE.cameramodel", "a camera model with its optimization inputs"),
-        ("photonvision", "FILE.json", "a calibration of PhotonVision, with its corners"),
-        ("mrcal-corners", "CORNERS.vnl", "corners found by mrgingham or another detector"),
-        ("ros", "FILE.tar.gz", "the archive of ROS's camera_calibration"),
+    for name, metavar, path_help, words in (
+        (
+            "mrcal",
+            "FILE.cameramodel",
+            "the camera model",
+            "a camera model with its optimization inputs",
+        ),
+        (
+            "photonvision",
+            "FILE.json",
+            "the calibration",
+            "a calibration of PhotonVision, with its corners",
+        ),
+        (
+            "mrcal-corners",
+            "CORNERS.vnl",
+            "the corners",
+            "corners found by mrgingham or another detector",
+        ),
+        ("ros", "FILE.tar.gz", "the archive", "the archive of ROS's camera_calibration"),
         (
             "kalibr",
             "FOLDER",
+            "the folder that holds camchain.yaml, target.yaml and the pictures",
             (
                 "camchain.yaml, target.yaml and the pictures in cam0/, cam1/, ...; checkerboards"
                 " and aprilgrids"
             ),
         ),
-        ("images", "FOLDER", "pictures of a board"),
+        ("images", "FOLDER", "the folder of the pictures", "pictures of a board"),
         (
             "bag",
             "FILE",
+            "the bag",
             "a bag of ROS 1, a bag or MCAP of ROS 2: its sharpest pictures, spread over its length",
         ),
-        ("video", "FILE", "a video of a board: its sharpest frames, spread over its length"),
+        (
+            "video",
+            "FILE",
+            "the video",
+            "a video of a board: its sharpest frames, spread over its length",
+        ),
     ):
-        source = sources.add_parser(
-            name, help=words, description=words[0].upper() + words[1:] + "."
-        )
-        source.add_argument("path", type=Path, metavar=metavar)
+        source = sources.add_parser(name, help=words, description=f"Import {words}.")
+        source.add_argument("path", type=Path, metavar=metavar, help=path_help)
         if name not in WITH_BOARD:
             required = name != "kalibr"
             pictured = name in ("ros", "images", "video", "bag")
@@ -112,7 +132,9 @@ def _add_rig(sources: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         " (stereo.yml) calibrated, with its pictures"
     )
     rig = sources.add_parser("rig", help=summary, description=f"Import {summary}.")
-    rig.add_argument("path", type=Path, nargs="+", metavar="FILE")
+    rig.add_argument(
+        "path", type=Path, nargs="+", metavar="FILE", help="the files of the calibration"
+    )
     rig.add_argument(
         "--pictures",
         type=Path,

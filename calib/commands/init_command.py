@@ -17,9 +17,9 @@ from calib.errors import InputError
 
 SUMMARY = "Write a session.yaml to fill in, with a comment beside every key."
 DESCRIPTION = """
-SESSION is a new folder, or one that has pictures, whose size is then taken. The options put your
-own numbers in place of examples. Put pictures into SESSION/frames, or beside session.yaml, and
-pictures without the cover into SESSION/bare.
+SESSION is a new folder, or a folder with pictures: session.yaml then has their size. The options
+write your own numbers in place of the examples. Put pictures into SESSION/frames, or beside
+session.yaml, and pictures without the cover into SESSION/bare.
 """
 EXAMPLES = (
     "calib init cam0",
@@ -31,7 +31,7 @@ SIZE = (1640, 1232)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder")
-    add_description(parser)
+    add_description(parser, "written into session.yaml")
     parser.add_argument(
         "--size",
         type=whole_size,

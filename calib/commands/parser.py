@@ -18,6 +18,9 @@ NUMBER = re.compile(
 """A word that can only be meant as a number, rightly written or not."""
 NEGATIVE = re.compile(r"-[0-9.]")
 """The beginning of a negative number, or of a list that begins with one. No option begins so."""
+COMPONENT = re.compile(r"[+-]?[0-9.]+(e[+-]?[0-9]+)?((\+-|±)[0-9.]+)?", re.IGNORECASE)
+"""One number of an option that takes several, such as 0, -8 or 40+-5."""
+LONG_OPTION = re.compile(r"--[a-z][\w-]*", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +52,15 @@ class Parser(argparse.ArgumentParser):
     of an option: `--depth 0.5 1 SESSION`.
     """
 
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        """Options are written in full: a misspelt one must not pass for the start of another."""
+        super().__init__(*args, **{"allow_abbrev": False, **settings})
+
     def error(self, message: str) -> NoReturn:
-        """Make the message printable: an argument may hold any character, for example a file name
-        that a shell's * inserted.
+        """Print the message alone, and where the options are explained. An argument may hold any
+        character, for example a file name that a shell's * inserted: the message is made printable.
         """
-        super().error(str(RefracalError(message)))
+        self.exit(2, f"{self.prog}: {RefracalError(message)}\nsee {self.prog} --help\n")
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
@@ -61,19 +68,35 @@ class Parser(argparse.ArgumentParser):
         """Parse the words. A word that is left over is an error here already: only the parser of
         its command knows the options that may have been meant.
         """
+        if args is not None:
+            self._check_options(args)
         words = args if args is None else self._join_numbers(args)
         parsed, unknown = super().parse_known_args(words, namespace or argparse.Namespace())
         if unknown:
-            words_left = " ".join(map(brief, unknown))
-            self.error(f"unrecognized arguments: {words_left}{self._suggestion(unknown)}")
+            self.error(f"unrecognized arguments: {' '.join(map(brief, unknown))}")
         return parsed, unknown
 
-    def _suggestion(self, unknown: Sequence[str]) -> str:
-        """Return the option that may have been meant by the first unknown one, as a hint."""
+    def _check_options(self, words: Sequence[str]) -> None:
+        """Refuse the first word that looks like an option and is none, with the option that may
+        have been meant. It comes before argparse, which would complain about the consequences: a
+        value without its option, or an argument that is missing.
+        """
         options = [option for action in self._actions for option in action.option_strings]
-        first = next((word for word in unknown if word.startswith("-")), "").partition("=")[0]
-        close = get_close_matches(first, options, 1)
-        return f" (did you mean {close[0]}?)" if close else ""
+        has_commands = any(isinstance(a, argparse._SubParsersAction) for a in self._actions)
+        for word in words:
+            if word == "--" or (has_commands and not word.startswith("-")):
+                return  # the words of a command are checked by its own parser
+            name = word.partition("=")[0]
+            if LONG_OPTION.fullmatch(name) and name not in options:
+                self.error(f"{brief(name)} is not an option{self._suggestion(name, options)}")
+
+    def _suggestion(self, word: str, options: Sequence[str]) -> str:
+        """Return the option that may have been meant by a word, as a hint."""
+        names = [option.removeprefix("--") for option in options if option.startswith("--")]
+        start = word.removeprefix("--")
+        longer = [name for name in names if name.startswith(start)]
+        close = get_close_matches(start, names, 1) or longer
+        return f": did you mean --{close[0]}?" if len(close) == 1 else f" of {self.prog}"
 
     def _join_numbers(self, words: Sequence[str]) -> list[str]:
         """Return the words with the numbers of each option joined to it by an equals sign. argparse
@@ -92,31 +115,43 @@ class Parser(argparse.ArgumentParser):
                 case "+":
                     values = list(takewhile(NUMBER.fullmatch, words[place:]))
                 case "1":
+                    self._check_commas(word, words[place:])
                     values = list(takewhile(NEGATIVE.match, words[place : place + 1]))
             place += len(values)
             joined += [f"{word}={value}" for value in values] or [word]
         return joined
 
+    def _check_commas(self, option: str, words: Sequence[str]) -> None:
+        """Refuse the numbers of one option that blanks separate: it takes them joined by commas."""
+        names = self._option_string_actions[option].metavar
+        if not isinstance(names, str) or "," not in names:
+            return
+        numbers = list(takewhile(COMPONENT.fullmatch, words))
+        if "..." not in names:
+            numbers = numbers[: names.count(",") + 1]
+        if len(numbers) > 1:
+            self.error(
+                f"{option} takes its numbers joined by commas: write {option} {','.join(numbers)}"
+            )
+
     def _value_count(self, word: str) -> str:
         """Return "+" for an option that takes values, "1" for one that takes one value, and ""
-        for every other word. An option may be shortened.
+        for every other word.
         """
-        if not word.startswith("-") or "=" in word:
-            return ""
-        exact = [action for action in self._actions if word in action.option_strings]
-        long = word.startswith("--")
-        shortened = {
-            action
-            for action in self._actions
-            for option in action.option_strings
-            if long and option.startswith(word)
-        }
-        match exact or list(shortened):
-            case [argparse.Action(nargs="+")]:
+        match self._option_string_actions.get(word):
+            case argparse.Action(nargs="+"):
                 return "+"
-            case [argparse.Action(nargs=None)]:
+            case argparse.Action(nargs=None):
                 return "1"
         return ""
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        """Return the value that a word stands for. A word that is no whole number gets a sentence
+        that says so.
+        """
+        if action.type is int and not re.fullmatch(r"[+-]?[0-9]+", arg_string):
+            raise argparse.ArgumentError(action, f"{brief(repr(arg_string))} is not a whole number")
+        return super()._get_value(action, arg_string)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Raise ArgumentError for a value that is none of the choices, with the one that may have

@@ -81,7 +81,7 @@ def _reasons(result: RigCheckResult) -> Iterator[str]:
         yield f"{name} is not compared with the other cameras: {reason}."
     if result.is_pair and any(change.camera in result.places for change in result.changes):
         (name,) = result.places
-        yield f"two cameras do not tell which of them moved: {name}, or {result.base} instead."
+        yield f"two cameras do not show which of them moved: {name}, or {result.base} instead."
     if result.placements < MIN_PLACEMENTS:
         yield (
             "that is few: three to five placements of a tilted board, near and far, which all"

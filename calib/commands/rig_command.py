@@ -21,7 +21,7 @@ EXAMPLES = (
     "calib rig fit pair -o pair/calibration",
     "calib rig check pair/calibration pair/today",
 )
-QUIET = "print no progress and no remarks, and of a fit the verdict alone"
+QUIET = "print no progress and no remarks; calib rig fit prints the verdict alone"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -11,6 +11,7 @@ from calib.verdict.verdict import Trust, Verdict
 
 COLOURS = {Trust.TRUSTED: "green", Trust.CARE: "yellow", Trust.DO_NOT_USE: "red"}
 """The colour of each grade in a terminal."""
+HOLDOUT_NOTE = "HOLDOUT stands for a second session: pictures of this camera that you did not fit."
 
 
 def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[str] = ()) -> None:
@@ -28,7 +29,10 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     # a fit that is repeated unchanged gives the same: the reason above says what to change
     condition = ", once that is done" if verdict.next.startswith("calib fit ") else ""
     console.print(harmless(f"Next{condition}: {runnable_command(verdict.next)}"))
+    commands: list[str] = []
     if verdict.word is not Trust.DO_NOT_USE:
         commands = [command for command in further if command != verdict.next]
         for place, command in enumerate(commands):
             console.print(harmless(f"{'     ' if place else 'Then:'} {runnable_command(command)}"))
+    if any("HOLDOUT" in command.split() for command in (verdict.next, *commands)):
+        console.print(HOLDOUT_NOTE)

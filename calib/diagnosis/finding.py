@@ -108,7 +108,7 @@ class Family:
     def __str__(self) -> str:
         members = ", ".join(f"{name} ({chance:.2f})" for name, chance in self.members.items())
         return (
-            f"The diagnosis found {self.name}, but these views do not tell which effect: {members}."
+            f"The diagnosis found {self.name}, but these views do not show which effect: {members}."
             f" {self.experiment}"
         )
 

@@ -18,7 +18,7 @@ from calib.effects.varying import VARYING_NUMBERS, WITH_TIME, CameraOfView, Vary
 from calib.fitting.rounding import with_sigma
 from calib.inference.effect_context import point_on_glass
 from calib.inference.fitted_model import FittedModel
-from calib.inference.residual_structure import VarianceShare
+from calib.inference.residual_structure import ORGANISER_WORDS, VarianceShare
 from calib.inference.score_test import ScoreTest
 from calib.optics.relief import Bump
 from calib.planning.hints import placement_hint
@@ -102,8 +102,9 @@ def remarks(
         yield "frames.csv has no times, so the order of the files was used instead."
     for share in structure[:1]:
         yield (
-            f"{100 * share.fraction:.0f} % of the remaining error goes with {share.organised_by},"
-            f" where noise would give {100 * share.chance:.0f} %: something there is not explained."
+            f"{100 * share.fraction:.0f} % of the remaining error follows"
+            f" {ORGANISER_WORDS[share.organised_by]}, where noise alone gives"
+            f" {100 * share.chance:.0f} %: something there is not explained."
         )
 
 

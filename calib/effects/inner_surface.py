@@ -26,8 +26,8 @@ class InnerSurface(Effect):
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
     advice: ClassVar[str] = (
-        "hold the board as near as it fits into the picture, where parallax tells the two surfaces"
-        " apart"
+        "hold the board as near as it fits into the picture, where parallax separates the two"
+        " surfaces"
     )
 
     @classmethod

@@ -68,7 +68,9 @@ def _deviation(joint: JointFit, name: str) -> float:
 
 
 def log_odds_of_swap(
-    deviation: NDArray[np.float64], covariance: NDArray[np.float64], tolerances: NDArray[np.float64]
+    deviation: NDArray[np.floating],
+    covariance: NDArray[np.floating],
+    tolerances: NDArray[np.floating],
 ) -> float:
     """Return the log odds that of two declared values the second is wrong in place of the first.
 

@@ -136,9 +136,8 @@ class CentralModel:
         fitted = self.misfit_at_depth
         if fitted.worst_px > MISFIT_LIMIT:
             yield (
-                f"even at {fitted.depth:g} m the lens {self.lens.name} is wrong by up to"
-                f" {fitted.worst_px:.2f} px, {fitted.rms_px:.2f} px RMS: maps (--format npz,"
-                " opencv or stmap) have no such error."
+                f"it is off by up to {fitted.worst_px:.2f} px even at {fitted.depth:g} m. Maps"
+                " (--format npz, opencv or stmap) have no such error."
             )
         worst = max(
             (self.misfit_at_half_depth, self.misfit_at_double_depth),
@@ -146,9 +145,9 @@ class CentralModel:
         )
         if worst.drift_px > MISFIT_LIMIT:
             yield (
-                "this camera's distortion depends on depth, and a central camera's does not: the"
-                f" one fitted at {fitted.depth:g} m has errors that differ by up to"
-                f" {worst.drift_px:.2f} px at {worst.depth:g} m: export one for each depth in use."
+                f"it holds at {fitted.depth:g} m. At {worst.depth:g} m its error changes by up to"
+                f" {worst.drift_px:.2f} px, for the distortion depends on the depth: export one"
+                " for each depth that you use."
             )
 
     def _limit_sentences(self) -> Iterator[str]:

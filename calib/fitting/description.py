@@ -27,8 +27,17 @@ from calib.session.schema import UNKNOWN
 from calib.session.shapes.none import NONE as NO_COVER
 from calib.table import Table, TableSection
 
-COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "difference")
+COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "off by")
 """The headings. The fourth column says whether a number was held, corrected or contradicted."""
+HELD, CORRECTED, UNDETERMINED = "held", "corrected", "not determined"
+CONTRADICTED = "contradicted"
+NOTES = {
+    HELD: "the fit did not change this number.",
+    CORRECTED: "the declared number is more than 3 sigma away from the calibrated one.",
+    UNDETERMINED: "you gave no value, and these pictures do not determine it.",
+    CONTRADICTED: "the pictures do not agree with the declared number.",
+}
+"""The explanations of the words in the fourth column."""
 PRINTED_COLUMNS = 4
 """The columns that fit into 80 characters."""
 
@@ -58,11 +67,12 @@ def describe(calibration: CalibrationSource) -> Table:
             _effects_title(calibration),
             tuple((number.name, number.estimated, "", "", "") for number in of_effects),
         ),
-        TableSection("pictures", "Pictures", tuple(_range_rows(calibration))),
+        TableSection("pictures", "Pictures", tuple(_range_rows(calibration)), headed=False),
     )
-    return Table(
-        "What was calibrated", COLUMNS, tuple(section for section in sections if section.rows)
-    )
+    shown = tuple(section for section in sections if section.rows)
+    words = {row[3].partition(",")[0] for section in shown for row in section.rows}
+    notes = tuple(f"{word}: {note}" for word, note in NOTES.items() if word in words)
+    return Table("What was calibrated", COLUMNS, shown, notes)
 
 
 def calibrated_numbers(calibration: Calibration) -> dict[str, object]:
@@ -152,7 +162,9 @@ def _row(number: Comparison) -> tuple[str, ...]:
     if number.source == VIEWS:
         return number.name, number.estimated, "", "", ""
     declared = number.stated if number.source == DECLARED else f"{number.stated} (bare/)"
-    deviation = "" if number.held or number.unknown else f"{number.normalised_deviation:.1f} sigma"
+    deviation = (
+        "" if number.held or number.unknown else f"{number.normalised_deviation:.1f} tolerances"
+    )
     return number.name, number.estimated, declared, _note(number), deviation
 
 
@@ -166,12 +178,12 @@ def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
 
 def _note(number: Comparison) -> str:
     if number.held:
-        return "held"
-    words = "corrected" if number.corrected else ""
+        return HELD
+    words = CORRECTED if number.corrected else ""
     if number.is_open:
-        words = "not told"
+        words = UNDETERMINED
     if number.contradicted:
-        words = "contradicted"
+        words = CONTRADICTED
     effect = f"by {number.effect}" if number.effect else ""
     return ", ".join(filter(None, [words, effect]))
 

@@ -412,7 +412,7 @@ def _descend(
         observations,
         poses,
         steps=steps,
-        progress=lambda step, loss: advance(step, f"{100 * (loss / corners) ** 0.5:.4f} cm"),
+        progress=lambda step, loss: advance(step, f"{1e3 * (loss / corners) ** 0.5:.3f} mm"),
     )
 
 

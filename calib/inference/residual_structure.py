@@ -176,6 +176,17 @@ ORGANISERS: dict[str, Callable[[ResidualScene], Basis]] = {
 }
 
 
+ORGANISER_WORDS = {
+    "image": "the place in the picture",
+    "board": "the place on the board",
+    "row x motion": "picture row and board motion",
+    "view and time": "time",
+    "incidence x depth": "depth and the angle of incidence",
+    "sub-pixel phase": "the place within a pixel",
+}
+"""What each of them is called in a sentence."""
+
+
 def variance_shares(
     calibration: Calibration,
     model: CameraModel,

@@ -55,7 +55,7 @@ def intrinsics_covariance(
     degrees = freedom(views, poses, len(coefficients))
     if degrees <= 0 or not np.isfinite(rows).all() or not lengths.all():
         raise NotEnoughDataError(
-            "The views without the cover leave some of the intrinsics open: "
+            "The views without the cover do not determine all intrinsics: "
             "take more pictures of the board, tilted in different directions."
         )
     _, singular_values, directions = np.linalg.svd(rows / lengths, full_matrices=False)

@@ -283,8 +283,7 @@ class Interface:
         """Return the (...) m height of the relief at points in the cover's frame."""
         place = self.relief_place(values)
         assert place
-        chart = self.surface.chart(point)
-        return place.growth * place.relief.height(place.to_relief(chart), values)[0]
+        return place.height(self.surface.chart(point), values)[0]
 
     def relief_place(self, values: Values) -> ReliefPlace | None:
         """Return the place of the relief; None without one."""
@@ -302,10 +301,10 @@ class Interface:
         chart = self.surface.chart(point)
         parts = [relief.height(chart, values) for relief in self.extra_reliefs]
         if place := self.relief_place(values):
-            heights = place.relief.height(place.to_relief(chart), values)
-            height, first, second = (f * h for f, h in zip(place.factors, heights, strict=True))
-            parts.append((height, first, second))
-        bump, first, second = (torch.stack(part).sum(0) for part in zip(*parts, strict=True))
+            parts.append(place.height(chart, values))
+        bump = sum((height for height, _, _ in parts), torch.zeros_like(chart[0]))
+        first = sum((slope for _, slope, _ in parts), torch.zeros_like(chart[0]))
+        second = sum((slope for _, _, slope in parts), torch.zeros_like(chart[0]))
         return gradient - self.surface.chart_gradient(point, first, second), bump
 
     def _relief_distance(

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from calib.optics.params import Values
 from calib.optics.rays import Rays
 from calib.optics.relief import Expansion, Relief
 from calib.optics.vector import Vector
@@ -118,13 +119,19 @@ class ReliefPlace:
         if not self.view:
             return chart
         assert self.relief.anchor
-        first, second = (
-            anchor + (c - middle) * stretch
-            for c, middle, anchor, stretch in zip(
-                chart, self.view.middle, self.relief.anchor, self.stretch, strict=True
-            )
+        middle, anchor, stretch = self.view.middle, self.relief.anchor, self.stretch
+        return (
+            anchor[0] + (chart[0] - middle[0]) * stretch[0],
+            anchor[1] + (chart[1] - middle[1]) * stretch[1],
         )
-        return first, second
+
+    def height(self, chart: tuple[Tensor, Tensor], values: Values) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the relief's (...) m height at two (...) chart coordinates, and its two (...)
+        slopes, m per chart unit.
+        """
+        growth, first, second = self.factors
+        height, by_first, by_second = self.relief.height(self.to_relief(chart), values)
+        return growth * height, first * by_first, second * by_second
 
     def to_chart(self, expansion: Expansion, chart: tuple[Tensor, Tensor]) -> Expansion:
         """Return the expansion on the chart of one in the relief's own coordinates."""

@@ -60,8 +60,10 @@ class GroupMeans:
     @property
     def summary(self) -> str:
         """Text for captions: the number of significant groups, and that expected by chance."""
-        expected = CHANCE * self.judged
-        return f"{self.significant.sum()} of {self.judged}, where chance gives {expected:.1f}"
+        count, expected = int(self.significant.sum()), CHANCE * self.judged
+        if self.is_pattern:
+            return f"{count} of {self.judged}, more than chance gives ({expected:.1f})"
+        return f"{count} of {self.judged}, about as many as chance gives ({expected:.1f})"
 
 
 def over_image(evidence: Evidence) -> GroupMeans:

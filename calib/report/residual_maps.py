@@ -116,22 +116,17 @@ def residual_maps(evidence: Evidence) -> Drawing:
     bands = depth_bands(evidence)
     noise = evidence.calibration.noise_px
     middle, noise_there = noise_by_distance(evidence)
-    shape = (
-        ""
-        if noise is None
-        else " The line over the distribution is that of noise alone; what is wider than it is not"
-        " noise."
-    )
+    shape = "" if noise is None else " Its line is noise alone: a wider histogram is not all noise."
     return Drawing(
         "residuals",
         "Residuals, and where they are",
         "Mean reprojection errors: the corner that the model predicts minus the detected one."
-        " Coloured arrows are so long that noise makes one in a hundred: over the image"
-        f" {in_image.means.summary};"
-        f" over the board {on_board.means.summary}. A pattern over the image points to lens or"
-        " glass, one over the board to a board that is not flat or not to scale. The distribution"
-        f" is that of the x and y of all errors.{shape} The noise by {evidence.distance_name} is"
-        " that of groups of views: where the error exceeds it, the model lacks something.",
+        " Orange arrows are longer than 99 % of noise: over the image"
+        f" {in_image.means.summary}, over the board {on_board.means.summary}. A pattern over the"
+        " image comes from lens or glass, one over the board from a board that is not flat or not"
+        f" to scale. The histogram has the x and y of all errors.{shape} The noise by"
+        f" {evidence.distance_name} is that of groups of views: if the error exceeds it, something"
+        " is missing in the model.",
         {
             "image": in_image.data(),
             "board": on_board.data(),

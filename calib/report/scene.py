@@ -173,7 +173,9 @@ def profiles(evidence: Evidence) -> dict[str, list[Array]]:
     around, along = _extent(evidence)
     turn = np.linspace(-1, 1, PROFILE_POINTS)
     return {
-        "side": _surface_points(evidence, 0 * turn, along * turn),
+        "side": _surface_points(
+            evidence, 0 * turn, (AROUND if _is_dome(evidence) else along) * turn
+        ),
         "above": _surface_points(evidence, around * turn, 0 * turn),
     }
 
@@ -219,6 +221,11 @@ def _extent(evidence: Evidence) -> tuple[float, float]:
     across = float(np.degrees(np.arctan2(sideways, ahead)).max()) + MARGIN
     along = float(np.degrees(np.arctan2(down, ahead)).max()) + MARGIN
     return AROUND if _is_round(evidence) else min(across, AHEAD), min(along, AHEAD)
+
+
+def _is_dome(evidence: Evidence) -> bool:
+    """True if the outermost cover is round in the vertical cut as well."""
+    return "centre.z" in evidence.calibration.cover.covers[-1].parameters
 
 
 def _is_round(evidence: Evidence) -> bool:

@@ -88,7 +88,7 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
     noise = calibration.noise_px
     if len(calibration.stages) > 1 and has_declared_lens(calibration):
         bare_rms = calibration.stages[0].rms_px
-        text = f"The error is {rms:.3f} px, where the camera alone leaves {bare_rms:.3f} px"
+        text = f"The error is {rms:.3f} px, and {bare_rms:.3f} px with the camera alone"
     else:
         text = f"The error is {rms:.3f} px"
     if noise is None:

@@ -4,7 +4,7 @@ from html import escape
 
 from calib.fitting.description import describe, has_declared_lens
 from calib.report.evidence import Evidence
-from calib.table import change, html_table
+from calib.table import board_error, change, html_table
 
 MEANING = {
     "pinhole": "the camera alone, with its lens",
@@ -32,7 +32,7 @@ def stages_html(evidence: Evidence) -> str:
             f"<b>{escape(stage.title)}</b>",
             escape(MEANING.get(stage.name, "")),
             f"{bar(stage.rms_px, largest)} {stage.rms_px:.3f} px",
-            f"{stage.rmse_cm:.4f} cm",
+            board_error(stage.rmse_cm),
             change(stage.rms_px, stages[0].rms_px) if stage is not stages[0] and known else "",
         )
         for stage in stages

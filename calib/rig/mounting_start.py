@@ -198,7 +198,7 @@ def _mounting(
     if len(rivals) and len(steps) > 1:
         raise NotEnoughDataError(
             f"The board looks the same after a turn, and the pictures that {name} shares with the"
-            " other cameras do not tell how it stands: add pictures with the board tilted"
+            " other cameras do not show how it stands: add pictures with the board tilted"
             " differently, or use a board with markers."
         )
     chosen = deviations[best].argmin(-1)  # (V,)

@@ -245,8 +245,8 @@ def _completed(session: Session, section: Section, bare_of: Session | None) -> S
         return session
     if camera.lens == SPLINED:
         raise InputError(
-            f"{file}: camera.lens is {SPLINED}, which pictures through a cover do not tell: put"
-            f" pictures taken without the cover in {path / 'bare'}, or drop the key."
+            f"{file}: camera.lens is {SPLINED}, which pictures through a cover do not determine:"
+            f" put pictures taken without the cover in {path / 'bare'}, or drop the key."
         )
     return replace(session, camera=replace(camera, intrinsics=unknown_intrinsics(camera)))
 

@@ -66,7 +66,7 @@ def contradicted_numbers(case: Case) -> Iterator[Reason]:
 
 
 def unconfirmed_numbers(case: Case) -> Iterator[Reason]:
-    """Name the numbers that depth and length rest on, where the views do not tell them."""
+    """Name the numbers that depth and length rest on, if the views do not determine them."""
     evidence = _evidence(case)
     if not evidence or evidence.sigma <= UNSURE_FOCAL:
         return
@@ -88,9 +88,8 @@ def unconfirmed_numbers(case: Case) -> Iterator[Reason]:
         else f"{100 * evidence.sigma:.2g}"
     )
     yield Reason(
-        f"{subject}, not confirmed by these views, which by themselves leave depth and length"
-        f" open by {size} % (one standard"
-        f" deviation): {POSES}.",
+        f"{subject}, not confirmed by these views: from them alone, depth and length are uncertain"
+        f" by {size} % (one standard deviation). To confirm it, {POSES}.",
         case.next.capture(),
         tuple(names),
     )

@@ -31,8 +31,8 @@ def not_converged(case: Case) -> Iterator[Reason]:
         return
     if _outcome(case) == Outcome.STEPS_USED_UP.value:
         sentence = (
-            "the fit was still improving when its steps were used up: the views hardly tell some"
-            " numbers, or the model lacks something."
+            "the fit was still improving when its steps were used up: the views hardly determine"
+            " some numbers, or the model lacks something."
         )
     else:
         sentence = _uncapitalised(Outcome.STUCK.value)

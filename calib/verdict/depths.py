@@ -27,7 +27,7 @@ def requested_depths(case: Case) -> Iterator[Reason]:
         near, far = case.reach
         sentence = (
             f"maps are wanted for {', '.join(f'{depth:g} m' for depth in untrusted)}, and corners"
-            f" were seen at {near:.2g} to {far:.2g} m, which speaks for"
+            f" were seen at {near:.2g} to {far:.2g} m, which supports"
             f" {_describe_range(nearest, farthest)}: take views there."
         )
         yield Reason(sentence, case.next.capture())

@@ -19,9 +19,9 @@ def fleet_prior(case: Case) -> Iterator[Reason]:
         else ""
     )
     yield Reason(
-        f"it is not as the {prior.cameras} cameras of {prior.file} are (p ="
-        f" {prior.p_value:.1g}{farthest}), whose prior was left out: look at this camera, or"
-        " name a prior of its like.",
+        f"this camera differs from the {prior.cameras} cameras of {prior.file} (p ="
+        f" {prior.p_value:.1g}{farthest}), so their prior was not used: look at this camera, or"
+        " name a prior of cameras like it.",
         case.next.fit(),
         (prior.farthest,) if prior.farthest else (),
     )

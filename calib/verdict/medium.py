@@ -36,8 +36,9 @@ def medium(case: Case) -> Iterator[Reason]:
     error = _error_in(case.calibration, name)
     if error < OTHER_MEDIUM * cover:
         sentence = (
-            f"with {name} outside of the cover, the numbers of session.yaml leave {error:.3f} px,"
-            f" and with its outside_index of {index:g} {cover:.3f} px: the board was in {name}."
+            f"with {name} outside of the cover, the error with the numbers of session.yaml is"
+            f" {error:.3f} px; with its outside_index of {index:g} it is {cover:.3f} px. So the"
+            f" board was in {name}."
         )
         yield Reason(sentence, case.next.fit(), (declared.cover.medium_name,))
 

@@ -16,7 +16,12 @@ from calib.effects.cover_effect import CoverEffect
 from calib.effects.effect import Effect
 from calib.estimation.noise import MIN_NOISE
 from calib.estimation.residuals import residuals
-from calib.inference.residual_structure import VarianceShare, significant_shares, variance_shares
+from calib.inference.residual_structure import (
+    ORGANISER_WORDS,
+    VarianceShare,
+    significant_shares,
+    variance_shares,
+)
 from calib.inference.score_test import ScoreTest
 from calib.session.parameter_names import CAMERA
 from calib.verdict.case import Case, optimum_of
@@ -30,7 +35,7 @@ from calib.verdict.thresholds import (
 )
 from calib.verdict.verdict import Reason
 
-NOT_ALL_NOISE = "what is left is not all noise"
+NOT_ALL_NOISE = "the error is not all noise"
 NUMBERS = {"focal": CAMERA.focal, "principal_point": CAMERA.centre}
 
 
@@ -41,15 +46,15 @@ def residual(case: Case) -> Iterator[Reason]:
     sentence = NOT_ALL_NOISE
     if beyond_noise(case):
         sentence = (
-            f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px"
+            f"the error is {case.left_px:.3f} px, and the corners' noise is about {noise:.3f} px"
         )
     elif not (organised or likely):
         return
     if organised:
         share = organised[0]
         sentence += (
-            f", and {100 * share.fraction:.0f} % of it go with {share.organised_by}"
-            f" ({100 * share.chance:.0f} % by chance)"
+            f"; {100 * share.fraction:.0f} % of it follows {ORGANISER_WORDS[share.organised_by]},"
+            f" where chance alone gives {100 * share.chance:.0f} %"
         )
     if likely:
         effects = (

@@ -43,14 +43,14 @@ def too_few_views(case: Case) -> Iterator[Reason]:
     if poses < required:
         sentence = (
             f"{poses} poses of the board are few for {unknowns} unknown numbers of camera and"
-            f" glass: {required} are the least that can tell them."
+            f" glass: it takes at least {required}."
         )
         yield Reason(sentence, case.next.capture())
     elif poses < MIN_FIT_VIEWS:
         sentence = (
             f"{len(calibration.views)} views show {poses} pose{'s' * (poses > 1)} of the board, and"
-            " copies of one picture tell no more than that picture: move the board between the"
-            f" pictures, to {MIN_FIT_VIEWS} poses or more."
+            " a copy of a picture adds nothing: move the board between the pictures, to"
+            f" {MIN_FIT_VIEWS} poses or more."
         )
         yield Reason(sentence, case.next.capture())
 
@@ -74,8 +74,8 @@ def uncertain_focal_length(case: Case) -> Iterator[Reason]:
         worst = max(uncertain, key=lambda name: uncertain[name])
         sentence = (
             f"the focal length is known to {100 * uncertain[worst]:.2g} % only"
-            f" ({numbers[worst].value:.0f} ± {numbers[worst].sigma:.2g} px), and so are metres that"
-            f" are measured with it: {TILT}."
+            f" ({numbers[worst].value:.0f} ± {numbers[worst].sigma:.2g} px), and so is every length"
+            f" that you measure: {TILT}."
         )
         yield Reason(sentence, case.next.capture(), tuple(uncertain))
 
@@ -89,7 +89,7 @@ def uncertain_maps(case: Case) -> Iterator[Reason]:
     if uncertain:
         listed = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in uncertain.items())
         sentence = (
-            f"the maps are hardly known even at the corners (one standard deviation: {listed}):"
+            f"the maps are uncertain even where the board was (one standard deviation: {listed}):"
             " take more views, tilted and near."
         )
         yield Reason(sentence, case.next.capture())

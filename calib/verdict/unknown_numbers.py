@@ -1,4 +1,4 @@
-"""Checks: what nobody knew, and these views do not tell."""
+"""Checks: unknown numbers that these views do not determine, or that end far off."""
 
 from collections.abc import Iterator
 
@@ -18,8 +18,8 @@ def unknown_shape(case: Case) -> Iterator[Reason]:
         return
     listed = " or ".join(find_shape(name).words for name in (chosen, *rivals))
     sentence = (
-        f"these views do not tell whether the cover is {listed}; {find_shape(chosen).words} is"
-        " taken. Look at it, and write cover.shape in session.yaml."
+        f"your pictures fit {listed} about equally well. The fit assumed"
+        f" {find_shape(chosen).words}. Look at the cover, and write cover.shape in session.yaml."
     )
     yield Reason(sentence, case.next.fit(), ("cover.shape",))
 
@@ -51,8 +51,8 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
     if unusual:
         listed = ", ".join(f"{number.name} ({number.estimated})" for number in unusual)
         sentence = (
-            f"such numbers are hardly ever like this: {listed}. Unknown numbers make up for what"
-            " the model lacks: measure one of them, and write it in session.yaml."
+            f"these estimates are far outside of the usual range: {listed}. An unknown number can"
+            " hide an error of another kind: measure one of them, and write it in session.yaml."
         )
         yield Reason(sentence, case.next.fit(), tuple(number.name for number in unusual))
     numbers = [number for number in compared if number.is_open and not number.is_unusual]
@@ -61,13 +61,13 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
     listed = ", ".join(f"{number.name} ({number.estimated})" for number in numbers)
     is_lens = all(number.name.startswith(CAMERA.of("")) for number in numbers)
     advice = (
-        "take views near and tilted that reach the picture's edges, or pictures without the cover"
+        "take pictures of the board at the picture's edges, near and tilted, or without the cover,"
         " in bare/"
         if is_lens
-        else "measure it and write it in session.yaml, or take views near and tilted"
+        else "measure it, or take pictures of the board near and tilted"
     )
     sentence = (
-        f"these views do not tell what nobody knew: {listed}. The maps' sigma counts it; to know"
-        f" it, {advice}."
+        f"your pictures do not determine {listed}. The maps already allow for that. If you need"
+        f" the number, {advice}."
     )
     yield Reason(sentence, case.next.capture(), tuple(number.name for number in numbers))

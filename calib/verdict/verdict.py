@@ -19,7 +19,7 @@ class Trust(Enum):
     @property
     def sentence(self) -> str:
         return {
-            Trust.TRUSTED: "To be trusted where it has corners.",
+            Trust.TRUSTED: "You can trust it in the parts of the picture where the board was.",
             Trust.CARE: "Take care before you trust it.",
             Trust.DO_NOT_USE: "Do not use it.",
         }[self]

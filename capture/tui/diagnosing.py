@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from calib.progress import Progress
+from calib.table import board_error
 from capture.tui.child import LOADING, MOVE_IT
 from capture.tui.fitting import results_summary
 
@@ -84,7 +85,8 @@ def as_text(
     ]
     lines += [
         f"{'fitted views':<26}{without.rms_px:>9.3f} px{with_effects.rms_px:>9.3f} px",
-        f"{'on the board':<26}{10 * without.rmse_cm:>9.3f} mm{10 * with_effects.rmse_cm:>9.3f} mm",
+        f"{'on the board':<26}{board_error(without.rmse_cm):>12}"
+        f"{board_error(with_effects.rmse_cm):>12}",
         f"{'held-out views':<26}{without.held_out_px:>9.3f} px{with_effects.held_out_px:>9.3f} px",
     ]
     if (noise := finding.noise_px) is not None:

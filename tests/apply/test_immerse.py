@@ -445,7 +445,8 @@ def test_the_command_prints_sentences_for_people(
     out, err = capsys.readouterr()
     assert "outside index 1.34 ± 0.1" in " ".join(out.split())
     assert (
-        "the views leave open a number that matters in the new medium: at 0.3, 0.5, 1 m the maps"
+        "the views do not determine a number that matters in the new medium: at 0.3, 0.5, 1 m the"
+        " maps"
         " are known to" in err
     )
     assert "measure its salinity and temperature, and write --index-sigma" in err

@@ -333,7 +333,9 @@ def test_the_command_prints_what_the_library_finds(
     assert run(folder, picture, *tags) == 0
     out = capsys.readouterr().out
     assert "turn, degrees" in out
-    assert f"{1000 * located[0].tags[2].poses[0].position[2]:.2f}" in out
+    distances = {tag.number: 1000 * tag.poses[0].position[2] for tag in located[0].tags}
+    printed = next(line for line in out.splitlines() if line.startswith("5 "))
+    assert float(printed.split()[3]) == pytest.approx(distances[5], abs=0.005)
 
 
 def test_pictures_without_tags_are_listed_as_well(

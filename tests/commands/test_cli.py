@@ -20,6 +20,7 @@ import pytest
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.commands.printing import print_json
+from calib.commands.verdict_lines import HOLDOUT_NOTE
 from calib.diagnosis.requested_effects import NAMES
 from calib.io.files import check_writable
 from calib.io.output_folder import LEDGER
@@ -120,7 +121,8 @@ def test_a_fit_ends_with_the_next_command(
     output = capsys.readouterr().out
     assert "fitted cover" in output
     assert "cover+rbf" not in output
-    *_, following, first, second, third = output.splitlines()
+    *_, following, first, second, third, note = output.splitlines()
+    assert note == HOLDOUT_NOTE
     undistort = shlex.split(following.removeprefix("Next: "))
     evaluate = shlex.split(first.removeprefix("Then: "))
     diagnose, export = shlex.split(second), shlex.split(third)
@@ -157,8 +159,8 @@ def test_a_trusted_fit_names_an_export_command_that_works(
         tmp_path / "my session", scene(11, views=24, noise=0.05, depths=(0.35, 1.2))
     )
     assert main(["fit", str(folder), "--grid", "5x5"]) == 0
-    *_, word, last, _, _ = capsys.readouterr().out.splitlines()
-    assert word == "To be trusted where it has corners."
+    *_, word, last, _, _, _ = capsys.readouterr().out.splitlines()
+    assert word == "You can trust it in the parts of the picture where the board was."
     program, *arguments = shlex.split(last.removeprefix("Next: "))
     assert program == "calib"
     assert main(arguments) == 0

@@ -1,6 +1,8 @@
 """The help of calib: groups, examples that can be typed, and numbers before a positional word."""
 
+import re
 import shlex
+from pathlib import Path
 
 import pytest
 
@@ -60,7 +62,7 @@ def test_each_command_has_two_examples_that_are_accepted(command: object) -> Non
         ("fit --depth 0.5 s", [0.5], ["s"]),
         ("fit --depth 0.5 1 inf s t", [0.5, 1.0, float("inf")], ["s", "t"]),
         ("fit s --depth 2 1e1", [2.0, 10.0], ["s"]),
-        ("fit --dep 1 s --depth 3", [1.0, 3.0], ["s"]),
+        ("fit --depth 1 s --depth 3", [1.0, 3.0], ["s"]),
         ("fit --depth=1 s", [1.0], ["s"]),
         ("fit --depth 1 ./2024", [1.0], ["2024"]),
         ("fit --depth 1 -- 2024", [1.0], ["2024"]),
@@ -89,6 +91,16 @@ def test_positional_words_may_follow_numbers(
         ("exprt s", "did you mean export?"),
         ("import image x", "did you mean images?"),
         ("fit s --cover dom", "did you mean dome?"),
+        ("fit --bord 9x9 s", "--bord is not an option: did you mean --board?"),
+        ("fit --dep 1", "--dep is not an option: did you mean --depth?"),
+        ("undistort --xyz", "--xyz is not an option of calib undistort"),
+        ("import kalibr --squaremm=3", "--squaremm is not an option: did you mean --square-mm?"),
+        ("rig fit --gird 8x8", "--gird is not an option: did you mean --grid?"),
+        ("--verson", "did you mean --version?"),
+        ("fit s --border-cells 9x9", "argument --border-cells: '9x9' is not a whole number"),
+        ("fit s --centre 0 0 -8", "write --centre 0,0,-8"),
+        ("fit --centre 0 0+-1 -8 2024", "write --centre 0,0+-1,-8\n"),
+        ("fit s --intrinsics 900 900 320 240 0.1", "write --intrinsics 900,900,320,240,0.1"),
     ],
 )
 def test_a_mistyped_word_gets_what_was_meant(
@@ -97,7 +109,19 @@ def test_a_mistyped_word_gets_what_was_meant(
     with pytest.raises(SystemExit) as ended:
         main(line.split())
     assert ended.value.code == 2
-    assert says in capsys.readouterr().err
+    error, hint = capsys.readouterr().err.splitlines(keepends=True)
+    assert says in error
+    assert re.fullmatch(r"see calib( \w+)* --help\n", hint)
+
+
+@pytest.mark.parametrize("words", ["--quiet", "--board=9x6", "-q"])
+def test_an_option_is_written_in_full_or_by_its_letter(words: str) -> None:
+    args = PARSER.parse_args(["fit", "s", words])
+    assert args.quiet or args.board == (9, 6)
+
+
+def test_a_word_behind_two_dashes_is_no_option() -> None:
+    assert PARSER.parse_args(["fit", "--", "--bord"]).session == [Path("--bord")]
 
 
 @pytest.mark.parametrize(

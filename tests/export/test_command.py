@@ -1,6 +1,7 @@
 """calib export: its files, what it says about the misfit, and what it refuses."""
 
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -58,7 +59,7 @@ def test_every_format_of_the_help_writes_its_files(
         not form.needs_depth and form.name != "npz"
     )  # npz takes depths, and needs none
     assert any("0.5m" in path for path in written) is not for_every_depth
-    assert ("Misfit of the central camera" in err) is (bool(form.lenses) and not for_every_depth)
+    assert ("px RMS (" in err) is (bool(form.lenses) and not for_every_depth)
 
 
 def test_the_help_lists_every_format(capsys: pytest.CaptureFixture[str]) -> None:
@@ -91,16 +92,13 @@ def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(
     out, err = capsys.readouterr()
     written = [tmp_path / "new" / name for name in ("camera_info_0.2m.yaml", "camera_info_1m.yaml")]
     assert out.split() == [str(path) for path in written]
-    for path in written:
-        stated = [
-            line.partition(": ")[2] for line in path.read_text().splitlines() if "Misfit" in line
-        ]
-        assert len(stated) == 3
-        assert all(misfit in err for misfit in stated)
-    assert (
-        "this camera's distortion depends on depth, and a central camera's does not: the one"
-        " fitted at 0.2 m has errors that differ by up to" in err
-    )
+    printed = re.findall(r"off by ([\d.]+) / ([\d.]+) / ([\d.]+) px RMS", err)
+    for path, numbers in zip(written, printed, strict=True):
+        stated = re.findall(r"Misfit over the image: ([\d.]+) px RMS", path.read_text())
+        # three decimals are printed of the four in the file
+        assert [float(n) for n in stated] == pytest.approx([float(n) for n in numbers], abs=6e-4)
+    assert "it holds at 0.2 m. At" in err
+    assert "for the distortion depends on the depth: export one for each depth" in err
 
 
 def test_outputs_of_an_earlier_fit_are_named(
@@ -142,7 +140,7 @@ def test_a_central_camera_is_not_warned_about(
         == 0
     )
     err = capsys.readouterr().err
-    assert "0.0000 px RMS" in err
+    assert "off by 0.000 / 0.000 / 0.000 px RMS" in err
     assert "Take care" not in err
 
 

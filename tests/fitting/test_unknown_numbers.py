@@ -93,7 +93,9 @@ def test_number_that_the_views_do_not_tell_keeps_its_wide_sigma_and_the_verdict_
     assert thickness.sigma > 0.9 * thickness.tolerance
     verdict = judge(calibration)
     assert "cover.thickness" in verdict.suspects
-    assert any("do not tell what nobody knew" in sentence for sentence in verdict.sentences)
+    assert any(
+        "pictures do not determine cover.thickness" in sentence for sentence in verdict.sentences
+    )
 
 
 def test_verdict_is_silent_about_an_unknown_number_that_the_views_tell() -> None:

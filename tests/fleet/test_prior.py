@@ -146,7 +146,7 @@ def test_a_contradicted_prior_is_reported_and_not_used(
     assert stranger.camera == alone.camera
     sentences = [item for item in judge(stranger).sentences if "whose prior was left out" in item]
     assert len(sentences) == 1
-    assert "not as the 6 cameras of" in sentences[0]
+    assert "differs from the 6 cameras of" in sentences[0]
 
 
 def test_the_prior_of_a_fit_is_saved_with_it(prior: Path, tmp_path: Path) -> None:

@@ -80,9 +80,10 @@ def test_those_of_a_cover(example: Example, kind: str) -> None:
         del values[AMPLITUDES]
     if kind in ("anchored", "grown", "grown bump"):
         view = outer.relief_view(values)
-        first, second = (chart + 1e-3 for chart in view.anchor)
+        first, second = view.anchor
         size = (0.9 * view.size[0], 1.05 * view.size[1], 1.1 * view.size[2])
-        tied = replace(relief, anchor=(first, second), size=None if kind == "anchored" else size)
+        anchor = first + 1e-3, second + 1e-3
+        tied = replace(relief, anchor=anchor, size=None if kind == "anchored" else size)
         outer = replace(outer, relief=tied)
     if kind == "tilts only":
         outer = replace(outer, exact_hit=False)

@@ -159,7 +159,7 @@ def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> 
     words = text(reported.html)
     for stage in reported.calibration.stages:
         assert f"{stage.rms_px:.3f} px" in words
-        assert f"{stage.rmse_cm:.4f} cm" in words
+        assert f"{10 * stage.rmse_cm:.3f} mm" in words
     assert "2558.36" in words
     origin = reported.calibration.request.provenance
     assert origin

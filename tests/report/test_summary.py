@@ -116,7 +116,7 @@ def test_a_misprinted_board_leaves_a_pattern_over_it(tmp_path: Path) -> None:
         calibrated(scene(5, views=16, noise=0.05, board=Misprinted(9, 9, 0.020)), tmp_path, FAST)
     )
     assert over_board(evidence).is_pattern
-    assert "% of it go with board" in str(summarise(evidence).verdict)
+    assert "% of it follows the place on the board" in str(summarise(evidence).verdict)
 
 
 def test_noise_leaves_no_pattern(reported: Reported) -> None:

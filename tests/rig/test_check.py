@@ -242,7 +242,7 @@ def test_the_command_has_the_exit_codes_of_calib_check(
     text = capsys.readouterr().out
     assert "The rig is broken for these pictures." in text
     assert "it has moved against left by" in text
-    assert "two cameras do not tell which of them moved: right, or left instead." in text
+    assert "two cameras do not show which of them moved: right, or left instead." in text
     assert "Next: calib rig fit" in text
 
 

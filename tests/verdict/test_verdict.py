@@ -14,7 +14,7 @@ def test_no_reasons_are_trust() -> None:
         "suspects": [],
         "next": "calib export it",
     }
-    assert str(verdict) == "To be trusted where it has corners."
+    assert str(verdict) == "You can trust it in the parts of the picture where the board was."
 
 
 def test_the_gravest_reason_decides() -> None:

@@ -46,6 +46,7 @@ function addPanel(host, {title, options, onClick, onPoint, label = "", zoomed = 
     if (!waiting && width) requestAnimationFrame(draw);
     waiting = width > 0;
   }
+  let touched = false; // by a person: until then, a panel of another width shows the same area
   let ready = false; // the wheel zooms after a click, so that it scrolls the page until then
   const zoom = Libraries.zoom()
     .scaleExtent([1, MAX_ZOOM])
@@ -53,11 +54,11 @@ function addPanel(host, {title, options, onClick, onPoint, label = "", zoomed = 
     .extent(() => [[0, 0], [frame.clientWidth, frame.clientHeight]])
     .filter(event => event.type === "wheel" ? ready || event.ctrlKey || event.metaKey
       : event.type.startsWith("touch") ? event.touches.length > 1 : !event.button)
-    .on("zoom", event => { transform = event.transform; request(); });
+    .on("zoom", event => { transform = event.transform; touched ||= Boolean(event.sourceEvent); request(); });
   const chart = Libraries.select(frame).call(zoom);
   frame.addEventListener("pointerdown", () => { ready = true; }, {capture: true}); // Plot keeps the event to itself
   frame.addEventListener("pointerleave", () => { ready = false; });
-  reset.addEventListener("click", () => chart.call(zoom.transform, Libraries.zoomIdentity));
+  reset.addEventListener("click", () => { touched = true; chart.call(zoom.transform, Libraries.zoomIdentity); });
   if (onClick) frame.addEventListener("click", () => current?.value && onClick(current.value));
   new ResizeObserver(() => {
     const first = !width;
@@ -65,8 +66,12 @@ function addPanel(host, {title, options, onClick, onPoint, label = "", zoomed = 
     if (!width) return;
     zoom.translateExtent([[0, 0], [frame.clientWidth, frame.clientHeight || width]]);
     whole = null;
-    if (!first) return request();
-    transform = zoomed ? zoomOnto(zoomed, options(width), width) : transform;
+    const wanted = zoomed && !touched ? zoomOnto(zoomed, options(width), width) : transform;
+    if (!first) {
+      if (zoomed && !touched) chart.call(zoom.transform, wanted);
+      return request();
+    }
+    transform = wanted;
     draw();
     zoom.translateExtent([[0, 0], [frame.clientWidth, frame.clientHeight]]);
     if (zoomed) chart.call(zoom.transform, transform);

@@ -75,7 +75,7 @@ function sidePanel(host, packed, space, viewOf, plane, title, axes, downName) {
     : Math.floor(corner / DATA.board.columns) === DATA.board.rows >> 1;
   return addPanel(host, {
     title, label: `the cover ${title}`,
-    zoomed: [middle[0] - 0.7 * (right - left), middle[0] + 0.7 * (right - left), middle[1] - 0.7 * (bottom - top), middle[1] + 0.7 * (bottom - top)],
+    zoomed: [middle[0] - 0.7 * (right - left), middle[0] + 0.7 * (right - left), middle[1] - 0.75 * (bottom - top), middle[1] + 0.92 * (bottom - top)],
     options: width => {
       const {height, from, to, half} = size(width), view = viewOf();
       const rays = raysOf(space, view).filter(alongPlane).map(({corner, points}) => ({corner, points: points.map(flat)}));
@@ -91,7 +91,7 @@ function sidePanel(host, packed, space, viewOf, plane, title, axes, downName) {
           })),
           ...glassBodies(surfaces),
           ...rays.map(ray => Libraries.Plot.line(ray.points, {x: "x", y: "y", stroke: "var(--series-1)", strokeWidth: 1.2})),
-          ...dimensionMarks(packed, surfaces, flat, [top, bottom], rays.flatMap(ray => heightsOf(ray.points, 0.35 * (right - left)))),
+          ...dimensionMarks(packed, surfaces, flat, [top, bottom]),
           Libraries.Plot.dot([{x: 0, y: 0}], {x: "x", y: "y", r: 4, fill: "var(--ink)"}),
           tip(bends, ({corner, step, x, y}) => `ray to the corner in column ${corner % DATA.board.columns + 1}, row ${Math.floor(corner / DATA.board.columns) + 1}`
             + `\n${step === 0 ? "leaves the lens" : step > surfaces.length ? "reaches the corner" : `meets surface ${step}`} at ${digits(x, 4)}, ${digits(y, 4)} mm`),
@@ -113,56 +113,50 @@ function glassBodies(surfaces) {
   });
 }
 
-/** Return the heights of a ray in the glass, and so far behind it as a label reaches. */
-function heightsOf(points, reach) {
-  const last = points.at(-2), corner = points.at(-1), part = Math.min(1, reach / (corner.x - last.x));
-  return [...points.slice(1, -1).map(point => point.y), last.y + part * (corner.y - last.y)].filter(Number.isFinite);
-}
-
-/** Marks of the numbers that place and size the cover, as docs/measuring.md draws them, above and below the rays. */
-function dimensionMarks(packed, surfaces, flat, [top, bottom], heights) {
+/** Marks of the numbers that place and size the cover, as docs/measuring.md draws them: above and below the glass, with thin lines down to them. */
+function dimensionMarks(packed, surfaces, flat, [top, bottom]) {
   const texts = new Map(packed.numbers), origin = flat(packed.origin);
   const crossing = (surface, level) => surface.filter(point => Number.isFinite(point.x + point.y) && point.x > 0)
     .reduce((best, point) => Math.abs(point.y - level) < Math.abs(best.y - level) ? point : best, {x: NaN, y: Infinity});
-  const tall = bottom - top, middle = (top + bottom) / 2;
-  const visible = level => Math.min(middle + 0.62 * tall, Math.max(middle - 0.62 * tall, level));
-  const above = visible(Math.min(0, ...heights) - 0.1 * tall), below = visible(Math.max(0, ...heights) + 0.12 * tall);
-  const inner = crossing(surfaces[0], packed.round ? 0 : below), wall = packed.round ? 0 : above;
-  const lines = [], labels = [];
-  const add = (name, x1, x2, y, level = y) => {
+  const tall = bottom - top, inner = crossing(surfaces[0], 0).x, lines = [], labels = [], threads = [];
+  const add = (name, x1, x2, y) => {
     if (!texts.has(name)) return;
     lines.push({x1, x2, y});
-    labels.push({x: (x1 + x2) / 2, y: level, text: `${name} ${texts.get(name)}`});
+    threads.push(...[x1, x2].map(x => ({x, y1: 0, y2: y + 0.02 * tall * Math.sign(y)})));
+    labels.push({x: (x1 + x2) / 2, y, text: `${name.replaceAll("_", " ").replace(".", " ")} ${texts.get(name)}`});
   };
   if (packed.round) {
-    add("inner_radius", origin.x, inner.x, below);
-    for (const name of ["axis_offset.z", "centre.z"]) add(name, 0, origin.x, visible(below + 0.16 * tall));
+    add("inner_radius", origin.x, inner, bottom + 0.14 * tall);
+    for (const name of ["axis_offset.z", "centre.z"]) add(name, 0, origin.x, bottom + 0.33 * tall);
   } else {
-    add("distance", 0, inner.x, below);
+    add("distance", 0, inner, bottom + 0.14 * tall);
   }
-  if (surfaces[1]) add("thickness", crossing(surfaces[0], wall).x, crossing(surfaces[1], wall).x, wall, above);
+  if (surfaces[1]) add("thickness", inner, crossing(surfaces[1], 0).x, top - 0.06 * tall);
   return [
     ...packed.round ? [Libraries.Plot.dot([origin], {x: "x", y: "y", symbol: "times", r: 6, stroke: "var(--faint)", strokeWidth: 2})] : [],
+    Libraries.Plot.ruleX(threads, {x: "x", y1: "y1", y2: "y2", stroke: "var(--series-4)", strokeWidth: 0.6, strokeDasharray: "2 3"}),
     Libraries.Plot.link(lines, {x1: "x1", x2: "x2", y1: "y", y2: "y", stroke: "var(--series-4)", strokeWidth: 1.4, markerStart: "arrow-reverse", markerEnd: "arrow"}),
     dimensionLabels(labels),
   ];
 }
 
 const LETTER_WIDTH = 6.7, LINE_HEIGHT = 14; // px of a label in a panel
+const WITH_SIGMA = 360; // px: a narrower panel has no room for standard deviations
 
 /** A mark of labels above their lines, each inside of the panel and none over another. */
 function dimensionLabels(labels) {
   return (_, {x, y}, channels, {width, height, marginLeft, marginRight, marginTop, marginBottom}) => {
     const group = document.createElementNS(SVG, "g"), placed = [];
     for (const label of labels) {
-      const half = LETTER_WIDTH * label.text.length / 2, left = marginLeft + half + 3, right = width - marginRight - half - 3;
+      const words = width < WITH_SIGMA ? label.text.replace(/ ± \S+/, "") : label.text;
+      const half = LETTER_WIDTH * words.length / 2, left = marginLeft + half + 3, right = width - marginRight - half - 3;
       const across = Math.max(left, Math.min(right, x(label.x)));
       let down = y(label.y) - 9;
       if (!(down > marginTop && down < height - marginBottom)) continue; // its line is outside of the panel
       while (placed.some(other => Math.abs(other.across - across) < half + other.half && Math.abs(other.down - down) < LINE_HEIGHT)) down += LINE_HEIGHT;
       placed.push({across, down, half});
       const text = document.createElementNS(SVG, "text");
-      text.textContent = label.text;
+      text.textContent = words;
       text.setAttribute("x", across);
       text.setAttribute("y", down + 3);
       group.append(text);

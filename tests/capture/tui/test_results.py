@@ -176,8 +176,8 @@ async def _report(session: Path) -> None:
         await see(pilot, "The report is s/calibration/report.html")
         text = " ".join(shown(pilot).split())
         assert (
-            "To be trusted where it has corners. Press r for the report, x to export maps, e to"
-            " look for what the model lacks." in text
+            "You can trust it in the parts of the picture where the board was. Press r for the"
+            " report, x to export maps, e to look for what the model lacks." in text
         )
 
 

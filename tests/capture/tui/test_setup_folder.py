@@ -73,7 +73,11 @@ async def _finished(session: Path) -> None:
         await see(pilot, "^o Results")
         await pilot.press("ctrl+o")
         await see(pilot, "[RESULTS]")
-        await see(pilot, "To be trusted where it has corners. The error fell from 0.4")
+        await see(
+            pilot,
+            "You can trust it in the parts of the picture where the board was. The error fell"
+            " from 0.4",
+        )
         await see(pilot, "The maps are accurate to")
         await see(pilot, "e Diagnose c Check r Report x Export")
         await pilot.press("r")

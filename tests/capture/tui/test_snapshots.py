@@ -128,7 +128,10 @@ RESULT = {
         for number in (1, 2, 3, 5, 7, 9)
     ],
     "rejected": [],
-    "verdict": {"word": "trusted", "sentences": ["To be trusted where it has corners."]},
+    "verdict": {
+        "word": "trusted",
+        "sentences": ["You can trust it in the parts of the picture where the board was."],
+    },
     "sigma_px": [
         {"depth_m": 0.3, "px": 0.021},
         {"depth_m": 0.55, "px": 0.012},
@@ -302,8 +305,8 @@ async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
     """The longest possible text."""
     reasons = [
         (
-            "0.227 px are left where the corners' noise is about 0.047 px: it may be board_shape,"
-            " which would lower it by 87 %."
+            "the error is 0.227 px, and the corners' noise is about 0.047 px: it may be"
+            " board_shape, which would lower it by 87 %."
         ),
         (
             "cover.thickness 5.4887 ± 0.43 mm, declared as 3 ± 0.5 mm, 9.8 standard deviations"
