@@ -159,7 +159,7 @@ def test_no_cover_is_a_shape_too_and_what_is_as_probable_is_named() -> None:
     calibration = calibrate(made("dome"), INTRINSICS, COVERS["dome"][0])
     equal = with_outcome(calibration, shape_log_odds={"none": -1.0, "dome": 0.0, "cone": -80.0})
     assert equal.outcome.probable_shapes == ("dome", "none")
-    assert any("whether the cover is a dome or no cover" in s for s in judge(equal).sentences)
+    assert any("fit a dome or no cover about equally well" in s for s in judge(equal).sentences)
     rows = {row[0]: row for section in describe(equal).sections for row in section.rows}
     assert rows["cover.shape"] == ("cover.shape", "dome or none", "unknown", "", "")
     certain = with_outcome(calibration, shape_log_odds={"none": -90.0, "dome": 0.0})
