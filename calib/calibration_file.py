@@ -31,7 +31,7 @@ from calib.fit_record.outcome import Uncertainty
 from calib.fit_record.record_file import record_from_yaml
 from calib.io.arrays import decode_npz
 from calib.io.file_set import find_current
-from calib.io.files import npz, reading
+from calib.io.files import npz, read_file, reading
 from calib.io.images import session_pictures
 from calib.io.yaml_reader import read_yaml
 from calib.optics.board_target import POSE, VIEW_BLOCKS
@@ -174,6 +174,11 @@ def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
         place = find_current(path)
         if not place.is_file():
             raise InputError(f"{path} does not exist: {_where_to_find(path)}.")
+        if b"opencv-matrix" in read_file(place):
+            raise InputError(
+                f"{path} is a file of OpenCV, of a camera without its cover: calib fit PICTURES"
+                f" --intrinsics {shlex.quote(str(path))} takes its numbers."
+            )
         document = read_yaml(place)
         if document.get("format") != FORMAT:
             version = brief(repr(document.get("format")))
@@ -194,6 +199,8 @@ def _where_to_find(path: FilePath) -> str:
     folder = path.parent
     if (folder / "calibration" / path.name).is_file():
         return f"the session's is {folder / 'calibration'}"
+    if path.stem != "calibration":
+        return "give the folder that calib fit wrote"
     if (folder / "session.yaml").is_file():
         return f"calib fit {shlex.quote(str(folder))} makes it"
     if session_pictures(folder):

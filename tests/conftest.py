@@ -26,6 +26,7 @@ configuration.set_hypothesis_home_dir(
 setattr(providers, "_get_local_constants", Constants)  # noqa: B010
 # Every worker, and every command that a test starts, would compile the same files again.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+os.environ["REFRACAL_TRACEBACK"] = "1"  # a bug in a check of the verdict fails the test
 sys.dont_write_bytecode = False
 
 SHARED = ("checking", "report", "rig", "verdict")

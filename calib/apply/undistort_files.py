@@ -122,8 +122,8 @@ def _check_names(paths: Sequence[Path], folder: Path) -> None:
     for path in paths:
         if path.suffix.lower() not in (*SUFFIXES, *VIDEOS):
             raise InputError(
-                f"{path} does not say what to write: give it its type's suffix, one of"
-                f" {', '.join((*SUFFIXES, *VIDEOS))}."
+                f"{path} is neither a picture nor a video by its name, which says what to write:"
+                f" its suffix must be one of {', '.join((*SUFFIXES, *VIDEOS))}."
             )
         if path.name in paths_by_name:
             raise InputError(

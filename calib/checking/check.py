@@ -13,6 +13,7 @@ from calib.calibration import Calibration
 from calib.checking.changes import changes_of
 from calib.checking.hypotheses import (
     GROSS,
+    OTHER_CAMERA,
     TURNED,
     UNCOVERED,
     CheckedViews,
@@ -49,7 +50,7 @@ BROKEN_RATIO = 3.0
 """The smallest added error over the corners' noise of a broken calibration, if that is more than
 BROKEN_PX.
 """
-OTHER_PICTURES = frozenset({TURNED, UNCOVERED, PictureMode.name, StretchedMode.name})
+OTHER_PICTURES = frozenset({TURNED, UNCOVERED, OTHER_CAMERA, PictureMode.name, StretchedMode.name})
 """Changes that move every pixel, and so have no small size."""
 NOISE_CHANGE = 1.3
 """The ratio of noise variances above which the ranking of changes may depend on it."""
@@ -132,9 +133,11 @@ class Checker:
             return self._check(Pictures(remaining, pictures.board, rejected), advance)
         noise = self._noise_px(noise_ratio * self.overdispersion.typical)
         added = rms_shift(best, checked)
-        if added is None or not added < GROSS * noise:  # no size, or too large for the first order
-            expected = self._expected_error(predictive, observations, noise_ratio)
-            added = max(0.0, residual.rms_px**2 - expected**2) ** 0.5
+        expected = self._expected_error(predictive, observations, noise_ratio)
+        excess_px = max(0.0, residual.rms_px**2 - expected**2) ** 0.5
+        # no size, or too large for the first order, whose size may then be of another optimum
+        if added is None or not max(added, excess_px) < GROSS * noise:
+            added = excess_px
         statistics = replace(statistics, added_px=added)
         if added < NOTICEABLE * noise:
             return replace(result, statistics=statistics)

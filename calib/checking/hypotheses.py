@@ -18,6 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from calib.checking.cover_spin import CoverSpin
 from calib.checking.picture_mode import PictureMode
 from calib.checking.posterior_predictive import PosteriorPredictive, prior_spread
 from calib.checking.prior import CalibrationPrior
@@ -34,9 +35,22 @@ GROSS = 2.0
 """The error over the noise above which the first order is not trusted: every candidate is fitted,
 and other picture modes are tried.
 """
+FAR_ABOVE_NOISE = 10.0
+"""The error over the noise from which a change that explains it must halve it at least."""
 TURNED = "turned_pictures"
 UNCOVERED = "no_cover"
 FORGOTTEN = "the cover was not before the camera: put it back, and take the pictures again"
+OTHER_CAMERA = "other_camera"
+ANOTHER = (
+    "the pictures are of another camera or through another cover: this one would have to have"
+    " changed by more than is possible"
+)
+POSSIBLE_SIGMAS = 10.0
+"""The largest change of a number, in standard deviations of its prior: a cover that is 20 mm beside
+its place, or a focal length that is 20 % longer, is no change of one camera.
+"""
+UNBOUNDED = (CoverSpin, PictureMode)
+"""Changes that may have any size: of how a round cover is screwed on, and of the pictures."""
 UNKNOWN = "what has changed is none of the causes that this check considers"
 
 
@@ -93,7 +107,7 @@ def rank_hypotheses(
             else _fit_change(prior, change, views, sigma)
             for change in changes
         ]
-        candidates = [fit for fit in fits if fit]
+        candidates = [fit for fit in fits if fit and _explains(fit, error, sigma)]
         ranking = [_relative(candidate, products) for candidate in candidates]
     else:
         ranking = [_first_order(change, products, views.predictive) for change in changes]
@@ -101,8 +115,34 @@ def rank_hypotheses(
     ranking += [_relative(candidate, products) for candidate in whole_pictures]
     evidence = variance_evidence(products[0, 0], views.predictive.freedom.sum())
     ranking.append(Hypothesis("unknown", evidence, words=UNKNOWN))
+    ranking = [_bounded(hypothesis) for hypothesis in ranking]
     ranking += _bad_views(views, variance)
     return sorted(ranking, key=lambda hypothesis: -hypothesis.log_evidence)
+
+
+def _explains(fit: Hypothesis, error: float, sigma: float) -> bool:
+    """Return False for a change that leaves most of an error far above the noise: its evidence is
+    then an extrapolation of the first order.
+    """
+    residual = fit.residuals.rms_px if fit.residuals else 0.0
+    return error < FAR_ABOVE_NOISE * 2**0.5 * sigma or residual < error / 2
+
+
+def _bounded(hypothesis: Hypothesis) -> Hypothesis:
+    """Return the hypothesis of another camera or cover in place of a change that is impossible."""
+    change = hypothesis.change
+    if change is None or isinstance(change, UNBOUNDED):
+        return hypothesis
+    if np.abs(hypothesis.vector / prior_spread(change)).max(initial=0.0) <= POSSIBLE_SIGMAS:
+        return hypothesis
+    return replace(
+        hypothesis,
+        name=OTHER_CAMERA,
+        change=None,
+        vector=np.zeros(0),
+        covariance=np.zeros((0, 0)),
+        words=ANOTHER,
+    )
 
 
 def _relative(hypothesis: Hypothesis, products: Array) -> Hypothesis:

@@ -31,7 +31,9 @@ class Change:
     """A possible change of the camera, its cover, the board or the pictures."""
 
     name: str
-    """The name of the effect, or other_mode, turned_pictures, no_cover, other_board, unknown."""
+    """The name of the effect, or other_mode, turned_pictures, no_cover, other_camera,
+    other_board, unknown.
+    """
     words: str
     """The start of the sentence, up to the size; without a capital."""
     probability: float

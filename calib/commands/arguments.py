@@ -84,9 +84,11 @@ def millimetres(text: str) -> float:
     except ValueError:
         side = 0.0
     if not 0.05 <= side <= 1e5:
+        metres = 0 < side < 0.05
+        hint = f" ({side:g} m, if metres were meant, is {side * 1000:g})" if metres else ""
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a side of a square: write millimetres from 0.05 to 100000, such"
-            " as 25"
+            f" as 25{hint}"
         )
     return side
 

@@ -39,14 +39,16 @@ def print_result(
 def next_command(
     result: CheckResult, calibration: Path, pictures: Sequence[Path], *, updated: bool
 ) -> str:
-    """Return the command to type next: a report of a valid or updated calibration, a diagnosis of
-    one that lacks an effect, and a new recording otherwise.
+    """Return the command to type next: a diagnosis of a calibration that lacks an effect; a new
+    recording if the calibration is not valid and the pictures are a recorded session's; otherwise
+    a report.
     """
     if result.lacking and not updated:
         return f"calib diagnose {shlex.quote(str(calibration))}"
-    if updated or result.status is CheckStatus.VALID:
+    session = pictures[0]
+    is_recorded = (session / "session.yaml").is_file() and (session / "frames").is_dir()
+    if updated or result.status is CheckStatus.VALID or not is_recorded:
         return f"calib report {shlex.quote(str(calibration))}"
-    session = pictures[0] if pictures[0].is_dir() else pictures[0].parent
     if not session.name.strip("."):  # "." and ".." are not names
         session = session.resolve()
     return f"capture {shlex.quote(str(session.with_name(f'{session.name}-again')))}"

@@ -19,7 +19,12 @@ from calib.corners.copies import describe_still
 from calib.corners.view import RejectedPicture
 from calib.errors import brief, harmless
 from calib.fitting.board_turns import describe_turned
-from calib.fitting.description import PRINTED_COLUMNS, describe, describe_bend
+from calib.fitting.description import (
+    PRINTED_COLUMNS,
+    describe,
+    describe_bend,
+    has_declared_lens,
+)
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.guided_redetection import describe_redetection
 from calib.fitting.view_noise import describe_noisy_views
@@ -78,10 +83,11 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         title="How the error fell (root mean square)",
     )
     first = calibration.stages[0]
+    is_compared = has_declared_lens(calibration)
     for column in table.columns[1:]:
         column.justify = "right"
     for stage in calibration.stages:
-        fall = "" if stage is first else change(stage.rms_px, first.rms_px)
+        fall = change(stage.rms_px, first.rms_px) if stage is not first and is_compared else ""
         table.add_row(stage.title, f"{stage.rms_px:.3f} px", board_error(stage.rmse_cm), fall)
     console.print(table)
     print_description(console, calibration)

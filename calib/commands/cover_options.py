@@ -4,18 +4,28 @@ make.
 
 import argparse
 import re
+from collections.abc import Mapping
+from pathlib import Path
 
 from calib.commands.arguments import quoted
 from calib.errors import InputError
 from calib.session.lens import COEFFICIENTS
 from calib.session.schema import UNKNOWN, is_unknown
 from calib.session.shapes.dimension import Dimension
+from calib.session.shapes.layer import LAYER, MEDIA, OUTSIDE, WATER, medium_word
+from calib.session.shapes.none import NONE
 from calib.session.shapes.registry import dimensions, find_shape, shape_names, stated_shape_names
+from calib.session.tolerances import ANY_WATER
 from calib.session.typed_number import join_sigmas, typed_number
 
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?", re.IGNORECASE)
 UNKNOWN_KEY = "?"
 """The key for an unknown number in the form of `capture`."""
+OPENCV_SUFFIXES = (".yml", ".yaml", ".xml", ".json")
+"""The suffixes of files of cv2.FileStorage."""
+RADIUS_KEY = "inner_radius_mm"
+SMALLEST_RADIUS_MM = 0.5
+"""A smaller radius is one in metres: that of a cover of half a metre would be 0.5."""
 PREFIX = "cover_"
 """The beginning of these options' names among the arguments."""
 
@@ -48,11 +58,11 @@ def add_cover(parser: Options) -> None:
 def add_intrinsics(parser: Options) -> None:
     parser.add_argument(
         "--intrinsics",
-        type=typed_list,
+        type=typed_intrinsics,
         metavar="FX,FY,CX,CY,...",
         help=(
-            "the lens in px, then OpenCV's coefficients (default: from pictures without the cover"
-            " in bare/, else from these views)"
+            "the lens in px, then OpenCV's coefficients, or a file that OpenCV wrote (default: from"
+            " pictures without the cover in bare/, else from these views)"
         ),
     )
 
@@ -74,13 +84,38 @@ def typed_list(text: str) -> list[object]:
     return [UNKNOWN if is_unknown(word) else typed_number(word) for word in words]
 
 
-def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
+def typed_intrinsics(text: str) -> list[object]:
+    """Return the numbers of a list, or of a file that OpenCV wrote."""
+    if not text.lower().endswith(OPENCV_SUFFIXES):
+        return typed_list(text)
+    from calib.importing.opencv_file import read_opencv_intrinsics
+
+    try:
+        return [*read_opencv_intrinsics(Path(text))]
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error).replace("%", "%%")) from error
+
+
+def has_cover_option(args: argparse.Namespace) -> bool:
+    """Return True if an option describes a cover."""
+    names = (f"{PREFIX}{option.replace('-', '_')}" for option in _kinds_by_option())
+    return args.cover is not None or any(getattr(args, name) is not None for name in names)
+
+
+def cover_from_options(
+    args: argparse.Namespace, earlier: Mapping[str, object] | None = None
+) -> dict[str, object] | None:
     """Return the section `cover`, in which a number that is not given is unknown; None if no option
     describes a cover.
+
+    Args:
+        earlier: the section that the new one replaces: its numbers stay where none is given, of
+            another shape those of the glass and of what is outside.
 
     Raises:
         InputError: a number belongs to another shape.
     """
+    earlier = earlier or {}
     options = _kinds_by_option()
     typed = {
         option: values
@@ -89,12 +124,13 @@ def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
     }
     if args.cover is None and not typed:
         return None
-    if args.cover is None:
+    name = args.cover or earlier.get("shape")
+    if name not in stated_shape_names():
         raise InputError(
             f"--{next(iter(typed))} describes a cover without a shape: add --cover, one of"
             f" {', '.join(stated_shape_names())}."
         )
-    shape = find_shape(args.cover)
+    shape = find_shape(str(name))
     for option in typed:
         if not any(kind in shape.keys for kind in options[option]):
             allowed = [f"--{_option(kind)}" for kind in shape.keys]
@@ -102,11 +138,19 @@ def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
                 f"--{option} is no number of --cover {shape.name}: leave it out"
                 + (f", or write some of {', '.join(allowed)}." if allowed else ".")
             )
-    section: dict[str, object] = {"shape": shape.name}
+    same = earlier.get("shape") == shape.name
+    section: dict[str, object] = dict(earlier) if same else {"shape": shape.name}
     for kind in shape.keys:
         quantity = kind.quantity
         if values := typed.get(_option(kind)):
-            section[quantity.key] = values if quantity.components else _single(kind, values)
+            value = values if quantity.components else _single(kind, values)
+            if quantity.key == RADIUS_KEY:
+                _refuse_metres(_option(kind), value)
+            section[quantity.key] = _any_water(value) if kind is OUTSIDE else value
+        elif quantity.key in earlier and (same or kind in (*LAYER, OUTSIDE)):
+            section[quantity.key] = earlier[quantity.key]
+        elif same and "layers" in earlier and kind in LAYER:
+            continue
         elif kind.usual:
             section[quantity.key] = float(kind.usual)
         elif quantity.default is None:
@@ -114,15 +158,18 @@ def cover_from_options(args: argparse.Namespace) -> dict[str, object] | None:
     return section
 
 
-def describe_usual(args: argparse.Namespace) -> str:
+def describe_usual(args: argparse.Namespace, earlier: Mapping[str, object] | None = None) -> str:
     """Return a sentence on the numbers of the cover that nobody gave and that have a usual value,
-    which `cover_from_options` takes; empty if there are none.
+    which `cover_from_options` takes; empty if there are none. `earlier` is that of
+    `cover_from_options`.
     """
-    shape = find_shape(args.cover or "none")
+    shape = find_shape(args.cover or NONE.name)
     assumed = [
         kind
         for kind in shape.keys
-        if kind.usual and getattr(args, f"{PREFIX}{_option(kind).replace('-', '_')}") is None
+        if kind.usual
+        and kind.quantity.key not in (earlier or {})
+        and getattr(args, f"{PREFIX}{_option(kind).replace('-', '_')}") is None
     ]
     if not assumed:
         return ""
@@ -136,6 +183,30 @@ def describe_usual(args: argparse.Namespace) -> str:
         f"no {', '.join(options)}: {'; '.join(numbers)}. If you know better, add"
         f" {options[0]} 1.49, with its uncertainty as {options[0]} 1.49+-0.01, or"
         f" {options[0]} unknown."
+    )
+
+
+def describe_medium(args: argparse.Namespace, earlier: Mapping[str, object] | None = None) -> str:
+    """Return a sentence that air is taken to be outside of a cover whose medium nobody gave, or how
+    well water is taken to be known; empty if there is no glass, or the option says it. `earlier` is
+    that of `cover_from_options`.
+    """
+    option = _option(OUTSIDE)
+    values = getattr(args, f"{PREFIX}{option.replace('-', '_')}")
+    if values and _any_water(values[0]) != values[0]:
+        return (
+            f"--{option} {values[0]} is taken as {values[0]} ± {ANY_WATER.sigma:g}, from fresh"
+            f" water to the sea's. If you know it better, write --{option} {values[0]}+-0.001."
+        )
+    if (
+        values
+        or OUTSIDE.quantity.key in (earlier or {})
+        or not find_shape(args.cover or NONE.name).has_glass
+    ):
+        return ""
+    return (
+        f"no --{option}: air is taken to be outside of the cover. For pictures that were taken"
+        f" under water, add --{option} {MEDIA[WATER]:g}."
     )
 
 
@@ -154,6 +225,23 @@ def intrinsics_from_options(args: argparse.Namespace) -> dict[str, object] | Non
         )
     pinhole = zip((quantity.key for quantity in PINHOLE), values[: len(PINHOLE)], strict=True)
     return {**dict(pinhole), "distortion": values[len(PINHOLE) :]}
+
+
+def _refuse_metres(option: str, value: object) -> None:
+    """Raise InputError for a size of a cover that is stated in metres."""
+    size = value["value"] if isinstance(value, dict) else value
+    if isinstance(size, int | float) and 0 < size < SMALLEST_RADIUS_MM:
+        raise InputError(
+            f"--{option} {size:g} is in millimetres, and no camera fits into such a cover: write"
+            f" one such as 40 ({size:g} m, if metres were meant, is {size * 1000:g})."
+        )
+
+
+def _any_water(value: object) -> object:
+    """Return a plain index of water with its tolerance; anything else as it is."""
+    if isinstance(value, int | float) and medium_word(value) == WATER:
+        return {"value": value, "sigma": ANY_WATER.sigma}
+    return value
 
 
 def _single(kind: Dimension, values: list[object]) -> object:

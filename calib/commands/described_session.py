@@ -3,8 +3,10 @@ that the options describe.
 """
 
 import argparse
+import os
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +16,9 @@ from calib.commands.cover_options import (
     add_cover,
     add_intrinsics,
     cover_from_options,
+    describe_medium,
     describe_usual,
+    has_cover_option,
     intrinsics_from_options,
 )
 from calib.errors import InputError, harmless
@@ -35,6 +39,8 @@ NEEDED = {
     "gridboard": ("spacing", "dictionary"),
 }
 """The options of each type that the pictures tell where they are not given."""
+KEPT = "calib: what no option states stays as the session.yaml of an earlier command has it."
+"""The remark on pictures that were described before."""
 NO_COVER = (
     "calib: no --cover: the camera is taken as bare. Behind glass or plastic add --cover cone,"
     " cylinder, flat, dome or unknown."
@@ -80,26 +86,92 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     )
     from calib.session.session import read_session
 
-    cover = cover_from_options(args)
-    intrinsics = intrinsics_from_options(args)
-    is_described = bool(cover or intrinsics or args.board or args.camera or _board_options(args))
+    is_described = bool(
+        has_cover_option(args)
+        or args.intrinsics
+        or args.board
+        or args.camera
+        or _board_options(args)
+    )
     if len(args.session) == 1 and not is_described and _is_session(args.session[0]):
         return read_session(args.session[0])
     source = find_pictures(args.session)
     if source.is_described and not is_described:
         return read_session(source.session)
-    source = choose_pictures(source, args.camera)
+    source = _in_writable_folder(choose_pictures(source, args.camera), args.output)
+    earlier = _earlier_sections(source)
+    cover = cover_from_options(args, earlier.get("cover"))
+    intrinsics = intrinsics_from_options(args)
     check_replaceable(source)
-    find = _declared_board if args.board else _find_board
-    board = find(args, source, progress)
-    if not cover:
+    board = _board_of(args, source, earlier.get("board"), progress)
+    if earlier:
+        print(KEPT, file=sys.stderr)
+    elif not cover:
         print(NO_COVER, file=sys.stderr)
-    if assumed := describe_usual(args):
-        print(f"calib: {assumed}", file=sys.stderr)
-    cover = cover or {"shape": "none"}
+    assumed = (f(args, earlier.get("cover")) for f in (describe_usual, describe_medium))
+    for sentence in filter(None, assumed if cover else ()):
+        print(f"calib: {sentence}", file=sys.stderr)
+    cover = cover or dict(earlier.get("cover", {"shape": "none"}))
+    intrinsics = intrinsics or earlier.get("intrinsics")
     for notice in describe_pictures(source, board, cover, intrinsics, progress):
         print(harmless(f"calib: {notice}"), file=sys.stderr)
     return read_session(source.session)
+
+
+def _in_writable_folder(source: "NamedPictures", output: Path | None) -> "NamedPictures":
+    """Return the source with the folder `output` as its session, if its own cannot be written."""
+    folder = source.session
+    place = folder if folder.exists() else folder.parent
+    if os.access(place, os.W_OK):
+        return source
+    if output is None:
+        raise InputError(
+            f"{place} cannot be written: name a folder for the session and its calibration by -o,"
+            f" such as -o {shlex.quote(folder.name)}-session"
+        )
+    return replace(source, session=output)
+
+
+def _earlier_sections(source: "NamedPictures") -> dict[str, dict[str, object]]:
+    """Return the sections board, cover and intrinsics of the session.yaml that is to be replaced,
+    those that are mappings; empty if there is none. Intrinsics are left out if they are unknown.
+    """
+    from calib.importing.picture_session import DESCRIPTION
+    from calib.io.yaml_reader import read_yaml
+
+    if not source.is_described:
+        return {}
+    document = read_yaml(source.session / DESCRIPTION)
+    camera = document.get("camera")
+    sections = {
+        "board": document.get("board"),
+        "cover": document.get("cover"),
+        "intrinsics": camera.get("intrinsics") if isinstance(camera, dict) else None,
+    }
+    return {name: value for name, value in sections.items() if isinstance(value, dict)}
+
+
+def _board_of(
+    args: argparse.Namespace,
+    source: "NamedPictures",
+    earlier: "dict[str, object] | None",
+    progress: "Progress",
+) -> "Board":
+    """Return the board that the options describe. If they lack its corners or its size, the rest is
+    as in `earlier`, the section of the session.yaml that is to be replaced; else as the pictures
+    have it.
+    """
+    from calib.session.board_section import read_board
+    from calib.session.schema import Section
+
+    options = _board_options(args)
+    kind = str((earlier or {}).get("type", "checkerboard"))
+    is_complete = args.board and options.keys() & {"square_mm", "tag_mm"}
+    if earlier and not is_complete and options.get("type", kind) == kind:
+        size = dict(zip(("columns", "rows"), args.board or (), strict=False))
+        return read_board(Section({**earlier, **size, **options}, "The command line"))
+    find = _declared_board if args.board else _find_board
+    return find(args, source, progress)
 
 
 def _is_session(path: Path) -> bool:

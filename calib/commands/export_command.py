@@ -1,6 +1,7 @@
 """The command `calib export`."""
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -98,6 +99,7 @@ def run(args: argparse.Namespace) -> None:
         from contextlib import ExitStack
 
         from calib.apply.colour import channel_calibration, check_dispersion
+        from calib.apply.near_depth import describe_hidden
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
@@ -132,6 +134,8 @@ def run(args: argparse.Namespace) -> None:
     print_paths([path for exported in exports for path in exported.paths])
     for exported in exports:
         _print_remarks(form, exported, find_outdated_files(exported.paths, inputs[0]))
+    for remark in describe_hidden(calibration.ray_field(), depths):
+        print(remark, file=sys.stderr)
 
 
 def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:

@@ -58,11 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
+    import sys
     import time
     from dataclasses import replace
 
     with fast_imports():
         from calib.apply.colour import predict_fringes
+        from calib.apply.near_depth import ReachedDepths, describe_hidden
         from calib.calibration_file import DERIVED, FILES
         from calib.commands.colour_lines import fringes_lines, fringes_mapping
         from calib.commands.console import Bars, print_fit
@@ -73,6 +75,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.diagnosis.possible_effects import check_possible
         from calib.diagnosis.requested_effects import with_requested
         from calib.effects.board_shape import BoardShape
+        from calib.errors import InputError
         from calib.export.npz import npz_file_names, write_npz
         from calib.fitting.description import calibrated_numbers
         from calib.fitting.fit import fit
@@ -102,19 +105,21 @@ def run(args: argparse.Namespace) -> None:
                 calibration, finding = diagnose(calibration, bars)
             elif effects:
                 calibration = with_requested(calibration, effects, bars)
-            calibration = record_request(calibration, effects, args.depth)
-            written = [calibration.write(files), *write_npz(calibration, args.depth, files, bars)]
+            reached = ReachedDepths.of(calibration.ray_field(), args.depth)
+            depths = reached.depths
+            calibration = record_request(calibration, effects, depths)
+            written = [calibration.write(files), *write_npz(calibration, depths, files, bars)]
         seconds = time.monotonic() - start
         try:
             with Bars() as bars:
-                written.append(write_report(calibration, files, bars, args.depth, before=before))
+                written.append(write_report(calibration, files, bars, depths, before=before))
         finally:  # if the report fails, the calibration is still written and printed
-            files.commit(instead_of=DERIVED)
-            verdict = judge(calibration, depths=args.depth, folder=output, session=session.path)
+            removed = files.commit(instead_of=DERIVED)
+            verdict = judge(calibration, depths=depths, folder=output, session=session.path)
             if args.json:
                 print_json(
                     summary(calibration, seconds)
-                    | fringes_mapping(predict_fringes(calibration, args.depth))
+                    | fringes_mapping(predict_fringes(calibration, depths))
                     | calibrated_numbers(calibration)
                     | {"calibration": str(written[0])}
                     | verdict_mapping(verdict, written)
@@ -122,11 +127,18 @@ def run(args: argparse.Namespace) -> None:
             else:
                 if not args.quiet:
                     print_fit(calibration, seconds)
-                    for line in fringes_lines(predict_fringes(calibration, args.depth)):
+                    for line in fringes_lines(predict_fringes(calibration, depths)):
                         print(line)
                 if finding and not args.quiet:
                     print_diagnosis(finding, calibration)
                 print_verdict(verdict, written, verdict.further)
+    if removed:
+        names = ", ".join(removed)
+        print(f"Removed {names}, of the earlier fit: --depth writes maps.", file=sys.stderr)
+    for remark in describe_hidden(calibration.ray_field(), depths):
+        print(remark, file=sys.stderr)
+    if reached.refusals:
+        raise InputError(f"The calibration is written, a map is not: {reached.refusals[0]}")
 
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
@@ -156,6 +168,6 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         },
     } | {
         key: record[key]
-        for key in ("cross_validation", "fleet_prior", "shape_log_odds")
+        for key in ("cross_validation", "fleet_prior", "shape_log_odds", "medium_log_odds")
         if key in record
     }

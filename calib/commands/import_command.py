@@ -2,11 +2,13 @@
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_camera, add_output, millimetres, whole_size
 from calib.commands.board_options import add_coding, board_from_options
+from calib.commands.cover_options import add_intrinsics, intrinsics_from_options
 from calib.errors import harmless
 
 if TYPE_CHECKING:
@@ -19,6 +21,8 @@ yours in its session.yaml.
 """
 WITH_BOARD = ("mrcal", "photonvision")
 """The sources that say themselves which board they show."""
+PICTURES = ("images", "video", "bag")
+"""The sources whose lens a person may state."""
 EXAMPLES = (
     "calib import images photos --board 9x6 --square-mm 25 -o cam0",
     "calib import rig camchain.yaml -o pair",
@@ -106,6 +110,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             source.add_argument(
                 "--camera", metavar="camN", help="the camera, if camchain.yaml describes several"
             )
+        if name in PICTURES:
+            add_intrinsics(source)
         if name in ("images", "mrcal-corners"):
             add_camera(source)
         if name == "mrcal-corners":
@@ -153,7 +159,7 @@ def run(args: argparse.Namespace) -> None:
     if args.source == "rig":
         _run_rig(args)
         return
-    draft = _draft(args)
+    draft = _with_intrinsics(_draft(args), args)
     count = write_session(draft, args.output)
     for notice in draft.notices:
         print(harmless(f"calib: {notice}"), file=sys.stderr)
@@ -178,6 +184,22 @@ def _run_rig(args: argparse.Namespace) -> None:
             f" {args.output} -o {args.output}/calibration"
         )
     )
+
+
+def _with_intrinsics(draft: "SessionDraft", args: argparse.Namespace) -> "SessionDraft":
+    """Return the draft with the lens that an option states."""
+    from calib.session.camera import read_camera
+    from calib.session.schema import Section
+
+    intrinsics = intrinsics_from_options(args) if args.source in PICTURES else None
+    if not intrinsics:
+        return draft
+    camera = {
+        "width": draft.camera.width,
+        "height": draft.camera.height,
+        "intrinsics": intrinsics,
+    }
+    return replace(draft, camera=read_camera(Section(camera, "The command line")))
 
 
 def _draft(args: argparse.Namespace) -> "SessionDraft":

@@ -6,7 +6,12 @@ from pathlib import Path
 
 from calib.commands.arguments import add_overwrite, whole_size
 from calib.commands.board_options import board_from_options
-from calib.commands.cover_options import cover_from_options, describe_usual, intrinsics_from_options
+from calib.commands.cover_options import (
+    cover_from_options,
+    describe_medium,
+    describe_usual,
+    intrinsics_from_options,
+)
 from calib.commands.described_session import add_description
 from calib.errors import InputError
 
@@ -65,7 +70,7 @@ def run(args: argparse.Namespace) -> None:
         camera["intrinsics"] = intrinsics
     cover = cover_from_options(args) or {"shape": "none"}
     session_from_mapping({"board": described, "camera": camera, "cover": cover}, "The command line")
-    if assumed := describe_usual(args):
+    for assumed in filter(None, (describe_usual(args), describe_medium(args))):
         print(f"calib: {assumed}", file=sys.stderr)
     text = commented_session(described, camera, cover)
     with FileSet(folder, overwrite=args.overwrite, inputs=pictures) as files:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_calibration, depth, positive_number
 from calib.commands.loading import fast_imports
-from calib.errors import brief, harmless
+from calib.errors import NotEnoughDataError, brief, harmless
 
 if TYPE_CHECKING:
     from calib.apply.measure import MeasuredPoints
@@ -29,6 +29,8 @@ EXAMPLES = (
     "calib measure cam0/calibration points.csv --triangulate",
 )
 
+NO_SIGMA = 5e-10
+"""m: a smaller standard deviation is rounding, of a coordinate that is given."""
 CLICK_NOISE_PX = 0.5
 """px, per axis: a person points to the middle of a pixel, or to the next one."""
 
@@ -97,6 +99,8 @@ def run(args: argparse.Namespace) -> None:
         print_json(_as_mapping(names, measured, frame, measurer.noise_px))
     else:
         _print(names, measured, frame, measurer.noise_px)
+    if all(measured.reasons):
+        raise NotEnoughDataError(f"No point was measured: {measured.reasons[0]}.")
 
 
 def _as_mapping(
@@ -180,5 +184,7 @@ def _cell(metres: float, sigma: float) -> str:
         return "-"
     if sigma <= 0:
         return f"{metres:g}"
+    if sigma < NO_SIGMA:
+        return f"{metres:.9f}".rstrip("0").rstrip(".")
     digits = max(0, min(9, -math.floor(math.log10(sigma / 2))))
     return f"{metres:.{digits}f} ± {sigma:.{digits}f}"

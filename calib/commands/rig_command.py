@@ -296,8 +296,8 @@ def _export(args: argparse.Namespace) -> None:
     with fast_imports():
         from calib.commands.printing import print_json, print_paths
         from calib.commands.rig_lines import misfits_json, print_misfits
-        from calib.export.export import depth_text
         from calib.io.file_set import FileSet
+        from calib.io.numerals import depth_text
         from calib.rig.central_rig import CentralRig
         from calib.rig.exports import RIG_FORMATS
         from calib.rig.rig import Rig

@@ -102,6 +102,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from calib.apply.angular_reach import undistortion_limit
+        from calib.apply.near_depth import describe_hidden
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
@@ -124,6 +125,8 @@ def run(args: argparse.Namespace) -> None:
     print_paths(paths)
     if limit := undistortion_limit(calibration):
         print(limit, file=sys.stderr)
+    for remark in describe_hidden(calibration.ray_field(), filter(None, [args.depth])):
+        print(remark, file=sys.stderr)
     if cut_off:
         count = len(cut_off) - 1
         addition = f" {count} more video{'s' * (count > 1)} of these break off." if count else ""

@@ -15,6 +15,7 @@ from calib.calibration import Calibration
 from calib.export.central import CentralModel, best_central
 from calib.export.formats import AXES, ExportLens, Format
 from calib.io.file_set import FileSet
+from calib.io.numerals import depth_text
 from calib.progress import Progress
 
 
@@ -91,8 +92,3 @@ def export_central(
         models.append(best_central(request.calibration, depth, request.lenses))
         paths.append(request.files.write(name.format(depth_name), text(models[-1])))
     return ExportedFiles(tuple(paths), tuple(models))
-
-
-def depth_text(depth: float) -> str:
-    """Return the shortest text that no other depth has: 1, 0.5, 1.0000001."""
-    return repr(float(depth)).removesuffix(".0")

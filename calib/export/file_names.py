@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from calib.export.depthai import mesh_name
-from calib.export.export import depth_text
 from calib.export.formats import AXES, Format
+from calib.io.numerals import depth_text
 
 
 def file_names(

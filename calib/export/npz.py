@@ -24,9 +24,10 @@ import numpy as np
 from calib.apply.map_uncertainty import SigmaField, predicted_sigma
 from calib.calibration import Calibration
 from calib.errors import InputError
-from calib.export.export import ExportedFiles, ExportRequest, depth_text, limit_remarks
+from calib.export.export import ExportedFiles, ExportRequest, limit_remarks
 from calib.io.file_set import FileSet, find_current
 from calib.io.files import npz
+from calib.io.numerals import depth_text
 from calib.progress import Progress
 from calib.undistortion.depth_map import DepthMap
 from calib.undistortion.ray_field import RayField

@@ -15,11 +15,11 @@ from calib.export.central import CentralModel
 from calib.export.export import (
     ExportedFiles,
     ExportRequest,
-    depth_text,
     export_central,
     limit_remarks,
 )
 from calib.io.file_set import FileSet
+from calib.io.numerals import depth_text
 from calib.undistortion.depth_map import DepthMap
 
 

@@ -125,6 +125,14 @@ class FitOutcome:
     """The logarithm of the odds of each shape of the cover against the most probable one, which the
     fit chose; None if the session states the shape.
     """
+    shape_map_changes_px: Mapping[str, float] | None = None
+    """By how many px the maps would differ with each shape that leaves the same error, if the fit
+    chose no cover; None if there is no such shape.
+    """
+    medium_log_odds: Mapping[str, float] | None = None
+    """The log odds of air and of water outside of the cover, where other numbers are unknown; None
+    if they were not compared.
+    """
     lens_held_out_px: Mapping[str, float] | None = None
     """The held-out error of each tried lens model; empty if there was no choice."""
     turned_boards: tuple[str, ...] | None = None

@@ -40,6 +40,8 @@ RECORD: Mapping[str, Shape] = {
     "flat_board": flag,
     "intrinsics_from": choice("session.yaml", "bare", "prior", "views"),
     "shape_log_odds": table(number),
+    "shape_map_changes_px": table(number),
+    "medium_log_odds": table(number),
     "lens_held_out_px": table(number),
     "turned_boards": many(text),
     "half_turned_boards": many(text),

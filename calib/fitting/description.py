@@ -21,8 +21,10 @@ from calib.fitting.declared import (
 from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.inference.calibration_model import without_own_bend
 from calib.session.lens import OPENCV
+from calib.session.numbers import camera_numbers
 from calib.session.parameter_names import CAMERA
 from calib.session.schema import UNKNOWN
+from calib.session.shapes.none import NONE as NO_COVER
 from calib.table import Table, TableSection
 
 COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "off by")
@@ -167,10 +169,11 @@ def _row(number: Comparison) -> tuple[str, ...]:
 
 
 def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
-    """Yield the row of a shape that the fit chose, with those that are as probable."""
-    chosen, *rivals = calibration.outcome.probable_shapes or ("",)
-    if chosen:
-        yield "cover.shape", " or ".join((chosen, *rivals)), UNKNOWN, "", ""
+    """Yield the row of a shape that the fit chose, with those that explain the views as well."""
+    outcome = calibration.outcome
+    shapes = dict.fromkeys((*outcome.probable_shapes, *(outcome.shape_map_changes_px or {})))
+    if shapes:
+        yield "cover.shape", " or ".join(shapes), UNKNOWN, "", ""
 
 
 def _note(number: Comparison) -> str:
@@ -197,6 +200,8 @@ def _camera_title(calibration: Calibration) -> str:
 
 
 def _cover_title(calibration: Calibration) -> str:
+    if calibration.cover.shape == NO_COVER.name:
+        return "Cover: none"
     surface = "uneven" if calibration.relief else "even"
     return f"Cover: {calibration.cover.words} with an {surface} outer surface"
 
@@ -218,6 +223,14 @@ def _range_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
     if np.isfinite(distance).any():
         near, far = distance_range(distance[np.isfinite(distance)])
         yield name, f"{near:.3g} to {far:.3g} m", "", "", ""
+
+
+def has_declared_lens(calibration: Calibration) -> bool:
+    """Return False if the lens was unknown: the stage of the camera alone then has a lens that was
+    never fitted to it, and its error says nothing.
+    """
+    numbers = camera_numbers(calibration.declared.intrinsics).values()
+    return not any(number.unknown for number in numbers)
 
 
 def describe_bend(calibration: Calibration) -> str:

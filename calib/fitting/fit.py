@@ -1,6 +1,6 @@
 """Fit a calibration to a session."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +29,7 @@ from calib.fitting.fleet_expectation import Expectation
 from calib.fitting.guided_redetection import redetect_corners
 from calib.fitting.half_turns import HalfTurned
 from calib.fitting.inputs import FitInputs, gather_inputs, recalibrate_bare
+from calib.fitting.other_medium import medium_log_odds
 from calib.fitting.picture_settings import describe_mixed_settings
 from calib.fitting.provenance import provenance
 from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
@@ -84,11 +85,13 @@ def fit(
     expectation = Expectation.of(session, start)
     nominal = expectation.nominal if expectation else _nominal_setup(session, start)
     shape_log_odds: dict[str, float] | None = None
+    shape_map_changes: dict[str, float] | None = None
     if nominal.cover.has_unknown_shape:
         _check_enough(views, rejected)
         choice = choose_shape(nominal, views, settings, progress)
         nominal = choice.setup
         shape_log_odds = dict(choice.log_odds)
+        shape_map_changes = dict(choice.map_changes_px) or None
     if unknown_names(nominal.intrinsics, nominal.cover):
         _check_enough(views, rejected)
         with single_thread():
@@ -166,6 +169,7 @@ def fit(
         else:
             earlier = fitted
     prior: FleetPriorTest | None = None
+    media: Mapping[str, float] | None = None
     with single_thread():
         noise_ratios: dict[str, float] = {}
         if settings.method == "joint":  # the paper's method weights all views equally
@@ -183,6 +187,8 @@ def fit(
                 decided=fitted,
                 purpose="with noisier views weighing less",
             )
+        if settings.method == "joint" and not expectation:
+            media = medium_log_odds(nominal, fitted, views, settings, progress)
         if start.is_own:
             resolved = ResolvedFit(fitted, setup, setup)
         elif expectation:
@@ -228,6 +234,8 @@ def fit(
             grid_held_out_px=grids,
             intrinsics_from=start.intrinsics_from,
             shape_log_odds=shape_log_odds,
+            shape_map_changes_px=shape_map_changes,
+            medium_log_odds=media,
             lens_held_out_px=start.lens_held_out_px,
             turned_boards=turned or None,
             half_turned_boards=half_turned or None,

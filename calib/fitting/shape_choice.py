@@ -3,6 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import torch
+from torch import Tensor
+
 from calib.corners.view import View, pose_labels
 from calib.effects.board_shape import DEGREES, BoardShape
 from calib.errors import NotEnoughDataError
@@ -13,8 +16,13 @@ from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.progress import Progress
 from calib.session.freeing import ALL, AUTO, free_parameters
+from calib.session.parameter_names import CAMERA
+from calib.session.shapes.none import NONE
 from calib.session.shapes.registry import shape_names
 from calib.threads import single_thread
+
+AS_GOOD = 1.02
+"""The error of a shape over that of no cover up to which it explains the views as well."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +34,11 @@ class ShapeChoice:
     log_odds: Mapping[str, float]
     """The logarithm of the odds of each shape against the most probable one: 0 for this one. A
     shape that cannot be fitted has none.
+    """
+    map_changes_px: Mapping[str, float]
+    """If no cover is the most probable, by how many px the maps would differ with each shape that
+    leaves the same error: a cover of which nobody knows anything is less probable by the widths of
+    its priors alone.
     """
 
 
@@ -44,37 +57,69 @@ def choose_shape(
     settings = replace(settings, free=free, grid=EVEN_GRID, flat_board=True)
     setups: dict[str, Setup] = {}
     evidence: dict[str, float] = {}
+    fits: dict[str, Fitted] = {}
     for name in shape_names():
         declared = setup.intrinsics if setup.cover.as_shape(name).parameters else intrinsics
         candidate = replace(setup, intrinsics=declared, cover=setup.cover.as_shape(name))
         with single_thread():
             candidate = with_initial_values(candidate, views, progress)
-            log_marginal = _log_marginal(candidate, views, settings, progress, name)
-        if log_marginal is not None:
+            fitted = _fit(candidate, views, settings, progress, name)
+            if fitted is None:
+                continue
             setups[name] = candidate
-            evidence[name] = log_marginal
+            fits[name] = fitted
+            evidence[name] = _log_marginal(fitted, candidate, Observations.of(views, setup.board))
     if not evidence:
         raise NotEnoughDataError(
             "No shape of cover explains these views: check board.square_mm, and take more pictures"
             " of the board, tilted and at several distances."
         )
     best = max(evidence, key=evidence.__getitem__)
+    changes = {
+        name: _map_change(fits[best], fitted, Observations.of(views, setup.board))
+        for name, fitted in fits.items()
+        if best == NONE.name != name
+        and fitted.residuals.rms_px <= AS_GOOD * fits[best].residuals.rms_px
+    }
     return ShapeChoice(
-        setups[best], {name: value - evidence[best] for name, value in evidence.items()}
+        setups[best],
+        {name: value - evidence[best] for name, value in evidence.items()},
+        changes,
     )
 
 
-def _log_marginal(
-    setup: Setup, views: Sequence[View], settings: Settings, progress: Progress, name: str
-) -> float | None:
-    """Return the logarithm of the marginal likelihood, of a bent board if that is more probable;
-    None if there is no fit.
+def _map_change(fitted: Fitted, rival: Fitted, observations: Observations) -> float:
+    """Return the median distance in px, over the corners, of two fits' undistorted pixels at the
+    corners' depths.
     """
-    observations = Observations.of(views, setup.board)
+    poses = fitted.poses[observations.view]
+    exposure = observations.exposure
+    points = fitted.path.place(observations.corners, fitted.values, poses, exposure)
+    undistorted = [_undistort(fit, observations, points[:, 2]) for fit in (fitted, rival)]
+    return float(torch.nanmedian((undistorted[0] - undistorted[1]).norm(dim=-1)))
+
+
+def _undistort(fitted: Fitted, observations: Observations, depth: Tensor) -> Tensor:
+    """Return the (M, 2) px of the bare pinhole camera that shows what the corners' rays meet at
+    (M,) m.
+    """
+    values = fitted.values
+    rays = fitted.path.trace(observations.pixels, values, observations.exposure)
+    origin, direction = rays.origin, rays.direction
+    reach = (depth - origin.z) / direction.z
+    x = values[CAMERA.fx] * (origin.x + reach * direction.x) / depth + values[CAMERA.cx]
+    y = values[CAMERA.fy] * (origin.y + reach * direction.y) / depth + values[CAMERA.cy]
+    return torch.stack([x, y], -1)
+
+
+def _fit(
+    setup: Setup, views: Sequence[View], settings: Settings, progress: Progress, name: str
+) -> Fitted | None:
+    """Return the fit of a shape; None if there is none."""
     try:
         fitted = fit_stages(
             setup.with_tolerances(settings),
-            observations,
+            Observations.of(views, setup.board),
             settings,
             progress,
             labels=pose_labels(views),
@@ -82,15 +127,14 @@ def _log_marginal(
         )
     except NotEnoughDataError:
         return None
-    if not (fitted.joint and fitted.joint.finite):
-        return None
-    return max(fitted.joint.log_marginal, _bent(fitted, setup, observations))
+    return fitted if fitted.joint and fitted.joint.finite else None
 
 
-def _bent(fitted: Fitted, setup: Setup, observations: Observations) -> float:
-    """Return the logarithm of the marginal likelihood with a bent board."""
+def _log_marginal(fitted: Fitted, setup: Setup, observations: Observations) -> float:
+    """Return the logarithm of the marginal likelihood, of a bent board if that is more probable."""
     joint, model = fitted.joint, fitted.model
     assert joint
     assert model
     bent = model.with_effect(BoardShape(*setup.board.half, DEGREES[-1]))
-    return bent.fit(observations, joint.poses, joint.start, ROUNDS).log_marginal
+    log_bent = bent.fit(observations, joint.poses, joint.start, ROUNDS).log_marginal
+    return max(joint.log_marginal, log_bent)

@@ -25,14 +25,13 @@ from calib.progress import Progress, Silent
 from calib.session.cover import Cover
 from calib.session.numbers import camera_numbers, unknown_names
 from calib.session.parameter_names import CAMERA, COVER, number_of
+from calib.session.shapes.layer import MEDIA
 from calib.session.shapes.registry import find_shape
 
 SPREAD = (0.0, -1.0, 1.0)
 """The places of the starts within a prior, in its standard deviations from the mean."""
 RADII = (1.0, 0.5, 3.0)
 """The same for radii, relative to the mean: a radius is positive."""
-MEDIA = (1.0, 1.333)
-"""The same for the index of what is outside: air and water."""
 MAX_FITS = 4
 """Starts from which a fit is tried, those of the smallest errors."""
 ALONG = ("axis_offset.z", "centre.z")
@@ -114,7 +113,7 @@ def _starts(cover: Cover) -> Iterator[dict[str, float]]:
         elif kind in ALONG:
             values = [number.value + place * number.sigma for place in SPREAD]
         elif name == cover.medium_name:
-            values = MEDIA
+            values = tuple(MEDIA.values())
         choices.append(values)
     for values in product(*choices):
         start = dict(zip(numbers, values, strict=True))

@@ -152,8 +152,9 @@ class FileSet:
         self._contents[name] = Content.of(data)
         return path
 
-    def commit(self, instead_of: Iterable[str] = ()) -> None:
+    def commit(self, instead_of: Iterable[str] = ()) -> tuple[str, ...]:
         """Make the new files the current ones, and remove older files of ours that they replace.
+        Return the names of those that are removed.
 
         Args:
             instead_of: patterns of names, such as map_*m.npz. A file of ours with such a name is
@@ -180,6 +181,7 @@ class FileSet:
                 _finish_change(self.folder)
             raise unwritable(self.folder, error) from error
         self._contents.clear()
+        return tuple(sorted(removed))
 
     def _output(self) -> OutputFolder:
         """Return the folder with its list read anew: another command may write there, too."""

@@ -1,4 +1,4 @@
-"""Check numbers that a person wrote as text, or that a program passed."""
+"""Check numbers that a person wrote as text, or that a program passed, and write depths."""
 
 from calib.errors import WrongTypeError, brief
 
@@ -25,3 +25,8 @@ def real_number(value: object, name: str) -> float:
         return float(value)  # type: ignore[arg-type]  # whatever has __float__
     except (TypeError, ValueError, OverflowError):
         raise WrongTypeError(f"{name} is {brief(repr(value))}: give a real number.") from None
+
+
+def depth_text(depth: float) -> str:
+    """Return the shortest text that no other depth has: 1, 0.5, 1.0000001."""
+    return repr(float(depth)).removesuffix(".0")

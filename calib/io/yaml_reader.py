@@ -109,12 +109,15 @@ def _count_nodes(node: yaml.Node, level: int, sizes: dict[int, tuple[int, int]])
 
 def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[str, object]:
     mapping: dict[str, object] = {}
+    lines: dict[str, int] = {}
     for key_node, value_node in node.value:
         key = str(loader.construct_object(key_node, deep=True))
         if key in mapping:
             raise yaml.MarkedYAMLError(
-                problem=f'the key "{key}" comes twice', problem_mark=key_node.start_mark
+                problem=f'the key "{key}" comes twice, first in line {lines[key]}: remove one',
+                problem_mark=key_node.start_mark,
             )
+        lines[key] = key_node.start_mark.line + 1
         mapping[key] = loader.construct_object(value_node, deep=True)
     return mapping
 

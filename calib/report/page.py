@@ -1,11 +1,13 @@
 """The page of a report: title, verdict, contents and sections, for light and dark themes."""
 
 import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 
+from calib.report.again import pasted
 from calib.report.scripts import Scripts
 from calib.report.summary import Summary
 from calib.report.tiles import tiles_html
@@ -48,7 +50,7 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection], script
 {tiles_html(summary.tiles)}
 <p class="lead">{lead}</p>
 {listed}
-<p>Next (. is the folder of this report): <code>{escape(verdict.next)}</code></p>
+<p>Next: <code>{escape(pasted(shlex.split(verdict.next)))}</code></p>
 <nav>{contents}</nav>
 <noscript><p>The figures need JavaScript, which this browser does not run. The verdict, the tables
 and the pictures are here without it.</p></noscript>"""

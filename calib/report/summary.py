@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.apply.angular_reach import undistortion_limit
-from calib.fitting.description import describe_bend
+from calib.fitting.description import describe_bend, has_declared_lens
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
 from calib.report.tiles import Tile, report_tiles
@@ -20,10 +20,6 @@ from calib.verdict.verdict import Verdict
 
 NOISE_ALONE = 1.3
 """The error over the corners' noise up to which the error counts as noise."""
-HERE = Path()
-"""The calibration's folder in the commands of a report. The report lies in that folder, and reveals
-no path of its author's disk.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +29,19 @@ class Summary:
     tiles: tuple[Tile, ...]
 
 
-def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
-    """Summarise a calibration; `depths` are those of the requested maps, in m."""
-    session = Path(evidence.calibration.request.session).name
-    verdict = judge(evidence.calibration, depths=depths, folder=HERE, session=Path(session))
+def summarise(
+    evidence: Evidence, depths: Sequence[float] = (), folder: Path | None = None
+) -> Summary:
+    """Summarise a calibration.
+
+    Args:
+        depths: m, those of the requested maps; by default those that the fit was asked for.
+        folder: that of the calibration.
+    """
+    command = evidence.calibration.request.command
+    depths = depths or (command.depths if command else ())
+    folder = folder and folder.resolve()
+    verdict = judge(evidence.calibration, depths=depths, folder=folder)
     limit = undistortion_limit(evidence.calibration)
     coverage = " ".join(filter(None, [_coverage(evidence), limit]))
     bend = describe_bend(evidence.calibration)
@@ -81,7 +86,7 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
     calibration = evidence.calibration
     rms = calibration.stages[-1].rms_px
     noise = calibration.noise_px
-    if len(calibration.stages) > 1:
+    if len(calibration.stages) > 1 and has_declared_lens(calibration):
         bare_rms = calibration.stages[0].rms_px
         text = f"The error is {rms:.3f} px, and {bare_rms:.3f} px with the camera alone"
     else:

@@ -2,7 +2,7 @@
 
 from html import escape
 
-from calib.fitting.description import describe
+from calib.fitting.description import describe, has_declared_lens
 from calib.report.evidence import Evidence
 from calib.table import board_error, change, html_table
 
@@ -25,6 +25,7 @@ def bar(value: float, full_length: float) -> str:
 def stages_html(evidence: Evidence) -> str:
     """Return the table of the fit's stages and their errors."""
     stages = evidence.calibration.stages
+    known = has_declared_lens(evidence.calibration)
     largest = max(stage.rms_px for stage in stages)
     rows = [
         (
@@ -32,7 +33,7 @@ def stages_html(evidence: Evidence) -> str:
             escape(MEANING.get(stage.name, "")),
             f"{bar(stage.rms_px, largest)} {stage.rms_px:.3f} px",
             board_error(stage.rmse_cm),
-            "" if stage is stages[0] else change(stage.rms_px, stages[0].rms_px),
+            change(stage.rms_px, stages[0].rms_px) if stage is not stages[0] and known else "",
         )
         for stage in stages
     ]

@@ -90,7 +90,7 @@ def write_report(
         NAME,
         page(
             calibration.camera.model or "a camera",
-            summarise(evidence, depths),
+            summarise(evidence, depths, files.folder),
             sections,
             Scripts.of(page_data(evidence, drawings)),
         ),

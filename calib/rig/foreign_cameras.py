@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calib.errors import InputError
 from calib.importing.from_kalibr import CAMERA
 from calib.importing.from_mrcal import read_cameramodel
-from calib.io.files import read_file
+from calib.importing.opencv_file import opened_storage
 from calib.io.yaml_reader import read_yaml
 from calib.rig.imported_rig import ImportedCamera, intrinsics_mapping
 from calib.session.lens import FISHEYE, OPENCV
@@ -23,8 +23,6 @@ from calib.session.schema import Section
 
 Array = NDArray[np.float64]
 
-MAX_BYTES = 1 << 24
-"""A larger file is none of OpenCV's stereo files."""
 MAX_ROTATION_ERROR = 1e-3
 """The largest deviation of R^T R from 1: files have six digits and more."""
 MRCAL_LENSES = {
@@ -104,19 +102,12 @@ def mrcal_cameras(files: Sequence[Path]) -> tuple[ImportedCamera, ...]:
     return tuple(cameras)
 
 
-def is_opencv(file: Path) -> bool:
-    """Return true for a YAML or XML of cv2.FileStorage, which names the type of its matrices."""
-    return b"opencv-matrix" in read_file(file, MAX_BYTES)
-
-
 def opencv_cameras(files: Sequence[Path]) -> tuple[ImportedCamera, ...]:
     """Return left and right of M1, D1, M2, D2, R and T, which may stand in two files."""
     matrices: dict[str, Array] = {}
     size: tuple[int, int] | None = None
     for file in files:
-        text = read_file(file, MAX_BYTES).decode(errors="replace")
-        try:
-            storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        with opened_storage(file) as storage:
             for key in ("M1", "D1", "M2", "D2", "R", "T"):
                 if not storage.getNode(key).empty():
                     matrices[key] = np.asarray(storage.getNode(key).mat(), np.float64)
@@ -124,10 +115,6 @@ def opencv_cameras(files: Sequence[Path]) -> tuple[ImportedCamera, ...]:
             height = storage.getNode("image_height")
             if not width.empty() and not height.empty():
                 size = int(width.real()), int(height.real())
-        except (cv2.error, SystemError, TypeError, ValueError) as error:
-            raise InputError(
-                f"{file} is damaged: give a file that cv2.FileStorage wrote."
-            ) from error
     source = files[0]
     missing = [key for key in ("M1", "D1", "M2", "D2", "R", "T") if key not in matrices]
     if missing:

@@ -5,8 +5,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from calib.export.export import depth_text
 from calib.io.files import npz
+from calib.io.numerals import depth_text
 from calib.rig.depth import DepthPicture
 from calib.rig.rectify import RectifiedPair
 

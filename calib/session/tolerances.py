@@ -159,6 +159,9 @@ PORT_DISTANCE = Tolerance(0.02, "m", 1e-3, "housings, around 25 mm")
 WATER_INDEX = Tolerance(
     1e-3, "", 1e-2, "fresh water from cold to warm, over the spectrum of a camera"
 )
+ANY_WATER = Tolerance(
+    4e-3, "", 1e-2, "fresh water has 1.333 and the sea 1.34; whoever writes one seldom knows which"
+)
 
 OWN_FOCAL = Tolerance(
     0.05,

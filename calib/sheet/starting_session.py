@@ -28,8 +28,8 @@ def starting_session(pattern: Pattern, sheet: Sheet, size: tuple[int, int]) -> s
 format: 1
 board: {{{board}}}
 camera: {{width: {size[0]}, height: {size[1]}}}  # px, of your pictures
-cover: {{shape: none}}  # a camera by itself; for one behind glass, one of these, with your own \
-lengths:
+cover: {{shape: none}}  # a camera by itself
+# For a camera behind glass, replace the line above by one of these, with your own lengths:
 {covers}
 # Add outside_index: 1.333 to them under water.
 """

@@ -6,6 +6,7 @@ x_oz / r_oz), K' without the principal point (the paper's Fig. 8). A and B are s
 on a coarse grid hold them. The inverse that cv2.remap needs is solved on a coarse grid as well.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -149,12 +150,38 @@ class RayField:
         within = ((far >= -0.5) & (far <= [self.width - 0.5, self.height - 0.5])).all(-1)
         return np.asarray(within & self.sees(pixels[:, 0], pixels[:, 1], np.inf))
 
+    def hidden_fraction(self, depth: float) -> float:
+        """Return the fraction of the picture, 0 to 1, whose rays leave the cover no nearer than a
+        depth in m: what is there would stand inside of the cover.
+        """
+        exit_depth = self._exit_depths()
+        return float((exit_depth >= depth).mean()) if exit_depth.size else 0.0
+
+    def check_reach(self, depth: float) -> None:
+        """Raise InputError unless the camera can see something at this depth in m."""
+        check_depth(depth)
+        if self.hidden_fraction(depth) == 1.0:
+            farthest = math.ceil(1e3 * self._exit_depths().max()) / 1e3
+            raise InputError(
+                f"depth {depth:g} m is too near: write {farthest:g} m or more, beyond the cover,"
+                " such as 0.5."
+            )
+
+    def _exit_depths(self) -> Array:
+        """Return (n,) m, `nearest` at the valid nodes on the image."""
+        x_on_image = (self.nodes_x >= 0) & (self.nodes_x <= self.width - 1)
+        y_on_image = (self.nodes_y >= 0) & (self.nodes_y <= self.height - 1)
+        return self.nearest[self.valid & y_on_image[:, None] & x_on_image]
+
     def map_at(self, depth: float, window: Window | None = None) -> DepthMap:
         """Return the map of one depth in m, which may be infinite.
 
         The default window is the picture of the bare pinhole camera.
+
+        Raises:
+            InputError: the depth is inside of the cover.
         """
-        check_depth(depth)
+        self.check_reach(depth)
         window = window or self.window
         return depth_map(invert(self.forward(depth), window), depth, window, self.sees)
 

@@ -5,15 +5,15 @@ A new check is a function from a Case to reasons, and a line here.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from calib.calibration import Calibration, CalibrationSource
-from calib.fit_record.request import Settings
+from calib.errors import RefracalError, brief
 from calib.fitting.evaluate import Evaluation
-from calib.io.images import frames_folder
 from calib.threads import single_thread
 from calib.verdict.bare_pictures import bare_pictures
 from calib.verdict.board_place import board_place, board_size, cover_size
@@ -98,34 +98,46 @@ def judge(
         depths: m, of the requested maps.
         folder: the calibration's folder in the commands; by default that beside its session.
         session: the fitted session in the commands; by default that of the calibration's
-            provenance.
+            provenance, or the folder around the calibration's if they were moved together.
         evaluation: the errors on views of the session `holdout`.
     """
     calibration = Calibration.of(calibration)
-    session = session or Path(calibration.request.session)
-    settings = calibration.request.settings or Settings()
-    commands = NextCommands(
-        session,
-        folder or session / "calibration",
-        settings,
-        records=calibration.board.has_grid and frames_folder(session) != session,
-        has_pictures=any(
-            frames_folder(place).is_dir() for place in (session, Path(calibration.request.session))
-        ),
-    )
-    case = Case(
-        calibration, tuple(dict.fromkeys(depths)), commands, evaluation, str(holdout or "HOLDOUT")
-    )
+    depths = tuple(dict.fromkeys(depths))
+    commands = NextCommands.of(calibration, folder, session, depths)
+    case = Case(calibration, depths, commands, evaluation, str(holdout or "HOLDOUT"))
     with single_thread():
         if broken := tuple(not_finite(case)):  # then no other check is possible
             return Verdict(broken, commands.fit())
         if not calibration.views:
             return Verdict(
                 tuple(other_medium(case)),
-                commands.undistort(float(np.median(calibration.corners_at[:, 2]))),
+                commands.undistort(float(f"{np.median(calibration.corners_at[:, 2]):.2g}")),
             )
-        reasons = tuple(reason for check in CHECKS for reason in check(case))
-        depth = next(iter(case.depths), float(np.median(case.distance)))
+        reasons = _reasons(case)
+        depth = next(iter(commands.depths), case.usual_depths[0])
         proof = commands.evaluate(), commands.diagnose()
         uses = commands.uses(depth, mapped=bool(case.depths))
         return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses))
+
+
+def _reasons(case: Case) -> tuple[Reason, ...]:
+    """Return the reasons of all checks. A check that fails by a bug is itself a reason, so that a
+    calibration keeps its report and the other checks.
+    """
+    reasons: list[Reason] = []
+    bugs: dict[str, Reason] = {}
+    for check in CHECKS:
+        try:
+            reasons += check(case)
+        except RefracalError:
+            raise
+        except Exception as error:
+            if "REFRACAL_TRACEBACK" in os.environ:
+                raise
+            bug = f"{type(error).__name__}: {brief(error)}"
+            sentence = (
+                f"a check of this verdict failed, which is a bug in calib ({bug}): run the command"
+                " again with REFRACAL_TRACEBACK=1 and report what it prints."
+            )
+            bugs.setdefault(bug, Reason(sentence, case.next.report()))
+    return (*reasons, *bugs.values())

@@ -1,5 +1,8 @@
-"""Check: the declared medium. The smooth cover is also tried with the other one, air or water."""
+"""Check: the declared medium. If every number is known, the smooth cover is also tried with the
+other one, air or water; else the fit has compared the two (`calib.fitting.other_medium`).
+"""
 
+import math
 from collections.abc import Iterator
 from functools import lru_cache
 
@@ -8,24 +11,28 @@ from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path
 from calib.session.schema import Number
+from calib.session.shapes.layer import AIR, MEDIA, WATER, medium_word
 from calib.verdict.case import Case
-from calib.verdict.thresholds import OTHER_MEDIUM
-from calib.verdict.verdict import Reason
+from calib.verdict.thresholds import OTHER_MEDIUM, OTHER_MEDIUM_LOG_ODDS
+from calib.verdict.verdict import Reason, Trust
 
-MEDIA = {"air": 1.0, "water": 1.333}
-HALFWAY = 1.17
+MAX_POWER = 100
+"""The largest power of ten in a sentence on odds."""
 
 
 def medium(case: Case) -> Iterator[Reason]:
     cover, bare_error = case.rms_px.get("cover", 0.0), case.rms_px["pinhole"]
     declared = case.calibration.declared
     stated = declared.cover.medium
-    if not stated or case.has_unknown:
+    if not stated:
+        return
+    if case.has_unknown:
+        yield from _more_probable(case, stated.value)
         return
     if cover <= max(OTHER_MEDIUM * bare_error, case.left_px):  # it is right
         return
     index = stated.value
-    name = "air" if index > HALFWAY else "water"
+    name = AIR if medium_word(index) == WATER else WATER
     error = _error_in(case.calibration, name)
     if error < OTHER_MEDIUM * cover:
         sentence = (
@@ -34,6 +41,23 @@ def medium(case: Case) -> Iterator[Reason]:
             f" board was in {name}."
         )
         yield Reason(sentence, case.next.fit(), (declared.cover.medium_name,))
+
+
+def _more_probable(case: Case, stated: float) -> Iterator[Reason]:
+    """Yield the reason that the other medium is far more probable, by the fit's comparison."""
+    odds = case.calibration.outcome.medium_log_odds or {}
+    log_odds = -odds.get(medium_word(stated), 0.0)
+    if log_odds <= OTHER_MEDIUM_LOG_ODDS:
+        return
+    name = max(odds, key=odds.__getitem__)
+    sentence = (
+        f"the pictures were probably taken in {name}: with {name} outside of the cover they are"
+        f" 10^{min(int(log_odds / math.log(10)), MAX_POWER)} times as probable as with"
+        f" {medium_word(stated)}. Write outside_index: {MEDIA[name]:g} under cover in session.yaml,"
+        f" or add --outside-index {MEDIA[name]:g}."
+    )
+    suspects = (case.calibration.declared.cover.medium_name,)
+    yield Reason(sentence, case.next.fit(), suspects, Trust.DO_NOT_USE)
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

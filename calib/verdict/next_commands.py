@@ -6,8 +6,10 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.fit_record.request import Settings
+from calib.calibration import Calibration
+from calib.fit_record.request import CommandOptions, Settings
 from calib.io.images import frames_folder
+from calib.io.numerals import depth_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +25,41 @@ class NextCommands:
     """True if capture records such views: not those of a target of points, which come from another
     program, and not pictures that lie beside session.yaml, which come from another device.
     """
-    has_pictures: bool = False
-    """True if the session has pictures, and not corners alone."""
+    pictures: Path | None = None
+    """The folder of the session's pictures; None if it has corners alone, or is not here."""
+    depths: tuple[float, ...] = ()
+    """m, of the maps that the fit was asked for: the same fit makes them again."""
+
+    @staticmethod
+    def of(
+        calibration: Calibration,
+        folder: Path | None,
+        session: Path | None,
+        depths: tuple[float, ...],
+    ) -> NextCommands:
+        """Return the commands of a calibration.
+
+        Args:
+            folder: that of the calibration; None: the folder that `calib fit` makes in the session.
+            session: None: that of the provenance, or, if the two have been moved together, the
+                folder around the calibration's.
+            depths: m, of the maps; empty: those that the fit was asked for.
+        """
+        request = calibration.request
+        recorded = Path(request.session)
+        around = folder.parent if folder else recorded
+        if not session:
+            session = next((s for s in (recorded, around) if is_described(s)), recorded)
+        pictures = (frames_folder(place) for place in (session, recorded, around))
+        command = request.command or CommandOptions()
+        return NextCommands(
+            session,
+            folder or session / "calibration",
+            request.settings or Settings(),
+            records=calibration.board.has_grid and frames_folder(session) != session,
+            pictures=next((place for place in pictures if place.is_dir()), None),
+            depths=depths or command.depths,
+        )
 
     def fit(self, *options: str) -> str:
         """Return the same fit, for a corrected session or with other options."""
@@ -36,6 +71,8 @@ class NextCommands:
             words += ["--grid", "x".join(map(str, grid))]
         if "--free" not in options and self.settings.free != Settings().free:
             words += ["--free", ",".join(self.settings.free) or "none"]
+        if self.depths:
+            words += ["--depth", *map(depth_text, self.depths)]
         if self.folder != self.session / "calibration":
             words += ["-o", str(self.folder)]
         return shlex.join([*words, *options])
@@ -60,9 +97,10 @@ class NextCommands:
     def undistort(self, depth: float) -> str:
         """Return the undistortion of the session's pictures for a depth in m."""
         folder = str(self.folder)
-        pictures, out = str(frames_folder(self.session)), str(self.folder / "undistorted")
+        pictures = str(self.pictures or frames_folder(self.session))
+        out = str(self.folder / "undistorted")
         return shlex.join(
-            ["calib", "undistort", folder, pictures, "--depth", f"{depth:.2g}", "-o", out]
+            ["calib", "undistort", folder, pictures, "--depth", depth_text(depth), "-o", out]
         )
 
     def uses(self, depth: float, *, mapped: bool) -> tuple[str, ...]:
@@ -74,7 +112,7 @@ class NextCommands:
             depth: m
             mapped: true if the maps for this depth are written.
         """
-        straight = (self.undistort(depth),) if self.has_pictures else ()
+        straight = (self.undistort(depth),) if self.pictures else ()
         return straight + (() if mapped else (self.export(depth),))
 
     def report(self) -> str:
@@ -91,8 +129,13 @@ class NextCommands:
                 "--format",
                 "npz",
                 "--depth",
-                f"{depth:.2g}",
+                depth_text(depth),
                 "-o",
                 str(self.folder / "export"),
             ]
         )
+
+
+def is_described(session: Path) -> bool:
+    """Return True if a folder is a session's and is here."""
+    return (session / "session.yaml").is_file()

@@ -3,8 +3,10 @@
 from collections.abc import Iterator
 
 from calib.fitting.declared import comparisons
+from calib.session.parameter_names import CAMERA
 from calib.session.shapes.registry import find_shape
 from calib.verdict.case import Case
+from calib.verdict.uncertainty import map_sigmas
 from calib.verdict.verdict import Reason
 
 
@@ -12,11 +14,30 @@ def unknown_shape(case: Case) -> Iterator[Reason]:
     """Name the shapes that are about as probable as the one that the fit chose."""
     chosen, *rivals = case.calibration.outcome.probable_shapes or ("",)
     if not rivals:
+        yield from _unseen_cover(case)
         return
     listed = " or ".join(find_shape(name).words for name in (chosen, *rivals))
     sentence = (
         f"your pictures fit {listed} about equally well. The fit assumed"
         f" {find_shape(chosen).words}. Look at the cover, and write cover.shape in session.yaml."
+    )
+    yield Reason(sentence, case.next.fit(), ("cover.shape",))
+
+
+def _unseen_cover(case: Case) -> Iterator[Reason]:
+    """Name the shapes that explain the pictures as well as no cover, if the maps depend on it by
+    more than their standard deviation.
+    """
+    changes = case.calibration.outcome.shape_map_changes_px or {}
+    sigma = max(map_sigmas(case.calibration, case.usual_depths).values(), default=0.0)
+    rivals = {name: change for name, change in changes.items() if change > sigma}
+    if not rivals:
+        return
+    listed = " or ".join(find_shape(name).words for name in rivals)
+    sentence = (
+        f"these pictures do not show a cover: {listed} explains them as well, and the maps would"
+        f" differ by {max(rivals.values()):.2g} px. If there is a cover, write its shape in"
+        " session.yaml, with its numbers."
     )
     yield Reason(sentence, case.next.fit(), ("cover.shape",))
 
@@ -38,8 +59,15 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
     if not numbers:
         return
     listed = ", ".join(f"{number.name} ({number.estimated})" for number in numbers)
+    is_lens = all(number.name.startswith(CAMERA.of("")) for number in numbers)
+    advice = (
+        "take pictures of the board at the picture's edges, near and tilted, or without the cover,"
+        " in bare/"
+        if is_lens
+        else "measure it, or take pictures of the board near and tilted"
+    )
     sentence = (
         f"your pictures do not determine {listed}. The maps already allow for that. If you need"
-        " the number, measure it, or take pictures of the board near and tilted."
+        f" the number, {advice}."
     )
     yield Reason(sentence, case.next.capture(), tuple(number.name for number in numbers))

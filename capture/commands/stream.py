@@ -21,10 +21,12 @@ if TYPE_CHECKING:
 def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from calib.apply.angular_reach import undistortion_limit
+        from calib.apply.near_depth import describe_hidden
         from calib.calibration import Calibration
         from calib.commands.printing import print_json
         from calib.io.json_text import json_text
         from capture.sources.registry import open_source
+        from capture.sources.video import VideoSource
         from capture.streaming.narrator import StreamNarrator
         from capture.streaming.places import parse_places
         from capture.streaming.straightener import Straightener
@@ -36,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
     size = f"{calibration.camera.width}x{calibration.camera.height}"
     camera_options = {"size": size, "colour": "yes", "auto": "yes"}
     source = partial(open_source, args.source, camera_options=camera_options)
-    source()  # a text that names no source is refused before anything is opened
+    unopened = source()  # a text that names no source is refused before anything is opened
     window = _window() if any(place.kind == "window" for place in places) else None
     narrator = StreamNarrator()
     listener = window or narrator
@@ -48,8 +50,12 @@ def run(args: argparse.Namespace) -> None:
     )
     if limit := undistortion_limit(calibration):
         narrator.tell(limit)
+    for remark in describe_hidden(calibration.ray_field(), [args.depth]):
+        narrator.tell(remark)
     targets: list[StreamTarget] = [window] if window else []
-    stream = Stream(source, straightener, targets, listener)
+    is_watched = any(place.kind in ("window", "http") for place in places)
+    paced = is_watched and isinstance(unopened, VideoSource)  # a folder has its own speed
+    stream = Stream(source, straightener, targets, listener, paced=paced)
     targets += [
         _target(place, args, stream, straightener) for place in places if place.kind != "window"
     ]

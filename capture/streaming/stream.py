@@ -45,6 +45,8 @@ class Stream:
         straightener: "Straightener",
         targets: Sequence[StreamTarget],
         listener: StreamListener,
+        *,
+        paced: bool = False,
     ) -> None:
         """
         Args:
@@ -52,12 +54,15 @@ class Stream:
             straightener: makes the pictures.
             targets: get them, one after the other. More may be added before the run.
             listener: gets what a person should know.
+            paced: true if a recorded video is shown to a person, at the rate at which it was taken;
+                otherwise its frames come as fast as they can be read.
         """
         self.statistics = StreamStatistics()
         self.stop = threading.Event()
         """Set by `close`. Targets that may wait look at it."""
         self._open_source = open_source
         self._straightener = straightener
+        self._paced = paced
         self._targets = targets
         self.listener = listener
         self._reader: Reader | None = None
@@ -110,6 +115,8 @@ class Stream:
             for frame in reader:
                 if self.stop.is_set():
                     return
+                if self._paced:
+                    self.stop.wait(max(0.0, frame.time_s - time.monotonic()))
                 picture = self._straightener.straighten(frame.pixels)
                 for target in self._targets:
                     target.show(picture)

@@ -204,8 +204,17 @@ def test_pictures_that_do_not_exist_are_refused(
 def test_another_mode_in_the_folder_one_is_in(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The next session's name for "." is that of the folder."""
-    cv2.imwrite(str(tmp_path / "a.png"), np.full((48, 64), 99, np.uint8))
+    """The next session's name for "." is that of the folder. A loose picture has no session that
+    could be recorded again.
+    """
+    (tmp_path / "frames").mkdir()
+    cv2.imwrite(str(tmp_path / "frames" / "a.png"), np.full((48, 64), 99, np.uint8))
+    (tmp_path / "session.yaml").write_text(
+        "format: 1\nboard: {columns: 9, rows: 9, square_mm: 20}\ncamera: {width: 64, height: 48}\n"
+        "cover: {shape: none}\n"
+    )
     monkeypatch.chdir(tmp_path)
-    assert main(["check", str(saved), "a.png"]) == 5
+    assert main(["check", str(saved), "."]) == 5
     assert f"Next: capture {tmp_path}-again" in capsys.readouterr().out
+    assert main(["check", str(saved), "frames/a.png"]) == 5
+    assert f"Next: calib report {saved}" in capsys.readouterr().out

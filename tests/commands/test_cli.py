@@ -326,12 +326,12 @@ def test_undistort_refuses_existing_outputs_and_pictures_of_another_size(
         ([str(picture), "-o", str(tmp_path / "straight.jpg")], "looks like a picture: write -o"),
         (
             [str(tmp_path / "noext"), "-o", str(tmp_path / "out")],
-            "noext does not say what to write",
+            "noext is neither a picture nor a video by its name",
         ),
         ([str(tmp_path / "b.jpg.bak"), "-o", str(tmp_path / "out")], "one of .png, .jpg"),
         (
             [str(tmp_path / "a.gif"), "-o", str(tmp_path / "out")],
-            "a.gif does not say what to write",
+            "a.gif is neither a picture nor a video by its name",
         ),
     ):
         (tmp_path / "empty").mkdir(exist_ok=True)
@@ -485,6 +485,7 @@ def test_a_bug_is_one_sentence_and_exit_code_1(
     def broken(_: Path) -> None:
         raise ZeroDivisionError("by design")
 
+    monkeypatch.delenv("REFRACAL_TRACEBACK")
     monkeypatch.setattr("calib.session.session.read_session", broken)
     assert main(["fit", "fixtures/clean"]) == 1
     err = capsys.readouterr().err

@@ -1,6 +1,7 @@
 """Pictures and videos without a session.yaml go into a calibration by one command."""
 
 import argparse
+import os
 import re
 import shlex
 import shutil
@@ -21,6 +22,7 @@ from calib.importing.from_video import MAX_FRAMES
 from calib.io.images import list_images
 from calib.progress import Silent
 from calib.session.board import Board
+from calib.session.schema import Number
 from calib.session.session import Session, read_session
 from calib.session.shapes.registry import find_shape, shape_names
 from tests.corners import test_other_makers
@@ -261,9 +263,9 @@ def test_a_board_that_is_not_described_is_looked_for(
     assert not path.with_suffix("").joinpath("session.yaml").exists()
     command = re.search(r"(calib fit .*--square-mm 25)", str(caught.value))
     assert command
-    assert described(*shlex.split(command[1])[2:]).board == Board(7, 6, 0.025)
     assert described(str(path), "--square-mm", "30").board == Board(7, 6, 0.03)
     assert "Found a checkerboard of 7x6 inner corners" in capsys.readouterr().err
+    assert described(*shlex.split(command[1])[2:]).board == Board(7, 6, 0.025)
 
 
 def test_a_description_is_corrected_until_a_person_changed_it(photos: Path) -> None:
@@ -298,11 +300,50 @@ def test_a_cover_is_described_by_options(photos: Path) -> None:
     lens = session.camera.intrinsics
     assert lens
     assert lens.fx.sigma > 0.3 * lens.fx.value, "nobody knows the lens"
+    shutil.copytree(photos, photos / "bare", ignore=shutil.ignore_patterns("session.yaml", "bare"))
+    assert described(str(photos), *BOARD, *dome).camera.intrinsics is None, "bare/ tells the lens"
     known = described(str(photos), *BOARD, *dome, "--intrinsics", "520,525,322+-3,238")
     assert known.camera.intrinsics
     assert known.camera.intrinsics.cx.sigma == 3
-    shutil.copytree(photos, photos / "bare", ignore=shutil.ignore_patterns("session.yaml", "bare"))
-    assert described(str(photos), *BOARD, *dome).camera.intrinsics is None, "bare/ tells the lens"
+
+
+def test_pictures_in_a_folder_that_cannot_be_written_become_a_session_of_the_output(
+    photos: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def access(path: Path, mode: int) -> bool:
+        return not (mode == os.W_OK and Path(path).resolve() == photos.resolve())
+
+    monkeypatch.setattr(os, "access", access)
+    with pytest.raises(InputError, match="cannot be written: name a folder for the session"):
+        described(str(photos), *BOARD)
+    session = described(str(photos), *BOARD, "-o", "out")
+    assert session.path == Path("out")
+    assert len(session.frames) == 8
+    assert not (photos / "session.yaml").exists()
+    assert described(str(photos), *BOARD, "-o", "out").path == Path("out")
+
+
+def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
+    photos: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lens = ["--intrinsics", "520,525,322+-3,238"]
+    wet = ["--cover", "dome", "--radius", "40+-30", "--index", "1.49", "--outside-index", "1.333"]
+    first = described(str(photos), *BOARD, *lens, *wet)
+    assert "--outside-index 1.333 is taken as 1.333 ± 0.004" in capsys.readouterr().err
+    assert first.cover.medium == Number(1.333, 0.004)
+    thick = described(str(photos), "--thickness", "3")
+    assert "stays as the session.yaml of an earlier command" in capsys.readouterr().err
+    assert thick.board == first.board
+    assert thick.camera == first.camera
+    assert thick.cover.parameters["thickness"].value == 0.003
+    assert thick.cover.parameters["inner_radius"] == first.cover.parameters["inner_radius"]
+    assert thick.cover.medium == first.cover.medium
+    flat = described(str(photos), "--square-mm", "20", "--cover", "flat", "--distance", "20")
+    assert flat.board == Board(7, 6, 0.02)
+    assert flat.cover.shape == "flat"
+    assert flat.cover.medium == first.cover.medium
+    assert flat.cover.parameters["thickness"].value == 0.003
+    assert described(str(photos), "--cover", "none").cover.shape == "none"
 
 
 @pytest.mark.parametrize(
@@ -322,6 +363,10 @@ def test_a_cover_is_described_by_options(photos: Path) -> None:
         (
             ["my photos", *BOARD, "--cover", "flat", "--radius", "3"],
             "--radius is no number of --cover flat: leave it out, or write some of --distance",
+        ),
+        (
+            ["my photos", *BOARD, "--cover", "dome", "--radius", "0.05+-0.01"],
+            "0.05 m, if metres were meant, is 50",
         ),
         (["my photos", *BOARD, "--intrinsics", "1,2"], "such as 1200,1200,640,360"),
         (["taken.avi", *BOARD], "calib import video taken.avi --board 9x6 --square-mm 25 -o NEW"),

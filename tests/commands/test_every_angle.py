@@ -27,8 +27,10 @@ FORMATS = (
 QUICK_FORMATS = ("npz", "generic", "calibmar")
 ALLOWED_CODES = {0, 2, 3}
 """Success; wrong input; not enough good data. 1 is a bug."""
-REFUSED_WORDS = {"immerse", "calibmar", "pose"}
-"""Words of the commands that refuse: no calibration has a cover, and no picture shows a tag."""
+REFUSED_WORDS = {"immerse", "calibmar", "pose", "--on-boards"}
+"""Words of the commands that refuse: no calibration has a cover, no picture shows a tag, and no
+point lies on a board.
+"""
 DEPTH = 0.4
 """m"""
 MAX_ERROR_PX = 3.0

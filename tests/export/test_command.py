@@ -166,6 +166,7 @@ def test_a_central_camera_is_not_warned_about(
             "this cover is a cone: write --format generic, which holds every shape.",
         ),
         (["--format", "colmap", "--depth", "0.01"], "depth 0.01 m is too near"),
+        (["--format", "npz", "--depth", "1", "0.01"], "m or more, beyond the cover, such as 0.5."),
     ],
 )
 def test_wrong_input_gets_its_sentence(

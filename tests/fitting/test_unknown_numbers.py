@@ -159,11 +159,25 @@ def test_no_cover_is_a_shape_too_and_what_is_as_probable_is_named() -> None:
     calibration = calibrate(made("dome"), INTRINSICS, COVERS["dome"][0])
     equal = with_outcome(calibration, shape_log_odds={"none": -1.0, "dome": 0.0, "cone": -80.0})
     assert equal.outcome.probable_shapes == ("dome", "none")
-    assert any("whether the cover is a dome or no cover" in s for s in judge(equal).sentences)
+    assert any("fit a dome or no cover about equally well" in s for s in judge(equal).sentences)
     rows = {row[0]: row for section in describe(equal).sections for row in section.rows}
     assert rows["cover.shape"] == ("cover.shape", "dome or none", "unknown", "", "")
     certain = with_outcome(calibration, shape_log_odds={"none": -90.0, "dome": 0.0})
     assert "cover.shape" not in judge(certain).suspects
+
+
+def test_a_cover_that_explains_the_views_as_well_as_none_is_named() -> None:
+    """Of no cover, which the wide priors of a cover's numbers make more probable."""
+    calibration = calibrate(made("dome", views=8), INTRINSICS, COVERS["dome"][0])
+    odds = {"none": 0.0, "dome": -5.8}
+    differing = with_outcome(calibration, shape_log_odds=odds, shape_map_changes_px={"dome": 3.5})
+    assert any(
+        "do not show a cover: a dome explains them as well" in s for s in judge(differing).sentences
+    )
+    rows = {row[0]: row for section in describe(differing).sections for row in section.rows}
+    assert rows["cover.shape"][1] == "none or dome"
+    same = with_outcome(calibration, shape_log_odds=odds, shape_map_changes_px={"dome": 1e-6})
+    assert "cover.shape" not in judge(same).suspects
 
 
 @pytest.mark.slow

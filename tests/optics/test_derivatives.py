@@ -107,6 +107,45 @@ def test_those_of_a_cover(example: Example, kind: str) -> None:
     compare(replace(path, cover=(*inner, outer)), values, some_pixels(ROWS))
 
 
+@each_shape
+@pytest.mark.parametrize("count", [ROWS, 1, 0])
+def test_one_number_may_differ_from_ray_to_ray(example: Example, count: int) -> None:
+    """An effect gives each row its own value of a number, and a relief follows the cover."""
+    path, nominal_values = nominal(example, changed=example.moved)
+    *inner, outer = path.cover
+    assert outer.relief
+    view = outer.relief_view(nominal_values)
+    anchor = view.anchor[0] + 1e-3, view.anchor[1] + 1e-3
+    tied = replace(outer.relief, anchor=anchor, size=view.size)
+    outer = replace(outer, relief=tied)
+    path, pixels = replace(path, cover=(*inner, outer)), some_pixels(count)
+    names = frozenset(nominal_values)
+    for name in (param.name for stage in path.cover for param in stage.params):
+        if nominal_values[name].ndim:
+            continue
+        values = {**nominal_values, name: nominal_values[name].expand(count)}
+        each = torch.ones(2, count, dtype=torch.float64)
+        by_rays = ByRay(Vector(each, each, each), Vector(each, each, each))
+        result = path.trace_with_derivatives(pixels, values, MIDDLE, names).pull(by_rays)
+        wanted = path.trace_with_derivatives(pixels, nominal_values, MIDDLE, names).pull(by_rays)
+        for key, expected in wanted.items():
+            scale = float(expected.abs().max()) if count else 0.0
+            difference = (result[key] - expected).abs().sum()
+            assert float(difference) <= TOLERANCE * scale, (name, key)
+
+
+@each_shape
+def test_of_a_cover_that_hardly_bends(example: Example) -> None:
+    """Equal indices on both sides, and glass without thickness."""
+    for changed in (
+        {"refractive_index": 1.0, "outside_index": 1.0},
+        {"refractive_index": 1.333, "outside_index": 1.333},
+        {"thickness": 0.0},
+    ):
+        path, values = nominal(example, changed=changed)
+        compare(path, values, some_pixels(ROWS))
+
+
 @pytest.mark.parametrize("count", [0, 4, 5, 8, 12, 14])
 @pytest.mark.parametrize("pupil", [False, True])
 def test_those_of_a_lens(count: int, pupil: bool) -> None:

@@ -199,7 +199,7 @@ MALFORMED: tuple[Malformed, ...] = (
     Malformed(
         "duplicate key",
         _yaml("  width: 320\n", "  width: 320\n  width: 640\n"),
-        ("session.yaml, line 6", '"width" comes twice'),
+        ("session.yaml, line 6", '"width" comes twice, first in line 5: remove one'),
     ),
     Malformed(
         "format of the future",

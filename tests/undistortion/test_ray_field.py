@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from calib.apply.near_depth import ReachedDepths, describe_hidden
 from calib.errors import InputError
 from calib.optics.build import pinhole_path
 from calib.optics.exposure import MIDDLE
@@ -110,8 +111,8 @@ def test_an_invalid_depth_is_refused(field: RayField, depth: float) -> None:
         field.map_at(depth)
 
 
-@pytest.mark.parametrize("depth", [9e-4, 1e-300])
-def test_a_depth_inside_the_lens_is_refused(field: RayField, depth: float) -> None:
+@pytest.mark.parametrize("depth", [9e-4, 1e-300, 2e-3, 0.01])
+def test_a_depth_inside_the_lens_or_its_cover_is_refused(field: RayField, depth: float) -> None:
     with pytest.raises(InputError, match="too near"):
         field.map_at(depth)
 
@@ -141,12 +142,12 @@ def off_projection(
     return error, in_picture, made.valid[rows, columns]
 
 
-@pytest.mark.parametrize("depth", [0.002, 0.005, 0.01, 0.03])
+@pytest.mark.parametrize("depth", [0.014, 0.03])
 def test_nearby_a_map_is_right_or_not_valid(made: Scene, field: RayField, depth: float) -> None:
     error, in_picture, valid = off_projection(made.path, made.values, field.map_at(depth), 24)
     assert error[in_picture & valid].max(initial=0) < 0.01
     assert not valid[np.isnan(error)].any(), "no ray reaches that point"
-    assert (depth > 0.012) == bool(valid.any())
+    assert valid.any()
 
 
 def lens_path(*coefficients: float) -> tuple[Path, Values]:
@@ -181,3 +182,19 @@ def test_around_a_pole_of_the_lens_the_map_is_right_or_not_valid() -> None:
     assert not field.valid.all()
     assert error[in_picture & valid].max() < 0.01
     assert valid.mean() > 0.99
+
+
+def test_a_depth_inside_of_the_cover_is_refused(field: RayField) -> None:
+    """The cover is nearer at the picture's edges, so a depth between is a part of the picture."""
+    assert field.hidden_fraction(0.5) == 0.0
+    assert field.hidden_fraction(1e-3) == 1.0
+    on_image = field.nearest[field.valid]
+    between = float(np.median(on_image))
+    assert 0.05 < field.hidden_fraction(between) < 0.95
+    (remark,) = describe_hidden(field, [0.5, between])
+    assert remark.startswith(f"At {between:g} m, ")
+    with pytest.raises(InputError, match=r"depth 0\.002 m is too near: write 0\.0\d+ m or more"):
+        field.map_at(0.002)
+    reached = ReachedDepths.of(field, [0.5, 0.002])
+    assert reached.depths == (0.5,)
+    assert len(reached.refusals) == 1

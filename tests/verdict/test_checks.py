@@ -22,6 +22,7 @@ from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import AprilGrid, Charuco, Coding
 from calib.session.freeing import AUTO
 from calib.session.schema import Number
+from calib.verdict import judge
 from calib.verdict.board_place import board_place, board_size, cover_size
 from calib.verdict.case import Case
 from calib.verdict.convergence import not_converged, not_finite
@@ -38,7 +39,7 @@ from calib.verdict.thresholds import BEYOND_NOISE, NO_BETTER, TAKEN_UP, WORSE_TH
 from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, uncertain_maps
 from calib.verdict.unevenness import unevenness
 from calib.verdict.unseen_row import extra_rows, unseen_row
-from calib.verdict.verdict import Trust
+from calib.verdict.verdict import Reason, Trust
 from fixtures.calibrated import with_outcome
 from fixtures.synthetic import paper_cone, scene
 from tests.fitting.test_inputs import spoiled
@@ -61,6 +62,21 @@ class Stretched(Board):
 def test_a_good_calibration_is_not_doubted(check, good: Calibration, freed: Calibration) -> None:  # type: ignore[no-untyped-def]
     assert asked(check, good) == []
     assert asked(check, freed) == []
+
+
+def test_a_check_with_a_bug_leaves_the_other_checks(
+    good: Calibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_: Case) -> list[Reason]:
+        raise ZeroDivisionError("by design")
+
+    monkeypatch.setattr(judge, "CHECKS", (broken, *CHECKS[:3], broken))
+    with pytest.raises(ZeroDivisionError):
+        judge.judge(good)
+    monkeypatch.delenv("REFRACAL_TRACEBACK")
+    (reason,) = judge.judge(good).reasons
+    assert "which is a bug in calib (ZeroDivisionError: by design)" in reason.sentence
+    assert reason.next.startswith("calib report ")
 
 
 def ended_with(calibration: Calibration, outcome: Outcome) -> Calibration:

@@ -1,9 +1,11 @@
 """The next commands can be typed as they are printed."""
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
-from calib.fit_record.request import Settings
+from calib.calibration import Calibration
+from calib.fit_record.request import CommandOptions, Provenance, Settings
 from calib.verdict.next_commands import NextCommands
 
 
@@ -40,11 +42,12 @@ def test_a_straight_picture_comes_first_and_a_written_map_is_not_exported_again(
     corners = NextCommands(tmp_path, out, Settings())
     assert corners.uses(0.5, mapped=True) == ()
     assert corners.uses(0.5, mapped=False) == (corners.export(0.5),)
-    pictures = NextCommands(tmp_path, out, Settings(), has_pictures=True)
+    pictures = NextCommands(tmp_path, out, Settings(), pictures=tmp_path)
     (tmp_path / "a.png").touch()
     assert f"undistort {out} {tmp_path} --depth 0.5" in pictures.uses(0.5, mapped=True)[0]
     (tmp_path / "frames").mkdir()
-    straight, export = pictures.uses(0.5, mapped=False)
+    recorded = NextCommands(tmp_path, out, Settings(), pictures=tmp_path / "frames")
+    straight, export = recorded.uses(0.5, mapped=False)
     assert str(tmp_path / "frames") in straight
     assert export == pictures.export(0.5)
 
@@ -52,6 +55,31 @@ def test_a_straight_picture_comes_first_and_a_written_map_is_not_exported_again(
 def test_views_of_another_program_are_not_recorded() -> None:
     commands = NextCommands(Path("photos"), Path("photos/calibration"), Settings(), records=False)
     assert commands.capture() == "calib fit photos"
+
+
+def test_a_fit_makes_its_maps_again() -> None:
+    commands = NextCommands(Path("s"), Path("s/calibration"), Settings(), depths=(0.525, 1.0))
+    assert commands.fit("--free", "all") == "calib fit s --depth 0.525 1 --free all"
+    assert "--depth 0.525 " in commands.undistort(0.525)
+    assert "--depth 0.525 " in commands.export(0.525)
+
+
+def test_a_session_that_was_moved_with_its_calibration_is_found(
+    good: Calibration, tmp_path: Path
+) -> None:
+    session = tmp_path / "s"
+    (session / "frames").mkdir(parents=True)
+    (session / "session.yaml").touch()
+    (session / "frames" / "a.png").touch()
+    command = CommandOptions(depths=(0.5,))
+    provenance = Provenance(session=str(tmp_path / "gone"))
+    moved = replace(good, request=replace(good.request, command=command, provenance=provenance))
+    out = session / "calibration"
+    commands = NextCommands.of(moved, out, None, ())
+    assert commands.fit().startswith(f"calib fit {session} ")
+    assert commands.fit().endswith("--depth 0.5")
+    assert commands.capture() == f"capture {session}"
+    assert f"undistort {out} {session}/frames --depth 0.5" in commands.undistort(0.5)
 
 
 def test_a_fit_is_asked_for_again_as_it_was() -> None:

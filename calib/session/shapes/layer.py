@@ -41,3 +41,13 @@ OUTSIDE = Dimension(
     explanation="Of what is outside: 1 in air, 1.333 in water.",
 )
 """The medium outside of the glass. A fit holds its index, unless it has a sigma."""
+AIR, WATER = "air", "water"
+MEDIA = {AIR: 1.0, WATER: 1.333}
+"""The index of each medium that a camera may look into."""
+HALFWAY = 1.17
+"""The index from which a medium counts as water."""
+
+
+def medium_word(index: float) -> str:
+    """Return which of MEDIA an index belongs to."""
+    return WATER if index > HALFWAY else AIR

@@ -61,6 +61,37 @@ class Album:
             raise self._error
 
 
+class Waits(threading.Event):
+    """An event that records for how long it is waited for."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seconds: list[float] = []
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self.seconds.append(timeout or 0.0)
+        return self.is_set()
+
+
+@pytest.mark.parametrize("paced", [True, False])
+def test_a_film_is_shown_at_its_own_rate_to_people(
+    calibration: Calibration, pictures: list[np.ndarray], tmp_path: Path, paced: bool
+) -> None:
+    film = str(tmp_path / "film.avi")
+    height, width = pictures[0].shape[:2]
+    writer = cv2.VideoWriter(film, cv2.VideoWriter.fourcc(*"MJPG"), 0.1, (width, height))
+    for picture in pictures[:3]:
+        writer.write(picture if picture.ndim == 3 else cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    straightener = Straightener(calibration, StreamView(0.5))
+    source = partial(open_source, f"video:{film}")
+    stream = Stream(source, straightener, [Album()], Remarks(), paced=paced)
+    stream.stop = waits = Waits()
+    assert stream.run() == "source"
+    steps = [round(seconds / 10) for seconds in waits.seconds]
+    assert steps == ([0, 1, 2] if paced else [])
+
+
 def test_every_frame_of_a_recording_goes_to_every_target(
     calibration: Calibration, recording: Path, pictures: list[np.ndarray]
 ) -> None:

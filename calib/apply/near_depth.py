@@ -1,0 +1,46 @@
+"""Depths so near that a part of the picture shows nothing there, because they lie inside of the
+cover.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from calib.errors import InputError
+from calib.undistortion.ray_field import RayField
+
+NOTABLE = 0.05
+"""The fraction of the picture that may be inside of the cover without a remark."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReachedDepths:
+    """Depths of which a map can be made, in m, and a sentence on each other one."""
+
+    depths: tuple[float, ...]
+    refusals: tuple[str, ...]
+
+    @staticmethod
+    def of(field: RayField, depths: Iterable[float]) -> "ReachedDepths":
+        reached: list[float] = []
+        refusals: list[str] = []
+        for depth in dict.fromkeys(depths):
+            try:
+                field.check_reach(depth)
+                reached.append(depth)
+            except InputError as error:
+                refusals.append(str(error))
+        return ReachedDepths(tuple(reached), tuple(refusals))
+
+
+def describe_hidden(field: RayField, depths: Iterable[float]) -> Iterator[str]:
+    """Yield a sentence on each depth, m, that lies inside of the cover for a part of the picture,
+    which therefore is black.
+    """
+    for depth in dict.fromkeys(depths):
+        hidden = field.hidden_fraction(depth)
+        if hidden > NOTABLE:
+            yield (
+                f"At {depth:g} m, {100 * hidden:.0f} % of the picture look into the cover and"
+                " nothing is there to see: these pixels are black. Depth is in metres, from the"
+                " lens."
+            )

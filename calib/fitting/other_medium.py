@@ -1,0 +1,100 @@
+"""Air or water outside of the cover: which of the two the views show, where other numbers of camera
+and cover are unknown and could make up for a wrong medium.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from calib.corners.view import View, pose_labels
+from calib.errors import NotEnoughDataError
+from calib.estimation.noise import on_board_grid, short_scale_noise, stated_noise
+from calib.estimation.observations import Observations
+from calib.fit_record.request import EVEN_GRID, Settings
+from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting.unknown_numbers import with_initial_values
+from calib.progress import Progress
+from calib.session.numbers import unknown_names
+from calib.session.schema import Number
+from calib.session.shapes.layer import AIR, MEDIA, WATER, medium_word
+
+TOLD = 0.05
+"""The standard deviation of an outside index below which it says which medium is meant."""
+COMPARED_VIEWS = 12
+"""Views of the first comparison, with even glass: where the medium can be told, eight tell it."""
+LIKELY = 7.0
+"""The log odds from which the other medium is fitted to all views, with uneven glass."""
+NEAR_NOISE = 3.0
+"""The error over the corners' noise up to which a fit explains the views. The evidence of two fits
+that both leave far more tells nothing: fixtures/bump leaves 7 and 15 times its noise, and the odds
+of water are e^-44 with even glass and e^1055 with uneven glass.
+"""
+
+
+def medium_log_odds(
+    nominal: Setup, fitted: Fitted, views: Sequence[View], settings: Settings, progress: Progress
+) -> Mapping[str, float] | None:
+    """Return the logarithm of the odds of air and of water, 0 for the more probable one; None if
+    every number is known, or the medium itself is estimated.
+
+    Args:
+        nominal: the setup of the session, with a start for its unknown numbers.
+        fitted: its fit to the views.
+    """
+    medium = nominal.cover.medium
+    is_told = medium and medium.sigma < TOLD and not medium.unknown
+    if not is_told or not unknown_names(nominal.intrinsics, nominal.cover):
+        return None
+    if not (fitted.joint and fitted.joint.finite):
+        return None
+    assert medium
+    stated = medium_word(medium.value)
+    rival_name = WATER if stated == AIR else AIR
+    cover = nominal.cover.replace_medium(Number(MEDIA[rival_name]), None)
+    rival = replace(nominal, cover=cover, initial={})
+    sample = views[:: -(-len(views) // COMPARED_VIEWS)]
+    even_glass = replace(settings, grid=EVEN_GRID)
+    rival = with_initial_values(rival, sample, progress)
+    rival_fit = _fit(rival, sample, even_glass, progress, f"{rival_name} outside")
+    fit = _fit(nominal, sample, even_glass, progress, f"{stated} outside")
+    log_odds = _log_marginal(rival_fit) - _log_marginal(fit) if rival_fit and fit else 0.0
+    if log_odds > LIKELY:
+        rival_fit = _fit(rival, views, settings, progress, f"{rival_name} outside")
+        if rival_fit and _explains(rival_fit, views, nominal):
+            log_odds = min(log_odds, _log_marginal(rival_fit) - fitted.joint.log_marginal)
+        else:
+            log_odds = 0.0
+    best = max(log_odds, 0.0)
+    return {stated: 0.0 - best, rival_name: log_odds - best}
+
+
+def _fit(
+    setup: Setup, views: Sequence[View], settings: Settings, progress: Progress, purpose: str
+) -> Fitted | None:
+    """Return a fit; None if the cover hides the board or the fit is not finite."""
+    try:
+        fitted = fit_stages(
+            setup.with_tolerances(settings),
+            Observations.of(views, setup.board),
+            settings,
+            progress,
+            labels=pose_labels(views),
+            purpose=purpose,
+        )
+    except NotEnoughDataError:
+        return None
+    return fitted if fitted.joint and fitted.joint.finite else None
+
+
+def _log_marginal(fitted: Fitted) -> float:
+    assert fitted.joint
+    return fitted.joint.log_marginal
+
+
+def _explains(fitted: Fitted, views: Sequence[View], setup: Setup) -> bool:
+    """Return True if a fit leaves hardly more than the corners' noise."""
+    noise = (
+        short_scale_noise(on_board_grid(fitted.residuals.image, views), setup.board)
+        if setup.board.has_grid
+        else stated_noise(views)
+    )
+    return noise is not None and fitted.residuals.rms_px <= NEAR_NOISE * noise

@@ -1,0 +1,45 @@
+"""What cannot have happened to one camera is another camera, and what explains nothing is no
+explanation.
+"""
+
+import numpy as np
+import pytest
+import torch
+
+from calib.checking.hypotheses import OTHER_CAMERA, Hypothesis, _bounded, _explains
+from calib.checking.picture_mode import PictureMode
+from calib.effects.effect import Effect
+from calib.effects.focal import Focal
+from calib.estimation.residuals import Residuals
+
+
+def hypothesis(change: Effect, size: float) -> Hypothesis:
+    """Return a change by so many standard deviations of its prior."""
+    spread = np.concatenate(
+        [
+            np.full(max(1, int(np.prod(u.param.shape))), u.sigma / u.param.scale)
+            for u in change.effect_parameters
+        ]
+    )
+    return Hypothesis(change.name, 1.0, change, size * spread, np.diag(spread**2))
+
+
+def test_a_change_beyond_what_is_possible_is_another_camera() -> None:
+    possible = hypothesis(Focal(), 9.0)
+    assert _bounded(possible) is possible
+    impossible = _bounded(hypothesis(Focal(), -20.0))
+    assert impossible.name == OTHER_CAMERA
+    assert impossible.change is None
+    assert "another camera or through another cover" in impossible.words
+    mode = hypothesis(PictureMode(640, 480), 100.0)
+    assert _bounded(mode) is mode, "pictures may have any size"
+
+
+@pytest.mark.parametrize(("left_px", "explains"), [(0.5, True), (2.5, False)])
+def test_a_change_that_leaves_most_of_a_large_error_explains_nothing(
+    left_px: float, explains: bool
+) -> None:
+    image = torch.full((4, 2), left_px / 2**0.5, dtype=torch.float64)
+    fit = Hypothesis("focal", 1.0, residuals=Residuals(image, image))
+    assert _explains(fit, error=3.0, sigma=0.01) is explains
+    assert _explains(fit, error=3.0, sigma=0.3), "an error near the noise"
