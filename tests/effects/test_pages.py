@@ -17,7 +17,7 @@ from calib.rig.rig_effects import RIG_EFFECTS, RigEffect
 
 ROOT = Path(__file__).parents[2]
 PAGES = ROOT / "docs" / "effects"
-ALL = (*KINDS, *RIG_EFFECTS)
+ALL: tuple[type[Effect] | RigEffect, ...] = (*KINDS, *RIG_EFFECTS)
 LARGEST = 40_000
 """bytes, of a picture"""
 
