@@ -38,14 +38,17 @@ def differing_views(case: Case) -> Iterator[Reason]:
     window_possible = not diagnosed and not case.calibration.model()[0].cover
     if not case.at_optimum or (window_possible and beyond_noise(case)):
         return
-    shared = (test for test in likely_scores(case) if not test.effect.per_view)
-    largest = max((test.chi2 / 2 for test in shared), default=0.0)
+    scores = likely_scores(case)
+    shared = max((test.chi2 / 2 for test in scores if not test.effect.per_view), default=0.0)
     differing = find_differing(case.calibration)
-    if differing and differing.first.gain > largest:
-        command = case.next.report() if diagnosed else case.next.diagnose()
-        if _bump_gain(case) > differing.first.gain:
+    gain = differing.first.gain if differing and differing.first.gain > shared else 0.0
+    command = case.next.report() if diagnosed else case.next.diagnose()
+    if gain or beyond_noise(case):
+        rival = max([gain, *(test.chi2 / 2 for test in scores)])
+        if _bump_gain(case) > rival:
             yield Reason(BUMP, command, (FineSurface.name,))
             return
+    if differing and gain:
         groups = (variation.group for variation in differing.variations)
         suspects = tuple(group.name for group in groups if group.has_cause)
         yield Reason(str(differing), command, suspects)
