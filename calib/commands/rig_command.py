@@ -21,7 +21,6 @@ and says which of their pictures belong together: docs/rigs.md.
 EXAMPLES = (
     "calib rig fit pair -o pair/calibration",
     "calib rig diagnose pair/calibration",
-    "calib rig check pair/calibration pair/today",
 )
 QUIET = (
     "print no progress and no remarks; calib rig fit and calib rig diagnose print the verdict alone"

@@ -91,6 +91,7 @@ def test_a_cover_that_was_forgotten_is_no_thinner_glass(cameras: Made, shape: st
     )
 
 
+@pytest.mark.slow
 def test_a_bad_view_is_left_out_and_the_others_answer(cameras: Made) -> None:
     made, checker = cameras["cone"]
     later = Later.drawn(made, None, 105, 4)

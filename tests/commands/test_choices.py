@@ -75,6 +75,7 @@ def test_free_all_estimates_every_number_that_is_not_exact(
     )
 
 
+@pytest.mark.slow
 def test_a_wrong_number_is_corrected_and_contradicted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

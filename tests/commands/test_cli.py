@@ -151,6 +151,7 @@ def test_the_help_lists_every_effect(
     assert any("\n" in words for _, words in listed)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_figures")
 def test_a_trusted_fit_names_an_export_command_that_works(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

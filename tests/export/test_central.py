@@ -187,7 +187,8 @@ def test_remarks_name_the_depth_where_the_model_goes_wrong(covered: Calibration)
     assert worst == pytest.approx(model.misfit_at_half_depth.drift_px, rel=0.1)
     assert worst > 0.5
     (remark,) = model.remarks()
-    assert f"differ by up to {model.misfit_at_half_depth.drift_px:.2f} px at 0.1 m" in remark
+    drift = model.misfit_at_half_depth.drift_px
+    assert f"At 0.1 m its error changes by up to {drift:.2f} px" in remark
 
 
 def test_no_remark_is_made_if_depth_hardly_matters(covered: Calibration) -> None:

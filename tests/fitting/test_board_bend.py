@@ -93,6 +93,7 @@ def bend_mm(calibration: Calibration) -> list[float]:
     ]
 
 
+@pytest.mark.slow
 def test_the_bend_and_the_camera_come_out_together(tmp_path: Path) -> None:
     made = session(tmp_path / "fit", BOARD, pictures(BOARD, BEND))
     held_out = session(tmp_path / "hold", BOARD, pictures(BOARD, BEND, 6, seed=1))

@@ -59,6 +59,7 @@ def test_a_job_writes_a_calibration_a_report_exports_and_one_json(
     assert json.loads(place_of(tmp_path / "fleet", "a").read_text())["state"] == "calibrated"
 
 
+@pytest.mark.slow
 def test_finished_work_is_repeated_only_after_a_change(session: Path, tmp_path: Path) -> None:
     first_job = job(session, tmp_path)
     written = tmp_path / "fleet" / "cameras" / "a" / "calibration.yaml"
@@ -184,6 +185,7 @@ def test_a_bug_is_a_result_too(
     )
 
 
+@pytest.mark.slow
 def test_a_camera_is_checked_against_its_prior(recorded: Path, tmp_path: Path) -> None:
     """The camera's session of another day agrees with the prior; that of another camera, with a
     bumped lens, does not.

@@ -232,6 +232,7 @@ def test_a_focal_length_that_differs_is_named_with_its_kind(name: str) -> None:
     assert "focal length" in str(differing)
 
 
+@pytest.mark.slow
 def test_a_step_is_told_with_its_first_picture_and_what_to_do() -> None:
     made = refocused(session(5, "wet-flat"), PATTERNS["step"][0])
     differing = Differing.of(optimum(made), context_of(made))

@@ -222,6 +222,7 @@ def test_a_chart_zooms_with_the_wheel_after_a_click(
     assert chrome.read(reported.html, tmp_path, story)[1:] == ([], [])
 
 
+@pytest.mark.slow
 def test_a_browser_without_3d_says_so_and_draws_the_rest(
     chrome: Chrome, small_calibration: Calibration, tmp_path: Path
 ) -> None:

@@ -111,6 +111,7 @@ def test_without_folds_overfitting_is_not_known(reported: Reported) -> None:
     assert "was not measured" in summarise(gather_evidence(unknown)).sentences[1]
 
 
+@pytest.mark.slow
 def test_a_misprinted_board_leaves_a_pattern_over_it(tmp_path: Path) -> None:
     evidence = gather_evidence(
         calibrated(scene(5, views=16, noise=0.05, board=Misprinted(9, 9, 0.020)), tmp_path, FAST)
@@ -153,6 +154,7 @@ def test_every_shape_has_its_report(example: Example, tmp_path: Path) -> None:
     assert 'id="glass"' in report_in(tmp_path, calibrated(made, tmp_path, FAST)).read_text()
 
 
+@pytest.mark.slow
 def test_a_window_that_only_the_diagnosis_knows_is_drawn(tmp_path: Path) -> None:
     session = write_session(tmp_path, scene(7, views=6, noise=0.05))
     document = yaml.safe_load((session / "session.yaml").read_text())

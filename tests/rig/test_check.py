@@ -225,6 +225,7 @@ def test_the_reference_of_three_cameras(tmp_path: Path) -> None:
     assert abs(change.change.value - 1.0) < 4 * change.change.sigma < 0.1
 
 
+@pytest.mark.slow
 def test_the_command_has_the_exit_codes_of_calib_check(
     pair: SimulatedRig, fitted: Rig, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -268,6 +268,7 @@ def test_implausibly_uneven_glass_is_reported(
         assert free[0].next == DIAGNOSE
 
 
+@pytest.mark.slow
 def test_a_stretched_print_is_named(tmp_path: Path) -> None:
     made = scene(
         5,

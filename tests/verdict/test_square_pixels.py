@@ -5,6 +5,7 @@ not.
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from calib.corners.view import View
 from calib.fitting.fit import fit
@@ -28,6 +29,7 @@ def test_a_stretched_picture_is_a_reason(tmp_path: Path) -> None:
     assert "fx and fy differ by 1.0 %" in reason.sentence
 
 
+@pytest.mark.slow
 def test_square_pixels_are_none(tmp_path: Path) -> None:
     for seed in range(3):
         made = session(tmp_path / f"{seed}", BOARD, pictures(BOARD, (0, 0, 0), seed=seed))

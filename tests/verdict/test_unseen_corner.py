@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 
 from calib.calibration import Calibration
@@ -35,6 +36,7 @@ def folded(calibration: Calibration, k1: float) -> Calibration:
     return replace(calibration, camera=camera, covariance=np.zeros((0, 0)), effects=())
 
 
+@pytest.mark.slow
 def test_views_in_one_line_are_judged_though_a_corner_is_out_of_sight(tmp_path: Path) -> None:
     estimate = calibration_of(bare_session("line", 5099), tmp_path)
     candidates = (folded(estimate, -(1.1**power) / 100) for power in range(60))

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from capture.rig.rig_folder import RigFolder
 from capture.rig.rig_setup import RigSetup
 from capture.tui.picture import Picture
@@ -12,6 +14,7 @@ from tests.capture.tui.driving import drive, see, shown, until
 PLACES = (*SHARED, ONLY_LEFT)
 
 
+@pytest.mark.slow
 def test_two_pictures_guide_the_board_and_the_end_says_what_is_next(tmp_path: Path) -> None:
     for name, offset in (("left", 0.0), ("right", 0.008)):
         times = [k * 0.125 + offset for k in range(4 * len(PLACES))]

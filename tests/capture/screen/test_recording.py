@@ -52,6 +52,7 @@ def check_pose(path: Path, camera: ScreenCamera) -> None:
     assert 0.75 < errors.deviation < 1.25  # with some hundred points
 
 
+@pytest.mark.slow
 def test_poses_are_a_session_of_points_and_go_on_where_they_were(tmp_path: Path) -> None:
     folder = tmp_path / "session"
     listener = Told()

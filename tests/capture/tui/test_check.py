@@ -43,6 +43,7 @@ async def results(session: Path) -> AsyncIterator[Pilot[None]]:
         yield pilot
 
 
+@pytest.mark.slow
 def test_existing_pictures_are_checked_at_once(session: Path, later: Path) -> None:
     drive(_asked(session, later))
 

@@ -57,6 +57,7 @@ def test_what_is_older_than_the_fit_or_lies_elsewhere_is_not_offered(tmp_path: P
     assert download.files == (elsewhere.resolve(),)
 
 
+@pytest.mark.slow
 def test_report_and_maps_reach_a_phone_that_has_the_token(session: Path) -> None:
     calibration = str(session / "calibration")
     assert main(["report", calibration, "--no-open"]) == 0

@@ -125,6 +125,7 @@ async def _killed_search(session: Path) -> None:
         await see(pilot, "Views, the worst first")
 
 
+@pytest.mark.slow
 def test_a_fit_is_cancelled(session: Path) -> None:
     drive(_cancelled_fit(session))
 

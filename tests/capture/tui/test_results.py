@@ -316,6 +316,7 @@ def when_told(progress: Progress, session: Path, _out: Path) -> dict[str, object
     return {key: value for key, value in RESULT.items() if key != "event"}
 
 
+@pytest.mark.slow
 def test_a_fit_that_ends_behind_the_help_gives_its_results_when_that_is_closed(
     session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

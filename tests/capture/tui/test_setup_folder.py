@@ -18,6 +18,7 @@ from tests.capture.tui.driving import drive, running, see, until, write
 from tests.capture.tui.test_session import FIXTURE
 
 
+@pytest.mark.slow
 def test_recorded_pictures_can_be_fitted_without_a_camera(tmp_path: Path) -> None:
     session = tmp_path / "session"
     shutil.copytree(FIXTURE, session)
