@@ -62,6 +62,15 @@ def stated_noise(views: Sequence[View]) -> float | None:
     return float(np.sqrt(np.concatenate(squares).mean()))
 
 
+def corner_noise(residuals: Tensor, views: Sequence[View], board: Board) -> float | None:
+    """Return the noise of the corners, px: from a fit's (M, 2) px residuals, one row for each seen
+    corner, or for points as their covariances state it; None if neither tells.
+    """
+    if not board.has_grid:
+        return stated_noise(views)
+    return short_scale_noise(on_board_grid(residuals, views), board)
+
+
 def noise_of_views(
     residuals: NDArray[np.float64], board: Board
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

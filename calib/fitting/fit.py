@@ -9,7 +9,7 @@ from calib.calibration import Calibration
 from calib.calibration_content import Declared
 from calib.corners.view import RejectedPicture, View, pose_labels
 from calib.errors import NotEnoughDataError, wrong_type
-from calib.estimation.noise import on_board_grid, short_scale_noise, stated_noise
+from calib.estimation.noise import corner_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals
 from calib.estimation.robust import outlier_mask
@@ -223,11 +223,7 @@ def fit(
         covariance=joint.saved_covariance if joint else np.zeros((0, 0)),
         rejected=rejected,
         stages=fitted.stages,
-        noise_px=(
-            short_scale_noise(on_board_grid(fitted.residuals.image, views), session.board)
-            if session.board.has_grid
-            else stated_noise(views)
-        ),
+        noise_px=corner_noise(fitted.residuals.image, views, session.board),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
         request=FitRequest(settings, provenance=provenance(source)),
         outcome=FitOutcome(

@@ -5,12 +5,10 @@ and cover are unknown and could make up for a wrong medium.
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from calib.corners.view import View, pose_labels
-from calib.errors import NotEnoughDataError
-from calib.estimation.noise import on_board_grid, short_scale_noise, stated_noise
-from calib.estimation.observations import Observations
+from calib.corners.view import View
+from calib.estimation.noise import corner_noise
 from calib.fit_record.request import EVEN_GRID, Settings
-from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting.stages import Fitted, Setup, fit_or_none
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.progress import Progress
 from calib.session.numbers import unknown_names
@@ -54,35 +52,17 @@ def medium_log_odds(
     sample = views[:: -(-len(views) // COMPARED_VIEWS)]
     even_glass = replace(settings, grid=EVEN_GRID)
     rival = with_initial_values(rival, sample, progress)
-    rival_fit = _fit(rival, sample, even_glass, progress, f"{rival_name} outside")
-    fit = _fit(nominal, sample, even_glass, progress, f"{stated} outside")
+    rival_fit = fit_or_none(rival, sample, even_glass, progress, f"{rival_name} outside")
+    fit = fit_or_none(nominal, sample, even_glass, progress, f"{stated} outside")
     log_odds = _log_marginal(rival_fit) - _log_marginal(fit) if rival_fit and fit else 0.0
     if log_odds > LIKELY:
-        rival_fit = _fit(rival, views, settings, progress, f"{rival_name} outside")
+        rival_fit = fit_or_none(rival, views, settings, progress, f"{rival_name} outside")
         if rival_fit and _explains(rival_fit, views, nominal):
             log_odds = min(log_odds, _log_marginal(rival_fit) - fitted.joint.log_marginal)
         else:
             log_odds = 0.0
     best = max(log_odds, 0.0)
     return {stated: 0.0 - best, rival_name: log_odds - best}
-
-
-def _fit(
-    setup: Setup, views: Sequence[View], settings: Settings, progress: Progress, purpose: str
-) -> Fitted | None:
-    """Return a fit; None if the cover hides the board or the fit is not finite."""
-    try:
-        fitted = fit_stages(
-            setup.with_tolerances(settings),
-            Observations.of(views, setup.board),
-            settings,
-            progress,
-            labels=pose_labels(views),
-            purpose=purpose,
-        )
-    except NotEnoughDataError:
-        return None
-    return fitted if fitted.joint and fitted.joint.finite else None
 
 
 def _log_marginal(fitted: Fitted) -> float:
@@ -92,9 +72,5 @@ def _log_marginal(fitted: Fitted) -> float:
 
 def _explains(fitted: Fitted, views: Sequence[View], setup: Setup) -> bool:
     """Return True if a fit leaves hardly more than the corners' noise."""
-    noise = (
-        short_scale_noise(on_board_grid(fitted.residuals.image, views), setup.board)
-        if setup.board.has_grid
-        else stated_noise(views)
-    )
+    noise = corner_noise(fitted.residuals.image, views, setup.board)
     return noise is not None and fitted.residuals.rms_px <= NEAR_NOISE * noise

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 from calib.corners.view import View
 from calib.estimation.levenberg_marquardt import Outcome
-from calib.estimation.noise import on_board_grid, short_scale_noise, stated_noise
+from calib.estimation.noise import corner_noise
 from calib.estimation.observations import Observations
 from calib.estimation.prior_conflict import (
     MAX_CONFLICTS,
@@ -203,7 +203,5 @@ def log_evidence(fitted: Fitted) -> float:
 def at_noise(resolved: ResolvedFit, views: Sequence[View]) -> bool:
     """True if the residual is little more than the corners' noise, and this is known."""
     fitted = resolved.fitted
-    grid = on_board_grid(fitted.residuals.image, views)
-    board = resolved.setup.board
-    noise = short_scale_noise(grid, board) if board.has_grid else stated_noise(views)
+    noise = corner_noise(fitted.residuals.image, views, resolved.setup.board)
     return noise is not None and fitted.stages[-1].rms_px <= MAX_NOISE_RATIO * noise

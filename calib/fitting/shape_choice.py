@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from calib.corners.view import View, pose_labels
+from calib.corners.view import View
 from calib.effects.board_shape import DEGREES, BoardShape
 from calib.errors import NotEnoughDataError
 from calib.estimation.joint_fit import ROUNDS
 from calib.estimation.observations import Observations
 from calib.fit_record.request import EVEN_GRID, Settings
-from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting.stages import Fitted, Setup, fit_or_none
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.progress import Progress
 from calib.session.freeing import ALL, AUTO, free_parameters
@@ -55,6 +55,7 @@ def choose_shape(
     free = (ALL,) if AUTO in settings.free else settings.free
     intrinsics, _ = free_parameters(setup.intrinsics, setup.cover, free)
     settings = replace(settings, free=free, grid=EVEN_GRID, flat_board=True)
+    observations = Observations.of(views, setup.board)
     setups: dict[str, Setup] = {}
     evidence: dict[str, float] = {}
     fits: dict[str, Fitted] = {}
@@ -63,12 +64,12 @@ def choose_shape(
         candidate = replace(setup, intrinsics=declared, cover=setup.cover.as_shape(name))
         with single_thread():
             candidate = with_initial_values(candidate, views, progress)
-            fitted = _fit(candidate, views, settings, progress, name)
+            fitted = fit_or_none(candidate, views, settings, progress, f"shape {name}")
             if fitted is None:
                 continue
             setups[name] = candidate
             fits[name] = fitted
-            evidence[name] = _log_marginal(fitted, candidate, Observations.of(views, setup.board))
+            evidence[name] = _log_marginal(fitted, candidate, observations)
     if not evidence:
         raise NotEnoughDataError(
             "No shape of cover explains these views: check board.square_mm, and take more pictures"
@@ -76,7 +77,7 @@ def choose_shape(
         )
     best = max(evidence, key=evidence.__getitem__)
     changes = {
-        name: _map_change(fits[best], fitted, Observations.of(views, setup.board))
+        name: _map_change(fits[best], fitted, observations)
         for name, fitted in fits.items()
         if best == NONE.name != name
         and fitted.residuals.rms_px <= AS_GOOD * fits[best].residuals.rms_px
@@ -110,24 +111,6 @@ def _undistort(fitted: Fitted, observations: Observations, depth: Tensor) -> Ten
     x = values[CAMERA.fx] * (origin.x + reach * direction.x) / depth + values[CAMERA.cx]
     y = values[CAMERA.fy] * (origin.y + reach * direction.y) / depth + values[CAMERA.cy]
     return torch.stack([x, y], -1)
-
-
-def _fit(
-    setup: Setup, views: Sequence[View], settings: Settings, progress: Progress, name: str
-) -> Fitted | None:
-    """Return the fit of a shape; None if there is none."""
-    try:
-        fitted = fit_stages(
-            setup.with_tolerances(settings),
-            Observations.of(views, setup.board),
-            settings,
-            progress,
-            labels=pose_labels(views),
-            purpose=f"shape {name}",
-        )
-    except NotEnoughDataError:
-        return None
-    return fitted if fitted.joint and fitted.joint.finite else None
 
 
 def _log_marginal(fitted: Fitted, setup: Setup, observations: Observations) -> float:

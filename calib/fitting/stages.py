@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.calibration_content import Stage
+from calib.corners.view import View, pose_labels
 from calib.effects.board_shape import DEGREES, BoardShape
 from calib.effects.effect import Effect
 from calib.errors import InputError, NotEnoughDataError
@@ -185,6 +186,29 @@ def fit_stages(
             path, values, poses, (*stages, _stage(COVER_STAGE, residual)), residual, relief
         )
     return _fit_cover(replace(job, stages=stages), job.model(path, means), poses, earlier)
+
+
+def fit_or_none(
+    setup: Setup, views: Sequence[View], settings: Settings, progress: Progress, purpose: str
+) -> Fitted | None:
+    """Return the fit of views with the tolerances of a setup; None if its cover hides the board, or
+    the fit is not finite.
+
+    Args:
+        purpose: that of `fit_stages`.
+    """
+    try:
+        fitted = fit_stages(
+            setup.with_tolerances(settings),
+            Observations.of(views, setup.board),
+            settings,
+            progress,
+            labels=pose_labels(views),
+            purpose=purpose,
+        )
+    except NotEnoughDataError:
+        return None
+    return fitted if fitted.joint and fitted.joint.finite else None
 
 
 def _stage(name: str, residual: Residuals) -> Stage:

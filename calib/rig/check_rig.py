@@ -19,7 +19,7 @@ from calib.checking.overdispersion import Overdispersion
 from calib.checking.pictures import Pictures
 from calib.checking.result import CheckResult, CheckStatus
 from calib.checking.significance import ALPHA
-from calib.errors import InputError, NotEnoughDataError, wrong_type
+from calib.errors import InputError, NotEnoughDataError
 from calib.progress import Progress, Silent, check_progress
 from calib.rig.check_result import RigChange, RigCheckResult
 from calib.rig.later_views import LaterViews, read_later_views, renumber_views
@@ -161,9 +161,7 @@ def check_rig(
         NotEnoughDataError: no two cameras saw the board at the same moment.
     """
     check_progress(progress)
-    if not isinstance(rig, Rig | str) and not hasattr(rig, "__fspath__"):
-        raise wrong_type("rig", rig, "a calib.Rig, or the path of its folder")
-    calibrated = rig if isinstance(rig, Rig) else Rig.load(rig)
+    calibrated = Rig.of(rig)
     description = read_rig(source)
     rejected: list[RejectedView] = []
     cameras: dict[str, LaterViews] = {}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from calib.diagnosis.finding import Family
 from calib.diagnosis.trial import ALPHA, is_worthwhile
 from calib.effects.varying import FROM_VIEW
-from calib.errors import NotEnoughDataError, wrong_type
+from calib.errors import NotEnoughDataError
 from calib.estimation.residuals import Residuals, residuals
 from calib.inference.cross_validation import HeldOutGain
 from calib.progress import Progress, Silent, check_progress
@@ -80,9 +80,7 @@ def diagnose_rig(
         NotEnoughDataError: too few placements were seen by two cameras.
     """
     check_progress(progress)
-    if not isinstance(rig, Rig | str) and not hasattr(rig, "__fspath__"):
-        raise wrong_type("rig", rig, "a calib.Rig, or the path of its folder")
-    calibrated = rig if isinstance(rig, Rig) else Rig.load(rig)
+    calibrated = Rig.of(rig)
     advance = progress.task("Diagnosis of the rig", 2 + 2 * MAX_EFFECTS)
     with single_thread():
         state = state_of(calibrated)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.calibration import Calibration
-from calib.errors import NotEnoughDataError, wrong_type
+from calib.errors import NotEnoughDataError
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.evaluate import FIRST_BAND_END
@@ -88,9 +88,7 @@ def evaluate_rig(
         NotEnoughDataError: no picture can be used.
     """
     check_progress(progress)
-    if not isinstance(rig, Rig | str) and not hasattr(rig, "__fspath__"):
-        raise wrong_type("rig", rig, "a calib.Rig, or the path of its folder")
-    calibrated = rig if isinstance(rig, Rig) else Rig.load(rig)
+    calibrated = Rig.of(rig)
     description = read_rig(source)
     rejected: list[RejectedView] = []
     cameras: dict[str, LaterViews] = {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from os import PathLike
 from pathlib import Path as FilePath
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING
@@ -163,6 +164,19 @@ class Rig(RigContent):
             (path, *_) = files.write(self)
             files.commit()
         return path
+
+    @staticmethod
+    def of(source: RigCalibrationSource) -> Rig:
+        """Return a rig as it is, or read it from its file or its folder.
+
+        Raises:
+            WrongTypeError: the source is neither.
+        """
+        if isinstance(source, Rig):
+            return source
+        if isinstance(source, str | PathLike):
+            return Rig.load(source)
+        raise wrong_type("rig", source, "a calib.Rig, or the path of its folder")
 
     @staticmethod
     def load(path: str | FilePath) -> Rig:

@@ -1,6 +1,7 @@
 """The whole way of a ray: against bisection in numpy, and the laws that every path obeys."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,12 +13,14 @@ from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
 from calib.optics.projection import project
 from calib.optics.rays import FAILURES, MISSED_INNER, REFLECTED_OUTER
-from calib.optics.relief import Relief
+from calib.optics.relief import AMPLITUDES, Relief
 from calib.session.shapes.registry import find_shape, shape_names
 from fixtures.synthetic import HEIGHT, INTRINSICS, PATCH, WIDTH
 from tests.optics import oracle
 from tests.optics.oracle import row_derivatives
 from tests.optics.shapes import CONE, EXAMPLES, Example, each_shape
+
+LARGER = 1.2
 
 
 def nominal(
@@ -260,6 +263,29 @@ def test_exit_ray_gives_the_undistorted_pixel_affine_in_inverse_depth(example: E
     far = rays.at_depth(torch.tensor(1.0, dtype=torch.float64)) / 1.0
     slope = (near - far) / (1 / 0.1 - 1 / 1.0)
     assert (far + slope * (1 / 0.2 - 1) - middle).abs().max() < 1e-14
+
+
+@each_shape
+def test_a_relief_grows_with_the_picture_of_its_glass(example: Example) -> None:
+    """If every length of the cover is a fifth larger, so is the relief, with the same amplitudes:
+    rays leave in the same directions, from places a fifth farther away. A relief that keeps its
+    size bends them otherwise.
+    """
+    path, values = nominal(example, changed=example.moved)
+    *inner, outer = path.cover
+    assert outer.relief
+    view = outer.relief_view(values)
+    relief = replace(outer.relief, anchor=view.anchor, size=view.size)
+    lengths = {param.name for param in path.params if param.unit == "m"} - {AMPLITUDES}
+    larger = {name: LARGER * value if name in lengths else value for name, value in values.items()}
+    pixels = some_pixels(50)
+    for size, is_same in ((view.size, True), (None, False)):
+        tied = replace(outer, relief=replace(relief, size=size))
+        path = replace(path, cover=(*inner, tied))
+        rays, farther = path.trace(pixels, values, MIDDLE), path.trace(pixels, larger, MIDDLE)
+        turn = (farther.direction.stacked() - rays.direction.stacked()).norm(dim=-1).max()
+        move = (farther.origin.stacked() - LARGER * rays.origin.stacked()).norm(dim=-1).max()
+        assert (bool(turn < 1e-12), bool(move < 1e-13)) == (is_same, is_same)
 
 
 @each_shape
