@@ -31,9 +31,9 @@ from calib.fit_record.outcome import Uncertainty
 from calib.fit_record.record_file import record_from_yaml
 from calib.io.arrays import decode_npz
 from calib.io.file_set import find_current
-from calib.io.files import npz, read_file, reading
+from calib.io.files import npz, reading
 from calib.io.images import session_pictures
-from calib.io.yaml_reader import read_yaml
+from calib.io.yaml_reader import is_opencv, read_yaml
 from calib.optics.board_target import POSE, VIEW_BLOCKS
 from calib.session.camera import camera_to_yaml
 from calib.session.cover_section import cover_to_yaml
@@ -174,7 +174,7 @@ def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
         place = find_current(path)
         if not place.is_file():
             raise InputError(f"{path} does not exist: {_where_to_find(path)}.")
-        if b"opencv-matrix" in read_file(place):
+        if is_opencv(place):
             raise InputError(
                 f"{path} is a file of OpenCV, of a camera without its cover: calib fit PICTURES"
                 f" --intrinsics {shlex.quote(str(path))} takes its numbers."

@@ -12,23 +12,17 @@ from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.io.files import read_file
+from calib.io.yaml_reader import MAX_FOREIGN_BYTES
 from calib.session.lens import COEFFICIENTS
 
-MAX_BYTES = 1 << 24
-"""A larger file is none of OpenCV's calibrations."""
 CAMERA_KEYS = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K")
 LENS_KEYS = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "Distortion_Coefficients", "D")
-
-
-def is_opencv(file: Path) -> bool:
-    """Return true for a YAML or XML of cv2.FileStorage, which names the type of its matrices."""
-    return b"opencv-matrix" in read_file(file, MAX_BYTES)
 
 
 @contextmanager
 def opened_storage(file: Path) -> Iterator[cv2.FileStorage]:
     """Open a file of cv2.FileStorage; InputError if it is none."""
-    text = read_file(file, MAX_BYTES).decode(errors="replace")
+    text = read_file(file, MAX_FOREIGN_BYTES).decode(errors="replace")
     try:
         yield cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
     except (cv2.error, SystemError, TypeError, ValueError) as error:

@@ -27,6 +27,15 @@ _Loader.yaml_implicit_resolvers = {}
 _Loader.yaml_constructors = {}
 
 
+MAX_FOREIGN_BYTES = 1 << 24
+"""The largest size of a file of cv2.FileStorage, bytes."""
+
+
+def is_opencv(path: Path) -> bool:
+    """Return True if cv2.FileStorage wrote a file. `read_yaml` refuses the types of its YAML."""
+    return b"opencv-matrix" in read_file(path, MAX_FOREIGN_BYTES)
+
+
 def read_yaml(path: Path) -> dict[str, object]:
     """Return the mapping in a YAML file; InputError if it is none."""
     try:

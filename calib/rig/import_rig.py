@@ -17,9 +17,9 @@ from calib.errors import InputError
 from calib.importing.from_kalibr import from_kalibr
 from calib.importing.from_mrcal import from_cameramodel
 from calib.importing.from_pictures import PictureContents, from_pictures
-from calib.importing.opencv_file import is_opencv
 from calib.importing.session_draft import SessionDraft
 from calib.io.camera_names import without_camera
+from calib.io.yaml_reader import is_opencv
 from calib.rig.foreign_cameras import kalibr_cameras, mrcal_cameras, opencv_cameras
 from calib.rig.imported_rig import ImportedCamera, ImportedRig
 from calib.session.board import Board
