@@ -4,8 +4,14 @@ benchmarks.unknown`.
 Each line is a fit of the eight views under water of `fixtures/wet-*` with some numbers written as
 `unknown`. The other numbers are as a person measured them. Maps are compared with the renderer's
 rays, 0.5 m away.
+
+    python -m benchmarks.unknown --media
+
+prints the log odds of water against air of rendered pictures, with a lens or a thickness that is
+not known: those in air as they are declared, and those in water as if they were in air.
 """
 
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,6 +20,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from calib.calibration import Calibration
 from calib.fit_record.request import Settings
 from calib.fitting.description import calibrated_numbers
 from calib.fitting.fit import fit
@@ -57,7 +64,14 @@ CASES: Mapping[str, Sequence[tuple[str, ...]]] = {
 PER_SI = {"_mm": 1e3, "_deg": np.rad2deg(1)}
 
 
+AIR = ("clean", "bumps", "bow", "tilted", "wave", "bump", "shutter", *(f"wet-{s}" for s in CASES))
+"""Sessions in air."""
+
+
 def main() -> None:
+    if "--media" in sys.argv[1:]:
+        print_media()
+        return
     print(f"{'':<49}maps, px")
     print(f"{'not known':<22}{'true':>8}  {'found':<17} error  sigma   verdict")
     for shape, cases in CASES.items():
@@ -67,15 +81,34 @@ def main() -> None:
                 print(line.rstrip())
 
 
+def print_media() -> None:
+    """Print the log odds of water against air."""
+    print(f"{'':<22}{'thickness unknown':>20}{'lens unknown':>20}{'all unknown':>20}")
+    for name in (*AIR, *(f"wet-{shape}/water" for shape in CASES)):
+        cells = []
+        for unknown in (("thickness_mm",), (INTRINSICS,), (ALL,)):
+            document = yaml.safe_load((FIXTURES / name / "session.yaml").read_text())
+            forget(document, unknown)
+            document["cover"].pop("outside_index", None)
+            odds = fitted(document, FIXTURES / name).outcome.medium_log_odds
+            cells.append(f"{odds['water'] - odds['air']:20.0f}" if odds else f"{'none':>20}")
+        print(f"{name:<22}{''.join(cells)}", flush=True)
+
+
+def fitted(document: dict[str, Any], source: Path) -> Calibration:
+    """Return the fit of a fixture's pictures with another session.yaml."""
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "session.yaml").write_text(yaml.safe_dump(document))
+        (Path(folder) / "frames").symlink_to(source / "frames")
+        return fit(read_session(folder), Settings(), Silent())
+
+
 def lines(shape: str, unknown: tuple[str, ...]) -> list[str]:
     """Return the lines on a fit: one for each number that is not known, the first with more."""
     source = FIXTURES / f"wet-{shape}" / "water"
     document = yaml.safe_load((source / "session.yaml").read_text())
     forget(document, unknown)
-    with TemporaryDirectory() as folder:
-        (Path(folder) / "session.yaml").write_text(yaml.safe_dump(document))
-        (Path(folder) / "frames").symlink_to(source / "frames")
-        calibration = fit(read_session(folder), Settings(), Silent())
+    calibration = fitted(document, source)
     error = map_error(calibration, source / "truth.npz", NEAR, (DEPTH,))
     word = judge(calibration).word.value
     numbers: Any = calibrated_numbers(calibration)
