@@ -10,11 +10,13 @@ With --halves, two halves of the views are fitted instead, even against odd and 
 by how many of their standard deviations do fx, fy, cx and cy differ?
 
     python -m benchmarks.measured_sets --halves SESSION...
+
+With --diagnosed, ours is the result of `calib diagnose`, and what it found is printed.
 """
 
+import argparse
 import json
 import subprocess
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -31,6 +33,8 @@ from rich.table import Table
 from calib.calibration import Calibration
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.finding import Diagnosis
 from calib.fit_record.request import Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
@@ -52,20 +56,33 @@ OPENCV = {
 
 
 def main() -> None:
-    halves = sys.argv[1:2] == ["--halves"]
-    folders = list(map(Path, sys.argv[1 + halves :]))
-    if not folders:
-        raise SystemExit(__doc__)
-    if halves:
-        compare_halves(folders)
-        return
-    table = Table("session", "calib fit", "flat board", "best other", "ratio", "CPU s", "others")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("sessions", nargs="+", type=Path)
+    parser.add_argument("--halves", action="store_true")
+    parser.add_argument("--diagnosed", action="store_true")
+    args = parser.parse_args()
+    compare = compare_halves if args.halves else compare_peers
+    compare(args.sessions, diagnosed=args.diagnosed)
+
+
+def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
+    """Print the errors on the kept-back views, and the ratio to the best other program."""
+    table = Table(
+        "session", "ours", "flat board", "best other", "ratio", "CPU s", "others", "found"
+    )
     ratios = []
+    console = Console(width=200)
     for folder in folders:
         with TemporaryDirectory() as temporary:
             kept, held_out = split(folder, Path(temporary))
             start = time.process_time()
-            ours = evaluate(fit(kept), held_out).rms_px
+            calibration = fit(kept)
+            found = ""
+            if diagnosed:
+                _, diagnosis = diagnose(calibration, holdout=held_out)
+                ours, found = diagnosis.final_quality.held_out_px, names(diagnosis)
+            else:
+                ours = evaluate(calibration, held_out).rms_px
             seconds = time.process_time() - start
             flat = evaluate(fit(kept, Settings(flat_board=True)), held_out).rms_px
             others = dict(peers(kept, held_out))
@@ -79,11 +96,18 @@ def main() -> None:
             f"{ratios[-1]:.2f}",
             f"{seconds:.1f}",
             ", ".join(f"{name} {error:.4f}" for name, error in others.items()),
+            found,
         )
-    console = Console(width=200)
     console.print(table)
     console.print(
         f"ratio to the best other: median {np.median(ratios):.2f}, most {max(ratios):.2f}"
+    )
+
+
+def names(diagnosis: Diagnosis) -> str:
+    """Return the accepted effects, with the families that the views cannot tell apart."""
+    return "; ".join(
+        (*diagnosis.accepted, *(" or ".join(family.members) for family in diagnosis.families))
     )
 
 
@@ -105,10 +129,10 @@ def part_of(folder: Path, views: Sequence[View], out: Path) -> Session:
     return read_session(out)
 
 
-def compare_halves(folders: Sequence[Path]) -> None:
+def compare_halves(folders: Sequence[Path], *, diagnosed: bool) -> None:
     """Print the differences of the halves of each session, and their root mean square."""
-    table = Table("session", "halves", "by views: fx, fy, cx, cy", "by corners")
-    console = Console(width=120)
+    table = Table("session", "halves", "by views: fx, fy, cx, cy", "by corners", "found")
+    console = Console(width=200)
     squares: dict[str, list[tuple[float, float]]] = {}
     for folder in folders:
         views, _ = read_views(read_session(folder), Silent())
@@ -117,13 +141,25 @@ def compare_halves(folders: Sequence[Path]) -> None:
             ("even, odd", (views[::2], views[1::2])),
             ("first, last", (views[:middle], views[middle:])),
         ):
-            with TemporaryDirectory() as temporary:
-                first = pinhole(fit(part_of(folder, halves[0], Path(temporary, "first"))))
-                second = pinhole(fit(part_of(folder, halves[1], Path(temporary, "second"))))
+            numbers, found = [], []
+            for half in halves:
+                with TemporaryDirectory() as temporary:
+                    calibration = fit(part_of(folder, half, Path(temporary, "half")))
+                if diagnosed:
+                    calibration, diagnosis = diagnose(calibration)
+                    found.append(names(diagnosis))
+                numbers.append(pinhole(calibration))
+            first, second = numbers
             difference = first[0] - second[0]
             by_views, by_corners = difference / np.hypot(first[1:], second[1:])
             squares.setdefault(words, []).extend(zip(by_views**2, by_corners**2, strict=True))
-            table.add_row(str(folder), words, str(by_views.round(1)), str(by_corners.round(1)))
+            table.add_row(
+                str(folder),
+                words,
+                str(by_views.round(1)),
+                str(by_corners.round(1)),
+                " | ".join(found),
+            )
     console.print(table)
     for words, pairs in squares.items():
         by_views, by_corners = np.sqrt(np.mean(pairs, 0))
