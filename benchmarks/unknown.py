@@ -21,6 +21,7 @@ import numpy as np
 import yaml
 
 from calib.calibration import Calibration
+from calib.errors import NotEnoughDataError
 from calib.fit_record.request import Settings
 from calib.fitting.description import calibrated_numbers
 from calib.fitting.fit import fit
@@ -90,7 +91,11 @@ def print_media() -> None:
             document = yaml.safe_load((FIXTURES / name / "session.yaml").read_text())
             forget(document, unknown)
             document["cover"].pop("outside_index", None)
-            odds = fitted(document, FIXTURES / name).outcome.medium_log_odds
+            try:
+                odds = fitted(document, FIXTURES / name).outcome.medium_log_odds
+            except NotEnoughDataError:
+                cells.append(f"{'refused':>20}")
+                continue
             cells.append(f"{odds['water'] - odds['air']:20.0f}" if odds else f"{'none':>20}")
         print(f"{name:<22}{''.join(cells)}", flush=True)
 

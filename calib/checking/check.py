@@ -14,6 +14,7 @@ from calib.checking.changes import changes_of
 from calib.checking.hypotheses import (
     GROSS,
     OTHER_CAMERA,
+    OTHER_MEDIUM,
     TURNED,
     UNCOVERED,
     CheckedViews,
@@ -50,7 +51,9 @@ BROKEN_RATIO = 3.0
 """The smallest added error over the corners' noise of a broken calibration, if that is more than
 BROKEN_PX.
 """
-OTHER_PICTURES = frozenset({TURNED, UNCOVERED, OTHER_CAMERA, PictureMode.name, StretchedMode.name})
+OTHER_PICTURES = frozenset(
+    {TURNED, UNCOVERED, OTHER_MEDIUM, OTHER_CAMERA, PictureMode.name, StretchedMode.name}
+)
 """Changes that move every pixel, and so have no small size."""
 NOISE_CHANGE = 1.3
 """The ratio of noise variances above which the ranking of changes may depend on it."""
@@ -76,7 +79,7 @@ class Checker:
     def of(calibration: Calibration) -> Checker:
         """Prepare a calibration for checks."""
         with single_thread():
-            prior = CalibrationPrior.of(calibration)
+            prior = CalibrationPrior.with_media(calibration)
             changes = changes_of(calibration)
             noise = None
             if calibration.views:

@@ -27,6 +27,7 @@ from calib.effects.effect import Effect, log_bayes_factor
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses
 from calib.estimation.residuals import Residuals
+from calib.session.shapes.layer import AIR, MEDIA, WATER, medium_word
 from calib.verdict.orientation import ALL as ORIENTATIONS
 
 Array = NDArray[np.float64]
@@ -39,7 +40,14 @@ FAR_ABOVE_NOISE = 10.0
 """The error over the noise from which a change that explains it must halve it at least."""
 TURNED = "turned_pictures"
 UNCOVERED = "no_cover"
+OTHER_MEDIUM = "other_medium"
 FORGOTTEN = "the cover was not before the camera: put it back, and take the pictures again"
+IMMERSED = {
+    WATER: "the pictures were taken under water, and the calibration is for air: calib immerse"
+    f" --outside-index {MEDIA[WATER]:g} makes one for water",
+    AIR: "the pictures were taken in air, and the calibration is for water: calib immerse"
+    f" --outside-index {MEDIA[AIR]:g} makes one for air",
+}
 OTHER_CAMERA = "other_camera"
 ANOTHER = (
     "the pictures are of another camera or through another cover: this one would have to have"
@@ -111,7 +119,11 @@ def rank_hypotheses(
         ranking = [_relative(candidate, products) for candidate in candidates]
     else:
         ranking = [_first_order(change, products, views.predictive) for change in changes]
-    whole_pictures = (*_turned(prior, views, sigma), *_uncovered(prior, views, sigma))
+    whole_pictures = (
+        *_turned(prior, views, sigma),
+        *_uncovered(prior, views, sigma),
+        *_in_other_medium(prior, views, sigma),
+    )
     ranking += [_relative(candidate, products) for candidate in whole_pictures]
     evidence = variance_evidence(products[0, 0], views.predictive.freedom.sum())
     ranking.append(Hypothesis("unknown", evidence, words=UNKNOWN))
@@ -297,12 +309,28 @@ def _uncovered(prior: CalibrationPrior, views: CheckedViews, sigma: float) -> li
     """
     if not prior.model.path.cover:
         return []
-    bare = prior.uncovered()
-    if (fit := _fit_poses(bare, views.observations)) is None:
+    return _through(prior.uncovered(), views, sigma, UNCOVERED, FORGOTTEN)
+
+
+def _in_other_medium(
+    prior: CalibrationPrior, views: CheckedViews, sigma: float
+) -> list[Hypothesis]:
+    """Return the hypothesis that camera and cover are the same, but under water or in air."""
+    if not (other := prior.in_other_medium):
+        return []
+    index = float(other.model.means[other.model.path.cover[-1].index_outside])
+    return _through(other, views, sigma, OTHER_MEDIUM, IMMERSED[medium_word(index)])
+
+
+def _through(
+    prior: CalibrationPrior, views: CheckedViews, sigma: float, name: str, words: str
+) -> list[Hypothesis]:
+    """Return the hypothesis that the views were taken through another prior, if they have poses."""
+    if (fit := _fit_poses(prior, views.observations)) is None:
         return []
     poses, residuals = fit
-    evidence = _fixed_evidence(bare, views.observations, poses, sigma)
-    return [Hypothesis(UNCOVERED, evidence, residuals=residuals, words=FORGOTTEN)]
+    evidence = _fixed_evidence(prior, views.observations, poses, sigma)
+    return [Hypothesis(name, evidence, residuals=residuals, words=words)]
 
 
 def _fixed_evidence(

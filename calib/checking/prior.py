@@ -11,7 +11,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from calib.apply.change_medium import replace_medium
 from calib.calibration import Calibration
+from calib.effects.flat_port import FlatPort
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.covariance import covariance_root
 from calib.estimation.observations import Observations
@@ -21,6 +23,9 @@ from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.surface_prior import relief_basis
 from calib.optics.board_target import with_blocks
 from calib.optics.relief import AMPLITUDES
+from calib.session.schema import Number
+from calib.session.shapes.layer import AIR, MEDIA, WATER, medium_word
+from calib.session.tolerances import ANY_WATER
 
 Array = NDArray[np.float64]
 
@@ -40,6 +45,23 @@ class CalibrationPrior:
     """(S, S) R, where R R^T is the covariance of the parameters over their scales."""
     sigma: float
     """The noise of a corner, px per axis."""
+    in_other_medium: CalibrationPrior | None = None
+    """The same camera and cover in water, if they were calibrated in air, or the other way round;
+    None where the medium changes no ray, or was not asked for.
+    """
+
+    @staticmethod
+    def with_media(calibration: Calibration) -> CalibrationPrior:
+        """Make the prior, with that in the other medium."""
+        prior = CalibrationPrior.of(calibration)
+        medium = calibration.cover.medium
+        window_found = any(isinstance(added.effect, FlatPort) for added in calibration.effects)
+        if medium is None or window_found:
+            return prior
+        is_air = medium_word(medium.value) == AIR
+        index = Number(MEDIA[WATER], ANY_WATER.sigma) if is_air else Number(MEDIA[AIR])
+        other = CalibrationPrior.of(replace_medium(calibration, index))
+        return replace(prior, in_other_medium=replace(other, sigma=prior.sigma))
 
     @staticmethod
     def of(calibration: Calibration) -> CalibrationPrior:

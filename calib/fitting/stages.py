@@ -446,5 +446,6 @@ def _check_cover(residual: Residuals) -> None:
     if fraction > MAX_LOST_FRACTION:
         raise NotEnoughDataError(
             f"{100 * fraction:.0f} % of the corners are seen where this cover lets no ray from the"
-            " camera to the board: check the cover's numbers and board.square_mm in session.yaml."
+            " camera to the board: check the cover's numbers, outside_index (air or water?) and"
+            " board.square_mm in session.yaml."
         )

@@ -30,6 +30,28 @@ def pool(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def dry(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("dry")
+    fit(read_session(POOL.parent)).save(folder)
+    return folder
+
+
+@pytest.mark.parametrize("immersed", [False, True])
+def test_pictures_in_the_other_medium_are_told(
+    dry: Path, pool: Path, immersed: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Water shifts the corners as no change of the cover that is possible could."""
+    calibration = pool if immersed else dry
+    frames = (POOL.parent if immersed else POOL) / "frames"
+    pictures = sorted(map(str, frames.glob("*.jpg")))[:8]
+    assert main(["check", str(calibration), *pictures]) == 5
+    medium, index = ("in air", "1") if immersed else ("under water", "1.333")
+    printed = capsys.readouterr().out
+    assert f"taken {medium}" in printed
+    assert f"calib immerse --outside-index {index} makes" in printed
+
+
 def test_three_pictures_under_water_determine_what_air_could_not(pool: Path) -> None:
     """Corners have 0.02 px of noise: what three views leave is of that size, where a calliper left
     more than three times as much.
