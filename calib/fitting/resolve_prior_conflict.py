@@ -78,7 +78,7 @@ def resolve_prior_conflict(
       more than glass can: the fit with tolerances and even glass.
     - A number is contradicted and the fit leaves noise: the more probable of the two. A fit with
       tolerances that is clearly more probable is tried with wider priors, which are kept if they
-      resolve all contradictions and are more probable still.
+      resolve all contradictions and are not clearly less probable.
 
     If the settings do not let the fit hold numbers, only priors are widened.
 
@@ -133,8 +133,8 @@ def resolve_prior_conflict(
     if _is_credible(resolved) or not _is_clearly_better(fitted, exact):
         return resolved
     widened = _widen_conflicting_priors(resolved, observations, views, settings, progress)
-    is_better = log_evidence(widened.fitted) > log_evidence(fitted)
-    return widened if is_better and _is_credible(widened) else resolved
+    is_worse = _is_clearly_better(fitted, widened.fitted)
+    return resolved if is_worse or not _is_credible(widened) else widened
 
 
 def _widen_conflicting_priors(

@@ -49,8 +49,10 @@ right halves the error at least.
 """
 OTHER_MEDIUM_LOG_ODDS = 7.0
 """The log odds of the other medium that are a reason, where other numbers are unknown: a thousand
-to one. Of the rendered fixtures in air none reaches 0; a window, a dome with a known lens and a
-cone in water that are declared as in air have 20 and more.
+to one. Of the rendered fixtures in air none is above 0. Those in water, declared as in air, have
+129 and more with an unknown thickness; 236 and 346 with an unknown lens, but a dome 0; and with
+every number unknown, 10 behind a window and below 0 behind a dome or cone, where air explains them
+as well (`python -m benchmarks.unknown --media`).
 """
 SQUARE_PIXELS = 2e-3
 """The least relative difference of fx and fy that is a reason: 31 measured sets have 1.4 permille

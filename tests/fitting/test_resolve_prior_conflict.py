@@ -3,19 +3,24 @@ prior of a wrong number.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+import yaml
 
 from calib.estimation.prior_conflict import largest_prior_conflict
 from calib.fit_record.request import Settings
+from calib.fitting.fit import fit
 from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
 from calib.fitting.stages import Setup, fit_stages
 from calib.progress import Silent
 from calib.session.cover import Cover
 from calib.session.freeing import ALL
 from calib.session.schema import Number
+from calib.session.session import read_session
 from calib.threads import single_thread
 from fixtures.calibrated import CAMERA
+from fixtures.rays import FIXTURES
 from fixtures.synthetic import INTRINSICS, Scene, scene
 
 COARSE = Settings(grid=(8, 8))
@@ -53,6 +58,17 @@ def test_a_wrong_number_is_estimated_though_it_is_contradicted(good: Scene) -> N
         resolved.setup.cover.parameters["thickness"].sigma
         > resolved.declared.cover.parameters["thickness"].sigma
     )
+
+
+def test_a_wrong_index_does_not_pull_its_estimate(tmp_path: Path) -> None:
+    """The wider prior costs evidence, and the estimate with the narrow one is off by 7 sigma."""
+    clean = yaml.safe_load((FIXTURES / "clean" / "session.yaml").read_text())
+    true = clean["cover"]["refractive_index"]
+    clean["cover"]["refractive_index"] = 1.33
+    (tmp_path / "session.yaml").write_text(yaml.safe_dump(clean))
+    (tmp_path / "frames").symlink_to(FIXTURES / "clean" / "frames")
+    index = fit(read_session(tmp_path)).cover.numbers["cover.refractive_index"]
+    assert abs(index.value - true) < 2 * index.sigma
 
 
 @pytest.mark.slow
