@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -329,7 +330,7 @@ def test_simulated_pairs_of_another_program(case: str) -> None:
     bounds = (0.015, 0.030, 0.076, 0.258)  # mm, by band: the mean of many rigs
     ratios = [
         1000 * np.sqrt(np.mean((length - true)[(depth >= low) & (depth < high)] ** 2)) / bound
-        for low, high, bound in zip(truth["bands_m"], truth["bands_m"][1:], bounds, strict=True)
+        for (low, high), bound in zip(pairwise(truth["bands_m"]), bounds, strict=True)
     ]
     assert np.mean(ratios) < 1.5
     assert max(ratios) < 2.0, "one band of one rig is off by chance"
