@@ -153,6 +153,7 @@ def compare_halves(folders: Sequence[Path], *, diagnosed: bool) -> None:
             difference = first[0] - second[0]
             by_views, by_corners = difference / np.hypot(first[1:], second[1:])
             squares.setdefault(words, []).extend(zip(by_views**2, by_corners**2, strict=True))
+            console.print(folder.name, words, by_views.round(1), found)
             table.add_row(
                 str(folder),
                 words,
