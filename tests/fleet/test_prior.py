@@ -105,22 +105,24 @@ def test_the_fleet_s_focal_length_is_more_exact_than_the_drawing(prior: Path) ->
     )  # half of them focus 0.3 % longer
 
 
-@pytest.mark.parametrize("views", [3, 6])
-def test_the_same_views_of_a_new_camera_give_as_good_a_map(
-    views: int, prior: Path, tmp_path: Path
+@pytest.mark.parametrize(("views", "limit_px"), [(3, 0.55), (6, 0.25)])
+def test_few_views_of_new_cameras_give_better_maps(
+    views: int, limit_px: float, prior: Path, tmp_path: Path
 ) -> None:
-    """The control fits them without the prior: 0.71 and 0.20 px were measured, and with it 0.73 and
-    0.22.
-    """
-    with single_thread():
-        alone = fit(read_session(named(tmp_path / str(bool(None)), NEW, views, None)), SETTINGS)
-        with_prior = fit(
-            read_session(named(tmp_path / str(bool(prior)), NEW, views, prior)), SETTINGS
-        )
-    assert with_prior.outcome.fleet_prior
-    assert with_prior.outcome.fleet_prior.used
-    assert map_error(NEW, with_prior) < 1.15 * map_error(NEW, alone)
-    assert map_error(NEW, with_prior) < (0.8 if views == 3 else 0.25)
+    """Of three cameras, 0.61 and 0.28 px were measured without the prior, 0.46 and 0.20 with it."""
+    alone, with_prior = [], []
+    for seed in (7, 8, 9):
+        new, folder = replace(NEW, seed=seed), tmp_path / str(seed)
+        with single_thread():
+            alone.append(
+                map_error(new, fit(read_session(named(folder / "no", new, views, None)), SETTINGS))
+            )
+            calibration = fit(read_session(named(folder / "yes", new, views, prior)), SETTINGS)
+        assert calibration.outcome.fleet_prior
+        assert calibration.outcome.fleet_prior.used
+        with_prior.append(map_error(new, calibration))
+    assert np.linalg.norm(with_prior) < np.linalg.norm(alone)
+    assert np.linalg.norm(with_prior) < 3**0.5 * limit_px
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +146,9 @@ def test_a_contradicted_prior_is_reported_and_not_used(
         alone = fit(read_session(named(tmp_path / "alone", ANOTHER, 6, None)), SETTINGS)
     assert (stranger.amplitudes == alone.amplitudes).all()  # as if it had not been named
     assert stranger.camera == alone.camera
-    sentences = [item for item in judge(stranger).sentences if "whose prior was left out" in item]
+    sentences = [
+        item for item in judge(stranger).sentences if "so their prior was not used" in item
+    ]
     assert len(sentences) == 1
     assert "differs from the 6 cameras of" in sentences[0]
 
