@@ -74,19 +74,19 @@ def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
     console = Console(width=200)
     for folder in folders:
         with TemporaryDirectory() as temporary:
-            kept, held_out = split(folder, Path(temporary))
+            training, held_out = split(folder, Path(temporary))
             start = time.process_time()
-            calibration = fit(kept)
-            found = ""
+            calibration = fit(training)
+            causes = ""
             if diagnosed:
                 _, diagnosis = diagnose(calibration, holdout=held_out)
-                ours, found = diagnosis.final_quality.held_out_px, names(diagnosis)
+                ours, causes = diagnosis.final_quality.held_out_px, names(diagnosis)
             else:
                 ours = evaluate(calibration, held_out).rms_px
             seconds = time.process_time() - start
-            flat = evaluate(fit(kept, Settings(flat_board=True)), held_out).rms_px
-            others = dict(peers(kept, held_out))
-        best = min(others.values())
+            flat = evaluate(fit(training, Settings(flat_board=True)), held_out).rms_px
+            peer_errors = dict(peers(training, held_out))
+        best = min(peer_errors.values())
         ratios.append(ours / best)
         table.add_row(
             str(folder),
@@ -95,8 +95,8 @@ def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
             f"{best:.4f}",
             f"{ratios[-1]:.2f}",
             f"{seconds:.1f}",
-            ", ".join(f"{name} {error:.4f}" for name, error in others.items()),
-            found,
+            ", ".join(f"{name} {error:.4f}" for name, error in peer_errors.items()),
+            causes,
         )
     console.print(table)
     console.print(
@@ -114,9 +114,9 @@ def names(diagnosis: Diagnosis) -> str:
 def split(folder: Path, out: Path) -> tuple[Session, Session]:
     """Return the session without its kept-back views, and a session of these."""
     views, _ = read_views(read_session(folder), Silent())
-    kept = [view for index, view in enumerate(views) if index % KEPT_BACK != KEPT_BACK - 1]
+    training = [view for index, view in enumerate(views) if index % KEPT_BACK != KEPT_BACK - 1]
     held_out = views[KEPT_BACK - 1 :: KEPT_BACK]
-    return part_of(folder, kept, out / "kept"), part_of(folder, held_out, out / "held_out")
+    return part_of(folder, training, out / "kept"), part_of(folder, held_out, out / "held_out")
 
 
 def part_of(folder: Path, views: Sequence[View], out: Path) -> Session:
@@ -141,25 +141,25 @@ def compare_halves(folders: Sequence[Path], *, diagnosed: bool) -> None:
             ("even, odd", (views[::2], views[1::2])),
             ("first, last", (views[:middle], views[middle:])),
         ):
-            numbers, found = [], []
+            numbers, causes = [], []
             for half in halves:
                 with TemporaryDirectory() as temporary:
                     calibration = fit(part_of(folder, half, Path(temporary, "half")))
                 if diagnosed:
                     calibration, diagnosis = diagnose(calibration)
-                    found.append(names(diagnosis))
+                    causes.append(names(diagnosis))
                 numbers.append(pinhole(calibration))
             first, second = numbers
             difference = first[0] - second[0]
             by_views, by_corners = difference / np.hypot(first[1:], second[1:])
             squares.setdefault(words, []).extend(zip(by_views**2, by_corners**2, strict=True))
-            console.print(folder.name, words, by_views.round(1), found)
+            console.print(folder.name, words, by_views.round(1), causes)
             table.add_row(
                 str(folder),
                 words,
                 str(by_views.round(1)),
                 str(by_corners.round(1)),
-                " | ".join(found),
+                " | ".join(causes),
             )
     console.print(table)
     for words, pairs in squares.items():
@@ -179,13 +179,13 @@ def pinhole(calibration: Calibration) -> Floats:
     return np.array([[n.value for n in numbers], [n.sigma for n in numbers], by_corners])
 
 
-def peers(kept: Session, held_out: Session) -> Iterator[tuple[str, float]]:
+def peers(training: Session, held_out: Session) -> Iterator[tuple[str, float]]:
     """Yield the name of each other program and its error on the kept-back views, px."""
-    fitted, _ = read_views(kept, Silent())
+    fitted, _ = read_views(training, Silent())
     scored, _ = read_views(held_out, Silent())
-    board = kept.board
+    board = training.board
     points = np.column_stack([board.points(), np.zeros(board.count)]).astype(np.float32)
-    size = kept.camera.width, kept.camera.height
+    size = training.camera.width, training.camera.height
     for name, flags in OPENCV.items():
         try:
             _, matrix, lens, *_ = cv2.calibrateCamera(
@@ -206,7 +206,7 @@ def peers(kept: Session, held_out: Session) -> Iterator[tuple[str, float]]:
             squares.append(((image - view.corners[view.seen]) ** 2).sum(-1))
         yield name, float(np.sqrt(np.concatenate(squares).mean()))
     child = subprocess.run(
-        [PYTHON, "-m", "benchmarks.peers.mrcal_session", str(kept.path), str(held_out.path)],
+        [PYTHON, "-m", "benchmarks.peers.mrcal_session", str(training.path), str(held_out.path)],
         cwd=PEERS,
         capture_output=True,
         text=True,

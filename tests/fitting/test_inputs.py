@@ -189,7 +189,7 @@ def test_a_bare_camera_seen_from_one_angle_is_refused(made: Scene, tmp_path: Pat
 
 def test_a_cover_through_which_no_board_is_visible_is_refused(made: Scene, tmp_path: Path) -> None:
     """A square that is given in centimetres puts the boards inside the glass."""
-    with pytest.raises(NotEnoughDataError, match=r"check the cover's numbers and board.square_mm"):
+    with pytest.raises(NotEnoughDataError, match=r"check the cover's numbers, outside_index"):
         fitted(spoiled(tmp_path, made, board__square_mm=0.1))
 
 
