@@ -33,7 +33,7 @@ HELD, CORRECTED, UNDETERMINED = "held", "corrected", "not determined"
 CONTRADICTED = "contradicted"
 NOTES = {
     HELD: "the fit did not change this number.",
-    CORRECTED: "the declared number is more than 3 sigma away from the calibrated one.",
+    CORRECTED: "the calibrated number is over 3 of its sigmas from the declared one.",
     UNDETERMINED: "you gave no value, and these pictures do not determine it.",
     CONTRADICTED: "the pictures do not agree with the declared number.",
 }

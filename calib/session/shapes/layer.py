@@ -26,8 +26,8 @@ LAYER = (
         Quantity("refractive_index", low=1, high=3, wide=UNKNOWN_INDEX),
         words="the glass's refractive index",
         explanation=(
-            "Of the glass: about 1.5; acrylic 1.49, polycarbonate 1.58; of laminated glass that of"
-            " each layer."
+            "Refractive index of the glass, about 1.5: acrylic 1.49, polycarbonate 1.58; of"
+            " laminated glass that of each layer."
         ),
         tolerance=INDEX,
         option="index",
@@ -38,7 +38,7 @@ LAYER = (
 OUTSIDE = Dimension(
     Quantity("outside_index", low=1, high=3, default=1.0, wide=UNKNOWN_OUTSIDE),
     words="the index of what is outside",
-    explanation="Of what is outside: 1 in air, 1.333 in water.",
+    explanation="Refractive index of what is outside: 1 in air, 1.333 in water.",
 )
 """The medium outside of the glass. A fit holds its index, unless it has a sigma."""
 AIR, WATER = "air", "water"
