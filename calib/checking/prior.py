@@ -13,7 +13,7 @@ from torch import Tensor
 
 from calib.apply.change_medium import replace_medium
 from calib.calibration import Calibration
-from calib.effects.flat_port import FlatPort
+from calib.errors import InputError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.covariance import covariance_root
 from calib.estimation.observations import Observations
@@ -24,7 +24,7 @@ from calib.estimation.surface_prior import relief_basis
 from calib.optics.board_target import with_blocks
 from calib.optics.relief import AMPLITUDES
 from calib.session.schema import Number
-from calib.session.shapes.layer import AIR, MEDIA, WATER, medium_word
+from calib.session.shapes.layer import MEDIA, WATER, opposite_medium
 from calib.session.tolerances import ANY_WATER
 
 Array = NDArray[np.float64]
@@ -55,12 +55,15 @@ class CalibrationPrior:
         """Make the prior, with that in the other medium."""
         prior = CalibrationPrior.of(calibration)
         medium = calibration.cover.medium
-        window_found = any(isinstance(added.effect, FlatPort) for added in calibration.effects)
-        if medium is None or window_found:
+        if medium is None:
             return prior
-        is_air = medium_word(medium.value) == AIR
-        index = Number(MEDIA[WATER], ANY_WATER.sigma) if is_air else Number(MEDIA[AIR])
-        other = CalibrationPrior.of(replace_medium(calibration, index))
+        name = opposite_medium(medium.value)
+        index = Number(MEDIA[name], ANY_WATER.sigma if name == WATER else 0.0)
+        try:
+            immersed = replace_medium(calibration, index)
+        except InputError:  # a window that a diagnosis found has no known place in air
+            return prior
+        other = CalibrationPrior.of(immersed)
         return replace(prior, in_other_medium=replace(other, sigma=prior.sigma))
 
     @staticmethod

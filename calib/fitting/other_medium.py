@@ -13,7 +13,7 @@ from calib.fitting.unknown_numbers import with_initial_values
 from calib.progress import Progress
 from calib.session.numbers import unknown_names
 from calib.session.schema import Number
-from calib.session.shapes.layer import AIR, MEDIA, WATER, medium_word
+from calib.session.shapes.layer import MEDIA, medium_word, opposite_medium
 
 TOLD = 0.05
 """The standard deviation of an outside index below which it says which medium is meant."""
@@ -46,7 +46,7 @@ def medium_log_odds(
         return None
     assert medium
     stated = medium_word(medium.value)
-    rival_name = WATER if stated == AIR else AIR
+    rival_name = opposite_medium(medium.value)
     cover = nominal.cover.replace_medium(Number(MEDIA[rival_name]), None)
     rival = replace(nominal, cover=cover, initial={})
     sample = views[:: -(-len(views) // COMPARED_VIEWS)]

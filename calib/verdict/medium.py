@@ -11,7 +11,7 @@ from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path
 from calib.session.schema import Number
-from calib.session.shapes.layer import AIR, MEDIA, WATER, medium_word
+from calib.session.shapes.layer import MEDIA, medium_word, opposite_medium
 from calib.verdict.case import Case
 from calib.verdict.thresholds import OTHER_MEDIUM, OTHER_MEDIUM_LOG_ODDS
 from calib.verdict.verdict import Reason, Trust
@@ -32,7 +32,7 @@ def medium(case: Case) -> Iterator[Reason]:
     if cover <= max(OTHER_MEDIUM * bare_error, case.left_px):  # it is right
         return
     index = stated.value
-    name = AIR if medium_word(index) == WATER else WATER
+    name = opposite_medium(index)
     error = _error_in(case.calibration, name)
     if error < OTHER_MEDIUM * cover:
         sentence = (

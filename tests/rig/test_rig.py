@@ -313,7 +313,7 @@ def test_measured_pairs(name: str, limit_px: float, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("case", ["11", "12"])
 def test_simulated_pairs_of_another_program(case: str) -> None:
-    """The bound and the figures of other programs stand in docs/rigs.md."""
+    """The bounds are Cramer and Rao's for one such pair."""
     folder = SHARED_DATA / "cone-pairs" / case
     if not folder.is_dir():
         pytest.skip(f"{folder} is not here")
@@ -327,13 +327,13 @@ def test_simulated_pairs_of_another_program(case: str) -> None:
     exact = {name: pixels[f"{name}_exact"] for name in rig.names}
     length, sigma = rig.distances(exact, pairs, 0.0)
     assert 0.5 < np.sqrt(np.mean(((length - true) / sigma) ** 2)) < 1.25
-    bounds = (0.015, 0.030, 0.076, 0.258)  # mm, by band: the mean of many rigs
+    bounds = (0.015, 0.030, 0.076, 0.258)  # mm, by band
     ratios = [
         1000 * np.sqrt(np.mean((length - true)[(depth >= low) & (depth < high)] ** 2)) / bound
         for (low, high), bound in zip(pairwise(truth["bands_m"]), bounds, strict=True)
     ]
     assert np.mean(ratios) < 1.5
-    assert max(ratios) < 2.0, "one band of one rig is off by chance"
+    assert max(ratios) < 1.7  # 1.65 in the nearest band of 11, where 1.5 is wanted; others to 1.29
     noisy = {name: pixels[name] for name in rig.names}
     length, sigma = rig.distances(noisy, pairs, truth["noise_px"])
     assert 0.8 < np.sqrt(np.mean(((length - true) / sigma) ** 2)) < 1.25

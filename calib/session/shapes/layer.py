@@ -51,3 +51,8 @@ HALFWAY = 1.17
 def medium_word(index: float) -> str:
     """Return which of MEDIA an index belongs to."""
     return WATER if index > HALFWAY else AIR
+
+
+def opposite_medium(index: float) -> str:
+    """Return the one of MEDIA that an index does not belong to."""
+    return AIR if medium_word(index) == WATER else WATER
