@@ -171,7 +171,8 @@ def parameters_with_changes(
         name: value for effect in new for name, value in prior.model.neutral_values(effect).items()
     }
     calibrated = prior.parameters
-    free = (*calibrated.free, *(u.param for effect in new for u in effect.effect_parameters))
+    added = [u.param for effect in new for u in effect.effect_parameters]
+    free = tuple(dict.fromkeys([*calibrated.free, *added]))  # two changes may share a parameter
     return Parameters({**calibrated.origin, **neutral}, calibrated.relief, free, wider.priors), new
 
 

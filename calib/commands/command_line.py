@@ -8,7 +8,6 @@ import contextlib
 import os
 import sys
 import traceback
-import warnings
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -20,8 +19,6 @@ from calib.errors import RefracalError, brief
 from calib.version import VERSION
 
 QUIET = "print no progress and no remarks"
-FALSE_WARNING = "invalid value encountered in matmul"
-"""OpenBLAS sometimes sets this flag where every factor is finite (numpy issue 24067)."""
 
 
 def run_command(
@@ -47,7 +44,6 @@ def run_command(
         epilog: the text below the list of commands.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    warnings.filterwarnings("ignore", FALSE_WARNING, RuntimeWarning)
     parser = _parser(program, description, commands, groups, epilog)
     words = sys.argv[1:] if argv is None else argv
     if not words:

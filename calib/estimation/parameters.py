@@ -40,6 +40,10 @@ class Parameters:
     priors: Priors
     """The priors of the free parameters."""
 
+    def __post_init__(self) -> None:
+        names = [param.name for param in self.free]
+        assert len(set(names)) == len(names), names  # each has one place in the vector
+
     @staticmethod
     def of(path: Path, origin: Values, priors: Priors, last: Iterable[str] = ()) -> Parameters:
         """Return the parameters of a path: its relief, and every parameter that has a prior, in the

@@ -117,6 +117,23 @@ def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:
         assert freedom == rows
 
 
+def test_every_column_is_computed(cameras: Made) -> None:
+    """Changes may share a parameter. torch fills new memory with NaN here."""
+    made, checker = cameras["flat"]
+    later = Later.drawn(made, None, 5, 3)
+    observations = Observations.of(later.views(), made.board).add_times(None, HEIGHT)
+    parameters, new = parameters_with_changes(checker.prior, checker.changes)
+    path = checker.prior.model.with_effects(new).path
+    torch.use_deterministic_algorithms(True)
+    try:
+        views = list(
+            view_equations(path, parameters, observations, later.made.poses, checker.prior.sigma)
+        )
+    finally:
+        torch.use_deterministic_algorithms(False)
+    assert np.isfinite(np.concatenate([view.jacobian_shared for view in views])).all()
+
+
 def test_residuals_drawn_from_a_valid_calibration_give_uniform_p_values(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 6, 4)
