@@ -44,6 +44,14 @@ PLACE = """
 """A script that gives the place for a finger; null while the element is absent, or something lies
 over it.
 """
+HIT = """
+(() => {
+  const {left, top, width, height} = (%s)?.getBoundingClientRect() ?? {};
+  const hit = document.elementFromPoint(left + width / 2, top + height / 2);
+  return [document.body.className, left, top, width, height, hit?.outerHTML, window.clicked].join(" | ");
+})()
+"""
+"""A script that says where an element is, and what lies over it."""
 VISIBLE = """
 (() => {
   const box = %s;
@@ -109,7 +117,7 @@ class Telephone(Browser):
         await self.evaluate(HEAR % what)
         while not await self.evaluate("window.touched"):
             assert time.monotonic() - start_s < HANGS_S, (
-                f"nothing to touch: {what}\n{await self.words()}"
+                f"nothing to touch: {what}\n{await self.evaluate(HIT % what)}\n{await self.words()}"
             )
             place = await self.evaluate_json(PLACE % what)
             if place is None:
