@@ -48,7 +48,8 @@ HIT = """
 (() => {
   const {left, top, width, height} = (%s)?.getBoundingClientRect() ?? {};
   const hit = document.elementFromPoint(left + width / 2, top + height / 2);
-  return [document.body.className, left, top, width, height, hit?.outerHTML, window.clicked].join(" | ");
+  const place = [left, top, width, height];
+  return [document.body.className, place, hit?.outerHTML, window.clicked].join(" | ");
 })()
 """
 """A script that says where an element is, and what lies over it."""
