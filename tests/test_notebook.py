@@ -166,6 +166,7 @@ def test_a_wrong_type_is_a_type_error_that_says_what_to_pass(message: str, fitte
     assert isinstance(raised.value, RefracalError)
 
 
+@pytest.mark.slow
 def test_arrays_without_a_cover_give_the_camera_that_opencv_gives() -> None:
     made = scene(2, views=1)
     views = tuple(bare_views(2, views=14, noise=0.05))

@@ -150,6 +150,7 @@ def test_cameras_are_listed(python: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_the_plain_guide_leads(python: Path, tmp_path: Path) -> None:
     shutil.copy(FIXTURE / "session.yaml", tmp_path)
     output = run(python, "-c", GUIDED, str(tmp_path), f"folder:{FIXTURE / 'holdout'}", path=ROOT)

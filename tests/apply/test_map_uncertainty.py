@@ -73,6 +73,7 @@ def test_sigma_does_not_include_a_wrong_focal_length(made: Scene) -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_variance_equals_the_scatter_of_drawn_parameters(calibration: Calibration) -> None:
     """Monte Carlo: draw amplitudes from the covariance, trace their rays, take out the motion as
     the benchmark does.
@@ -142,6 +143,7 @@ def test_maps_carry_their_sigma(calibration: Calibration, tmp_path: Path) -> Non
     assert sigma == pytest.approx(np.sqrt(variance @ [1, 1 / 0.6, 1 / 0.36]), rel=0.1)
 
 
+@pytest.mark.slow
 def test_errors_of_freed_parameters_agree_with_their_sigmas() -> None:
     """Priors whose means are drawn around the truth.
 

@@ -73,6 +73,7 @@ def poses_of(located: list[LocatedTags]) -> list[tuple[int, Tag]]:
     return [(picture, tag) for picture, item in enumerate(located) for tag in item.tags]
 
 
+@pytest.mark.slow
 def test_every_tag_is_placed_as_itself(located: list[LocatedTags], truth: TagTruth) -> None:
     for item, numbers in zip(located, truth.numbers, strict=True):
         assert [tag.number for tag in item.tags] == sorted(numbers.tolist())

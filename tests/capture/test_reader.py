@@ -96,6 +96,7 @@ def test_errors_of_the_thread_are_raised_after_the_good_frames(tmp_path: Path) -
             next(frames)
 
 
+@pytest.mark.slow
 def test_waiting_for_a_slow_camera_is_reported(tmp_path: Path) -> None:
     write_recording(tmp_path, noise(3, 64, 48), 2.5)
     silences: list[float] = []

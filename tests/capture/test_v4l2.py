@@ -183,6 +183,7 @@ def camera(monkeypatch: pytest.MonkeyPatch) -> Camera:
     return camera
 
 
+@pytest.mark.slow
 def test_a_camera_slower_than_a_frame_a_second_is_waited_for(camera: Camera) -> None:
     with open_source("v4l2:/dev/null") as source:
         frames = list(islice(source, 3))

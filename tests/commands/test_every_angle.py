@@ -223,6 +223,7 @@ def test_a_lens_that_is_not_wide_gets_an_answer(
         run(["export", calibration, "--format", "npz", "-o", str(tmp_path / "maps")], capsys)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fitted", [QUICK], indirect=True)
 def test_commands_say_where_undistorted_pictures_end(
     fitted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -65,13 +65,13 @@ def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "charuco from 100, inverted",
         "aprilgrid from 40",
-        "gridboard from 30",
-        "as OpenCV draws tags",
         *(
             pytest.param(name, marks=pytest.mark.slow)
-            for name in ("charuco from 17", "aprilgrid inverted", "gridboard inverted", "one cell")
+            for name in (
+                *("charuco from 100, inverted", "gridboard from 30", "as OpenCV draws tags"),
+                *("charuco from 17", "aprilgrid inverted", "gridboard inverted", "one cell"),
+            )
         ),
     ],
 )
@@ -90,6 +90,7 @@ def test_the_first_marker_and_a_negative_print_are_found(name: str) -> None:
     assert ("--inverted" in search.options) == ("inverted" in name)
 
 
+@pytest.mark.slow
 def test_a_grid_of_april_tags_has_squares_between_them_or_not() -> None:
     tags = replace(
         test_other_makers.GRID, coding=grid_board(0.25, "DICT_APRILTAG_36h11", first_marker=5)
@@ -100,6 +101,7 @@ def test_a_grid_of_april_tags_has_squares_between_them_or_not() -> None:
     assert search.board.coding == tags.coding
 
 
+@pytest.mark.slow
 def test_a_board_that_faces_the_camera_does_not_hide_the_size_of_its_markers() -> None:
     """Markers of nearly any size are linked in a picture in which they lie as in a drawing."""
     facing = np.array([0, 0, 0, 0.0, 0.0, 0.33])
@@ -123,6 +125,6 @@ def gravel(seed: int) -> NDArray[np.uint8]:
     return np.asarray(255 * (noise - noise.min()) / np.ptp(noise), np.uint8)
 
 
-@pytest.mark.parametrize("draw", [random_cells, gravel])
+@pytest.mark.parametrize("draw", [gravel, pytest.param(random_cells, marks=pytest.mark.slow)])
 def test_no_board_is_found_where_there_is_none(draw: Callable[[int], NDArray[np.uint8]]) -> None:
     assert search_board([draw(seed) for seed in range(4)]) is None

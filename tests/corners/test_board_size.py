@@ -112,7 +112,9 @@ def cells(random: np.random.Generator, size: int) -> Picture:
     return np.asarray(np.kron(black, np.ones((size, size), int))[:480, :640], np.uint8)
 
 
-@pytest.mark.parametrize("size", [12, 24, 40])
+@pytest.mark.parametrize(
+    "size", [24, *(pytest.param(size, marks=pytest.mark.slow) for size in (12, 40))]
+)
 @pytest.mark.parametrize("texture", [gravel, text, gingham, chequered_cloth, cells])
 def test_textures_have_no_board(texture, size: int) -> None:  # type: ignore[no-untyped-def]
     random = np.random.default_rng(size)

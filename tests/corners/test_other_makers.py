@@ -3,6 +3,7 @@ GridBoard.
 """
 
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -68,6 +69,7 @@ def _grid_sheet(
     return image
 
 
+@cache
 def views(board: Board) -> list[tuple[NDArray[np.uint8], NDArray[np.float64]]]:
     """Pictures of the board, and the (count, 2) px at which it has its corners."""
     drawn = sheet(board)

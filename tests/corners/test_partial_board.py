@@ -60,6 +60,7 @@ def test_a_board_with_a_covered_middle_corner_is_located() -> None:
     assert partial_count >= 5
 
 
+@pytest.mark.slow
 def test_a_detection_does_not_depend_on_earlier_ones() -> None:
     """OpenCV's detector draws random numbers, which go on from picture to picture; with this
     picture it shows.
@@ -156,6 +157,7 @@ def test_a_complete_board_of_another_size_is_not_taken_for_a_part() -> None:
     assert isinstance(find_board(picture, BOARD), NotFound)
 
 
+@pytest.mark.slow
 def test_a_larger_board_is_not_taken_for_a_part() -> None:
     board = Board(11, 8, 0.025)
     picture, truth = Scene(board=board, size=(960, 720), focal=750.0, distance=18.0).draw()

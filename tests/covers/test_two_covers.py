@@ -83,6 +83,7 @@ def read(covers: object) -> object:
     return read_cover(*cover_sections(Section({"cover": covers}, "session.yaml"), ""))
 
 
+@pytest.mark.slow
 def test_each_cover_has_its_numbers(session: Path) -> None:
     cover = read_session(session).cover
     assert [single.shape for single in cover.covers] == ["dome", "flat"]

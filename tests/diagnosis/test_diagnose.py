@@ -155,7 +155,10 @@ def test_too_few_views_are_refused_in_a_sentence() -> None:
 
 @pytest.mark.parametrize(
     ("effect", "parameters", "remark"),
-    [(BOW, TRUTH, "board_shape (error down by up to "), (None, {}, "No effect's")],
+    [
+        (BOW, TRUTH, "board_shape (error down by up to "),
+        pytest.param(None, {}, "No effect's", marks=pytest.mark.slow),
+    ],
 )
 def test_few_views_give_scores_and_no_accepted_effect(
     effect: BoardShape | None, parameters: dict[str, float], remark: str
@@ -207,6 +210,7 @@ def test_the_presence_of_an_effect_is_detected_before_its_gain() -> None:
     assert held_out_gain(held(views), held(views - predicted, half=True)).presence_p_value == 1
 
 
+@pytest.mark.slow
 def test_an_absent_effect_is_detected_at_the_rate_of_chance() -> None:
     """The prediction for the views of a fold is independent of them. 9 % of 300 are three standard
     deviations from 5 %.

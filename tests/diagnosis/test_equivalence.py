@@ -50,6 +50,7 @@ def test_a_twisted_board_is_not_a_moving_one() -> None:
     assert finding.final_quality.held_out_px < 0.2 < finding.base_quality.held_out_px
 
 
+@pytest.mark.slow
 def test_a_window_and_a_moving_pupil_are_a_family(window: Diagnosis) -> None:
     """Both move rays along the axis: whichever is named, the truth is in the family, and the
     experiment is said.

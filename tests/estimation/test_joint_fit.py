@@ -249,6 +249,7 @@ def test_nearer_than_any_training_view_it_stays_within_30_percent_of_the_floor(
     assert held_out(path, joint.values, near) < 1.3 * held_out(near.path, near.values, near)
 
 
+@pytest.mark.slow
 def test_beats_the_paper_s_procedure_on_the_same_corners(
     made: Scene, fitted: tuple[Path, JointFit]
 ) -> None:

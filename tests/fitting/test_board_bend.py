@@ -162,6 +162,7 @@ def test_a_diagnosis_questions_the_bend_anew(tmp_path: Path) -> None:
     assert bend_mm(diagnosed) == pytest.approx(bend_mm(calibration), abs=0.02)
 
 
+@pytest.mark.slow
 def test_noisy_views_leave_the_error_with_a_flat_board(tmp_path: Path) -> None:
     """They make a further fit, which begins with the bend. Its lens with a flat board would leave
     0.32 px, and a flat board's own lens 0.26.

@@ -106,6 +106,7 @@ def test_partly_hidden_boards_are_used_with_all_visible_corners(
         assert np.isnan(np.asarray(view.covariance)[~view.seen]).all()
 
 
+@pytest.mark.slow
 def test_views_without_hidden_corners_are_unchanged(
     hidden_fit: Calibration, full_fit: Calibration
 ) -> None:
@@ -116,6 +117,7 @@ def test_views_without_hidden_corners_are_unchanged(
             np.testing.assert_array_equal(view.corners, expected[view.name].corners)
 
 
+@pytest.mark.slow
 def test_the_camera_agrees_with_the_fit_to_full_boards(
     hidden_fit: Calibration, full_fit: Calibration
 ) -> None:
@@ -131,6 +133,7 @@ def test_the_camera_agrees_with_the_fit_to_full_boards(
     assert np.nanmedian(distance) < 1e-4  # m at 0.5 m: a quarter of a pixel
 
 
+@pytest.mark.slow
 def test_the_same_pictures_give_the_same_corners(place: Path, hidden_fit: Calibration) -> None:
     """The second fit reads the cached detection; the first fit made it."""
     second_fit = fit(read_session(place), SETTINGS, Silent())
@@ -140,6 +143,7 @@ def test_the_same_pictures_give_the_same_corners(place: Path, hidden_fit: Calibr
     np.testing.assert_array_equal(hidden_fit.amplitudes, second_fit.amplitudes)
 
 
+@pytest.mark.slow
 def test_the_redetection_is_reported(
     hidden_fit: Calibration, full_fit: Calibration, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -122,6 +122,7 @@ def test_an_invalid_time_is_refused(made: Scene, tmp_path: Path) -> None:
         fitted(folder)
 
 
+@pytest.mark.slow
 def test_folds_keep_a_burst_together(made: Scene, tmp_path: Path) -> None:
     """Six views of three poses, each pose twice: with three folds every view is held out beside its
     double, so the error is that of a fit to the other two poses, made here by hand.

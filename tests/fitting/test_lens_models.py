@@ -153,6 +153,7 @@ def test_a_spline_fits_an_uneven_lens_and_stays_flat_for_an_even_one() -> None:
         assert spline_error < 1.1 * NOISE * 2**0.5
 
 
+@pytest.mark.slow
 def test_a_splined_lens_is_chosen_saved_and_read(tmp_path: Path) -> None:
     """Held-out views choose the lens. A central format without splines fits its own lens and states
     the misfit.

@@ -54,6 +54,7 @@ def map_errors(made: Scene, calibration: Calibration) -> tuple[list[float], list
     return rms, [float(np.sqrt(np.mean(sigma**2))) for _, sigma in pairs]
 
 
+@pytest.mark.slow
 def test_points_tell_the_glass_better_than_boards(fitted: Path) -> None:
     """Six views of a screen against 24 of a board whose corners have 0.05 px of noise."""
     rms, predicted = map_errors(MADE, Calibration.load(fitted / "calibration"))

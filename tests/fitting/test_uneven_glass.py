@@ -41,6 +41,7 @@ def test_uneven_glass_gets_one() -> None:
     assert calibrated(made, drawn(made, 6), Settings()).relief
 
 
+@pytest.mark.slow
 def test_the_session_and_the_grid_may_decide() -> None:
     """Glass that is even and uneven, as told otherwise."""
     even, uneven = behind("thick-cone", 6, 12), behind("uneven-cone", 6, 12)

@@ -61,12 +61,15 @@ ALL_OF_A_CONE = ("inner_radius_mm", "radius_slope", "axis_offset_mm", "tilt_deg"
     [
         ("thick-cone", ("inner_radius_mm",), True),
         pytest.param("thick-cone", ALL_OF_A_CONE, True, marks=pytest.mark.slow),
-        ("thick-cone", (), False),
         ("cylinder", ("thickness_mm", "refractive_index"), True),
-        ("wet-flat", ("distance_mm", "tilt_deg", "outside_index"), True),
         ("wet-flat", ("distance_mm",), False),
-        ("wet-dome", ALL_OF_A_DOME, True),
-        ("wet-dome", ("centre_mm",), False),
+        pytest.param("thick-cone", (), False, marks=pytest.mark.slow),
+        pytest.param(
+            *("wet-flat", ("distance_mm", "tilt_deg", "outside_index"), True),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param("wet-dome", ALL_OF_A_DOME, True, marks=pytest.mark.slow),
+        pytest.param("wet-dome", ("centre_mm",), False, marks=pytest.mark.slow),
     ],
 )
 def test_unknown_numbers_end_near_the_truth(
@@ -202,6 +205,7 @@ def test_place_of_a_dome_that_the_lens_makes_up_for_is_as_uncertain_as_it_is() -
     assert 0.5 < np.sqrt(np.mean(np.square(deviations))) < 1.4
 
 
+@pytest.mark.slow
 def test_a_parabola_is_not_widened() -> None:
     """A window in water, whose distance the views tell."""
     cover = unknown_cover(COVERS["wet-flat"][0], ("distance_mm",))

@@ -91,6 +91,7 @@ def test_corners_with_a_smaller_weight_are_not_counted_twice() -> None:
     assert not weigh_residuals(replace(made, views=tuple(views)), drawn)[1]
 
 
+@pytest.mark.slow
 def test_weighing_noisy_views_less_improves_maps(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -100,6 +100,7 @@ def test_a_run_without_workers_names_the_cause_and_ends(
     assert local_children() == []
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_while_it_starts_is_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -85,6 +85,7 @@ def test_poses_of_held_out_views_follow_by_one_step(optimum: FittedModel, interv
         assert error < 0.25 * control
 
 
+@pytest.mark.slow
 def test_the_prediction_variance_equals_the_scatter_over_drawn_parameters(
     optimum: FittedModel,
 ) -> None:

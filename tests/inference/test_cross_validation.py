@@ -49,6 +49,7 @@ def test_a_part_is_scored_by_a_fit_that_did_not_see_it() -> None:
     assert held.rms > 1.01 * joint.sigma * 2**0.5
 
 
+@pytest.mark.slow
 def test_a_burst_counts_as_one_view() -> None:
     made = fitted(hidden(None, {}, views=10))
     bursts = tuple(replace(view, pose_id=str(index // 2)) for index, view in enumerate(made.views))

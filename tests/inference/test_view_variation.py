@@ -273,6 +273,7 @@ def test_a_global_shutter_s_board_does_not_move() -> None:
     assert "rolling_shutter" not in names
 
 
+@pytest.mark.slow
 def test_what_is_smooth_in_single_views_and_of_no_cause_has_no_name() -> None:
     """A displacement of 0.1 px over the board, of third degree and another in each view."""
     made = session(8, "dome")

@@ -18,7 +18,13 @@ from tests.test_calibration import write_session
 
 
 @each_shape
-@pytest.mark.parametrize("moved", [False, True], ids=["in air", "moved, under water"])
+@pytest.mark.parametrize(
+    "moved",
+    [
+        pytest.param(False, id="in air"),
+        pytest.param(True, id="moved, under water", marks=pytest.mark.slow),
+    ],
+)
 def test_a_session_is_fitted_through_every_stage(
     example: Example, moved: bool, tmp_path: Path
 ) -> None:

@@ -57,6 +57,7 @@ def test_the_scene_holds_every_board(calibration: Calibration) -> None:
     assert outlines.mean(1) == pytest.approx(calibration.poses[:, 3:], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_command_writes_pictures_and_no_report(
     calibration: Calibration, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

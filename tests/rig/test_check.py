@@ -74,6 +74,7 @@ def only(result: RigCheckResult) -> RigChange:
     return change
 
 
+@pytest.mark.slow
 def test_an_unchanged_rig_is_valid(pair: SimulatedRig, check: Check) -> None:
     for seed in range(3):
         result = check(later(pair, 50 + seed, 1 + seed))

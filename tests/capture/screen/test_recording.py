@@ -108,6 +108,7 @@ def test_a_browser_that_is_closed_and_opened_costs_a_pose_and_nothing_else(tmp_p
         check_pose(tmp_path / "points" / name, NEAR)
 
 
+@pytest.mark.slow
 def test_a_pose_that_moved_is_taken_again(tmp_path: Path) -> None:
     """The screen is pushed by a tenth of a pixel between two fringes."""
     pushed = replace(NEAR, scale=NEAR.scale * 1.003)

@@ -96,6 +96,7 @@ def camera(pictures: list[np.ndarray], tmp_path: Path) -> Path:
     return write_recording(tmp_path, 15 * pictures, 0.5)
 
 
+@pytest.mark.slow
 def test_a_reader_that_closes_the_pipe_ends_the_stream(saved: Path, camera: Path) -> None:
     stream = streaming(saved, camera, "--to", "-")
     assert stream.stdout
@@ -121,6 +122,7 @@ def test_ctrl_c_ends_the_stream(saved: Path, camera: Path) -> None:
     assert len(pictures) == result["frames"] * frame_bytes, "no frame is cut"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("tmux"), reason="tmux is not installed")
 def test_the_window_in_a_real_terminal(saved: Path, camera: Path, tmp_path: Path) -> None:
     from tests.capture.tui.test_terminal import Tmux  # a file that is skipped without tmux
@@ -138,6 +140,7 @@ def test_the_window_in_a_real_terminal(saved: Path, camera: Path, tmp_path: Path
         terminal.hang_up()
 
 
+@pytest.mark.slow
 def test_http_prints_its_address_and_the_result_on_stdout(saved: Path, camera: Path) -> None:
     pytest.importorskip("aiohttp", reason="the extra `serve` is not installed")
     stream = streaming(saved, camera, "--to", "http:0")

@@ -124,6 +124,7 @@ async def _taken(session: Path, later: Path) -> None:
         await see(pilot, "The error fell from")
 
 
+@pytest.mark.slow
 def test_a_check_of_too_few_pictures_is_not_offered(
     session: Path, later: Path, tmp_path: Path
 ) -> None:

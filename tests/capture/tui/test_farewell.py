@@ -30,6 +30,7 @@ def test_the_farewell_counts_pictures(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_figures")
 def test_the_named_commands_lead_from_a_calibration_to_straight_pictures(tmp_path: Path) -> None:
     session = shutil.copytree(FIXTURE, tmp_path / "s")

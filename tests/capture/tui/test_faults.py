@@ -52,6 +52,7 @@ def camera(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_unplugged_is_tried_again(tmp_path: Path, camera: Path) -> None:
     session = tmp_path / "session"
     session.mkdir()

@@ -59,6 +59,7 @@ def bend(corners: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(np.square(differences))))
 
 
+@pytest.mark.slow
 def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(
     session: Path, straight: LiveUndistortion
 ) -> None:

@@ -13,6 +13,7 @@ from tests.capture.tui.driving import describe, drive, running, see, shown, unti
 from tests.capture.tui.test_session import FIXTURE
 
 
+@pytest.mark.slow
 def test_a_recorded_session_gives_both_its_halves_by_one_name(brief: Path, tmp_path: Path) -> None:
     session = tmp_path / "session"
     drive(_both_halves(session, brief))
@@ -76,6 +77,7 @@ async def _failed(session: Path) -> None:
         assert pilot.app.screen.query_one("#source", Input).value == "folder:/nowhere"
 
 
+@pytest.mark.slow
 def test_a_covered_folder_for_bare_pictures_is_doubted_once(tmp_path: Path) -> None:
     """The session.yaml describes a cone, and the session has no bare/ to name instead."""
     session = tmp_path / "session"
@@ -105,6 +107,7 @@ async def _doubted(session: Path) -> None:
         await see(pilot, "3 views")
 
 
+@pytest.mark.slow
 def test_recorded_pictures_are_asked_about_once_before_they_count_as_bare(tmp_path: Path) -> None:
     """Nothing says whether they show the cover, and a fit would tell only at its end."""
     camera = tmp_path / "camera"
