@@ -177,7 +177,13 @@ CALLS: Mapping[str, Call] = {
     "index_of_water(wavelength)": Call(lambda _, a: index_of_water(35.0, 15.0, a), 550.0),
 }
 """Every call that takes an array or a number of a person's program, by its name."""
-each_call = pytest.mark.parametrize("name", CALLS)
+each_call = pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name == "TagLocator.locate" else ())
+        for name in CALLS
+    ],
+)
 
 
 def boards() -> list[BoardPose]:

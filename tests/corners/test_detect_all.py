@@ -228,7 +228,11 @@ def test_a_damaged_picture_is_named_and_the_others_are_kept(
     assert len(looks) == 3
 
 
-@pytest.mark.parametrize("declared", [Board(8, 5, 1.0), Board(10, 7, 1.0)], ids=str)
+@pytest.mark.parametrize(
+    "declared",
+    [pytest.param(Board(8, 5, 1.0), marks=pytest.mark.slow), Board(10, 7, 1.0)],
+    ids=str,
+)
 def test_a_wrongly_declared_board_is_named(tmp_path: Path, declared: Board) -> None:
     with pytest.raises(
         NotEnoughDataError,
