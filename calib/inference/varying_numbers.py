@@ -136,8 +136,8 @@ def groups_of(context: EffectContext) -> tuple[Group, ...]:
     rolling = not context.path.shutter and (not context.shutter or context.shutter.rolling)
     return (
         Group("focal", (focal,), (VariationKind.EACH, *TIME, *TWO, VariationKind.NEARNESS)),
-        Group("principal_point", centre, (VariationKind.EACH, *TIME, *TWO)),
-        Group("lens", (focal, *centre, radial), (VariationKind.STEP, *TWO)),
+        Group("principal_point", centre, (VariationKind.EACH, *TIME, *TWO, VariationKind.NEARNESS)),
+        Group("lens", (focal, *centre, radial), (VariationKind.STEP, *TWO, VariationKind.NEARNESS)),
         *_cover_groups(context),
         Group("board_flex", bend, (VariationKind.EACH, *TIME, *TWO, VariationKind.TILT)),
         *([] if context.board.coding else [turned_board(context.board)]),
