@@ -31,6 +31,10 @@ MAX_REFINED = 4
 """The number of variations that the heights of a discrepancy are chosen beside."""
 MIN_GAIN = 7.0
 """The smallest gain in log evidence that is reported: some sixty variations are tried."""
+MIN_EXPLAINED = 0.75
+"""The part of the log evidence of structure of no cause that numbers explain by themselves, from
+which they may have a name. A motion explains at most 0.6 of a vibration of each view's own.
+"""
 MIN_VIEWS = 8
 """The fewest views of which it is asked."""
 
@@ -49,7 +53,8 @@ def find_variations(
     (calib.inference.model_discrepancy), whose heights are chosen again beside the variation. The
     discrepancy is smooth, and what the model lacks may not be. Numbers that follow a part of it
     have a gain beside the rest. So a variation by itself must also be more probable than the
-    discrepancy by itself: it explains more than it leaves. If none is, the structure has no name.
+    discrepancy by itself, or its numbers must explain most of what that does: they explain more
+    than they leave. If none do, the structure has no name.
 
     Args:
         fitted: a model at its optimum.
@@ -80,7 +85,10 @@ def find_variations(
         with_discrepancy.variations(groups, patterns),
         strict=True,
     )
+    explaining = set[str]()
     for index, (first, second) in enumerate(sorted(variations, key=lambda pair: -pair[0].gain)):
+        if first.gain > MIN_EXPLAINED * structure:
+            explaining.add(first.group.name)
         evidence_with_discrepancy = with_discrepancy.log_evidence + second.gain
         if index < MAX_REFINED and first.gain > MIN_GAIN:
             evidence_with_discrepancy = max(
@@ -96,7 +104,7 @@ def find_variations(
         variation = replace(first, gain=evidence - without, view_log_likelihoods=likelihoods)
         if variation.gain > MIN_GAIN and variation.largest < MAX_DEVIATION:
             candidates.append(variation)
-            if first.gain > structure + MIN_GAIN or not nameless:
+            if first.group.name in explaining or not nameless:
                 sufficient.append(variation)
     if candidates and not sufficient:
         gain = max(variation.gain for variation in candidates)
