@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.report.corners import relative_errors, shown_corners
 from calib.report.evidence import Evidence
+from calib.report.figure import two_digits
 from calib.report.pictures import data_url, picture_of, read_small
 
 THUMBNAIL_WIDTH = 480
@@ -63,7 +64,7 @@ def views_html(evidence: Evidence, thumbnails: Thumbnails) -> str:
     )
     return (
         f"<p>The worst view comes first. Each line is the error of a corner, enlarged"
-        f" {float(f'{magnified:.2g}'):g} times. A click shows the picture.{missing}</p>"
+        f" {two_digits(magnified)} times. A click shows the picture.{missing}</p>"
         f'<div class="views">{cards}</div>'
         + (f"<h3>Not used</h3><ul>{rejected}</ul>" if rejected else "")
     )

@@ -136,7 +136,6 @@ def page_data(evidence: Evidence, drawings: Sequence[Drawing]) -> Data:
         "board": {
             "columns": board.columns,
             "rows": board.rows,
-            "across": board.across,
             "half": board.half,
             "points": board.points(),
         },

@@ -107,6 +107,18 @@ def test_the_data_are_the_calibrations(reported: Reported) -> None:
     assert unpacked(data["views"]["pose"]) == pytest.approx(poses, rel=1e-6)
 
 
+def test_a_caption_says_how_much_its_arrows_are_magnified(reported: Reported) -> None:
+    """By the factors that the figure's script draws them with."""
+    words = text(reported.html)
+    scales = data_of(reported.html)["figures"]["residuals"]["scales"]
+    image = re.search(r"Arrows over the image are drawn ([\d.]+) times as long", words)
+    board = re.search(r"Over the board, 10 mm of an arrow are an error of ([\d.]+) px", words)
+    assert image
+    assert board
+    assert float(image[1]) == scales["image"]
+    assert float(board[1]) == pytest.approx(10 / scales["board"], rel=0.05), "said with two digits"
+
+
 def test_rays_go_from_the_lens_through_the_glass_to_their_corners(reported: Reported) -> None:
     """Behind the glass, a way goes along the calibration's own ray. Single precision keeps a tenth
     of a micron of a metre; the tolerance is ten times that.
