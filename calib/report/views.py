@@ -2,7 +2,7 @@
 rejected pictures.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from html import escape
 from pathlib import Path
@@ -23,6 +23,8 @@ with much grain, the thumbnails are smaller.
 """
 MAX_THUMBNAILS = 60
 """Thumbnails in a page; further views are listed without a picture."""
+OPEN_VIEWS = 8
+"""The worst views, which are visible at once; a click shows the others."""
 DRAWN_ERROR = 1 / 30
 """The drawn length of a typical error, as a fraction of the image's width."""
 
@@ -57,7 +59,7 @@ def views_html(evidence: Evidence, thumbnails: Thumbnails) -> str:
     missing = (
         "" if any(pictures.values()) else " The pictures were not found beside this calibration."
     )
-    cards = "".join(_card(evidence, view, pictures.get(view), magnified) for view in order)
+    cards = [_card(evidence, view, pictures.get(view), magnified) for view in order]
     rejected = "".join(
         f"<li><b>{escape(r.name)}</b>: {escape(r.reason)}</li>"
         for r in evidence.calibration.rejected
@@ -65,8 +67,20 @@ def views_html(evidence: Evidence, thumbnails: Thumbnails) -> str:
     return (
         f"<p>The worst view comes first. Each line is the error of a corner, enlarged"
         f" {two_digits(magnified)} times. A click shows the picture.{missing}</p>"
-        f'<div class="views">{cards}</div>'
+        f'<div class="views">{"".join(cards[:OPEN_VIEWS])}</div>'
+        + _more(cards[OPEN_VIEWS:])
         + (f"<h3>Not used</h3><ul>{rejected}</ul>" if rejected else "")
+    )
+
+
+def _more(cards: Sequence[str]) -> str:
+    """Return the HTML of views that a click shows, without scripts."""
+    if not cards:
+        return ""
+    name = "One more view" if len(cards) == 1 else f"The other {len(cards)} views"
+    return (
+        f'<details class="more"><summary>{name}</summary><div class="views">{"".join(cards)}</div>'
+        "</details>"
     )
 
 

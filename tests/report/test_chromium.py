@@ -23,6 +23,7 @@ from calib.fit_record.history import DiagnosisRecord, DiagnosisRun, History
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.progress import Silent
+from calib.report.views import OPEN_VIEWS
 from calib.session.session import read_session
 from capture.offered_files import HEADERS
 from fixtures.synthetic import scene
@@ -75,7 +76,7 @@ return {
     shapes: all(figure, "path, rect, image").length, texts: all(figure, "svg text").length,
     contrast: Math.min(21, ...all(figure, "svg text").filter(e => /[a-z0-9]/i.test(e.textContent))
       .map(e => contrast(getComputedStyle(e).fill))) }])),
-  pictures: all(document, ".view .shot").map(box),
+  pictures: all(document, ".view .shot").map(e => e.checkVisibility() ? box(e) : 0),
   loaded: all(document, ".view .shot img").map(e => e.naturalWidth),
   pair: all(document, ".pair .shot").map(e => [box(e), e.querySelector("img")?.naturalWidth ?? 0, e.querySelectorAll("path").length]),
   words: Math.min(...all(document, "p, h1, h2, td, th, a, li, figcaption, small, button, label").filter(e => e.offsetParent)
@@ -136,7 +137,8 @@ def test_every_figure_is_drawn_and_readable(
             assert figure["texts"] > 10, name
         assert figure["contrast"] >= READABLE, name
     assert len(report["pictures"]) == 45
-    assert min(report["pictures"]) > 100
+    assert min(report["pictures"][:OPEN_VIEWS]) > 100
+    assert max(report["pictures"][OPEN_VIEWS:]) == 0, "until a click"
     assert len(report["loaded"]) == 45
     assert min(report["loaded"]) > 180, "px, of grainy pictures"
     assert [pair[2] for pair in report["pair"]] == [3, 3]
@@ -336,9 +338,16 @@ def test_without_scripts_the_verdict_and_the_tables_are_there(
     chrome: Chrome, reported: Reported, tmp_path: Path
 ) -> None:
     html = re.sub(r"script-src [^;\"]*", "script-src 'none'", reported.html)
-    report, _, _ = chrome.read(html, tmp_path, looks, ready=LOADED)
+
+    async def story(page: Page) -> dict[str, Any]:
+        await page.click(*await page.middle(".more summary"))
+        assert await page.until("document.querySelector('.more').open")
+        return await looks(page)
+
+    report, _, _ = chrome.read(html, tmp_path, story, ready=LOADED)
     assert report["tables"] >= 3
     assert len(report["loaded"]) == 45
+    assert min(report["pictures"]) > 100
 
 
 def test_a_report_that_capture_serves_draws_its_figures(chrome: Chrome, reported: Reported) -> None:
