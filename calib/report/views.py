@@ -114,8 +114,8 @@ def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) 
         f'<div class="view" data-view="{view}" style="--part: {part:.0f}%">'
         f'<div class="shot" style="aspect-ratio: {size[0]}/{size[1]}">{image}{overlay}</div><p><i'
         f' class="dot"></i><b>{name}</b> <span class="number">{evidence.rms_by_view[view]:.3f}'
-        f" px</span><br><small>{view_corners.count} corners, {distance.mean():.2f} m, tilted"
-        f" {tilt:.0f}°{noisier}</small></p></div>"
+        f" px</span><br><small>{view_corners.count} corners, {distance.mean():.2f} m,"
+        f" tilted&nbsp;{tilt:.0f}°{noisier}</small></p></div>"
     )
 
 

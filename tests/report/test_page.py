@@ -29,6 +29,7 @@ from calib.progress import Silent
 from calib.report.comparison import diagnosis_comparison
 from calib.report.effects import EffectRow
 from calib.report.evidence import gather_evidence
+from calib.report.page import keep_numbers
 from calib.report.scripts import WEB
 from fixtures.calibrated import with_outcome
 from tests.report.conftest import Reported
@@ -39,7 +40,16 @@ HOSTILE = """<script>alert("1")</script>&lt;'$x_1$"""
 
 def text(html: str) -> str:
     visible = re.sub(r"<style>.*?</style>|<script.*?</script>", "", html, flags=re.DOTALL)
-    return unescape(re.sub(r"<[^>]+>", "", visible))
+    return unescape(re.sub(r"<[^>]+>", "", visible)).replace("\N{NO-BREAK SPACE}", " ")
+
+
+def test_no_line_breaks_within_a_number_and_commands_keep_their_spaces() -> None:
+    html = '<b>5 mm.png</b>: 1 ± 2 px in 86 % of <code>7 m</code>, <td data-label="3 px">0.3 m'
+    space = "\N{NO-BREAK SPACE}"
+    assert keep_numbers(html) == (
+        f"<b>5 mm.png</b>: 1{space}±{space}2{space}px in 86{space}% of <code>7 m</code>,"
+        f' <td data-label="3 px">0.3{space}m'
+    )
 
 
 def scripts_of(html: str) -> list[tuple[str, str]]:
@@ -203,7 +213,7 @@ def test_the_title_names_the_camera_or_none(small_calibration: Calibration, tmp_
 
 def test_the_worst_view_comes_first(reported: Reported) -> None:
     errors = [
-        float(error) for error in re.findall(r'<span class="number">([\d.]+) px', reported.html)
+        float(error) for error in re.findall(r'<span class="number">([\d.]+)\xa0px', reported.html)
     ]
     assert len(errors) == 45
     assert errors == sorted(errors, reverse=True)

@@ -25,7 +25,7 @@ function addPanel(host, {title, options, onClick, onPoint, label = "", zoomed = 
   function draw() {
     waiting = false;
     const wanted = {...options(width), width};
-    heading.textContent = typeof title === "function" ? title() : title;
+    heading.textContent = keepNumbers(typeof title === "function" ? title() : title);
     const zooming = transform.k !== 1 || transform.x || transform.y;
     if (!whole || !zooming) {
       current = Libraries.Plot.plot(wanted);
@@ -246,6 +246,6 @@ function addDepthSlider(host, depth, [near, far], onChange) {
 function addColourKey(host, from, to, low = "transparent", high = BLUE) {
   const key = element("p", "key"), ramp = element("span", "ramp");
   ramp.style.background = `linear-gradient(to right, ${low}, ${high})`;
-  key.append(element("span", "", from), ramp, element("span", "", to));
+  key.append(element("span", "", keepNumbers(from)), ramp, element("span", "", keepNumbers(to)));
   host.after(key);
 }
