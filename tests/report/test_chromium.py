@@ -89,6 +89,17 @@ return {
   narrow: Math.min(...all(document, "td > div").map(e => e.clientWidth)),
   commands: all(document, "pre").filter(e => e.scrollWidth > e.clientWidth).length };
 })()"""  # noqa: E501
+OVERLAPS = """[...document.querySelectorAll(".chart > svg")].flatMap(svg => {
+const texts = [...svg.querySelectorAll("text")].filter(e => e.textContent.trim()), frame = svg.getBoundingClientRect();
+const boxes = texts.map(e => ({words: e.textContent, box: e.getBoundingClientRect()}));
+const where = svg.closest("section").id;
+const shared = (a, b, low, high) => Math.min(a[high], b[high]) - Math.max(a[low], b[low]);
+const over = boxes.flatMap((one, place) => boxes.slice(place + 1)
+  .filter(other => Math.min(shared(one.box, other.box, "left", "right"), shared(one.box, other.box, "top", "bottom")) > 2)
+  .map(other => `${where}: ${one.words} over ${other.words}`));
+return [...over, ...boxes.filter(({box}) => box.left < frame.left - 2 || box.right > frame.right + 2).map(({words}) => `${where}: ${words} outside`)];
+})"""  # noqa: E501
+"""The labels of charts that share more than 2 px with another one, or leave their chart."""
 CAMERA = "document.querySelector('.scene').camera.position.toArray()"
 TITLE = "document.querySelector('#sigma .panel-title').textContent"
 
@@ -163,6 +174,25 @@ def test_what_the_policy_forbids_does_not_happen_and_would_be_noticed(
     result, complaints, _ = chrome.read(html, tmp_path, ran)
     assert result is None
     assert any("Content Security Policy" in complaint for complaint in complaints)
+
+
+async def overlaps(page: Page) -> list[str]:
+    found: list[str] = await page.call(OVERLAPS)
+    return found
+
+
+@each_size
+def test_no_label_of_a_chart_lies_over_another(
+    chrome: Chrome, reported: Reported, tmp_path: Path, size: tuple[int, int]
+) -> None:
+    assert chrome.read(reported.html, tmp_path, overlaps, size)[0] == []
+
+
+def test_labels_over_each_other_would_have_been_noticed(
+    chrome: Chrome, reported: Reported, tmp_path: Path
+) -> None:
+    html = reported.html.replace("<style>", "<style>.levels text { font-size: 60px; }")
+    assert chrome.read(html, tmp_path, overlaps)[0]
 
 
 @each_size

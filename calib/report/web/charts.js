@@ -132,7 +132,7 @@ function histogramOptions(width, values, noise, limit = histogramLimit(values)) 
   const highest = 1.12 * Math.max(...counts, ...curve.map(point => point.y));
   return chartOptions(
     width, Math.max(240, Math.round(0.62 * width)), {domain: [-limit, limit], label: "x or y of an error (px)"},
-    {domain: [0, highest], label: "number"},
+    {domain: [0, highest], label: "number", tickFormat: "~s"},
     [
       Libraries.Plot.rectY(bars, {x1: "x1", x2: "x2", y: "count", fill: "var(--series-0)", fillOpacity: 0.7, inset: 0.5}),
       Libraries.Plot.line(curve, {x: "x", y: "y", stroke: "var(--ink)", strokeWidth: 1.6}),
@@ -209,11 +209,12 @@ function addVectorPanel(host, field, {title, label, vectorsOf, largest, levels})
       factor = Number((1.1 * DATA.camera.width / ARROWS_ACROSS / (range[1] || 1)).toPrecision(2));
       const sparse = nodes.filter(({place}) => place % field.x.length % apart === 1 && Math.floor(place / field.x.length) % apart === 1);
       return pictureOptions(width, [
-        ...fieldMarks(field, sizes, largest, levels, {unit: " px"}),
+        ...fieldMarks(field, sizes, largest, levels),
         Libraries.Plot.arrow(sparse, {
           x1: "x", y1: "y", x2: node => node.x + factor * node.dx, y2: node => node.y + factor * node.dy,
           stroke: "var(--faint)", strokeWidth: 1.1, headLength: 4, insetEnd: 0,
         }),
+        levelLabels(field, sizes, levels, {unit: " px"}),
         tip(nodes, node => `at ${Math.round(node.x)}, ${Math.round(node.y)} px\n${digits(node.value)} px (${digits(node.dx)}, ${digits(node.dy)})`),
       ], FIELD_SCALES);
     },
@@ -259,7 +260,8 @@ function drawByDepth(host, packed) {
       );
     },
   });
-  const nodes = fieldNodes(field, change), largest = Math.max(...nodes.map(node => node.value));
+  const nodes = fieldNodes(field, change), largest = Math.max(...nodes.map(node => node.value)), levels = Libraries.ticks(0, largest, 6);
+  const marks = pixels.map(([x, y], mark) => ({x, y, mark}));
   addPanel(host, {
     title: "change per inverse depth, px per 1/m; a click adds the line of a pixel", label: "change of the distortion by inverse depth",
     onClick: node => {
@@ -269,8 +271,8 @@ function drawByDepth(host, packed) {
       redraw();
     },
     options: width => pictureOptions(width, [
-      ...fieldMarks(field, change, largest, Libraries.ticks(0, largest, 6)),
-      Libraries.Plot.text(pixels.map(([x, y], mark) => ({x, y, mark})), {
+      ...fieldMarks(field, change, largest, levels), levelLabels(field, change, levels, {marks}),
+      Libraries.Plot.text(marks, {
         x: "x", y: "y", text: ({mark}) => packed.marks[mark], fill: ({mark}) => MARK_COLOURS[mark], fontSize: 15,
       }),
       tip(nodes, node => `at ${Math.round(node.x)}, ${Math.round(node.y)} px\n${digits(node.value)} px per 1/m`),
@@ -285,7 +287,7 @@ function drawGlass(host, packed) {
   const panel = (title, values, limit, levels, colour, more) => addPanel(host, {
     title, label: "the glass surface",
     options: width => glassOptions(width, packed, frame, [
-      ...fieldMarks(field, values, limit, levels, {colour, clip}), outline, ...more,
+      ...fieldMarks(field, values, limit, levels, {colour, clip}), outline, ...more, levelLabels(field, values, levels, {visible}),
       tip(fieldNodes(field, values).filter(({place}) => visible[place]), node => `${digits(node.value, 2)} µm\nat ${digits(node.x)}, ${digits(node.y)}`),
     ]),
   });
@@ -326,7 +328,7 @@ function drawSigma(host, packed) {
         const levels = [0.25, 0.5, 0.75, 0.95].map(part => Number(quantile(part).toPrecision(2)));
         median = medianAtCorners(field, sigma);
         return pictureOptions(width, [
-          ...fieldMarks(field, sigma, packed.limit, levels), dots(CORNERS, "#808080", 1.4, 0.5),
+          ...fieldMarks(field, sigma, packed.limit, levels), dots(CORNERS, "#808080", 1.4, 0.5), levelLabels(field, sigma, levels),
           tip(fieldNodes(field, sigma), node => `${digits(node.value)} px\nat ${Math.round(node.x)}, ${Math.round(node.y)} px, ${digits(depth, 2)} m deep`),
         ], FIELD_SCALES);
       },
@@ -368,7 +370,7 @@ function drawCoverage(host, packed) {
     title: packed.depthTitle, label: "corners by depth",
     options: width => chartOptions(
       width, Math.max(240, Math.round(0.75 * width)), {domain: [near, far === near ? near + 1 : far], label: `${DATA.distanceName} (m)`},
-      {domain: [0, 1.1 * Math.max(...bars.map(bar => bar.count))], label: "corners"},
+      {domain: [0, 1.1 * Math.max(...bars.map(bar => bar.count))], label: "corners", tickFormat: "~s"},
       [
         Libraries.Plot.rectY(bars, {x1: "x1", x2: "x2", y: "count", fill: "var(--series-0)", inset: 0.5}),
         tip(bars, bar => `${digits(bar.x1)} to ${digits(bar.x2)} m: ${bar.count} corners`, "x", "count", 80),
