@@ -234,6 +234,34 @@ def test_the_figures_answer_to_the_pointer(
     assert (complaints, requests) == ([], [])
 
 
+@each_size
+def test_the_lines_of_the_scene_have_names(
+    chrome: Chrome, reported: Reported, tmp_path: Path, size: tuple[int, int]
+) -> None:
+    """The camera's own stands beside it, from everywhere."""
+    name = """(() => { const e = document.querySelector(".scene-name"), r = e.getBoundingClientRect();
+const box = e.parentElement.getBoundingClientRect();
+return !e.hidden && r.left >= box.left && r.right <= box.right && r.bottom <= box.bottom ? e.textContent : null; })()"""  # noqa: E501
+
+    async def story(page: Page) -> list[str]:
+        buttons = "document.querySelectorAll('#scene .buttons button')"
+        for place in range(await page.call(f"{buttons}.length")):
+            await page.call(f"{buttons}[{place}].click()")
+            assert await page.call(name) == "camera", place
+        texts: list[str] = await page.call(
+            "[...document.querySelectorAll('.legend span')].map(entry => entry.textContent)"
+        )
+        return texts
+
+    names, complaints, _ = chrome.read(reported.html, tmp_path, story, size)
+    assert names == [
+        "border of what the camera sees",
+        "cover",
+        "rays to the board that you point at",
+    ]
+    assert complaints == []
+
+
 def test_a_chart_zooms_with_the_wheel_after_a_click(
     chrome: Chrome, reported: Reported, tmp_path: Path
 ) -> None:
