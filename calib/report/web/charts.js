@@ -111,6 +111,11 @@ function byDistanceOptions(width, bands, noiseBands, highest) {
 
 const BINS = 41;
 
+/** Return a count for an axis, 1500 as 1.5k. */
+function shortCount(count) {
+  return count < 1000 ? String(count) : `${count / 1000}k`;
+}
+
 /** Return where the axis of a histogram ends: nearly all values lie between there and its opposite. */
 function histogramLimit(values) {
   const sizes = values.filter(Number.isFinite).map(Math.abs).sort((a, b) => a - b);
@@ -132,7 +137,7 @@ function histogramOptions(width, values, noise, limit = histogramLimit(values)) 
   const highest = 1.12 * Math.max(...counts, ...curve.map(point => point.y));
   return chartOptions(
     width, Math.max(240, Math.round(0.62 * width)), {domain: [-limit, limit], label: "x or y of an error (px)"},
-    {domain: [0, highest], label: "number", tickFormat: "~s"},
+    {domain: [0, highest], label: "number", tickFormat: shortCount},
     [
       Libraries.Plot.rectY(bars, {x1: "x1", x2: "x2", y: "count", fill: "var(--series-0)", fillOpacity: 0.7, inset: 0.5}),
       Libraries.Plot.line(curve, {x: "x", y: "y", stroke: "var(--ink)", strokeWidth: 1.6}),
@@ -370,7 +375,7 @@ function drawCoverage(host, packed) {
     title: packed.depthTitle, label: "corners by depth",
     options: width => chartOptions(
       width, Math.max(240, Math.round(0.75 * width)), {domain: [near, far === near ? near + 1 : far], label: `${DATA.distanceName} (m)`},
-      {domain: [0, 1.1 * Math.max(...bars.map(bar => bar.count))], label: "corners", tickFormat: "~s"},
+      {domain: [0, 1.1 * Math.max(...bars.map(bar => bar.count))], label: "corners", tickFormat: shortCount},
       [
         Libraries.Plot.rectY(bars, {x1: "x1", x2: "x2", y: "count", fill: "var(--series-0)", inset: 0.5}),
         tip(bars, bar => `${digits(bar.x1)} to ${digits(bar.x2)} m: ${bar.count} corners`, "x", "count", 80),

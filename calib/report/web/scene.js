@@ -2,7 +2,7 @@
 
 const BOARD_OPACITY = 0.3, POINTED_OPACITY = 0.8, OTHER_OPACITY = 0.1; // of faces: boards behind a board show through it
 const SIGHT_COLOUR = "--series-2"; // of the border of what a camera sees
-const NAME_LETTER = 8, NAME_HEIGHT = 16; // px of a camera's name
+const NAME_LETTER = 8, NAME_HEIGHT = 16, NAME_GAP = 8; // px of a camera's name
 const THREE_WORDS = "This browser draws no 3D (it has no WebGL).";
 
 function drawScene(host, packed) {
@@ -213,18 +213,21 @@ function addName(box, text, object) {
   return {label, object, text};
 }
 
-/** Move the names to their cameras as the scene shows them; without room, a name is hidden. */
+/** Move the names beside their cameras as the scene shows them, below or above; without room, a name is hidden. */
 function placeNames(three, box, names, camera) {
   const placed = [];
   for (const {label, object, text} of names) {
     const {x, y, z} = object.getWorldPosition(new three.Vector3()).project(camera);
-    const width = NAME_LETTER * text.length, top = Math.min((1 - y) / 2 * box.clientHeight + 8, box.clientHeight - NAME_HEIGHT);
-    const left = Math.min((x + 1) / 2 * box.clientWidth + 8, box.clientWidth - width);
-    const taken = placed.some(other => Math.abs(other.top - top) < NAME_HEIGHT && left < other.left + other.width && other.left < left + width);
-    label.hidden = taken || Math.max(Math.abs(x), Math.abs(y), Math.abs(z)) > 1;
+    const width = NAME_LETTER * text.length, left = Math.min((x + 1) / 2 * box.clientWidth + NAME_GAP, box.clientWidth - width);
+    const near = placed.filter(other => left < other.left + other.width && other.left < left + width);
+    const top = [NAME_GAP, -NAME_GAP - NAME_HEIGHT]
+      .map(shift => Math.min((1 - y) / 2 * box.clientHeight + shift, box.clientHeight - NAME_HEIGHT))
+      .find(line => near.every(other => Math.abs(other.top - line) >= NAME_HEIGHT));
+    label.hidden = top === undefined || Math.max(Math.abs(x), Math.abs(y), Math.abs(z)) > 1;
+    if (label.hidden) continue;
+    placed.push({left, top, width});
     label.style.left = `${left}px`;
     label.style.top = `${top}px`;
-    if (!label.hidden) placed.push({left, top, width});
   }
 }
 
