@@ -143,7 +143,7 @@ function pictureOptions(width, marks, more = {}) {
 
 /** Options of a panel with square units, from -reach to reach. */
 function squareOptions(width, reach, label, marks) {
-  const {marginLeft, marginRight, marginTop, marginBottom} = MARGINS, axis = {...AXIS, ticks: 5};
+  const {marginLeft, marginRight, marginTop, marginBottom} = MARGINS, axis = {...AXIS, ticks: Math.min(5, Math.floor(width / 65))};
   return {
     ...MARGINS, height: width - marginLeft - marginRight + marginTop + marginBottom,
     x: {...axis, domain: [-reach, reach], label: `x (${label})`}, y: {...axis, domain: [reach, -reach], label: `y (${label})`},
