@@ -20,7 +20,6 @@ def again_html(evidence: Evidence, folder: Path) -> str:
     facts = {
         "refracal": calibration.refracal,
         **{key: value for key, value in origin.items() if key != "session"},
-        "gauge": calibration.gauge,
         "calibration_sha256": calibration.digest,
     }
     outcome = [

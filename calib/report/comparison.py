@@ -8,7 +8,14 @@ from calib.report.corners import shown_corners
 from calib.report.evidence import Evidence, gather_evidence
 from calib.report.figure import Drawing
 from calib.report.payload import Data
-from calib.report.residual_maps import Arrows, arrows_over_board, arrows_over_image, typical_length
+from calib.report.residual_maps import (
+    Arrows,
+    ArrowScales,
+    arrows_over_board,
+    arrows_over_image,
+    board_span,
+    typical_length,
+)
 
 
 def undiagnosed(calibration: Calibration) -> Calibration | None:
@@ -33,16 +40,18 @@ def diagnosis_comparison(before: Calibration | None, after: Evidence) -> Drawing
     earlier = gather_evidence(before, after.depths)
     over_image = arrows_over_image(earlier)
     over_board = arrows_over_board(earlier)
+    scales = ArrowScales.of(earlier, typical_length(over_image, over_board))
     return Drawing(
         "comparison",
         "Residuals before and after the effects",
         "Mean residuals over the image and over the board, and the distribution of all residuals:"
-        " before the effects were added, and with them, at the same scales. Last: the error of each"
-        " view; below the diagonal it became smaller.",
+        " before the effects were added, and with them, at the same scales."
+        f" {scales.caption} Last: the error of each view; below the diagonal it became smaller.",
         {
             "before": _side(earlier, over_image, over_board),
             "after": _side(after, arrows_over_image(after), arrows_over_board(after)),
-            "typical": typical_length(over_image, over_board),
+            "scales": scales.data(),
+            "span": 1e3 * board_span(earlier),
         },
     )
 

@@ -37,11 +37,12 @@ def distortion_caption(evidence: Evidence) -> str:
     depths = shown_depths(evidence)
     return (
         "Undistorted minus distorted pixel, for a scene at one depth. Contours are lines of"
-        " equal length; arrows show the direction, scaled so that the longest has the same size in"
-        " every panel."
+        " equal length. Arrows show the direction; they are enlarged until the longest has the same"
+        " size in every panel, by the factor above it."
         + (
             " The panels differ because the cover shifts rays as well as bending them. The last"
             " panel is their difference: the error of one map, used at the depth of the other."
+            " It has colours of its own."
             if len(depths) == 2
             else ""
         )

@@ -18,6 +18,13 @@ NOTHING_FROM_OUTSIDE = (
 )
 
 
+COPIED = r"<(pre|code|b)\b.*?</\1>|<[^>]*>"
+"""Tags, and elements whose spaces people copy: commands, and names of files."""
+IN_NUMBER = r"(?<=\d) (?=(?:px|mm|µm|m|cm|deg|times)\b|%|±)|(?<=±) (?=[\d-])"
+"""The spaces between a number, its standard deviation and its unit."""
+NO_BREAK = "\N{NO-BREAK SPACE}"
+
+
 @dataclass(frozen=True, slots=True)
 class PageSection:
     name: str
@@ -32,11 +39,7 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection], script
     contents = "".join(
         f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections
     )
-    lead = re.sub(
-        r"(\d) (px|mm|m|%)",
-        r"\1&nbsp;\2",
-        " ".join(escape(sentence) for sentence in summary.sentences),
-    )
+    lead = " ".join(escape(sentence) for sentence in summary.sentences)
     verdict = summary.verdict
     reasons = "".join(f"<li>{escape(reason.sentence)}</li>" for reason in verdict.reasons)
     body = "".join(
@@ -61,6 +64,16 @@ and the pictures are here without it.</p></noscript>"""
         body,
         good=not verdict.reasons,
         scripts=scripts,
+    )
+
+
+def keep_numbers(html: str) -> str:
+    """Return HTML in which no line breaks between a number and its unit."""
+    return re.sub(
+        f"{COPIED}|{IN_NUMBER}",
+        lambda match: NO_BREAK if match[0] == " " else match[0],
+        html,
+        flags=re.DOTALL,
     )
 
 
@@ -89,9 +102,9 @@ def document(
 </head>
 <body>
 <header class="{"good" if good else "care"}">
-{header}
+{keep_numbers(header)}
 </header>
-<main>{body}{scripts.html if scripts else ""}</main>
+<main>{keep_numbers(body)}{scripts.html if scripts else ""}</main>
 </body>
 </html>
 """

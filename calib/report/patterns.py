@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import bdtrc
 
 from calib.fitting.corner_range import CELLS
 from calib.report.evidence import Array, Evidence
@@ -18,8 +19,8 @@ CHI2_LIMIT = float(-np.log(CHANCE))
 """The squared length of a two-dimensional mean over its expectation, which noise exceeds with
 probability CHANCE.
 """
-PATTERN_FRACTION = 0.1
-"""The fraction of groups with corners above which significant means are a pattern."""
+PATTERN_PROBABILITY = 0.01
+"""Significant means are a pattern if noise alone makes as many with less than this probability."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,17 +54,32 @@ class GroupMeans:
         return int(np.isfinite(self.length).sum())
 
     @property
+    def probability(self) -> float:
+        """The probability that noise alone makes as many groups significant, or more: the tail of
+        the binomial distribution.
+        """
+        return float(bdtrc(int(self.significant.sum()) - 1, self.judged, CHANCE))
+
+    @property
     def is_pattern(self) -> bool:
         """True if more groups are significant than noise explains."""
-        return bool(self.significant.sum() > PATTERN_FRACTION * self.judged)
+        return self.probability < PATTERN_PROBABILITY
 
     @property
     def summary(self) -> str:
-        """Text for captions: the number of significant groups, and that expected by chance."""
+        """Text for captions: the number of significant groups, that expected of noise, and how
+        often noise makes as many if they are more than expected.
+        """
         count, expected = int(self.significant.sum()), CHANCE * self.judged
+        text = f"{count} of {self.judged}, where noise alone gives {expected:.1f}"
         if self.is_pattern:
-            return f"{count} of {self.judged}, more than chance gives ({expected:.1f})"
-        return f"{count} of {self.judged}, about as many as chance gives ({expected:.1f})"
+            return f"{text} ({count / expected:.2g} times as many: a pattern)"
+        if count <= expected:
+            return f"{text} (no pattern)"
+        return (
+            f"{text} ({count / expected:.2g} times as many, but noise gives {count} or more in"
+            f" {100 * self.probability:.2g} % of sessions, so this may be chance)"
+        )
 
 
 def over_image(evidence: Evidence) -> GroupMeans:

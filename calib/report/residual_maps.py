@@ -1,5 +1,7 @@
 """Figure: residuals averaged over image and board, by depth, and their distribution."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,12 +9,14 @@ import numpy as np
 from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.fitting.corner_range import CELLS
 from calib.report.evidence import Array, Evidence
-from calib.report.figure import Drawing
+from calib.report.figure import Drawing, two_digits
 from calib.report.patterns import GroupMeans, over_board, over_image
 from calib.report.payload import Data
 
 BANDS = 10
 """The number of depth bands, which hold equally many corners."""
+LENGTH_ON_BOARD = 10.0
+"""mm of an arrow over the board, for which the caption says the error."""
 VIEWS_PER_BAND = 3
 """Views of a band of which the noise is estimated: of fewer it varies too much to show a trend."""
 
@@ -66,6 +70,43 @@ def arrows_over_board(evidence: Evidence) -> Arrows:
     return Arrows(places, means, f"over the board; longest {longest:.2g} px")
 
 
+@dataclass(frozen=True, slots=True)
+class ArrowScales:
+    """The drawn lengths of an arrow for each px of the mean error that it shows."""
+
+    image: float
+    """px of the image"""
+    board: float
+    """mm of the board"""
+
+    @staticmethod
+    def of(evidence: Evidence, typical: float) -> ArrowScales:
+        """Return the scales at which an arrow of `typical` px is about as long as a cell."""
+        camera = evidence.calibration.camera
+        board = evidence.calibration.board
+        span = 1e3 * board_span(evidence)
+        return ArrowScales(
+            float(two_digits(0.9 * camera.width / CELLS[0] / typical)),
+            float(two_digits(1.8 * span / max(board.across, 8) / typical)),
+        )
+
+    @property
+    def caption(self) -> str:
+        return (
+            f"Arrows over the image are drawn {two_digits(self.image)} times as long as they are."
+            f" Over the board, {LENGTH_ON_BOARD:g} mm of an arrow are an error of"
+            f" {two_digits(LENGTH_ON_BOARD / self.board)} px."
+        )
+
+    def data(self) -> Data:
+        return {"image": self.image, "board": self.board}
+
+
+def board_span(evidence: Evidence) -> float:
+    """Return how far the panel over the board reaches from its centre, m."""
+    return 1.15 * max(evidence.calibration.board.half) or 1e-3
+
+
 def typical_length(*arrows: Arrows) -> float:
     """Return a length in px that few of the arrows exceed, for their scale."""
     return max(float(np.nanquantile(item.means.length, 0.95)) for item in arrows) or 1e-3
@@ -113,6 +154,7 @@ def highest_length(evidence: Evidence) -> float:
 def residual_maps(evidence: Evidence) -> Drawing:
     in_image = arrows_over_image(evidence)
     on_board = arrows_over_board(evidence)
+    scales = ArrowScales.of(evidence, typical_length(in_image, on_board))
     bands = depth_bands(evidence)
     noise = evidence.calibration.noise_px
     middle, noise_there = noise_by_distance(evidence)
@@ -121,16 +163,17 @@ def residual_maps(evidence: Evidence) -> Drawing:
         "residuals",
         "Residuals, and where they are",
         "Mean reprojection errors: the corner that the model predicts minus the detected one."
-        " Orange arrows are longer than 99 % of noise: over the image"
-        f" {in_image.means.summary}, over the board {on_board.means.summary}. A pattern over the"
-        " image comes from lens or glass, one over the board from a board that is not flat or not"
-        f" to scale. The histogram has the x and y of all errors.{shape} The noise by"
+        f" {scales.caption} Orange arrows are longer than 99 % of noise. Over the image:"
+        f" {in_image.means.summary}. Over the board: {on_board.means.summary}. A pattern"
+        " over the image comes from lens or glass, one over the board from a board that is not"
+        f" flat or not to scale. The histogram has the x and y of all errors.{shape} The noise by"
         f" {evidence.distance_name} is that of groups of views: if the error exceeds it, something"
         " is missing in the model.",
         {
             "image": in_image.data(),
             "board": on_board.data(),
-            "typical": typical_length(in_image, on_board),
+            "scales": scales.data(),
+            "span": 1e3 * board_span(evidence),
             "bands": {
                 "middle": bands.middle,
                 "rms": bands.rms,

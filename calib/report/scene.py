@@ -91,7 +91,7 @@ def side_view(evidence: Evidence) -> Drawing | None:
         "The cover from the side and from above",
         "Cuts through the pinhole, to scale. Rays go from the lens through the glass to the corners"
         " of one board's middle column and row. Click into a panel, and the wheel shows more of"
-        " them; the list chooses the board. The numbers are those of the table below.",
+        " them; the list chooses the board. The numbers are those of the table above.",
         {
             "profiles": profiles(evidence),
             "origin": origins[-1],

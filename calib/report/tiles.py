@@ -10,8 +10,6 @@ from calib.fitting.declared import VIEWS, Comparison, comparisons
 from calib.report.evidence import Evidence
 from calib.session.parameter_names import CAMERA
 
-NO_BREAK = "\N{NO-BREAK SPACE}"
-
 
 @dataclass(frozen=True, slots=True)
 class Tile:
@@ -23,9 +21,14 @@ class Tile:
     """A second number to compare it with; empty if there is none."""
 
     def html(self) -> str:
-        value = self.value.replace(" ", NO_BREAK).replace(f"±{NO_BREAK}", "± ", 1)
-        note = f"<small>{escape(self.note)}</small>" if self.note else ""
-        return f"<div><dt>{escape(self.label)}</dt><dd>{escape(value)}{note}</dd></div>"
+        value = _html(self.value)
+        note = f"<small>{_html(self.note)}</small>" if self.note else ""
+        return f"<div><dt>{escape(self.label)}</dt><dd>{value}{note}</dd></div>"
+
+
+def _html(text: str) -> str:
+    """Return the HTML of a text that may break before its standard deviation: a tile is narrow."""
+    return escape(text).replace(" ± ", " <wbr>± ")
 
 
 def tiles_html(tiles: Sequence[Tile]) -> str:

@@ -2,7 +2,7 @@
 rejected pictures.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from html import escape
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.report.corners import relative_errors, shown_corners
 from calib.report.evidence import Evidence
+from calib.report.figure import two_digits
 from calib.report.pictures import data_url, picture_of, read_small
 
 THUMBNAIL_WIDTH = 480
@@ -22,6 +23,8 @@ with much grain, the thumbnails are smaller.
 """
 MAX_THUMBNAILS = 60
 """Thumbnails in a page; further views are listed without a picture."""
+OPEN_VIEWS = 8
+"""The worst views, which are visible at once; a click shows the others."""
 DRAWN_ERROR = 1 / 30
 """The drawn length of a typical error, as a fraction of the image's width."""
 
@@ -56,16 +59,28 @@ def views_html(evidence: Evidence, thumbnails: Thumbnails) -> str:
     missing = (
         "" if any(pictures.values()) else " The pictures were not found beside this calibration."
     )
-    cards = "".join(_card(evidence, view, pictures.get(view), magnified) for view in order)
+    cards = [_card(evidence, view, pictures.get(view), magnified) for view in order]
     rejected = "".join(
         f"<li><b>{escape(r.name)}</b>: {escape(r.reason)}</li>"
         for r in evidence.calibration.rejected
     )
     return (
         f"<p>The worst view comes first. Each line is the error of a corner, enlarged"
-        f" {float(f'{magnified:.2g}'):g} times. A click shows the picture.{missing}</p>"
-        f'<div class="views">{cards}</div>'
+        f" {two_digits(magnified)} times. A click shows the picture.{missing}</p>"
+        f'<div class="views">{"".join(cards[:OPEN_VIEWS])}</div>'
+        + _more(cards[OPEN_VIEWS:])
         + (f"<h3>Not used</h3><ul>{rejected}</ul>" if rejected else "")
+    )
+
+
+def _more(cards: Sequence[str]) -> str:
+    """Return the HTML of views that a click shows, without scripts."""
+    if not cards:
+        return ""
+    name = "One more view" if len(cards) == 1 else f"The other {len(cards)} views"
+    return (
+        f'<details class="more"><summary>{name}</summary><div class="views">{"".join(cards)}</div>'
+        "</details>"
     )
 
 
@@ -99,8 +114,8 @@ def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) 
         f'<div class="view" data-view="{view}" style="--part: {part:.0f}%">'
         f'<div class="shot" style="aspect-ratio: {size[0]}/{size[1]}">{image}{overlay}</div><p><i'
         f' class="dot"></i><b>{name}</b> <span class="number">{evidence.rms_by_view[view]:.3f}'
-        f" px</span><br><small>{view_corners.count} corners, {distance.mean():.2f} m, tilted"
-        f" {tilt:.0f}°{noisier}</small></p></div>"
+        f" px</span><br><small>{view_corners.count} corners, {distance.mean():.2f} m,"
+        f" tilted&nbsp;{tilt:.0f}°{noisier}</small></p></div>"
     )
 
 

@@ -116,6 +116,7 @@ def _sections(
         else []
     )
     return [
+        PageSection("numbers", "Camera and cover", parameters_html(evidence)),
         PageSection("stages", "The error after each stage", stages_html(evidence)),
         *before_after,
         *compared,
@@ -123,7 +124,6 @@ def _sections(
         *(figure for figure in figures if figure not in compared),
         *([PageSection("colour", "Colour fringes", colour)] if colour else []),
         PageSection("views", "The views", views),
-        PageSection("numbers", "Camera and cover", parameters_html(evidence)),
         PageSection("again", "How to reproduce it", reproduction),
     ]
 
@@ -136,7 +136,6 @@ def page_data(evidence: Evidence, drawings: Sequence[Drawing]) -> Data:
         "board": {
             "columns": board.columns,
             "rows": board.rows,
-            "across": board.across,
             "half": board.half,
             "points": board.points(),
         },

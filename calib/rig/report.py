@@ -74,7 +74,7 @@ def rig_in_space(rig: Rig, evidence: dict[str, Evidence]) -> Drawing:
         " it stood. Turn it by dragging; click into it and the wheel comes nearer. A board's"
         " colour is its error in the reference: blue is the corners' noise, red three times as"
         " much.",
-        data={**scene.data, "others": others},
+        data={**scene.data, "name": rig.reference, "others": others},
     )
 
 
@@ -82,6 +82,7 @@ def _camera_in_space(rig: Rig, name: str, evidence: Evidence) -> dict[str, objec
     border = ways(evidence, border_pixels(evidence, 1))
     pose = np.linalg.inv(rig.mounting(name).T_camera_reference)
     return {
+        "name": name,
         "pose": pose.ravel().tolist(),
         "surfaces": surface_meshes(evidence),
         "border": border.points,

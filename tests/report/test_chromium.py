@@ -23,6 +23,7 @@ from calib.fit_record.history import DiagnosisRecord, DiagnosisRun, History
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.progress import Silent
+from calib.report.views import OPEN_VIEWS
 from calib.session.session import read_session
 from capture.offered_files import HEADERS
 from fixtures.synthetic import scene
@@ -75,7 +76,7 @@ return {
     shapes: all(figure, "path, rect, image").length, texts: all(figure, "svg text").length,
     contrast: Math.min(21, ...all(figure, "svg text").filter(e => /[a-z0-9]/i.test(e.textContent))
       .map(e => contrast(getComputedStyle(e).fill))) }])),
-  pictures: all(document, ".view .shot").map(box),
+  pictures: all(document, ".view .shot").map(e => e.checkVisibility() ? box(e) : 0),
   loaded: all(document, ".view .shot img").map(e => e.naturalWidth),
   pair: all(document, ".pair .shot").map(e => [box(e), e.querySelector("img")?.naturalWidth ?? 0, e.querySelectorAll("path").length]),
   words: Math.min(...all(document, "p, h1, h2, td, th, a, li, figcaption, small, button, label").filter(e => e.offsetParent)
@@ -88,6 +89,17 @@ return {
   narrow: Math.min(...all(document, "td > div").map(e => e.clientWidth)),
   commands: all(document, "pre").filter(e => e.scrollWidth > e.clientWidth).length };
 })()"""  # noqa: E501
+OVERLAPS = """[...document.querySelectorAll(".chart > svg")].flatMap(svg => {
+const texts = [...svg.querySelectorAll("text")].filter(e => e.textContent.trim()), frame = svg.getBoundingClientRect();
+const boxes = texts.map(e => ({words: e.textContent, box: e.getBoundingClientRect()}));
+const where = svg.closest("section").id;
+const shared = (a, b, low, high) => Math.min(a[high], b[high]) - Math.max(a[low], b[low]);
+const over = boxes.flatMap((one, place) => boxes.slice(place + 1)
+  .filter(other => Math.min(shared(one.box, other.box, "left", "right"), shared(one.box, other.box, "top", "bottom")) > 2)
+  .map(other => `${where}: ${one.words} over ${other.words}`));
+return [...over, ...boxes.filter(({box}) => box.left < frame.left - 2 || box.right > frame.right + 2).map(({words}) => `${where}: ${words} outside`)];
+})"""  # noqa: E501
+"""The labels of charts that share more than 2 px with another one, or leave their chart."""
 CAMERA = "document.querySelector('.scene').camera.position.toArray()"
 TITLE = "document.querySelector('#sigma .panel-title').textContent"
 
@@ -136,7 +148,8 @@ def test_every_figure_is_drawn_and_readable(
             assert figure["texts"] > 10, name
         assert figure["contrast"] >= READABLE, name
     assert len(report["pictures"]) == 45
-    assert min(report["pictures"]) > 100
+    assert min(report["pictures"][:OPEN_VIEWS]) > 100
+    assert max(report["pictures"][OPEN_VIEWS:]) == 0, "until a click"
     assert len(report["loaded"]) == 45
     assert min(report["loaded"]) > 180, "px, of grainy pictures"
     assert [pair[2] for pair in report["pair"]] == [3, 3]
@@ -161,6 +174,25 @@ def test_what_the_policy_forbids_does_not_happen_and_would_be_noticed(
     result, complaints, _ = chrome.read(html, tmp_path, ran)
     assert result is None
     assert any("Content Security Policy" in complaint for complaint in complaints)
+
+
+async def overlaps(page: Page) -> list[str]:
+    found: list[str] = await page.call(OVERLAPS)
+    return found
+
+
+@each_size
+def test_no_label_of_a_chart_lies_over_another(
+    chrome: Chrome, reported: Reported, tmp_path: Path, size: tuple[int, int]
+) -> None:
+    assert chrome.read(reported.html, tmp_path, overlaps, size)[0] == []
+
+
+def test_labels_over_each_other_would_have_been_noticed(
+    chrome: Chrome, reported: Reported, tmp_path: Path
+) -> None:
+    html = reported.html.replace("<style>", "<style>.levels text { font-size: 60px; }")
+    assert chrome.read(html, tmp_path, overlaps)[0]
 
 
 @each_size
@@ -200,6 +232,34 @@ def test_the_figures_answer_to_the_pointer(
 
     _, complaints, requests = chrome.read(reported.html, tmp_path, story, size)
     assert (complaints, requests) == ([], [])
+
+
+@each_size
+def test_the_lines_of_the_scene_have_names(
+    chrome: Chrome, reported: Reported, tmp_path: Path, size: tuple[int, int]
+) -> None:
+    """The camera's own stands beside it, from everywhere."""
+    name = """(() => { const e = document.querySelector(".scene-name"), r = e.getBoundingClientRect();
+const box = e.parentElement.getBoundingClientRect();
+return !e.hidden && r.left >= box.left && r.right <= box.right && r.bottom <= box.bottom ? e.textContent : null; })()"""  # noqa: E501
+
+    async def story(page: Page) -> list[str]:
+        buttons = "document.querySelectorAll('#scene .buttons button')"
+        for place in range(await page.call(f"{buttons}.length")):
+            await page.call(f"{buttons}[{place}].click()")
+            assert await page.call(name) == "camera", place
+        texts: list[str] = await page.call(
+            "[...document.querySelectorAll('.legend span')].map(entry => entry.textContent)"
+        )
+        return texts
+
+    names, complaints, _ = chrome.read(reported.html, tmp_path, story, size)
+    assert names == [
+        "border of what the camera sees",
+        "cover",
+        "rays to the board that you point at",
+    ]
+    assert complaints == []
 
 
 def test_a_chart_zooms_with_the_wheel_after_a_click(
@@ -336,9 +396,16 @@ def test_without_scripts_the_verdict_and_the_tables_are_there(
     chrome: Chrome, reported: Reported, tmp_path: Path
 ) -> None:
     html = re.sub(r"script-src [^;\"]*", "script-src 'none'", reported.html)
-    report, _, _ = chrome.read(html, tmp_path, looks, ready=LOADED)
+
+    async def story(page: Page) -> dict[str, Any]:
+        await page.click(*await page.middle(".more summary"))
+        assert await page.until("document.querySelector('.more').open")
+        return await looks(page)
+
+    report, _, _ = chrome.read(html, tmp_path, story, ready=LOADED)
     assert report["tables"] >= 3
     assert len(report["loaded"]) == 45
+    assert min(report["pictures"]) > 100
 
 
 def test_a_report_that_capture_serves_draws_its_figures(chrome: Chrome, reported: Reported) -> None:

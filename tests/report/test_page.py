@@ -29,6 +29,7 @@ from calib.progress import Silent
 from calib.report.comparison import diagnosis_comparison
 from calib.report.effects import EffectRow
 from calib.report.evidence import gather_evidence
+from calib.report.page import keep_numbers
 from calib.report.scripts import WEB
 from fixtures.calibrated import with_outcome
 from tests.report.conftest import Reported
@@ -39,7 +40,16 @@ HOSTILE = """<script>alert("1")</script>&lt;'$x_1$"""
 
 def text(html: str) -> str:
     visible = re.sub(r"<style>.*?</style>|<script.*?</script>", "", html, flags=re.DOTALL)
-    return unescape(re.sub(r"<[^>]+>", "", visible))
+    return unescape(re.sub(r"<[^>]+>", "", visible)).replace("\N{NO-BREAK SPACE}", " ")
+
+
+def test_no_line_breaks_within_a_number_and_commands_keep_their_spaces() -> None:
+    html = '<b>5 mm.png</b>: 1 ± 2 px in 86 % of <code>7 m</code>, <td data-label="3 px">0.3 m'
+    space = "\N{NO-BREAK SPACE}"
+    assert keep_numbers(html) == (
+        f"<b>5 mm.png</b>: 1{space}±{space}2{space}px in 86{space}% of <code>7 m</code>,"
+        f' <td data-label="3 px">0.3{space}m'
+    )
 
 
 def scripts_of(html: str) -> list[tuple[str, str]]:
@@ -107,6 +117,18 @@ def test_the_data_are_the_calibrations(reported: Reported) -> None:
     assert unpacked(data["views"]["pose"]) == pytest.approx(poses, rel=1e-6)
 
 
+def test_a_caption_says_how_much_its_arrows_are_magnified(reported: Reported) -> None:
+    """By the factors that the figure's script draws them with."""
+    words = text(reported.html)
+    scales = data_of(reported.html)["figures"]["residuals"]["scales"]
+    image = re.search(r"Arrows over the image are drawn ([\d.]+) times as long", words)
+    board = re.search(r"Over the board, 10 mm of an arrow are an error of ([\d.]+) px", words)
+    assert image
+    assert board
+    assert float(image[1]) == scales["image"]
+    assert float(board[1]) == pytest.approx(10 / scales["board"], rel=0.05), "said with two digits"
+
+
 def test_rays_go_from_the_lens_through_the_glass_to_their_corners(reported: Reported) -> None:
     """Behind the glass, a way goes along the calibration's own ray. Single precision keeps a tenth
     of a micron of a metre; the tolerance is ten times that.
@@ -152,7 +174,7 @@ def test_sections(reported: Reported) -> None:
     names = re.findall(r'<section id="([^"]+)"', reported.html)
     figures = ["scene", "side-view", "board-errors", "residuals", "distortion", "by-depth"]
     figures += ["glass", "sigma", "coverage"]
-    assert names == ["stages", "straight", *figures, "views", "numbers", "again"]
+    assert names == ["numbers", "stages", "straight", *figures, "views", "again"]
 
 
 def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> None:
@@ -191,7 +213,7 @@ def test_the_title_names_the_camera_or_none(small_calibration: Calibration, tmp_
 
 def test_the_worst_view_comes_first(reported: Reported) -> None:
     errors = [
-        float(error) for error in re.findall(r'<span class="number">([\d.]+) px', reported.html)
+        float(error) for error in re.findall(r'<span class="number">([\d.]+)\xa0px', reported.html)
     ]
     assert len(errors) == 45
     assert errors == sorted(errors, reverse=True)
@@ -205,13 +227,12 @@ def test_text_from_files_is_text(small_calibration: Calibration, tmp_path: Path)
         views=(replace(small_calibration.views[0], name=HOSTILE), *small_calibration.views[1:]),
         rejected=(RejectedPicture(HOSTILE, HOSTILE),),
         request=FitRequest(provenance=Provenance(session=HOSTILE, packages={HOSTILE: HOSTILE})),
-        gauge=HOSTILE,
     )
     html = report_in(tmp_path, hostile, effects=[EffectRow(HOSTILE, 0.4, 0.1, HOSTILE)]).read_text()
     assert len(scripts_of(html)) == 3
     assert 'alert("1")' not in html
     assert data_of(html)["views"]["name"][0] == HOSTILE
-    assert text(html).count(HOSTILE) >= 9
+    assert text(html).count(HOSTILE) >= 8
 
 
 def test_a_calibration_opened_elsewhere_shows_its_errors_without_pictures(
@@ -326,7 +347,7 @@ def test_a_diagnosed_calibration_shows_its_residuals_before_and_after(
         assert data[side]["rms"] == pytest.approx(calibration.stages[-1].rms_px, rel=1e-6)
     assert unpacked(data["before"]["views"]).shape == (12,)
     names = re.findall(r'<section id="([^"]+)"', html)
-    assert names.index("comparison") == 1, "after the table of the stages"
+    assert names.index("comparison") == 2, "after the table of the stages"
     (before / "calibration.npz").unlink()
     assert main(["report", "--no-open", str(after)]) == 0
     assert 'id="comparison"' not in (after / "report.html").read_text()

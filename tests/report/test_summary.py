@@ -1,5 +1,6 @@
 """Three sentences that are true of the calibration, and a warning where one is due."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,13 @@ from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.progress import Silent
 from calib.report.evidence import gather_evidence
-from calib.report.patterns import over_board, over_image
+from calib.report.patterns import (
+    CHANCE,
+    PATTERN_PROBABILITY,
+    GroupMeans,
+    over_board,
+    over_image,
+)
 from calib.report.residual_maps import noise_by_distance
 from calib.report.scene import side_view, surface_meshes
 from calib.report.summary import summarise
@@ -125,6 +132,27 @@ def test_noise_leaves_no_pattern(reported: Reported) -> None:
     for means in (over_board(evidence), over_image(evidence)):
         assert not means.is_pattern
         assert means.significant.mean() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("count", "groups", "words"),
+    [
+        (0, 166, "0 of 166, where noise alone gives 1.7 (no pattern)"),
+        (3, 81, "3.7 times as many, but noise gives 3 or more in 4.8 % of sessions"),
+        (30, 166, "30 of 166, where noise alone gives 1.7 (18 times as many: a pattern)"),
+    ],
+)
+def test_more_than_chance_is_judged_by_its_probability(count: int, groups: int, words: str) -> None:
+    """Oracle: the binomial sum by hand."""
+    significant = np.arange(groups) < count
+    means = GroupMeans(np.zeros((groups, 2)), np.zeros(groups), significant)
+    assert words in means.summary
+    less = sum(
+        math.comb(groups, fewer) * CHANCE**fewer * (1 - CHANCE) ** (groups - fewer)
+        for fewer in range(count)
+    )
+    assert means.probability == pytest.approx(1 - less, abs=1e-12)
+    assert means.is_pattern == (1 - less < PATTERN_PROBABILITY)
 
 
 def test_what_is_missing_is_asked_for(tmp_path: Path) -> None:

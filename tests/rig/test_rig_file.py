@@ -170,7 +170,12 @@ def test_a_fit_and_its_evaluation_by_the_command(
     assert abs(baseline["metres"]["value"] - 0.06) < 0.004
     assert all(Path(path).is_file() for path in result["written"])
     report = (out / "report.html").read_text()
-    for text in ("The rig in space", "left to right", "Errors by depth", '"others":[{"pose"'):
+    for text in (
+        "The rig in space",
+        "left to right",
+        "Errors by depth",
+        '"others":[{"name":"right"',
+    ):
         assert text in report
     assert result["verdict"]["word"] in ("trusted", "care")
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}

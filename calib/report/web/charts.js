@@ -22,8 +22,8 @@ function markView(chart, point) {
   for (const path of chart.querySelectorAll(".dots path")) path.classList.toggle("marked", point !== null && path.dataset.group === String(point.view));
 }
 
-function drawResiduals(host, {image, board, typical, bands, noise, noiseBands, highest}) {
-  addArrowPanels(host, {image, board}, typical);
+function drawResiduals(host, {image, board, scales, span, bands, noise, noiseBands, highest}) {
+  addArrowPanels(host, {image, board}, scales, span);
   addPanel(host, {
     title: `by ${DATA.distanceName}; orange: RMS and 68 % band${numbers(noiseBands.noise).length ? "; dashes: the corners' noise" : ""}`, label: "residuals by depth", onClick: openCorner,
     options: width => byDistanceOptions(width, bands, noiseBands, highest),
@@ -34,25 +34,23 @@ function drawResiduals(host, {image, board, typical, bands, noise, noiseBands, h
   });
 }
 
-/** Add the mean residuals over the image and over the board; an arrow of typical px is about as long as a cell. */
-function addArrowPanels(host, {image, board}, typical, when = "") {
-  const cell = DATA.camera.width / CELLS_ACROSS;
+/** Add the mean residuals over the image and over the board, from -span to span mm. scales: the length that is drawn for one px. */
+function addArrowPanels(host, {image, board}, scales, span, when = "") {
   addPanel(host, {
     title: when + image.title, label: "mean residuals over the image",
-    options: width => pictureOptions(width, arrowMarks(image, 0.9 * cell / typical, "of this cell")),
+    options: width => pictureOptions(width, arrowMarks(image, scales.image, "of this cell")),
   });
-  const span = 1.15 * 1e3 * Math.max(...DATA.board.half) || 1, across = Math.max(DATA.board.across, 8);
   addPanel(host, {
     title: when + board.title, label: "mean residuals over the board",
-    options: width => squareOptions(width, span, "mm", arrowMarks(board, 1.8 * span / across / typical, "of this corner in all views")),
+    options: width => squareOptions(width, span, "mm", arrowMarks(board, scales.board, "of this corner in all views")),
   });
 }
 
 /** Draw the residuals before and after a diagnosis, at the same scales. */
-function drawComparison(host, {before, after, typical}) {
+function drawComparison(host, {before, after, scales, span}) {
   const errorsOf = side => Array.from(numbers(side.errors)), limit = histogramLimit(errorsOf(before));
   for (const [when, side] of [["before", before], ["after", after]]) {
-    addArrowPanels(host, side, typical, `${when}, `);
+    addArrowPanels(host, side, scales, span, `${when}, `);
     addPanel(host, {
       title: `${when}: ${digits(side.rms)} px`, label: "histogram of the residuals",
       options: width => histogramOptions(width, errorsOf(side), side.noise, limit),
@@ -111,7 +109,12 @@ function byDistanceOptions(width, bands, noiseBands, highest) {
   );
 }
 
-const BINS = 41, CELLS_ACROSS = 16; // the cells of the mean residuals over the image
+const BINS = 41;
+
+/** Return a count for an axis, 1500 as 1.5k. */
+function shortCount(count) {
+  return count < 1000 ? String(count) : `${count / 1000}k`;
+}
 
 /** Return where the axis of a histogram ends: nearly all values lie between there and its opposite. */
 function histogramLimit(values) {
@@ -134,7 +137,7 @@ function histogramOptions(width, values, noise, limit = histogramLimit(values)) 
   const highest = 1.12 * Math.max(...counts, ...curve.map(point => point.y));
   return chartOptions(
     width, Math.max(240, Math.round(0.62 * width)), {domain: [-limit, limit], label: "x or y of an error (px)"},
-    {domain: [0, highest], label: "number"},
+    {domain: [0, highest], label: "number", tickFormat: shortCount},
     [
       Libraries.Plot.rectY(bars, {x1: "x1", x2: "x2", y: "count", fill: "var(--series-0)", fillOpacity: 0.7, inset: 0.5}),
       Libraries.Plot.line(curve, {x: "x", y: "y", stroke: "var(--ink)", strokeWidth: 1.6}),
@@ -184,7 +187,7 @@ function drawDistortion(host, packed) {
   const panelHost = element("div");
   host.append(panelHost);
   redraws.push(addVectorPanel(panelHost, field, {
-    title: () => `${digits(depths[0], 2)} m minus ${digits(depths[1], 2)} m, in colours of its own`, label: "difference of the distortion between two depths",
+    title: () => `${digits(depths[0], 2)} m minus ${digits(depths[1], 2)} m`, label: "difference of the distortion between two depths",
     largest, levels: Libraries.ticks(0, largest, 5).filter(level => level > 0 && level < largest),
     vectorsOf: () => vectorsBetween(...depths.map(depth => distortionAt(field, depth))),
   }));
@@ -200,21 +203,23 @@ function lengthsOf(vectors) {
 
 /** Add a panel of the vectors of a field: their lengths as colour and contours, and arrows. Returns a function that draws it again. */
 function addVectorPanel(host, field, {title, label, vectorsOf, largest, levels}) {
-  let range = [0, 0];
+  let range = [0, 0], factor = 1;
   return addPanel(host, {
-    title: () => `${title()}: ${range.map(size => size < 1 ? digits(size, 2) : size.toFixed(1)).join(" to ")} px`, label,
+    title: () => `${title()}: ${range.map(size => size < 1 ? digits(size, 2) : size.toFixed(1)).join(" to ")} px\narrows drawn ${digits(factor, 2)} times as long`, label,
     options: width => {
       const vectors = vectorsOf(), sizes = lengthsOf(vectors), known = sizes.filter(Number.isFinite);
       range = [Math.min(...known), Math.max(...known)];
       const nodes = fieldNodes(field, sizes).map(node => ({...node, ...vectors[node.place]}));
-      const apart = Math.round(field.x.length / ARROWS_ACROSS), length = 1.1 * DATA.camera.width / ARROWS_ACROSS / (range[1] || 1);
+      const apart = Math.round(field.x.length / ARROWS_ACROSS);
+      factor = Number((1.1 * DATA.camera.width / ARROWS_ACROSS / (range[1] || 1)).toPrecision(2));
       const sparse = nodes.filter(({place}) => place % field.x.length % apart === 1 && Math.floor(place / field.x.length) % apart === 1);
       return pictureOptions(width, [
-        ...fieldMarks(field, sizes, largest, levels, {unit: " px"}),
+        ...fieldMarks(field, sizes, largest, levels),
         Libraries.Plot.arrow(sparse, {
-          x1: "x", y1: "y", x2: node => node.x + length * node.dx, y2: node => node.y + length * node.dy,
+          x1: "x", y1: "y", x2: node => node.x + factor * node.dx, y2: node => node.y + factor * node.dy,
           stroke: "var(--faint)", strokeWidth: 1.1, headLength: 4, insetEnd: 0,
         }),
+        levelLabels(field, sizes, levels, {unit: " px"}),
         tip(nodes, node => `at ${Math.round(node.x)}, ${Math.round(node.y)} px\n${digits(node.value)} px (${digits(node.dx)}, ${digits(node.dy)})`),
       ], FIELD_SCALES);
     },
@@ -260,7 +265,8 @@ function drawByDepth(host, packed) {
       );
     },
   });
-  const nodes = fieldNodes(field, change), largest = Math.max(...nodes.map(node => node.value));
+  const nodes = fieldNodes(field, change), largest = Math.max(...nodes.map(node => node.value)), levels = Libraries.ticks(0, largest, 6);
+  const marks = pixels.map(([x, y], mark) => ({x, y, mark}));
   addPanel(host, {
     title: "change per inverse depth, px per 1/m; a click adds the line of a pixel", label: "change of the distortion by inverse depth",
     onClick: node => {
@@ -270,8 +276,8 @@ function drawByDepth(host, packed) {
       redraw();
     },
     options: width => pictureOptions(width, [
-      ...fieldMarks(field, change, largest, Libraries.ticks(0, largest, 6)),
-      Libraries.Plot.text(pixels.map(([x, y], mark) => ({x, y, mark})), {
+      ...fieldMarks(field, change, largest, levels), levelLabels(field, change, levels, {marks}),
+      Libraries.Plot.text(marks, {
         x: "x", y: "y", text: ({mark}) => packed.marks[mark], fill: ({mark}) => MARK_COLOURS[mark], fontSize: 15,
       }),
       tip(nodes, node => `at ${Math.round(node.x)}, ${Math.round(node.y)} px\n${digits(node.value)} px per 1/m`),
@@ -286,7 +292,7 @@ function drawGlass(host, packed) {
   const panel = (title, values, limit, levels, colour, more) => addPanel(host, {
     title, label: "the glass surface",
     options: width => glassOptions(width, packed, frame, [
-      ...fieldMarks(field, values, limit, levels, {colour, clip}), outline, ...more,
+      ...fieldMarks(field, values, limit, levels, {colour, clip}), outline, ...more, levelLabels(field, values, levels, {visible}),
       tip(fieldNodes(field, values).filter(({place}) => visible[place]), node => `${digits(node.value, 2)} µm\nat ${digits(node.x)}, ${digits(node.y)}`),
     ]),
   });
@@ -327,7 +333,7 @@ function drawSigma(host, packed) {
         const levels = [0.25, 0.5, 0.75, 0.95].map(part => Number(quantile(part).toPrecision(2)));
         median = medianAtCorners(field, sigma);
         return pictureOptions(width, [
-          ...fieldMarks(field, sigma, packed.limit, levels), dots(CORNERS, "#808080", 1.4, 0.5),
+          ...fieldMarks(field, sigma, packed.limit, levels), dots(CORNERS, "#808080", 1.4, 0.5), levelLabels(field, sigma, levels),
           tip(fieldNodes(field, sigma), node => `${digits(node.value)} px\nat ${Math.round(node.x)}, ${Math.round(node.y)} px, ${digits(depth, 2)} m deep`),
         ], FIELD_SCALES);
       },
@@ -369,7 +375,7 @@ function drawCoverage(host, packed) {
     title: packed.depthTitle, label: "corners by depth",
     options: width => chartOptions(
       width, Math.max(240, Math.round(0.75 * width)), {domain: [near, far === near ? near + 1 : far], label: `${DATA.distanceName} (m)`},
-      {domain: [0, 1.1 * Math.max(...bars.map(bar => bar.count))], label: "corners"},
+      {domain: [0, 1.1 * Math.max(...bars.map(bar => bar.count))], label: "corners", tickFormat: shortCount},
       [
         Libraries.Plot.rectY(bars, {x1: "x1", x2: "x2", y: "count", fill: "var(--series-0)", inset: 0.5}),
         tip(bars, bar => `${digits(bar.x1)} to ${digits(bar.x2)} m: ${bar.count} corners`, "x", "count", 80),

@@ -22,6 +22,11 @@ function digits(value, count = 3) {
   return value.toFixed(Math.min(Math.max(places, 0), 9));
 }
 
+/** Return a text in which no line breaks between a number and its unit. */
+function keepNumbers(text) {
+  return text.replace(/(\d) (?=(px|mm|µm|m|times)\b|%|±)|(±) (?=[\d-])/g, "$1$3\u00a0");
+}
+
 function element(tag, className = "", text = "") {
   const made = document.createElement(tag);
   if (className) made.className = className;

@@ -25,7 +25,7 @@ function addPanel(host, {title, options, onClick, onPoint, label = "", zoomed = 
   function draw() {
     waiting = false;
     const wanted = {...options(width), width};
-    heading.textContent = typeof title === "function" ? title() : title;
+    heading.textContent = keepNumbers(typeof title === "function" ? title() : title);
     const zooming = transform.k !== 1 || transform.x || transform.y;
     if (!whole || !zooming) {
       current = Libraries.Plot.plot(wanted);
@@ -127,7 +127,7 @@ function tip(points, title, x = "x", y = "y", maxRadius = 24) {
   return Libraries.Plot.tip(points, Libraries.Plot.pointer({x, y, title, maxRadius, fontSize: 12, clip: null}));
 }
 
-const MARGINS = {marginLeft: 52, marginRight: 8, marginTop: 8, marginBottom: 34};
+const MARGINS = {marginLeft: 60, marginRight: 12, marginTop: 8, marginBottom: 34};
 const AXIS = {labelAnchor: "center", labelArrow: "none"};
 
 /** Options of a panel over the camera's picture. */
@@ -143,7 +143,7 @@ function pictureOptions(width, marks, more = {}) {
 
 /** Options of a panel with square units, from -reach to reach. */
 function squareOptions(width, reach, label, marks) {
-  const {marginLeft, marginRight, marginTop, marginBottom} = MARGINS, axis = {...AXIS, ticks: 5};
+  const {marginLeft, marginRight, marginTop, marginBottom} = MARGINS, axis = {...AXIS, ticks: Math.min(5, Math.floor(width / 65))};
   return {
     ...MARGINS, height: width - marginLeft - marginRight + marginTop + marginBottom,
     x: {...axis, domain: [-reach, reach], label: `x (${label})`}, y: {...axis, domain: [reach, -reach], label: `y (${label})`},
@@ -161,7 +161,7 @@ function chartOptions(width, height, x, y, marks) {
 }
 
 /** Marks of a field on a grid: its colour, and lines at some levels. Between the nodes it is linear. */
-function fieldMarks(field, values, limit, levels, {colour = () => BLUE, clip = "frame", unit = ""} = {}) {
+function fieldMarks(field, values, limit, levels, {colour = () => BLUE, clip = "frame"} = {}) {
   const {x, y} = field, stepX = x[1] - x[0], stepY = y[1] - y[0];
   const grid = {
     width: x.length, height: y.length, x1: x[0] - stepX / 2, x2: x[x.length - 1] + stepX / 2,
@@ -169,17 +169,9 @@ function fieldMarks(field, values, limit, levels, {colour = () => BLUE, clip = "
   };
   const strength = value => Number.isFinite(value) ? 0.04 + 0.9 * Math.min(1, Math.abs(value) / limit) : 0;
   const lines = levels.flatMap(level => contourLines(field, values, level));
-  const named = [];
-  for (const level of levels) {
-    const place = roomiest(field, lines.filter(line => line.level === level), named);
-    if (place) named.push({level, ...place});
-  }
   return [
     Libraries.Plot.raster(values, {...grid, fill: value => colour(value), fillOpacity: strength, clip}),
     ...lines.map(({points}) => Libraries.Plot.line(points, {x: "0", y: "1", stroke: "var(--ink)", strokeWidth: 0.9, clip})),
-    Libraries.Plot.text(named, {
-      x: "x", y: "y", text: ({level}) => `${Number(level.toPrecision(3))}${unit}`, fill: "var(--ink)", stroke: "var(--paper)", strokeOpacity: 0.8, strokeWidth: 3,
-    }),
   ];
 }
 
@@ -202,17 +194,53 @@ function contourLines({x, y}, values, level) {
   return found.filter(({points}) => points.length > 1);
 }
 
-/** Return the point of some lines that is farthest from the border of their field and from other texts; null without room. */
-function roomiest({x, y}, lines, others) {
-  const part = (nodes, place) => (place - nodes[0]) / (nodes[nodes.length - 1] - nodes[0]);
-  let best = {room: 0.05, place: null};
-  for (const [right, down] of lines.flatMap(line => line.points)) {
-    const across = part(x, right), along = part(y, down);
-    const apart = others.map(other => Math.hypot(across - part(x, other.x), along - part(y, other.y)));
-    const room = Math.min(across, 1 - across, along, 1 - along, ...apart);
-    if (room > best.room) best = {room, place: {x: right, y: down}};
-  }
-  return best.place;
+const LEVEL_LETTER = 6.4, LEVEL_HEIGHT = 14, MARK_SIZE = 18, LEAST_ROOM = 2; // px
+
+/**
+ * A mark of the levels' numbers on their lines, each where the panel has the most room for it.
+ *
+ * visible: for each node, whether it may have a number; without it, every node may.
+ * marks: places {x, y} of other marks, which the numbers keep free.
+ */
+function levelLabels(field, values, levels, {unit = "", visible = null, marks = []} = {}) {
+  const nearest = (nodes, place) => Math.round((place - nodes[0]) / (nodes[1] - nodes[0]));
+  const isVisible = ([right, down]) => !visible || visible[nearest(field.y, down) * field.x.length + nearest(field.x, right)];
+  const lines = levels.flatMap(level => contourLines(field, values, level)).map(({level, points}) => ({level, points: points.filter(isVisible)}));
+  return (_, {x, y}, channels, {width, height, marginLeft, marginRight, marginTop, marginBottom}) => {
+    const group = document.createElementNS(SVG, "g");
+    const placed = marks.map(mark => ({across: x(mark.x), down: y(mark.y), half: MARK_SIZE / 2}));
+    for (const level of levels) {
+      const words = `${Number(level.toPrecision(3))}${unit}`, half = LEVEL_LETTER * words.length / 2;
+      let best = {room: LEAST_ROOM};
+      for (const {points} of lines.filter(line => line.level === level)) {
+        const places = points.map(([right, down]) => ({across: x(right), down: y(down)}));
+        if (Math.max(spread(places, "across"), spread(places, "down")) < 3 * half) continue; // the number would hide the line
+        for (const {across, down} of places) {
+          const room = Math.min(
+            across - half - marginLeft, width - marginRight - half - across,
+            down - LEVEL_HEIGHT / 2 - marginTop, height - marginBottom - LEVEL_HEIGHT / 2 - down,
+            ...placed.map(other => Math.max(Math.abs(across - other.across) - half - other.half, Math.abs(down - other.down) - LEVEL_HEIGHT)),
+          );
+          if (room > best.room) best = {room, across, down};
+        }
+      }
+      if (best.across === undefined) continue;
+      placed.push({...best, half});
+      const text = document.createElementNS(SVG, "text");
+      text.textContent = words;
+      text.setAttribute("x", best.across);
+      text.setAttribute("y", best.down + 4);
+      group.append(text);
+    }
+    group.setAttribute("class", "levels");
+    return group;
+  };
+}
+
+/** Return how far some places lie apart along an axis. */
+function spread(places, axis) {
+  const all = places.map(place => place[axis]);
+  return Math.max(...all) - Math.min(...all);
 }
 
 const FIELD_SCALES = {color: {type: "identity"}, opacity: {type: "identity"}};
@@ -246,6 +274,6 @@ function addDepthSlider(host, depth, [near, far], onChange) {
 function addColourKey(host, from, to, low = "transparent", high = BLUE) {
   const key = element("p", "key"), ramp = element("span", "ramp");
   ramp.style.background = `linear-gradient(to right, ${low}, ${high})`;
-  key.append(element("span", "", from), ramp, element("span", "", to));
+  key.append(element("span", "", keepNumbers(from)), ramp, element("span", "", keepNumbers(to)));
   host.after(key);
 }

@@ -1,5 +1,8 @@
 // The session in space, by three.js.
 
+const BOARD_OPACITY = 0.3, POINTED_OPACITY = 0.8, OTHER_OPACITY = 0.1; // of faces: boards behind a board show through it
+const SIGHT_COLOUR = "--series-2"; // of the border of what a camera sees
+const NAME_LETTER = 8, NAME_HEIGHT = 16, NAME_GAP = 8; // px of a camera's name
 const THREE_WORDS = "This browser draws no 3D (it has no WebGL).";
 
 function drawScene(host, packed) {
@@ -23,7 +26,7 @@ function drawScene(host, packed) {
   const colour = name => new three.Color(theme.getPropertyValue(name).trim());
   const boards = addBoards(three, world, packed, colour);
   addCover(three, world, packed);
-  const lines = addCamera(three, world, packed, colour);
+  const lines = addCamera(three, world, packed, colour), names = [addName(box, packed.name ?? "camera", world)];
   for (const other of packed.others ?? []) { // the further cameras of a rig, each in its own frame
     const frame = new three.Group();
     frame.matrixAutoUpdate = false;
@@ -31,6 +34,7 @@ function drawScene(host, packed) {
     world.add(frame);
     addCover(three, frame, other);
     lines.push(...addCamera(three, frame, other, colour));
+    names.push(addName(box, other.name, frame));
   }
   const rays = new three.LineSegments(new three.BufferGeometry(), new three.LineBasicMaterial({color: new three.Color(ORANGE)}));
   world.add(rays);
@@ -43,13 +47,16 @@ function drawScene(host, packed) {
   const size = Math.min(3 * (glass.length ? glass.reduce((a, b) => Math.max(a, b)) : 0.05), far);
   camera.aspect = box.clientWidth / box.clientHeight;
   const center = sight.center.toArray(), away = 1.9 * Math.max(1, 1.5 / camera.aspect) * sight.radius;
-  const from = direction => [center.map((place, axis) => place + away * direction[axis]), center];
+  const from = (direction, times = 1) => [center.map((place, axis) => place + times * away * direction[axis]), center];
   const places = {
     whole: from([-0.55, 0.4, 0.75]),
     ...packed.surfaces.length ? {cover: [[-0.9 * size, 0.7 * size, 0.9 * size], [0, 0, 0]]} : {},
-    "from above": from([0, 1, 1e-3]), "from the side": from([-1, 0, 0]),
+    "from above": from([0, 1, 1e-3], 1.6), "from the side": from([-1, 0, 0], 1.2),
   };
-  const render = () => renderer.render(scene, camera);
+  const render = () => {
+    renderer.render(scene, camera);
+    placeNames(three, box, names, camera);
+  };
   const goTo = ([position, target]) => {
     camera.position.set(...position);
     controls.target.set(...target);
@@ -72,7 +79,7 @@ function drawScene(host, packed) {
     render();
   }).observe(box);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-    for (const line of [...lines, ...boards.map(board => board.children[0])]) line.material.color = colour("--ink");
+    for (const line of [...lines, ...boards.flatMap(board => board.children)]) line.material.color = colour(line.userData.colour);
     render();
   });
 
@@ -90,7 +97,7 @@ function drawScene(host, packed) {
     pointed = view;
     said.hidden = view === null;
     canvas.style.cursor = view === null ? "grab" : "pointer";
-    for (const board of boards) board.material.opacity = view === null || board.userData.view === view ? 0.92 : 0.35;
+    for (const board of boards) board.material.opacity = view === null ? BOARD_OPACITY : board.userData.view === view ? POINTED_OPACITY : OTHER_OPACITY;
     const segments = view === null ? [] : raysOf(packed, view).flatMap(({points}) => points.slice(1).flatMap((next, step) => [...points[step], ...next]));
     rays.geometry.dispose();
     rays.geometry = new three.BufferGeometry().setAttribute("position", new three.Float32BufferAttribute(segments, 3));
@@ -108,7 +115,8 @@ function drawScene(host, packed) {
     if (pointed !== null && !packed.others) openView(pointed);
   });
   goTo(places.whole);
-  addColourKey(host, `${digits(packed.errors[0], 2)} px`, `${digits(packed.errors[1], 2)} px or more`, `${errorColour(0)}, ${errorColour(0.5)}`, errorColour(1));
+  addLegend(host, packed);
+  addColourKey(host, `board with ${digits(packed.errors[0], 2)} px`, `${digits(packed.errors[1], 2)} px or more`, `${errorColour(0)}, ${errorColour(0.5)}`, errorColour(1));
   box.camera = camera; // for whoever looks at the page with a program
 }
 
@@ -132,16 +140,15 @@ function addBoards(three, world, packed, colour) {
     geometry.setIndex([0, 1, 2, 0, 2, 3]);
     const part = largest > smallest ? Math.min(1, Math.max(0, (VIEW_ERRORS[view] - smallest) / (largest - smallest))) : 0;
     const board = new three.Mesh(geometry, new three.MeshBasicMaterial({
-      color: new three.Color(errorColour(part)), side: three.DoubleSide, transparent: true, opacity: 0.92,
+      color: new three.Color(errorColour(part)), side: three.DoubleSide, transparent: true, opacity: BOARD_OPACITY, depthWrite: false,
     }));
     board.userData.view = view;
-    const ends = [];
+    const grid = [];
     if (count > columns) { // a target of points has no lines
-      for (let first = 0; first < count; first += columns) ends.push(corners[first], corners[first + columns - 1]);
-      for (let first = 0; first < columns; first += 1) ends.push(corners[first], corners[count - columns + first]);
+      for (let first = 0; first < count; first += columns) grid.push(corners[first], corners[first + columns - 1]);
+      for (let first = 0; first < columns; first += 1) grid.push(corners[first], corners[count - columns + first]);
     }
-    for (const corner of outline.keys()) ends.push(outline[corner], outline[(corner + 1) % 4]);
-    board.add(lineSegments(three, ends, colour("--ink"), 0.45));
+    board.add(lineSegments(three, ring(outline), colour, "--ink", 0.6), lineSegments(three, grid, colour, "--ink", 0.15));
     world.add(board);
     return board;
   });
@@ -166,7 +173,7 @@ function addCover(three, world, packed) {
   }
 }
 
-/** Add the camera's body, and the rays of the picture's four corners, and return their lines. */
+/** Add the camera's body and the border of what it sees, from the rays of the picture's four corners, and return their lines. */
 function addCamera(three, world, packed, colour) {
   const ways = rows(packed.border), ahead = rows(packed.borderDirection), far = packed.reach[1];
   const borders = ways.map((way, corner) => {
@@ -176,16 +183,65 @@ function addCamera(three, world, packed, colour) {
     return points;
   }).filter(points => points.flat().every(Number.isFinite));
   const segments = borders.flatMap(points => points.slice(1).flatMap((next, step) => [points[step], next]));
-  const field = lineSegments(three, segments, colour("--ink"), 0.3);
+  if (borders.length === 4) segments.push(...ring(borders.map(points => points.at(-1))));
+  const field = lineSegments(three, segments, colour, SIGHT_COLOUR, 0.8);
   const size = 0.012, {width, height} = DATA.camera, side = size * 0.5, up = side * height / width;
   const window_ = [[-side, -up, size], [side, -up, size], [side, up, size], [-side, up, size]];
-  const body = window_.flatMap((corner, place) => [corner, window_[(place + 1) % 4], [0, 0, 0], corner]);
-  const lens = lineSegments(three, body, colour("--ink"), 1);
+  const body = [...ring(window_), ...window_.flatMap(corner => [[0, 0, 0], corner])];
+  const lens = lineSegments(three, body, colour, "--ink", 1);
   world.add(field, lens);
   return [field, lens];
 }
 
-function lineSegments(three, points, color, opacity) {
+/** Return the ends of the lines from each point to the next one, and from the last to the first. */
+function ring(points) {
+  return points.flatMap((point, place) => [point, points[(place + 1) % points.length]]);
+}
+
+/** Return lines between pairs of points. name: that of their colour, which differs on light and on dark. */
+function lineSegments(three, points, colour, name, opacity) {
   const geometry = new three.BufferGeometry().setAttribute("position", new three.Float32BufferAttribute(points.flat(), 3));
-  return new three.LineSegments(geometry, new three.LineBasicMaterial({color, transparent: true, opacity}));
+  const lines = new three.LineSegments(geometry, new three.LineBasicMaterial({color: colour(name), transparent: true, opacity}));
+  lines.userData.colour = name;
+  return lines;
+}
+
+/** Add the name of a camera, whose origin is that of an object. */
+function addName(box, text, object) {
+  const label = element("span", "scene-name", text);
+  box.append(label);
+  return {label, object, text};
+}
+
+/** Move the names beside their cameras as the scene shows them, below or above; without room, a name is hidden. */
+function placeNames(three, box, names, camera) {
+  const placed = [];
+  for (const {label, object, text} of names) {
+    const {x, y, z} = object.getWorldPosition(new three.Vector3()).project(camera);
+    const width = NAME_LETTER * text.length, left = Math.min((x + 1) / 2 * box.clientWidth + NAME_GAP, box.clientWidth - width);
+    const near = placed.filter(other => left < other.left + other.width && other.left < left + width);
+    const top = [NAME_GAP, -NAME_GAP - NAME_HEIGHT]
+      .map(shift => Math.min((1 - y) / 2 * box.clientHeight + shift, box.clientHeight - NAME_HEIGHT))
+      .find(line => near.every(other => Math.abs(other.top - line) >= NAME_HEIGHT));
+    label.hidden = top === undefined || Math.max(Math.abs(x), Math.abs(y), Math.abs(z)) > 1;
+    if (label.hidden) continue;
+    placed.push({left, top, width});
+    label.style.left = `${left}px`;
+    label.style.top = `${top}px`;
+  }
+}
+
+/** Add what the lines and faces of the scene are. */
+function addLegend(host, packed) {
+  const legend = element("p", "key legend"), rays = numbers(packed.rayView).length > 0;
+  const entries = [[`var(${SIGHT_COLOUR})`, "line", "border of what the camera sees"]];
+  if (packed.surfaces.length) entries.push([BLUE, "face", "cover"]);
+  if (rays) entries.push([ORANGE, "line", "rays to the board that you point at"]);
+  for (const [colour, kind, text] of entries) {
+    const entry = element("span", "", text), sample = element("i", kind);
+    sample.style.background = colour;
+    entry.prepend(sample);
+    legend.append(entry);
+  }
+  host.after(legend);
 }

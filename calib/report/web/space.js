@@ -75,7 +75,7 @@ function sidePanel(host, packed, space, viewOf, plane, title, axes, downName) {
     : Math.floor(corner / DATA.board.columns) === DATA.board.rows >> 1;
   return addPanel(host, {
     title, label: `the cover ${title}`,
-    zoomed: [middle[0] - 0.7 * (right - left), middle[0] + 0.7 * (right - left), middle[1] - 0.75 * (bottom - top), middle[1] + 0.92 * (bottom - top)],
+    zoomed: [middle[0] - 0.7 * (right - left), middle[0] + 0.7 * (right - left), middle[1] - 0.8 * (bottom - top), middle[1] + (bottom - top)],
     options: width => {
       const {height, from, to, half} = size(width), view = viewOf();
       const rays = raysOf(space, view).filter(alongPlane).map(({corner, points}) => ({corner, points: points.map(flat)}));
@@ -126,10 +126,10 @@ function dimensionMarks(packed, surfaces, flat, [top, bottom]) {
     labels.push({x: (x1 + x2) / 2, y, text: `${name.replaceAll("_", " ").replace(".", " ")} ${texts.get(name)}`});
   };
   if (packed.round) {
-    add("inner_radius", origin.x, inner, bottom + 0.14 * tall);
-    for (const name of ["axis_offset.z", "centre.z"]) add(name, 0, origin.x, bottom + 0.33 * tall);
+    add("inner_radius", origin.x, inner, bottom + 0.2 * tall);
+    for (const name of ["axis_offset.z", "centre.z"]) add(name, 0, origin.x, bottom + 0.42 * tall);
   } else {
-    add("distance", 0, inner, bottom + 0.14 * tall);
+    add("distance", 0, inner, bottom + 0.2 * tall);
   }
   if (surfaces[1]) add("thickness", inner, crossing(surfaces[1], 0).x, top - 0.06 * tall);
   return [
@@ -140,7 +140,7 @@ function dimensionMarks(packed, surfaces, flat, [top, bottom]) {
   ];
 }
 
-const LETTER_WIDTH = 6.7, LINE_HEIGHT = 14; // px of a label in a panel
+const LETTER_WIDTH = 7, LINE_HEIGHT = 14; // px of a label in a panel
 const WITH_SIGMA = 360; // px: a narrower panel has no room for standard deviations
 
 /** A mark of labels above their lines, each inside of the panel and none over another. */
