@@ -4,7 +4,7 @@ the time of whole fits in this process: `python -m benchmarks.linearisation`.
 45 views of 81 corners behind a cone with 12x12 amplitudes, every number of camera and cover free,
 on one thread. Each line is the processor's time, the least of several runs: other programs on the
 machine only add to it. torch differentiates by the numbers and poses alone; a relief's amplitudes
-would come on top. The fits have 45 views as well, and declared numbers with a calliper's tolerances.
+would come on top. The fits have 45 views too, and numbers declared with a calliper's tolerances.
 """
 
 import time
