@@ -4,10 +4,10 @@ make.
 
 import argparse
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from calib.commands.arguments import quoted
+from calib.commands.arguments import Options, quoted
 from calib.errors import InputError
 from calib.session.lens import COEFFICIENTS
 from calib.session.schema import UNKNOWN, is_unknown
@@ -29,8 +29,8 @@ SMALLEST_RADIUS_MM = 0.5
 PREFIX = "cover_"
 """The beginning of these options' names among the arguments."""
 
-
-Options = argparse.ArgumentParser | argparse._ArgumentGroup
+UNIT_NOUNS = {"millimetres": "MM", "degrees": "DEG"}
+"""The words that stand in the help for a value in a unit."""
 
 
 def add_cover(parser: Options) -> None:
@@ -39,20 +39,31 @@ def add_cover(parser: Options) -> None:
         "--cover", choices=stated_shape_names(), help="the shape of the cover (default: none)"
     )
     for option, kinds in _kinds_by_option().items():
-        shapes = [
-            shape.name
-            for shape in map(find_shape, shape_names())
-            if any(kind in shape.keys for kind in kinds)
-        ]
-        kind = kinds[0]
-        components = kind.quantity.components
         parser.add_argument(
             f"--{option}",
             dest=f"{PREFIX}{option.replace('-', '_')}",
             type=typed_list,
-            metavar=",".join(components).upper() or "N",
-            help=f"{kind.explanation} For {', '.join(shapes)}.",
+            metavar=_value_noun(kinds),
+            help="; ".join(map(_explain, kinds)),
         )
+
+
+def _value_noun(kinds: Sequence[Dimension]) -> str:
+    """Return the word for an option's value: its components if all shapes have the same ones, else
+    their unit. A number without a unit has the last word of its key.
+    """
+    quantity = kinds[0].quantity
+    noun = UNIT_NOUNS.get(quantity.unit[0], quantity.key.rpartition("_")[2].upper())
+    if len({kind.quantity.components for kind in kinds}) > 1:
+        return ",".join(noun for _ in quantity.components)
+    return ",".join(quantity.components).upper() or noun
+
+
+def _explain(kind: Dimension) -> str:
+    """Return the shapes that have a dimension, and its explanation."""
+    shapes = [name for name in shape_names() if kind in find_shape(name).keys]
+    words = kind.explanation.removesuffix(".")
+    return f"{', '.join(shapes)}: {words[0].lower()}{words[1:]}"
 
 
 def add_intrinsics(parser: Options) -> None:
