@@ -33,7 +33,12 @@ def add_coding(parser: Options, coded: Options | None = None) -> None:
     Args:
         coded: the group for those of a board with markers or tags; by default there is none.
     """
-    parser.add_argument("--type", choices=TYPES, help="the kind of board (default: checkerboard)")
+    parser.add_argument(
+        "--type",
+        choices=TYPES,
+        metavar="KIND",
+        help=f"kind of board: {', '.join(TYPES)} (default: checkerboard)",
+    )
     parser.add_argument(
         "--inverted",
         action="store_true",
@@ -78,18 +83,24 @@ def add_coding(parser: Options, coded: Options | None = None) -> None:
         "--border-cells",
         type=int,
         choices=BORDERS,
-        help="cells of black around an aprilgrid's tags (default: 2, as Kalibr's have)",
+        metavar="COUNT",
+        help="cells of black around an aprilgrid's tags: 1 or 2 (default: 2, as Kalibr's have)",
     )
     parser.add_argument(
         "--numbered-from",
         choices=FIRST_ROWS,
-        help="the first tag of an aprilgrid (default: lower_left, as on Kalibr's)",
+        metavar="CORNER",
+        help="first tag of an aprilgrid: lower_left or upper_left (default: lower_left, Kalibr's)",
     )
     parser.add_argument(
         "--tag-rotation-deg",
         type=int,
         choices=ROTATIONS_DEG,
-        help="turn of an aprilgrid's tags, clockwise against OpenCV's (default: 180, Kalibr's)",
+        metavar="DEG",
+        help=(
+            "turn of an aprilgrid's tags, clockwise against OpenCV's: 0, 90, 180 or 270 (default:"
+            " 180, Kalibr's)"
+        ),
     )
 
 

@@ -36,7 +36,10 @@ UNIT_NOUNS = {"millimetres": "MM", "degrees": "DEG"}
 def add_cover(parser: Options) -> None:
     """Add --cover and an option for each number of a cover."""
     parser.add_argument(
-        "--cover", choices=stated_shape_names(), help="the shape of the cover (default: none)"
+        "--cover",
+        choices=stated_shape_names(),
+        metavar="SHAPE",
+        help=f"shape of the cover: {', '.join(stated_shape_names())} (default: none)",
     )
     for option, kinds in _kinds_by_option().items():
         parser.add_argument(
@@ -60,9 +63,11 @@ def _value_noun(kinds: Sequence[Dimension]) -> str:
 
 
 def _explain(kind: Dimension) -> str:
-    """Return the shapes that have a dimension, and its explanation."""
+    """Return the explanation of a dimension, after the shapes that have it unless all have it."""
     shapes = [name for name in shape_names() if kind in find_shape(name).keys]
     words = kind.explanation.removesuffix(".")
+    if all(name in shapes or not find_shape(name).has_glass for name in shape_names()):
+        return f"{words[0].lower()}{words[1:]}"
     return f"{', '.join(shapes)}: {words[0].lower()}{words[1:]}"
 
 

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 SUMMARY = "Calibrate a session: a folder of pictures in, a calibration and undistortion maps out."
 DESCRIPTION = """
-SESSION is a folder with session.yaml and pictures, in frames/ or beside it. Or give pictures
-without a session.yaml: a folder, files, a pattern such as 'photos/*.jpg', or a video. Describe
-their board with --board and --square-mm, and their cover with --cover and the options below it; the
-command writes session.yaml. Without --board it looks for a board and says what it found.
+SESSION is a folder with session.yaml and pictures, in frames/ or beside it. Or give pictures alone:
+a folder, files, a pattern such as 'photos/*.jpg', or a video. The options on board, cover and
+camera then describe them, and the command writes session.yaml. Without --board it looks for a board
+and says what it found.
 
 The folder of the results gets calibration.yaml with calibration.npz, the ray field, a map for every
---depth, and report.html, which shows the result and says whether to trust it.
+--depth, and report.html, which says whether to trust the result.
 """
 EXAMPLES = (
     "calib fit photos --board 9x6 --square-mm 25",
@@ -44,9 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=effects,
         metavar="none|auto|NAME,...",
         help=(
-            "auto: find effects that the model lacks, and add those that held-out views confirm; or"
-            " add effects by name, as listed below; none: take the board as flat (default: the"
-            " board's bend, if the views show one)"
+            "causes of error to add to the model: those listed below, by name; auto: those that"
+            " held-out views confirm; none: take the board as flat (default: the board's bend, if"
+            " the views show one)"
         ),
     )
     add_fit_options(method)

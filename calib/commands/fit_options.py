@@ -32,9 +32,9 @@ def add_fit_options(parser: Options, *, default_folds: int = 0) -> None:
         default=("auto",),
         metavar="auto|all|none|NAME,...",
         help=(
-            "declared numbers to estimate, near their declared values: all, none, or some of"
-            " radius, slope, offset, centre, distance, tilt, thickness, index, intrinsics (default:"
-            " those that the views call for, unless the session declares them exact)"
+            "declared numbers to estimate: all, none, or some of radius, slope, offset, centre,"
+            " distance, tilt, thickness, index, intrinsics (default: those that the views call for,"
+            " unless they are declared exact)"
         ),
     )
     default = f" (default: {default_folds})" if default_folds else ""
