@@ -62,6 +62,8 @@ CASES: Mapping[str, Sequence[tuple[str, ...]]] = {
     ),
     "cone": ((), ("inner_radius_mm",), ("radius_slope",), ("axis_offset_mm",), (ALL,)),
 }
+DECIMALS = {"radius_slope": 4}
+"""The decimals that are printed of a number, where two do not show its sigma."""
 PER_SI = {"_mm": 1e3, "_deg": np.rad2deg(1)}
 
 
@@ -132,10 +134,15 @@ def lines(shape: str, unknown: tuple[str, ...]) -> list[str]:
             true = GLASS[shape][f"{name}.{component}" if component else name] * per_si
             rows.append((key, true, number))
     return [
-        f"  {name:<20}{true:8.2f}  {number['value']:.2f} ± {number['sigma']:<8.2f}".ljust(49)
-        + (end if place == 0 else "")
+        _number(name, true, number).ljust(49) + (end if place == 0 else "")
         for place, (name, true, number) in enumerate(rows)
     ]
+
+
+def _number(name: str, true: float, number: Mapping[str, float]) -> str:
+    decimals = DECIMALS.get(name, 2)
+    found = f"{number['value']:.{decimals}f} ± {number['sigma']:.{decimals}f}"
+    return f"  {name:<20}{true:8.{decimals}f}  {found}"
 
 
 def forget(document: dict[str, Any], unknown: tuple[str, ...]) -> None:

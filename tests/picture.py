@@ -1,5 +1,5 @@
 """The README's picture: a wall under water, bent and straight, the screen that guides, and how the
-error falls; and the pictures of docs/tutorial.md. `python -m tests.picture`.
+error falls, beside OpenCV's; and the pictures of docs/tutorial.md. `python -m tests.picture`.
 
 All figures in it are those of `calib demo`, and are printed. The screen is that of `capture` on the
 same camera, once the guide has computed how sure the maps are.
@@ -21,11 +21,13 @@ import pypdfium2
 from numpy.typing import NDArray
 from PIL import Image
 
+from calib.calibration import Calibration
 from calib.calibration_content import TITLES
 from calib.cli import main as calib
 from fixtures.wall import bend_of_joint
 from tests.capture.tui.driving import running, see, shown, until
 from tests.capture.tui.recording import Cells, draw
+from tests.opencv_error import opencv_error
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -46,7 +48,9 @@ PLAYED_S = 0.25
 """s between two pictures of the camera on the screen."""
 PLAYED = 480
 INK, FAINT = "#1e293b", "#64748b"
-COLOURS_OF_BARS = ("#b0543a", "#c9a24b", "#3f7d58")
+COLOURS_OF_BARS = ("#b0543a", "#c9a24b", "#64748b", "#3f7d58")
+COEFFICIENTS = 14
+"""Coefficients of the lens of OpenCV that is compared: all that it has."""
 
 
 def main() -> None:
@@ -57,6 +61,9 @@ def main() -> None:
         result = json.loads(output.getvalue())
         before, after = demo / "wall.jpg", demo / "straight" / "wall.jpg"
         errors = [(TITLES[stage["name"]], stage["rms_px"]) for stage in result["stages"]]
+        calibration = Calibration.load(demo / "calibration")
+        opencv = opencv_error(calibration, COEFFICIENTS)
+        errors.insert(-1, (f"OpenCV, fitted without a cover, {COEFFICIENTS} coefficients", opencv))
         bends = bend_of_joint(before), bend_of_joint(after)
         shutil.copy(after, TUTORIAL / "straight.jpg")
         pictures = [cv2.imread(str(path))[..., ::-1] for path in (before, after)]  # type: ignore[index]
@@ -136,11 +143,17 @@ def _show(panel: Axes, picture: NDArray[Any], title: str) -> None:
 def _bars(panel: Axes, errors: list[tuple[str, float]]) -> None:
     places = range(len(errors))[::-1]
     sizes = [error for _, error in errors]
-    bars = panel.barh(places, sizes, color=COLOURS_OF_BARS, height=0.42)
+    bars = panel.barh(places, sizes, color=COLOURS_OF_BARS, height=0.36)
     panel.bar_label(bars, [f" {error:.3f} px" for error in sizes], fontsize=15, color=INK)
     for place, (name, _) in zip(places, errors, strict=True):
-        panel.text(0, place + 0.27, name, fontsize=13, va="bottom", color=FAINT)
-    panel.set(xlim=(0, 1.36 * sizes[0]), ylim=(-0.5, 2.7), xticks=[], yticks=[], box_aspect=0.583)
+        panel.text(0, place + 0.22, name, fontsize=13, va="bottom", color=FAINT)
+    panel.set(
+        xlim=(0, 1.36 * sizes[0]),
+        ylim=(-0.4, len(errors) - 0.3),
+        xticks=[],
+        yticks=[],
+        box_aspect=0.583,
+    )
     panel.set_title("What is left of the error", fontsize=13, color=INK, pad=5)
     panel.spines[["top", "right", "bottom"]].set_visible(False)
     panel.spines["left"].set_color(FAINT)

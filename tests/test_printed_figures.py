@@ -11,11 +11,10 @@ import sys
 from functools import cache
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 from calib.calibration import Calibration
+from tests.opencv_error import FLAGS, opencv_error
 
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
@@ -111,20 +110,8 @@ def test_another_number_is_noticed() -> None:
 def test_the_lenses_of_opencv_leave_what_the_readme_says(world: Path) -> None:
     printed("calib demo --no-open", world)
     calibration = Calibration.load(world / "refracal-demo" / "calibration" / "calibration.yaml")
-    views = [np.asarray(view.seen, bool) for view in calibration.views]
-    board = np.column_stack([calibration.board.points(), np.zeros(calibration.board.count)])
-    corners = [
-        np.asarray(view.corners, np.float32)[seen]
-        for view, seen in zip(calibration.views, views, strict=True)
-    ]
-    points = [np.asarray(board[seen], np.float32) for seen in views]
-    size = calibration.camera.width, calibration.camera.height
-    many = cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL | cv2.CALIB_TILTED_MODEL
     words = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    for count, flags in ((5, 0), (14, many)):
-        error = cv2.calibrateCamera(points, corners, size, np.eye(3), np.zeros(count), flags=flags)[
-            0
-        ]
+    for count in FLAGS:
         quoted = re.search(rf"([\d.]+) px with {count}\b", words)
         assert quoted
-        assert float(quoted[1]) == pytest.approx(error, abs=1e-3)
+        assert float(quoted[1]) == pytest.approx(opencv_error(calibration, count), abs=1e-3)

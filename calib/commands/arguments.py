@@ -10,6 +10,8 @@ from calib.io.numerals import whole_number
 
 FARTHEST = 1e9
 """m: a map for a greater depth equals the map for infinity to its last digit."""
+Options = argparse.ArgumentParser | argparse._ArgumentGroup
+"""A parser, or a group of options in its help."""
 
 
 def depth(text: str) -> float:
@@ -93,7 +95,7 @@ def millimetres(text: str) -> float:
     return side
 
 
-def add_depths(parser: argparse.ArgumentParser, *, required: bool) -> None:
+def add_depths(parser: Options, *, required: bool) -> None:
     parser.add_argument(
         "--depth",
         type=depth,
@@ -101,8 +103,8 @@ def add_depths(parser: argparse.ArgumentParser, *, required: bool) -> None:
         action="extend",
         default=[],
         required=required,
-        metavar="M",
-        help="depth of a map, in metres",
+        metavar="METRES",
+        help="distance of the scene that a map is for",
     )
 
 
@@ -120,7 +122,7 @@ def folder_of(calibration: Path) -> Path:
     return calibration if calibration.is_dir() else calibration.parent
 
 
-def add_camera(parser: argparse.ArgumentParser) -> None:
+def add_camera(parser: Options) -> None:
     parser.add_argument(
         "--camera",
         metavar="NAME",
@@ -128,13 +130,13 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_output(parser: argparse.ArgumentParser, help_text: str, *, required: bool) -> None:
+def add_output(parser: Options, help_text: str, *, required: bool) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="DIR", required=required, help=help_text
     )
 
 
-def add_overwrite(parser: argparse.ArgumentParser) -> None:
+def add_overwrite(parser: Options) -> None:
     parser.add_argument(
         "--overwrite",
         action="store_true",

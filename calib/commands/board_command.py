@@ -48,20 +48,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rows", type=_count, metavar="N", help="inner corners or tags along y (default: 6)"
     )
-    parser.add_argument("--square-mm", type=millimetres, metavar="S", help="side of a square")
+    parser.add_argument("--square-mm", type=millimetres, metavar="MM", help="side of a square")
     parser.add_argument(
-        "--tag-mm", type=millimetres, metavar="S", help="side of an aprilgrid's tag"
+        "--tag-mm", type=millimetres, metavar="MM", help="side of an aprilgrid's tag"
     )
     parser.add_argument(
         "--spacing",
         type=_spacing,
-        metavar="PART",
+        metavar="FRACTION",
         help="gap between an aprilgrid's tags, as a fraction of a tag's side (default: 0.3)",
     )
     parser.add_argument(
         "--marker",
         type=_marker_fraction,
-        metavar="PART",
+        metavar="FRACTION",
         help="side of a charuco's marker, as a fraction of a square's side (default: 0.75)",
     )
     parser.add_argument(

@@ -3,7 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import millimetres, positive_number
+from calib.commands.arguments import Options, millimetres, positive_number
 from calib.errors import InputError
 from calib.session.coding import BORDERS, DICTIONARIES, FIRST_ROWS, ROTATIONS_DEG, TYPES
 
@@ -27,11 +27,27 @@ OPTIONS = (
 """The names that session.yaml has for the options."""
 
 
-def add_coding(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
-    """Add the options that a board with markers needs besides --board and --square-mm."""
-    parser.add_argument("--type", choices=TYPES, help="the kind of board (default: checkerboard)")
+def add_coding(parser: Options, coded: Options | None = None) -> None:
+    """Add the options that a board needs besides --board and --square-mm.
+
+    Args:
+        coded: the group for those of a board with markers or tags; by default there is none.
+    """
     parser.add_argument(
-        "--marker-mm", type=millimetres, metavar="S", help="side of a charuco's marker"
+        "--type",
+        choices=TYPES,
+        metavar="KIND",
+        help=f"kind of board: {', '.join(TYPES)} (default: checkerboard)",
+    )
+    parser.add_argument(
+        "--inverted",
+        action="store_true",
+        default=None,
+        help="the board is printed white on black",
+    )
+    parser = coded or parser
+    parser.add_argument(
+        "--marker-mm", type=millimetres, metavar="MM", help="side of a charuco's marker"
     )
     parser.add_argument(
         "--dictionary",
@@ -43,48 +59,48 @@ def add_coding(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> Non
         "--legacy-pattern",
         action="store_true",
         default=None,
-        help="for boards of calib.io, or of OpenCV before 4.6",
+        help="a charuco begins with a white square, as those of calib.io and OpenCV before 4.6",
     )
     parser.add_argument(
         "--tag-mm",
         type=millimetres,
-        metavar="S",
+        metavar="MM",
         help="side of an aprilgrid's or a gridboard's tag, instead of --square-mm",
     )
     parser.add_argument(
         "--spacing",
         type=positive_number,
-        metavar="PART",
+        metavar="FRACTION",
         help="gap between a grid's tags, as a fraction of a tag's side, such as 0.3",
     )
     parser.add_argument(
         "--first-marker",
         type=int,
-        metavar="N",
+        metavar="NUMBER",
         help="number of the board's first marker (default: 0)",
     )
     parser.add_argument(
         "--border-cells",
         type=int,
         choices=BORDERS,
-        help="cells of black around an aprilgrid's tags (default: 2, as Kalibr's have)",
+        metavar="COUNT",
+        help="cells of black around an aprilgrid's tags: 1 or 2 (default: 2, as Kalibr's have)",
     )
     parser.add_argument(
         "--numbered-from",
         choices=FIRST_ROWS,
-        help="the first tag of an aprilgrid (default: lower_left, as on Kalibr's)",
+        metavar="CORNER",
+        help="first tag of an aprilgrid: lower_left or upper_left (default: lower_left, Kalibr's)",
     )
     parser.add_argument(
         "--tag-rotation-deg",
         type=int,
         choices=ROTATIONS_DEG,
-        help="turn of an aprilgrid's tags, clockwise against OpenCV's (default: 180, Kalibr's)",
-    )
-    parser.add_argument(
-        "--inverted",
-        action="store_true",
-        default=None,
-        help="for boards that are printed white on black",
+        metavar="DEG",
+        help=(
+            "turn of an aprilgrid's tags, clockwise against OpenCV's: 0, 90, 180 or 270 (default:"
+            " 180, Kalibr's)"
+        ),
     )
 
 

@@ -96,7 +96,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
     words = "unknown" if noise is None else f"about {noise:.3f} px"
     console.print(
         f"{len(calibration.views)} views with {corners} corners, noise of the corners {words},"
-        f" {seconds:.1f} s."
+        f" fit in {seconds:.1f} s."
     )
     looks = describe_redetection(calibration.outcome.redetections or ())
     view_lines = filter(None, (looks, describe_noisy_views(calibration.outcome.view_noise)))
@@ -144,15 +144,16 @@ def _turned_boards(calibration: Calibration) -> Iterator[str]:
 
 
 def _heavy_views(calibration: Calibration) -> Iterator[str]:
-    """Yield a line on the views that carry much of the information, if there are any."""
+    """Yield a line on the views that the fit depends on most, if there are any."""
     uncertainty = calibration.outcome.uncertainty
     views = dict(uncertainty.heavy_views) if uncertainty else {}
-    shares = [f"{name} carries {100 * share:.0f} %" for name, share in views.items()]
+    shares = [f"{name} gives {100 * share:.0f} %" for name, share in views.items()]
     if shares:
+        condition = "one of them is bad" if shares[1:] else "it is bad"
         pronoun = "them" if shares[1:] else "it"
         yield (
-            f"{' and '.join(shares)} of the information. Take more pictures like {pronoun}, so that"
-            " no single picture decides."
+            f"{' and '.join(shares)} of what the fit learns from all pictures. If {condition}, the"
+            f" result is wrong: take more pictures like {pronoun}."
         )
 
 

@@ -4,10 +4,10 @@ make.
 
 import argparse
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from calib.commands.arguments import quoted
+from calib.commands.arguments import Options, quoted
 from calib.errors import InputError
 from calib.session.lens import COEFFICIENTS
 from calib.session.schema import UNKNOWN, is_unknown
@@ -29,30 +29,46 @@ SMALLEST_RADIUS_MM = 0.5
 PREFIX = "cover_"
 """The beginning of these options' names among the arguments."""
 
-
-Options = argparse.ArgumentParser | argparse._ArgumentGroup
+UNIT_NOUNS = {"millimetres": "MM", "degrees": "DEG"}
+"""The words that stand in the help for a value in a unit."""
 
 
 def add_cover(parser: Options) -> None:
     """Add --cover and an option for each number of a cover."""
     parser.add_argument(
-        "--cover", choices=stated_shape_names(), help="the shape of the cover (default: none)"
+        "--cover",
+        choices=stated_shape_names(),
+        metavar="SHAPE",
+        help=f"shape of the cover: {', '.join(stated_shape_names())} (default: none)",
     )
     for option, kinds in _kinds_by_option().items():
-        shapes = [
-            shape.name
-            for shape in map(find_shape, shape_names())
-            if any(kind in shape.keys for kind in kinds)
-        ]
-        kind = kinds[0]
-        components = kind.quantity.components
         parser.add_argument(
             f"--{option}",
             dest=f"{PREFIX}{option.replace('-', '_')}",
             type=typed_list,
-            metavar=",".join(components).upper() or "N",
-            help=f"{kind.explanation} For {', '.join(shapes)}.",
+            metavar=_value_noun(kinds),
+            help="; ".join(map(_explain, kinds)),
         )
+
+
+def _value_noun(kinds: Sequence[Dimension]) -> str:
+    """Return the word for an option's value: its components if all shapes have the same ones, else
+    their unit. A number without a unit has the last word of its key.
+    """
+    quantity = kinds[0].quantity
+    noun = UNIT_NOUNS.get(quantity.unit[0], quantity.key.rpartition("_")[2].upper())
+    if len({kind.quantity.components for kind in kinds}) > 1:
+        return ",".join(noun for _ in quantity.components)
+    return ",".join(quantity.components).upper() or noun
+
+
+def _explain(kind: Dimension) -> str:
+    """Return the explanation of a dimension, after the shapes that have it unless all have it."""
+    shapes = [name for name in shape_names() if kind in find_shape(name).keys]
+    words = kind.explanation.removesuffix(".")
+    if all(name in shapes or not find_shape(name).has_glass for name in shape_names()):
+        return f"{words[0].lower()}{words[1:]}"
+    return f"{', '.join(shapes)}: {words[0].lower()}{words[1:]}"
 
 
 def add_intrinsics(parser: Options) -> None:

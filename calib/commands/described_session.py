@@ -48,8 +48,11 @@ NO_COVER = (
 """The remark on pictures that are described without a cover."""
 
 
-def add_description(parser: argparse.ArgumentParser, purpose: str, board_default: str = "") -> None:
-    """Add the options that describe the board, the cover and the lens of pictures.
+def add_description(
+    parser: argparse.ArgumentParser, purpose: str, board_default: str = ""
+) -> argparse._ArgumentGroup:
+    """Add the options that describe the board, the cover and the lens of pictures, and return the
+    group of those on the camera.
 
     Args:
         purpose: what they are for, as the first words below their headings.
@@ -59,17 +62,17 @@ def add_description(parser: argparse.ArgumentParser, purpose: str, board_default
     board.add_argument(
         "--board",
         type=whole_size,
-        metavar="AxB",
+        metavar="COLSxROWS",
         help=f"inner corners, columns x rows, or a grid's tags{board_default}",
     )
-    board.add_argument("--square-mm", type=millimetres, metavar="S", help="side of a square")
-    add_coding(board)
-    cover = parser.add_argument_group(
-        "cover",
-        f"{purpose}; lengths in mm, angles in degrees, 40+-5 for a number that is known to 5",
-    )
+    board.add_argument("--square-mm", type=millimetres, metavar="MM", help="side of a square")
+    coded = parser.add_argument_group("board with markers or tags")
+    add_coding(board, coded)
+    cover = parser.add_argument_group("cover", f"{purpose}; 40+-5 is a number that is known to 5")
     add_cover(cover)
-    add_intrinsics(cover)
+    camera = parser.add_argument_group("camera")
+    add_intrinsics(camera)
+    return camera
 
 
 def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":

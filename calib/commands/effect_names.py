@@ -16,6 +16,11 @@ def effects_help() -> str:
     )
 
 
+def effect_names_help() -> str:
+    """Return the effects' names alone, and the command whose help describes them."""
+    return f"effects: {', '.join(registered_names())}. `calib diagnose --help` describes them."
+
+
 def registered_names() -> Iterator[str]:
     """Yield the names in the registry's order."""
     registry = (EFFECTS / "registry.py").read_text(encoding="utf-8")

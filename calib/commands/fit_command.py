@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_camera, add_depths, add_output, add_overwrite, effects
 from calib.commands.described_session import add_description, session_of
-from calib.commands.effect_names import effects_help
+from calib.commands.effect_names import effect_names_help
 from calib.commands.fit_options import add_fit_options, settings_of
 from calib.commands.loading import fast_imports
 
@@ -15,14 +15,13 @@ if TYPE_CHECKING:
 
 SUMMARY = "Calibrate a session: a folder of pictures in, a calibration and undistortion maps out."
 DESCRIPTION = """
-SESSION is a folder with session.yaml and pictures, in frames/ or beside it. Pictures without a
-session.yaml will do as well: a folder, single files, a pattern such as 'photos/*.jpg', or a video.
-Describe the board with --board and --square-mm, and the cover with --cover and the options below
-it; the command then writes session.yaml. Without --board it looks for a board and says what it
-found.
+SESSION is a folder with session.yaml and pictures, in frames/ or beside it. Or give pictures alone:
+a folder, files, a pattern such as 'photos/*.jpg', or a video. The options on board, cover and
+camera then describe them, and the command writes session.yaml. Without --board it looks for a board
+and says what it found.
 
-OUT gets calibration.yaml with calibration.npz, the ray field, a map for every --depth, and
-report.html, which shows the result and says whether to trust it.
+The folder of the results gets calibration.yaml with calibration.npz, the ray field, a map for every
+--depth, and report.html, which says whether to trust the result.
 """
 EXAMPLES = (
     "calib fit photos --board 9x6 --square-mm 25",
@@ -35,26 +34,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "session", type=Path, nargs="+", metavar="SESSION", help="the session, pictures or a video"
     )
-    add_description(
+    camera = add_description(
         parser, "for pictures without a session.yaml", " (default: the board in the pictures)"
     )
-    add_camera(parser)
-    add_output(parser, "folder for the results (default: SESSION/calibration)", required=False)
-    add_overwrite(parser)
-    add_fit_options(parser)
-    parser.add_argument(
+    add_camera(camera)
+    method = parser.add_argument_group("fit")
+    method.add_argument(
         "--effects",
         type=effects,
         metavar="none|auto|NAME,...",
         help=(
-            "auto: find effects that are missing in the model, and add those that held-out views"
-            " confirm; or add effects by name, as listed below; none: take the board as flat"
-            " (default: the board's bend, if the views show one)"
+            "causes of error to add to the model: those listed below, by name; auto: those that"
+            " held-out views confirm; none: take the board as flat (default: the board's bend, if"
+            " the views show one)"
         ),
     )
-    add_depths(parser, required=False)
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.epilog = effects_help()
+    add_fit_options(method)
+    output = parser.add_argument_group("output")
+    add_depths(output, required=False)
+    add_output(output, "folder for the results (default: SESSION/calibration)", required=False)
+    add_overwrite(output)
+    output.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.usage = "%(prog)s SESSION ... [options]"
+    parser.epilog = effect_names_help()
 
 
 def run(args: argparse.Namespace) -> None:

@@ -3,18 +3,18 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import folds, free, grid, steps
+from calib.commands.arguments import Options, folds, free, grid, steps
 
 if TYPE_CHECKING:
     from calib.fit_record.request import Settings
 
 
-def add_fit_options(parser: argparse.ArgumentParser, *, default_folds: int = 0) -> None:
+def add_fit_options(parser: Options, *, default_folds: int = 0) -> None:
     parser.add_argument(
         "--method",
         choices=["joint", "paper"],
         default="joint",
-        help="how to fit (default: %(default)s)",
+        help="how to fit: all numbers together, or as the paper does (default: %(default)s)",
     )
     parser.add_argument(
         "--grid",
@@ -22,8 +22,8 @@ def add_fit_options(parser: argparse.ArgumentParser, *, default_folds: int = 0) 
         default=(12, 12),
         metavar="AxB",
         help=(
-            "how finely the bumps of the glass are modelled: centres around and along the cover"
-            " (default: 12x12); auto: by the error on held-out views; 1x1: even glass"
+            "model the bumps of the glass by A centres around the cover and B along it (default:"
+            " 12x12); auto: choose by the error on held-out views; 1x1: even glass"
         ),
     )
     parser.add_argument(
@@ -32,19 +32,21 @@ def add_fit_options(parser: argparse.ArgumentParser, *, default_folds: int = 0) 
         default=("auto",),
         metavar="auto|all|none|NAME,...",
         help=(
-            "which declared numbers to estimate, near their declared values: all, none, or some of"
-            " radius, slope, offset, centre, distance, tilt, thickness, index, intrinsics (default:"
-            " those that the views call for, unless the session declares them exact)"
+            "declared numbers to estimate: all, none, or some of radius, slope, offset, centre,"
+            " distance, tilt, thickness, index, intrinsics (default: those that the views call for,"
+            " unless they are declared exact)"
         ),
     )
     default = f" (default: {default_folds})" if default_folds else ""
     help_text = f"cross-validate over the views, and say if the fit overfits{default}"
-    parser.add_argument("--folds", type=folds, default=default_folds, metavar="N", help=help_text)
+    parser.add_argument(
+        "--folds", type=folds, default=default_folds, metavar="COUNT", help=help_text
+    )
     parser.add_argument(
         "--steps",
         type=steps,
         default=1000,
-        metavar="N",
+        metavar="COUNT",
         help="gradient steps of the paper's method (default: 1000)",
     )
     parser.add_argument(

@@ -84,14 +84,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 "--board",
                 type=whole_size,
                 required=required,
-                metavar="AxB",
+                metavar="COLSxROWS",
                 help=f"inner corners, columns x rows{tags}",
             )
             source.add_argument(
                 "--square-mm",
                 type=millimetres,
                 required=required and not pictured,
-                metavar="S",
+                metavar="MM",
                 help="side of a square",
             )
             if pictured:
@@ -145,9 +145,9 @@ def _add_rig(sources: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         " have them",
     )
     rig.add_argument(
-        "--board", type=whole_size, metavar="AxB", help="inner corners, columns x rows"
+        "--board", type=whole_size, metavar="COLSxROWS", help="inner corners, columns x rows"
     )
-    rig.add_argument("--square-mm", type=millimetres, metavar="S", help="side of a square")
+    rig.add_argument("--square-mm", type=millimetres, metavar="MM", help="side of a square")
     add_coding(rig)
     add_output(rig, "the new folder with rig.yaml", required=True)
 

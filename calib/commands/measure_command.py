@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("points", type=Path, metavar="POINTS", help="a CSV file of pixels")
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument(
-        "--depth", type=depth, metavar="M", help="how far away the plane is, in metres"
+        "--depth", type=depth, metavar="METRES", help="how far away the plane is, in metres"
     )
     where.add_argument(
         "--on-boards",

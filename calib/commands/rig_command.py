@@ -87,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
     for action in (rectify, export):
         action.add_argument(
-            "--depth", type=depth, required=True, metavar="M", help="depth, in metres"
+            "--depth", type=depth, required=True, metavar="METRES", help="depth, in metres"
         )
     rectify.add_argument(
         "--depths",

@@ -107,7 +107,7 @@ def print_rig(rig: Rig, seconds: float) -> None:
             f"The board looks turned in {len(views)} views of {name}, and their corners are"
             f" renumbered: {listed}.",
         )
-    _print(console, f"{len(rig.placements)} placements of the board, in {seconds:.1f} s.")
+    _print(console, f"{len(rig.placements)} placements of the board, fit in {seconds:.1f} s.")
     _list_rejected(console, rig.record.rejected)
 
 

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--depth",
         type=depth,
         required=True,
-        metavar="M",
+        metavar="METRES",
         help="how far away the scene is, in metres",
     )
     parser.add_argument(

@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     how_far.add_argument(
         "--depth",
         type=depth,
-        metavar="M",
+        metavar="METRES",
         help="how far away the scene is, in metres; this or --depth-image is needed",
     )
     how_far.add_argument(
@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--near",
         type=depth,
         default=0.1,
-        metavar="M",
+        metavar="METRES",
         help="the smallest depth in depth images (default: 0.1 m)",
     )
     add_crop(parser)

@@ -15,7 +15,8 @@ HOLDOUT_NOTE = "HOLDOUT stands for a second session: pictures of this camera tha
 
 
 def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[str] = ()) -> None:
-    """Print the paths of the results, whether to trust them, why not, and the next command.
+    """Print the paths of the results and, after an empty line, whether to trust them, why not, and
+    the next command.
 
     Args:
         further: commands that use a calibration which the verdict allows.
@@ -23,6 +24,7 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     console = Console(markup=False, highlight=False, soft_wrap=True)
     for path in written:
         console.print(harmless(f"Wrote {path}"))
+    console.print()
     console.print(verdict.word.sentence, style=f"bold {COLOURS[verdict.word]}")
     for reason in verdict.reasons:
         console.print(harmless(f"- {reason.sentence}"))

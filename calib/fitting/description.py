@@ -28,11 +28,13 @@ from calib.session.shapes.none import NONE as NO_COVER
 from calib.table import Table, TableSection
 
 COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "off by")
-"""The headings. The fourth column says whether a number was held, corrected or contradicted."""
-HELD, CORRECTED, UNDETERMINED = "held", "corrected", "not determined"
+"""The headings. The fourth column says whether a number was not fitted, corrected or
+contradicted.
+"""
+NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined"
 CONTRADICTED = "contradicted"
 NOTES = {
-    HELD: "the fit did not change this number.",
+    NOT_FITTED: "the fit kept this number as declared.",
     CORRECTED: "the calibrated number is over 3 of its sigmas from the declared one.",
     UNDETERMINED: "you gave no value, and these pictures do not determine it.",
     CONTRADICTED: "the pictures do not agree with the declared number.",
@@ -178,7 +180,7 @@ def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
 
 def _note(number: Comparison) -> str:
     if number.held:
-        return HELD
+        return NOT_FITTED
     words = CORRECTED if number.corrected else ""
     if number.is_open:
         words = UNDETERMINED

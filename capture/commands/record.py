@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--board",
         type=corner_counts,
-        metavar="CxR",
+        metavar="COLSxROWS",
         help="inner corners of a new session's board, or its tags, such as 9x6",
     )
     parser.add_argument("--square-mm", type=positive_number, metavar="MM", help="side of a square")

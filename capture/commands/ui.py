@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     board.add_argument(
         "--board",
         type=corner_counts,
-        metavar="CxR",
+        metavar="COLSxROWS",
         help="its inner corners, or its tags, such as 9x6",
     )
     board.add_argument("--square-mm", type=positive_number, metavar="MM", help="side of a square")

@@ -94,6 +94,6 @@ def _in_columns(cells: Sequence[str], columns: int) -> Iterator[str]:
 def _line(row: Sequence[str]) -> str:
     """Return the line of a number. A declared value that the views contradict has a mark."""
     name, value, declared, note, *_ = row
-    words = "held" if note == "held" else declared
+    words = note if note == "not fitted" else declared
     mark = " ✗" if "contradicted" in note else ""
     return f"{_short(name):<17}{value:<17}{words}{mark}".rstrip()

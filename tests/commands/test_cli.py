@@ -133,14 +133,25 @@ def test_a_fit_ends_with_the_next_command(
     assert export[:3] == ["calib", "export", str(tmp_path)]
 
 
-@pytest.mark.parametrize("command", ["fit", "diagnose"])
-def test_the_help_lists_every_effect(
-    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_the_help_of_a_fit_names_every_effect(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main(["fit", "--help"])
+    output = capsys.readouterr().out
+    assert max(map(len, output.splitlines())) <= 80
+    names = output.partition("\neffects: ")[2].partition(".")[0]
+    assert names.replace("\n", " ").split(", ") == list(NAMES)
+
+
+def test_the_help_describes_every_effect(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In a terminal of 80 columns a long line goes on below its second column."""
     monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit):
-        main([command, "--help"])
+        main(["diagnose", "--help"])
     output = capsys.readouterr().out
     assert max(map(len, output.splitlines())) <= 80
     listed = re.findall(

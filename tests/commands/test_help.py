@@ -120,6 +120,18 @@ def test_an_option_is_written_in_full_or_by_its_letter(words: str) -> None:
     assert args.quiet or args.board == (9, 6)
 
 
+def test_an_option_of_the_cover_has_the_words_of_each_shape(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["fit", "--help"])
+    words = " ".join(capsys.readouterr().out.split())
+    assert "--tilt DEG,DEG cone, cylinder: degrees that the cover is tilted" in words
+    assert "flat: degrees that the window is tilted, first about x" in words
+    assert "dome: millimetres from the dome's centre" in words
+    assert "--thickness MM thickness of the glass" in words, "every shape has glass"
+
+
 def test_a_word_behind_two_dashes_is_no_option() -> None:
     assert PARSER.parse_args(["fit", "--", "--bord"]).session == [Path("--bord")]
 

@@ -86,3 +86,10 @@ def test_every_command_after_a_verdict_names_the_program_so(
 def test_a_fit_comes_after_what_its_reason_asks_for(capsys: pytest.CaptureFixture[str]) -> None:
     print_verdict(Verdict((Reason("measure it again.", "calib fit it"),), ""), [])
     assert "Next, once that is done: " in capsys.readouterr().out.splitlines()[-1]
+
+
+def test_an_empty_line_sets_the_verdict_apart(capsys: pytest.CaptureFixture[str]) -> None:
+    print_verdict(Verdict((), "calib undistort it"), [Path("it/report.html")])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:2] == ["Wrote it/report.html", ""]
+    assert lines[2].startswith("You can trust it")

@@ -32,7 +32,7 @@ def test_every_number_of_camera_and_cover_has_a_row(plain: Calibration) -> None:
     rows = {row[0]: row for section in table.sections for row in section.rows}
     assert {"camera.fx", "camera.fy", "camera.cx", "camera.cy"} <= set(rows)
     assert set(plain.cover.dimensions) <= set(rows)
-    assert rows["cover.thickness"] == ("cover.thickness", "3 mm", "3 mm", "held", "")
+    assert rows["cover.thickness"] == ("cover.thickness", "3 mm", "3 mm", "not fitted", "")
     assert all(len(row) == len(COLUMNS) for row in rows.values())
     assert [section.name for section in table.sections] == ["camera", "cover"]
 

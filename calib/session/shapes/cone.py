@@ -48,8 +48,8 @@ AXIS = (
         Quantity("tilt_deg", ("x", "z"), low=-45, high=45, default=0.0, wide=UNKNOWN_TILT),
         words="the cover's tilt",
         explanation=(
-            "Degrees of its tilt, first about x (to the right), then about z (ahead): 0, 0 is"
-            " straight."
+            "Degrees that the cover is tilted, first about x (to the right), then about z (ahead):"
+            " 0, 0 is straight."
         ),
         tolerance=COVER_TILT,
         effect="cover_tilt",

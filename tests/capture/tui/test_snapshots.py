@@ -93,7 +93,7 @@ DESCRIPTION = [
             ["cover.centre.z", "-4.31 ± 0.45 mm", "0 ± 2 mm", "contradicted", "2.5 sigma"],
             ["cover.thickness", "3.05 ± 0.12 mm", "3 ± 0.5 mm", "", "0.1 sigma"],
             ["cover.refractive_index", "1.496 ± 0.011", "1.49 ± 0.02", "", "0.3 sigma"],
-            ["cover.outside_index", "1", "1", "held", ""],
+            ["cover.outside_index", "1", "1", "not fitted", ""],
         ],
     },
     {
