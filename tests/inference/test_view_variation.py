@@ -290,6 +290,17 @@ def test_what_is_smooth_in_single_views_and_of_no_cause_has_no_name() -> None:
     assert INTRINSICS.fx.value == float(made.values[CAMERA.fx])
 
 
+def test_a_cause_beside_something_smaller_of_no_cause_has_its_name() -> None:
+    """A board that bends, and a smooth field of each view's own: as measured boards are."""
+    made = session(8, "wet-flat")
+    for name, factor in (("board_flex/each", 1.0), ("smooth-field/each", 0.5)):
+        cause = next(cause for cause in CAUSES if cause.name == name)
+        made = cause.applied(made, factor * cause.deviations(made, np.random.default_rng(4)))
+    differing = Differing.of(optimum(made), context_of(made))
+    assert differing
+    assert differing.first.group.name == "board_flex"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["vibration/each", "smooth-field/each", "edge-pull/near"])
 def test_what_has_no_known_cause_has_no_name(name: str) -> None:
