@@ -94,6 +94,10 @@ class Differing:
     probabilities: tuple[float, ...]
     names: tuple[str, ...]
     """(V,) those of the views."""
+    is_rest: bool = False
+    """True if the model has other numbers that differ. These are hardly ever modelled to the end,
+    and any number follows the rest.
+    """
 
     @staticmethod
     def of(
@@ -118,7 +122,8 @@ class Differing:
             if probability > MIN_MEMBER_PROBABILITY
         ]
         variations, chances = zip(*members, strict=True)
-        return Differing(variations, chances, fitted.observations.names)
+        is_rest = any(effect.varies or effect.per_view for effect in fitted.model.effects)
+        return Differing(variations, chances, fitted.observations.names, is_rest)
 
     @property
     def first(self) -> Variation:
@@ -138,7 +143,8 @@ class Differing:
     @property
     def named(self) -> bool:
         """True if one name is almost sure."""
-        return self.first.group.has_cause and self.probabilities[0] >= NAME_ALONE
+        is_sure = self.probabilities[0] >= NAME_ALONE and not self.is_rest
+        return self.first.group.has_cause and is_sure
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON object of the command contract."""
