@@ -109,8 +109,11 @@ class Differing:
             nameless: allow for structure of no cause (`find_variations`).
         """
         best: dict[str, Variation] = {}
-        for variation in find_variations(fitted, context, SHARED, nameless=nameless):
-            best.setdefault(variation.group.name, variation)
+        try:
+            for variation in find_variations(fitted, context, SHARED, nameless=nameless):
+                best.setdefault(variation.group.name, variation)
+        except np.linalg.LinAlgError:  # of a fit that determines nothing
+            return None
         if not best:
             return None
         first = next(iter(best.values()))

@@ -44,12 +44,17 @@ from calib.session.cover import AUTO as AUTO_SURFACE
 from calib.session.cover import EVEN, Cover
 from calib.session.freeing import AUTO, free_parameters
 from calib.session.numbers import numbers_of
+from calib.session.parameter_names import COVER
 
 MAX_LOST_FRACTION = 0.2
 """If the rays of a larger fraction of corners fail, the described cover cannot be right."""
 MAX_SHIFT = 0.08
 """The largest change of the seen glass, as a fraction of it, for which a relief is kept: its prior
 is that of the glass within the picture.
+"""
+MAX_DEVIATION = 10.0
+"""Tolerances: a declared number of the cover that even glass moves farther is no start for uneven
+glass. A cone with bumps of 30 um can be imitated by one whose radius is zero.
 """
 MIN_LOG_ODDS = math.log(100)
 """The least log odds of uneven glass, or of a bent board behind even glass, against less."""
@@ -275,6 +280,22 @@ class _Job:
         advance(LINEARISATIONS, "")
         return joint
 
+    def is_possible(self, model: CameraModel, joint: JointFit) -> bool:
+        """Return True if the cover's estimated numbers are within the limits of what a session may
+        declare, and not far from what this one declares.
+        """
+        for name, kind in self.setup.cover.kinds.items():
+            quantity, full_name = kind.quantity, COVER.of(name)
+            sigma = model.priors.sigmas.get(full_name)
+            if sigma is None:
+                continue
+            value, mean = float(joint.values[full_name]), float(model.means[full_name])
+            if not quantity.low <= value * quantity.unit[1] <= quantity.high:
+                return False
+            if abs(value - mean) > MAX_DEVIATION * float(sigma):
+                return False
+        return True
+
     def finish(self, model: CameraModel, joint: JointFit, relief: Relief | None = None) -> Fitted:
         """Return the fit of a flat board, or that of a bent one if the views show the bend."""
         residual = residuals(model.path, joint.values, self.observations, joint.poses)
@@ -324,6 +345,9 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
     # With every number held, nothing but the glass could make up for their errors.
     if job.surface == AUTO_SURFACE and even.priors.sigmas and log_odds < MIN_LOG_ODDS:
         return job.finish(even, smooth)
+    if not job.is_possible(even, smooth):
+        # Even glass has no bumps, and its numbers went elsewhere to imitate them.
+        return _fit_uneven(job, even, poses, None, start)
     start = replace(smooth.start, smoothness=texture)
     bent = _fit_bent(job, even, smooth, log_odds) if job.decides_bend else None
     if not (bent and bent.model and bent.joint):
