@@ -14,6 +14,7 @@ import yaml
 from PIL import Image
 
 from calib import cli
+from calib.calibration import Calibration
 from calib.cli import main
 from calib.commands.command_line import _parser
 from calib.commands.described_session import session_of
@@ -480,3 +481,18 @@ def test_a_wrong_board_is_not_in_the_suggested_command(photos: Path) -> None:
     with pytest.raises(InputError, match="--board") as refused:
         described(str(photos), "--type", "charuco", "--board", "5x5", "--cover", "flat")
     assert "--type" not in str(refused.value).partition("calib fit")[2].partition("--board")[0]
+
+
+@pytest.mark.slow
+def test_bumps_do_not_pull_a_cone_to_its_apex(tmp_path: Path) -> None:
+    """A lens, a slope and a place that nobody knows: even glass imitates the bumps of the real one
+    by a cone whose radius is zero.
+    """
+    shutil.copytree(
+        Path(__file__).parents[2] / "fixtures" / "bumps" / "frames", tmp_path / "photos"
+    )
+    words = ["--board", "9x9", "--square-mm", "20", "--cover", "cone", "--radius", "42"]
+    assert main(["fit", str(tmp_path / "photos"), *words, "--thickness", "3"]) == 0
+    cover = Calibration.load(tmp_path / "photos" / "calibration").cover
+    radius = cover.parameters["inner_radius"]
+    assert abs(radius.value - 0.04195) < 2.5 * radius.sigma
