@@ -34,6 +34,8 @@ SPREADS = 10.0 ** np.arange(-3.0, 0.01, 0.125)
 """The spreads that are tried, in tolerances: from a thousandth to one."""
 MOTIONS = ((1.0, 0.0), (1.0, 0.1), (1.0, 0.3), (1.0, 1.0), (0.3, 1.0), (0.1, 1.0), (0.0, 1.0))
 """Ratios of the spreads of a board's turn and move, each over its tolerance."""
+ROUNDING = 1e-10
+"""The part of a column's information that rounding errors may take."""
 MAX_PASSES = 5
 """The largest number of passes over the views that move one view to the other kind."""
 
@@ -119,8 +121,15 @@ class VariationEquations:
 
     @cached_property
     def _root(self) -> Array:
-        """(S, S) lower Cholesky factor of the information about the shared parameters."""
-        return np.asarray(np.linalg.cholesky(self._reduced[:-1, :-1]))
+        """(S, S) lower Cholesky factor of the information about the shared parameters. What no view
+        determines may be indefinite by rounding errors, and gets a little information.
+        """
+        information = self._reduced[:-1, :-1]
+        try:
+            return np.asarray(np.linalg.cholesky(information))
+        except np.linalg.LinAlgError:
+            added = np.diag(ROUNDING * information.diagonal())
+            return np.asarray(np.linalg.cholesky(information + added))
 
     @cached_property
     def _whitened(self) -> Array:
