@@ -109,11 +109,8 @@ class Differing:
             nameless: allow for structure of no cause (`find_variations`).
         """
         best: dict[str, Variation] = {}
-        try:
-            for variation in find_variations(fitted, context, SHARED, nameless=nameless):
-                best.setdefault(variation.group.name, variation)
-        except np.linalg.LinAlgError:  # of a fit that determines nothing
-            return None
+        for variation in find_variations(fitted, context, SHARED, nameless=nameless):
+            best.setdefault(variation.group.name, variation)
         if not best:
             return None
         first = next(iter(best.values()))

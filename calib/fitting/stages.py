@@ -52,7 +52,7 @@ MAX_SHIFT = 0.08
 """The largest change of the seen glass, as a fraction of it, for which a relief is kept: its prior
 is that of the glass within the picture.
 """
-MAX_DEVIATION = 10.0
+MAX_PULL = 10.0
 """Tolerances: a declared number of the cover that even glass moves farther is no start for uneven
 glass. A cone with bumps of 30 um can be imitated by one whose radius is zero.
 """
@@ -285,15 +285,13 @@ class _Job:
         declare, and not far from what this one declares.
         """
         for name, kind in self.setup.cover.kinds.items():
-            quantity, full_name = kind.quantity, COVER.of(name)
-            sigma = model.priors.sigmas.get(full_name)
-            if sigma is None:
-                continue
-            value, mean = float(joint.values[full_name]), float(model.means[full_name])
-            if not quantity.low <= value * quantity.unit[1] <= quantity.high:
-                return False
-            if abs(value - mean) > MAX_DEVIATION * float(sigma):
-                return False
+            sigma = model.priors.sigmas.get(full_name := COVER.of(name))
+            if sigma is not None:
+                low, high = kind.quantity.low, kind.quantity.high
+                value, mean = float(joint.values[full_name]), float(model.means[full_name])
+                is_near = abs(value - mean) <= MAX_PULL * float(sigma)
+                if not (is_near and low <= value * kind.quantity.unit[1] <= high):
+                    return False
         return True
 
     def finish(self, model: CameraModel, joint: JointFit, relief: Relief | None = None) -> Fitted:

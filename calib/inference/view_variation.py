@@ -33,7 +33,7 @@ MIN_GAIN = 7.0
 """The smallest gain in log evidence that is reported: some sixty variations are tried."""
 MIN_EXPLAINED = 0.75
 """The part of the log evidence of structure of no cause that numbers explain by themselves, from
-which they may have a name. A motion explains at most 0.6 of a vibration of each view's own.
+which they may have a name. A motion explains at most 0.64 of a vibration of each view's own.
 """
 MIN_VIEWS = 8
 """The fewest views of which it is asked."""
@@ -52,9 +52,8 @@ def find_variations(
     of a variation is its increase of the log evidence over a model with a discrepancy of no cause
     (calib.inference.model_discrepancy), whose heights are chosen again beside the variation. The
     discrepancy is smooth, and what the model lacks may not be. Numbers that follow a part of it
-    have a gain beside the rest. So a variation by itself must also be more probable than the
-    discrepancy by itself, or its numbers must explain most of what that does: they explain more
-    than they leave. If none do, the structure has no name.
+    have a gain beside the rest. So the numbers by themselves must also explain most of what the
+    discrepancy by itself does. If none do, the structure has no name.
 
     Args:
         fitted: a model at its optimum.
@@ -85,7 +84,7 @@ def find_variations(
         with_discrepancy.variations(groups, patterns),
         strict=True,
     )
-    explaining = set[str]()
+    explaining = set[str]()  # names of groups
     for index, (first, second) in enumerate(sorted(variations, key=lambda pair: -pair[0].gain)):
         if first.gain > MIN_EXPLAINED * structure:
             explaining.add(first.group.name)

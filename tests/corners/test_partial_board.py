@@ -20,7 +20,6 @@ from tests.corners.test_detect import BOARD, Scene, moved_along_x
 
 SQUARE = Board(9, 9, 0.02)
 SCENE = Scene(size=(960, 720), focal=750.0)
-FEWEST = 12
 
 
 def covered(

@@ -290,6 +290,16 @@ def test_what_is_smooth_in_single_views_and_of_no_cause_has_no_name() -> None:
     assert INTRINSICS.fx.value == float(made.values[CAMERA.fx])
 
 
+def test_what_no_view_determines_ends_no_question() -> None:
+    """Rounding errors make the information about it indefinite."""
+    made = session(8, "wet-flat")
+    rows = VariationRows.of(optimum(made), context_of(made))
+    values, axes = np.linalg.eigh(VariationEquations.of(rows)._reduced[:-1, :-1])
+    lost = (values[0] + 1e-14 * values[-1]) * np.outer(axes[:, 0], axes[:, 0])
+    indefinite = replace(rows, precision=rows.precision - lost)
+    assert np.isfinite(VariationEquations.of(indefinite).solution).all()
+
+
 def test_a_cause_beside_something_smaller_of_no_cause_has_its_name() -> None:
     """A board that bends, and a smooth field of each view's own: as measured boards are."""
     made = session(8, "wet-flat")
