@@ -192,18 +192,20 @@ def fit_joint(
                 solution.equations, shared, freedom, sigma, parameters
             )
             sigma, smoothness = maximise_evidence(evidence, apparent, smoothness)
-    hessian = solution.equations.eliminate_blocks().hessian
+    reduced = solution.equations.eliminate_blocks()
+    hessian = reduced.hessian
     covariance = invert_precision(hessian + precision) if parameters.count else hessian
     finite = solution.outcome is not Outcome.NOT_FINITE and bool(torch.isfinite(covariance).all())
     outcome = solution.outcome if finite else Outcome.NOT_FINITE
     covariance = covariance if finite else torch.full_like(covariance, torch.nan)
-    log_evidence = (
-        marginal_likelihood(solution.equations, shared, freedom, sigma, parameters)[0].log(
-            sigma, smoothness
-        )
-        if finite
-        else -math.inf
-    )
+    log_evidence = -math.inf
+    if finite:
+        evidence, _ = marginal_likelihood(solution.equations, shared, freedom, sigma, parameters)
+        # The evidence takes the error at the minimum of its quadratic. Where a fit is stuck, nothing
+        # reaches that minimum.
+        gradient = reduced.gradient + precision @ shared
+        missed = float(gradient @ covariance @ gradient)
+        log_evidence = evidence.log(sigma, smoothness) - missed / 2
     log_marginal = log_evidence + _log_block_evidence(path, solution, sigma)
     return JointFit(
         values=parameters.values(shared),

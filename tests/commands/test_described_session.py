@@ -483,16 +483,32 @@ def test_a_wrong_board_is_not_in_the_suggested_command(photos: Path) -> None:
     assert "--type" not in str(refused.value).partition("calib fit")[2].partition("--board")[0]
 
 
+def photographs(fixture: str, folder: Path) -> Path:
+    """Return a folder with the pictures of a fixture, without its session.yaml."""
+    frames = Path(__file__).parents[2] / "fixtures" / fixture / "frames"
+    return Path(shutil.copytree(frames, folder / "photos"))
+
+
+@pytest.mark.slow
+def test_a_shape_whose_fit_is_stuck_is_not_chosen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Eight pictures through a dome under water, of which nothing is known, show no cover."""
+    photos = photographs("wet-dome/water", tmp_path)
+    words = ["--board", "9x9", "--square-mm", "20", "--cover", "unknown"]
+    assert main(["fit", str(photos), *words, "--outside-index", "1.333"]) == 0
+    assert Calibration.load(photos / "calibration").outcome.probable_shapes == ("none", "dome")
+    assert "these pictures do not show a cover" in " ".join(capsys.readouterr().out.split())
+
+
 @pytest.mark.slow
 def test_bumps_do_not_pull_a_cone_to_its_apex(tmp_path: Path) -> None:
     """A lens, a slope and a place that nobody knows: even glass imitates the bumps of the real one
     by a cone whose radius is zero.
     """
-    shutil.copytree(
-        Path(__file__).parents[2] / "fixtures" / "bumps" / "frames", tmp_path / "photos"
-    )
+    photos = photographs("bumps", tmp_path)
     words = ["--board", "9x9", "--square-mm", "20", "--cover", "cone", "--radius", "42"]
-    assert main(["fit", str(tmp_path / "photos"), *words, "--thickness", "3"]) == 0
-    cover = Calibration.load(tmp_path / "photos" / "calibration").cover
+    assert main(["fit", str(photos), *words, "--thickness", "3"]) == 0
+    cover = Calibration.load(photos / "calibration").cover
     radius = cover.parameters["inner_radius"]
     assert abs(radius.value - 0.04195) < 2.5 * radius.sigma

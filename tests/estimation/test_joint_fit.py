@@ -354,6 +354,21 @@ def test_evidence_is_the_marginal_likelihood() -> None:
     assert np.diff(ours) == pytest.approx(np.diff(theirs), rel=1e-5)
 
 
+def test_evidence_of_a_fit_that_ended_early_is_that_of_its_error(
+    made: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, values = covered_path(INTRINSICS, THIN)
+    poses = pinhole_poses(path, values, made.observations)
+    free = Priors(dict.fromkeys(("cover.thickness", "cover.inner_radius", "camera.fx"), 1.0))
+    wrong = {**values, "cover.inner_radius": 1.5 * values["cover.inner_radius"]}
+    arguments = (path, wrong, made.observations, poses)
+    ended = fit_joint(*arguments, priors=free, rounds=[1e-6])
+    monkeypatch.setattr("calib.estimation.joint_fit.MAX_ITERATIONS", 1)
+    early = fit_joint(*arguments, priors=free, rounds=[1e-6])
+    assert early.cost > 1.2 * ended.cost
+    assert early.log_evidence < ended.log_evidence - (early.cost - ended.cost) / 4
+
+
 def test_the_prior_s_heights_have_the_stated_spread() -> None:
     relief = Relief(*PATCH, (6, 5))
     smoothness = Smoothness(2e-5, 0.5)
