@@ -201,8 +201,8 @@ def fit_joint(
     log_evidence = -math.inf
     if finite:
         evidence, _ = marginal_likelihood(solution.equations, shared, freedom, sigma, parameters)
-        # The evidence takes the error at the minimum of its quadratic. Where a fit is stuck, nothing
-        # reaches that minimum.
+        # The evidence takes the error at the minimum of its quadratic, which a fit that is stuck
+        # does not reach.
         gradient = reduced.gradient + precision @ shared
         missed = float(gradient @ covariance @ gradient)
         log_evidence = evidence.log(sigma, smoothness) - missed / 2
