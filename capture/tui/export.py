@@ -179,7 +179,7 @@ class ExportScreen(Dialog[str]):
             else ["export", str(self._calibration), "--format", form]
         )
         depths = ["--depth", *depths] if depths else []
-        self._run(self.app, [*command, *depths, "-o", str(folder)])
+        self._run(self.app, [*command, "-o", str(folder), *depths])
 
     @work(thread=True, exclusive=True)
     def _run(self, app: App[None], arguments: Sequence[str]) -> None:

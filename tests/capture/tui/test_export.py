@@ -230,7 +230,7 @@ def test_the_pictures_of_the_session_are_made_straight(
     (tmp_path / "frames").mkdir()
     drive(_straight(tmp_path))
     before = ["undistort", str(tmp_path / "calibration"), str(tmp_path / "frames")]
-    assert calls == [[*before, "--depth", "0.5", "-o", str(tmp_path / "export")]]
+    assert calls == [[*before, "-o", str(tmp_path / "export"), "--depth", "0.5"]]
 
 
 async def _straight(session: Path) -> None:
