@@ -49,8 +49,8 @@ def estimate_with_disagreement(
         return estimate
     for _ in range(MAX_REPEATS):
         noise = {camera.name: factor * camera.sigma for camera in start.cameras}
-        widened = with_noise(start, noise)
-        estimate = estimate_rig(widened, fixed_smoothness=True, progress=progress)
+        wide_start = with_noise(start, noise)
+        estimate = estimate_rig(wide_start, fixed_smoothness=True, progress=progress)
         growth = noise_growth(estimate)
         if not abs(growth - 1) > SETTLED:
             break

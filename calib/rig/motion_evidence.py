@@ -61,7 +61,7 @@ class ReducedMotions:
     """The products with the placements and some random motions integrated out."""
 
     source: MotionProducts
-    used: NDArray[np.float64]
+    weights: NDArray[np.float64]
     """(P,) 1 for a placement that counts, else 0."""
     rows: Array
     """(P, k, n) the products of these are what the random motions explain."""
@@ -96,7 +96,7 @@ class ReducedMotions:
         inverse = np.linalg.inv(hessian)
         return ReducedMotions(
             source=source,
-            used=weights,
+            weights=weights,
             rows=rows,
             log_evidence=float(
                 (gradient @ inverse @ gradient - np.linalg.slogdet(hessian)[1] - total[-1, -1]) / 2
@@ -112,7 +112,7 @@ class ReducedMotions:
         """
         gradient = self.gradient
         if motion is not None and value is not None:
-            gradient = gradient + self._moved(motion)[:, self.source.numbers].sum(0) @ value
+            gradient = gradient + self._products_with(motion)[:, self.source.numbers].sum(0) @ value
         return -self.hessian_inverse @ gradient
 
     def estimate(self, motion: FixedMotion) -> FixedEstimate:
@@ -130,18 +130,18 @@ class ReducedMotions:
         """Return the (f, f) information on the numbers of a fixed motion, and their (f,) score,
         with the rig's numbers integrated out.
         """
-        moved = self._moved(motion)
+        moved = self._products_with(motion)
         information = np.einsum("pki,pkj->ij", motion.by_number, moved[:, motion.columns])
         cross = moved[:, self.source.numbers].sum(0)  # (S, f)
         gain = self.hessian_inverse @ cross
         score = moved[:, -1].sum(0) - gain.T @ self.gradient
         return information - cross.T @ gain, score
 
-    def _moved(self, motion: FixedMotion) -> Array:
+    def _products_with(self, motion: FixedMotion) -> Array:
         """Return the (P, n, f) products of all columns with a fixed motion by each number."""
         products = self.source.without_placements[:, :, motion.columns] @ motion.by_number
-        explained = self.rows.swapaxes(1, 2) @ (self.rows[:, :, motion.columns] @ motion.by_number)
-        return np.asarray(products * self.used[:, None, None] - explained)
+        reduction = self.rows.swapaxes(1, 2) @ (self.rows[:, :, motion.columns] @ motion.by_number)
+        return np.asarray(products * self.weights[:, None, None] - reduction)
 
 
 def explained_rows(products: Array, random: Sequence[RandomMotion]) -> tuple[Array, Array]:

@@ -81,8 +81,8 @@ class MotionProducts:
 
     def __post_init__(self) -> None:
         rows = self.products[:, POSE, :]
-        explained = rows.swapaxes(1, 2) @ np.linalg.solve(self.products[:, POSE, POSE], rows)
-        object.__setattr__(self, "without_placements", self.products - explained)
+        reduction = rows.swapaxes(1, 2) @ np.linalg.solve(self.products[:, POSE, POSE], rows)
+        object.__setattr__(self, "without_placements", self.products - reduction)
         object.__setattr__(self, "total", self.without_placements.sum(0))
 
     @staticmethod

@@ -101,11 +101,11 @@ def _read_sessions(section: Section, folder: Path) -> dict[str, Session]:
             )
         place = cameras.text(name, f"the folder of {name}'s session, from {section.file} on")
         sessions[name] = read_session(folder / place)
-        for other, session in sessions.items():
-            if other != name and session.path.resolve() == sessions[name].path.resolve():
+        for namesake, session in sessions.items():
+            if namesake != name and session.path.resolve() == sessions[name].path.resolve():
                 raise InputError(
-                    f"{section.file}: cameras names the session {place} twice, for {other} and for"
-                    f" {name}: each camera has a session of its own, so name that of {name}."
+                    f"{section.file}: cameras names the session {place} twice, for {namesake} and"
+                    f" for {name}: each camera has a session of its own, so name that of {name}."
                 )
     boards = {session.board for session in sessions.values()}
     if len(boards) > 1:
