@@ -107,7 +107,10 @@ def print_rig(rig: Rig, seconds: float) -> None:
             f"The board looks turned in {len(views)} views of {name}, and their corners are"
             f" renumbered: {listed}.",
         )
-    _print(console, f"{len(rig.placements)} placements of the board, fit in {seconds:.1f} s.")
+    placements = f"{len(rig.placements)} placements of the board"
+    if len(rig.names) > 1:
+        placements += f", {(rig.cameras_seeing > 1).sum()} of which several cameras saw"
+    _print(console, f"{placements}; fit in {seconds:.1f} s.")
     _list_rejected(console, rig.record.rejected)
 
 

@@ -23,7 +23,8 @@ from calib.fitting.fit import fit
 from calib.inference.calibration_model import full_model
 from calib.optics.params import Values
 from calib.progress import Progress, Silent, check_progress
-from calib.rig.joint_estimate import CameraState, RigEstimate, RigState, estimate_rig
+from calib.rig.disagreement import estimate_with_disagreement, with_noise
+from calib.rig.joint_estimate import CameraState, RigEstimate, RigState
 from calib.rig.layout import RigLayout
 from calib.rig.mounting_start import RigStart, start_rig, turn_view
 from calib.rig.placements import Placements
@@ -112,8 +113,9 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
     with single_thread():
         names = [placements.names[i] for i in _used_placements(placements, dropped)]
         used = {name: _without(c, dropped[name]) for name, c in calibrations.items()}
+        noise = {name: _noise_of(calibration) for name, calibration in used.items()}
         return rig_of(
-            estimate.state,
+            with_noise(estimate.state, noise),
             estimate.covariance,
             used,
             description.reference,
@@ -172,6 +174,7 @@ def _estimate(
     """
     dropped = {name: np.zeros(len(c.views), np.bool_) for name, c in calibrations.items()}
     state = _initial_state(description, calibrations, start, placements)
+    noise = {camera.name: camera.sigma for camera in state.cameras}
     while True:
         estimate = _with_bar(state, progress)
         outliers = _outliers(estimate.state)
@@ -180,14 +183,14 @@ def _estimate(
         for name, mask in zip(calibrations, outliers, strict=True):
             indices = np.flatnonzero(~dropped[name])
             dropped[name][indices[mask]] = True
-        state = _without_views(estimate.state, outliers)
+        state = with_noise(_without_views(estimate.state, outliers), noise)
 
 
 def _with_bar(state: RigState, progress: Progress) -> RigEstimate:
-    """Return `estimate_rig`, with its progress bar."""
+    """Return `estimate_with_disagreement`, with its progress bar."""
     advance = progress.task(f"Joint estimate of {len(state.cameras)} cameras", LINEARISATIONS)
-    estimate = estimate_rig(
-        state, progress=lambda count, _: advance(min(count, LINEARISATIONS), "")
+    estimate = estimate_with_disagreement(
+        state, lambda count, _: advance(min(count, LINEARISATIONS), "")
     )
     advance(LINEARISATIONS, "")
     return estimate
@@ -256,7 +259,7 @@ def _initial_state(
                 observations=Observations.of(calibration.views, calibration.board),
                 placement=torch.from_numpy(placements.of_views[name]),
                 values=values,
-                sigma=joint.sigma_px if joint else calibration.stages[-1].rms_px / 2**0.5,
+                sigma=_noise_of(calibration),
                 smoothness=joint.relief_prior if joint else None,
             )
         )
@@ -340,6 +343,12 @@ def _effect_values(calibrations: Mapping[str, Calibration]) -> Values:
                 for name, (value, _) in added.parameters.items():
                     values.setdefault(name, torch.from_numpy(value))
     return values
+
+
+def _noise_of(calibration: Calibration) -> float:
+    """Return the noise of a corner, px per axis, in a camera's own fit."""
+    joint = calibration.outcome.joint
+    return joint.sigma_px if joint else calibration.stages[-1].rms_px / 2**0.5
 
 
 def _alone_px(calibration: Calibration, dropped: NDArray[np.bool_]) -> float:

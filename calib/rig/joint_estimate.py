@@ -200,6 +200,7 @@ def estimate_rig(
     state: RigState,
     *,
     rounds: Sequence[float] = ROUNDS,
+    fixed_smoothness: bool = False,
     progress: Callable[[int, float], None] | None = None,
 ) -> RigEstimate:
     """Fit all cameras, mountings and placements together, from a start.
@@ -209,6 +210,7 @@ def estimate_rig(
     Args:
         state: the start. Corners whose rays do not reach the board there are left out.
         rounds: the tolerances of consecutive rounds.
+        fixed_smoothness: True to keep the smoothness of each camera's glass.
         progress: called with the number of linearisations so far and the cost.
     """
     state = _visible(state)
@@ -224,7 +226,7 @@ def estimate_rig(
             progress(iterations, solution.cost)
         if solution.outcome is Outcome.NOT_FINITE:
             break
-        if tolerance != rounds[-1]:
+        if tolerance != rounds[-1] and not fixed_smoothness:
             state = _with_smoothness(state, problem, solution)
     hessian = solution.equations.eliminate_blocks().hessian
     covariance = invert_precision(hessian + problem.precision)

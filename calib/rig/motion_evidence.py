@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.effects.effect import log_bayes_factor
-from calib.rig.motion_products import POSE, MotionProducts
+from calib.rig.motion_products import MotionProducts
 
 Array = NDArray[np.float64]
 
@@ -61,9 +61,10 @@ class ReducedMotions:
     """The products with the placements and some random motions integrated out."""
 
     source: MotionProducts
-    random: tuple[RandomMotion, ...]
-    products: Array
-    """(P, n, n) with zeros in the columns of the placements."""
+    weights: NDArray[np.float64]
+    """(P,) 1 for a placement that counts, else 0."""
+    rows: Array
+    """(P, k, n) the products of these are what the random motions explain."""
     log_evidence: float
     """Of the residual with the rig's numbers integrated out, up to a constant."""
     hessian_inverse: Array
@@ -82,21 +83,24 @@ class ReducedMotions:
         Args:
             used: (P,) the placements that count; None for all.
         """
-        products, log_volume = eliminate(source.products, random)
-        if used is not None:
-            products = products * used[:, None, None]
+        count = len(source.products)
+        weights = np.ones(count) if used is None else used.astype(np.float64)
+        rows, log_volumes = explained_rows(source.without_placements, random)
+        rows = rows * weights[:, None, None]
+        stacked = rows.reshape(-1, rows.shape[-1])
+        total = source.total if used is None else source.without_placements[used].sum(0)
+        total = total - stacked.T @ stacked
         numbers = source.numbers
-        total = products.sum(0)
         hessian = total[np.ix_(numbers, numbers)] + source.precision
         gradient = total[numbers, -1] + source.precision @ source.vector
         inverse = np.linalg.inv(hessian)
         return ReducedMotions(
             source=source,
-            random=tuple(random),
-            products=products,
+            weights=weights,
+            rows=rows,
             log_evidence=float(
                 (gradient @ inverse @ gradient - np.linalg.slogdet(hessian)[1] - total[-1, -1]) / 2
-                - log_volume
+                - log_volumes @ weights
             ),
             hessian_inverse=inverse,
             gradient=gradient,
@@ -108,8 +112,7 @@ class ReducedMotions:
         """
         gradient = self.gradient
         if motion is not None and value is not None:
-            moved = self.products[:, :, motion.columns] @ motion.by_number
-            gradient = gradient + moved[:, self.source.numbers].sum(0) @ value
+            gradient = gradient + self._products_with(motion)[:, self.source.numbers].sum(0) @ value
         return -self.hessian_inverse @ gradient
 
     def estimate(self, motion: FixedMotion) -> FixedEstimate:
@@ -127,28 +130,30 @@ class ReducedMotions:
         """Return the (f, f) information on the numbers of a fixed motion, and their (f,) score,
         with the rig's numbers integrated out.
         """
-        moved = self.products[:, :, motion.columns] @ motion.by_number  # (P, n, f)
-        rows = moved[:, motion.columns]
-        information = np.einsum("pki,pkj->ij", motion.by_number, rows)
+        moved = self._products_with(motion)
+        information = np.einsum("pki,pkj->ij", motion.by_number, moved[:, motion.columns])
         cross = moved[:, self.source.numbers].sum(0)  # (S, f)
         gain = self.hessian_inverse @ cross
         score = moved[:, -1].sum(0) - gain.T @ self.gradient
         return information - cross.T @ gain, score
 
+    def _products_with(self, motion: FixedMotion) -> Array:
+        """Return the (P, n, f) products of all columns with a fixed motion by each number."""
+        products = self.source.without_placements[:, :, motion.columns] @ motion.by_number
+        reduction = self.rows.swapaxes(1, 2) @ (self.rows[:, :, motion.columns] @ motion.by_number)
+        return np.asarray(products * self.weights[:, None, None] - reduction)
 
-def eliminate(products: Array, random: Sequence[RandomMotion]) -> tuple[Array, float]:
-    """Return the (P, n, n) products with the placements and random motions eliminated, and half the
-    log determinant of the latter's posterior precision over the prior one.
+
+def explained_rows(products: Array, random: Sequence[RandomMotion]) -> tuple[Array, Array]:
+    """Return (P, k, n) rows whose products are what random motions explain of (P, n, n) products,
+    and (P,) half the log determinant of the motions' posterior precision over the prior one.
     """
-    reduced = _without(products, products[:, POSE, :], products[:, POSE, POSE])
-    log_volume = 0.0
-    for motion in random:
-        rows = motion.root.swapaxes(1, 2) @ reduced[:, motion.columns, :]  # (P, k, n)
-        inner = rows[:, :, motion.columns] @ motion.root + np.eye(motion.root.shape[1])
-        log_volume += float(np.linalg.slogdet(inner)[1].sum()) / 2
-        reduced = _without(reduced, rows, inner)
-    return reduced, log_volume
-
-
-def _without(products: Array, rows: Array, inner: Array) -> Array:
-    return np.asarray(products - rows.swapaxes(1, 2) @ np.linalg.solve(inner, rows))
+    if not random:
+        return np.zeros((len(products), 0, products.shape[-1])), np.zeros(len(products))
+    rows = np.concatenate(
+        [motion.root.swapaxes(1, 2) @ products[:, motion.columns, :] for motion in random], axis=1
+    )
+    inner = np.concatenate([rows[:, :, motion.columns] @ motion.root for motion in random], axis=2)
+    factor = np.linalg.cholesky(inner + np.eye(inner.shape[-1]))
+    log_volumes = np.log(factor.diagonal(axis1=1, axis2=2)).sum(1)
+    return np.linalg.solve(factor, rows), log_volumes

@@ -8,7 +8,7 @@ on its path; a mounting that differs, or slipped, is a motion of the camera.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -74,6 +74,16 @@ class MotionProducts:
     """
     corners: Mapping[str, NDArray[np.int64]]
     """For each camera, the (P,) corners that it sees."""
+    without_placements: Array = field(init=False, repr=False)
+    """(P, n, n) the products with the placements integrated out: zeros in their columns."""
+    total: Array = field(init=False, repr=False)
+    """(n, n) the sum of these."""
+
+    def __post_init__(self) -> None:
+        rows = self.products[:, POSE, :]
+        reduction = rows.swapaxes(1, 2) @ np.linalg.solve(self.products[:, POSE, POSE], rows)
+        object.__setattr__(self, "without_placements", self.products - reduction)
+        object.__setattr__(self, "total", self.without_placements.sum(0))
 
     @staticmethod
     def of(wider: WideState) -> MotionProducts:
@@ -157,7 +167,7 @@ class MotionProducts:
 
 def _check_size(columns: int, placements: int) -> None:
     """Raise InputError if the products would not fit into memory."""
-    size = 3 * 8 * placements * columns**2
+    size = 4 * 8 * placements * columns**2
     if size > MAX_BYTES:
         raise InputError(
             f"The diagnosis of {columns} numbers in {placements} placements needs"

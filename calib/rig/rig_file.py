@@ -10,6 +10,7 @@ from pathlib import Path
 from calib.errors import InputError, wrong_type
 from calib.io.files import reading
 from calib.io.yaml_reader import read_yaml
+from calib.session.board import Board
 from calib.session.schema import Number, Quantity, Section
 from calib.session.session import Session, read_session
 
@@ -100,16 +101,26 @@ def _read_sessions(section: Section, folder: Path) -> dict[str, Session]:
             )
         place = cameras.text(name, f"the folder of {name}'s session, from {section.file} on")
         sessions[name] = read_session(folder / place)
+        for namesake, session in sessions.items():
+            if namesake != name and session.path.resolve() == sessions[name].path.resolve():
+                raise InputError(
+                    f"{section.file}: cameras names the session {place} twice, for {namesake} and"
+                    f" for {name}: each camera has a session of its own, so name that of {name}."
+                )
     boards = {session.board for session in sessions.values()}
     if len(boards) > 1:
         first, *others = sessions
         other = next(name for name in others if sessions[name].board != sessions[first].board)
         raise InputError(
-            f"{section.file}: {first} has a {sessions[first].board} board and {other} a"
-            f" {sessions[other].board} one: a rig has one board, so write the same in both"
+            f"{section.file}: {first} has a {_words(sessions[first].board)}, and {other} a"
+            f" {_words(sessions[other].board)}: a rig has one board, so write the same in both"
             " session.yaml files."
         )
     return sessions
+
+
+def _words(board: Board) -> str:
+    return f"{board} board with a {board.cell} of {1000 * board.square:g} mm"
 
 
 def _read_tolerance(section: Section) -> float | None:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,11 @@ import pytest
 import yaml
 
 from calib.cli import main
+from calib.commands.rig_lines import print_rig
 from calib.corners.view import View
 from calib.errors import InputError
 from calib.rig.placements import Placements
+from calib.rig.rig import Rig
 from calib.rig.rig_file import read_rig
 
 GOOD: dict[str, object] = {
@@ -61,7 +64,12 @@ MISTAKES: dict[str, tuple[dict[str, object], str]] = {
     "path as a name": ({"cameras": {"../left": "left"}}, "has the name '../left'"),
     "missing session": ({"cameras": {"left": "left", "right": "rigth"}}, "rigth is not a folder"),
     "number for a folder": ({"cameras": {"left": 1}}, "cameras.left is 1"),
+    "one session twice": (
+        {"cameras": {"left": "left", "right": "left/../left"}},
+        "names the session left/../left twice, for left and for right",
+    ),
     "baseline without sigma": ({"baseline_mm": 60.0}, "{value: 60.0, sigma: 0.5}"),
+    "exact baseline": ({"baseline_mm": {"value": 60.0, "sigma": 0}}, "with its standard deviation"),
     "baseline in metres": (
         {"baseline_mm": {"value": 0.06, "sigma": 0.001}},
         "(0.06 m, if metres were meant, is 60)",
@@ -106,7 +114,10 @@ def test_boards_must_be_the_same(folder: Path, tmp_path: Path) -> None:
     (session / "session.yaml").write_text(yaml.safe_dump(content))
     (session / "corners.vnl").write_text((folder / "right" / "corners.vnl").read_text())
     written(folder, {"cameras": {"left": "left", "right": "other"}})
-    with pytest.raises(InputError, match="a rig has one board"):
+    sentence = (
+        "left has a 6x5 board with a square of 30 mm, and right a 6x5 board with a square of 31 mm"
+    )
+    with pytest.raises(InputError, match=sentence):
         read_rig(folder)
 
 
@@ -191,3 +202,12 @@ def test_a_fit_and_its_evaluation_by_the_command(
     assert "has changed since calib wrote it" in capsys.readouterr().err
     assert (out / "left" / "calibration.yaml").read_text() == "mine"
     assert (out / "rig_calibration.yaml").read_bytes() == before[out / "rig_calibration.yaml"]
+
+
+def test_the_fit_says_how_many_placements_are_shared(
+    fitted: Rig, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A picture whose partner is missing still counts, for its camera alone."""
+    of_views = {**fitted.of_views, "right": fitted.of_views["right"][1:]}
+    print_rig(replace(fitted, of_views=of_views), 1.0)
+    assert "12 placements of the board, 11 of which several cameras saw" in capsys.readouterr().out
