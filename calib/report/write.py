@@ -110,16 +110,13 @@ def _sections(
 ) -> list[PageSection]:
     figures = [PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings]
     compared = [figure for figure in figures if figure.name == "comparison"]
-    before_after = (
-        [PageSection("effects", "Effects, before and after", effects_html(effects))]
-        if effects
-        else []
-    )
+    found = effects_html(effects, evidence.calibration)
+    diagnosed = [PageSection("effects", "The diagnosis, before and after", found)] if found else []
     return [
+        *diagnosed,
+        *compared,
         PageSection("numbers", "Camera and cover", parameters_html(evidence)),
         PageSection("stages", "The error after each stage", stages_html(evidence)),
-        *before_after,
-        *compared,
         *([PageSection("straight", "Before and after undistortion", straight)] if straight else []),
         *(figure for figure in figures if figure not in compared),
         *([PageSection("colour", "Colour fringes", colour)] if colour else []),

@@ -498,7 +498,9 @@ def test_a_shape_whose_fit_is_stuck_is_not_chosen(
     words = ["--board", "9x9", "--square-mm", "20", "--cover", "unknown"]
     assert main(["fit", str(photos), *words, "--outside-index", "1.333"]) == 0
     assert Calibration.load(photos / "calibration").cover.shape == "none"
-    assert "do not show a cover: a dome explains them as well" in " ".join(capsys.readouterr().out.split())
+    assert "do not show a cover: a dome explains them as well" in " ".join(
+        capsys.readouterr().out.split()
+    )
 
 
 @pytest.mark.slow
