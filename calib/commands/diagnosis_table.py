@@ -35,10 +35,10 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
         )
     console.print(_errors(finding))
     accepted = better.history.diagnosis.accepted if better.history.diagnosis else ()
-    found = {effect.name: effect for effect in accepted}
+    effects = {effect.name: effect for effect in accepted}
     for candidate in finding.candidates:
         if candidate.accepted:
-            estimates = "; ".join(describe_estimates(found[candidate.effect], better))
+            estimates = "; ".join(describe_estimates(effects[candidate.effect], better))
             what = describe_effect(candidate.effect, candidate.varies)
             console.print(
                 f"{candidate.title}: {what} {estimates}",

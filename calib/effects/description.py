@@ -25,12 +25,12 @@ def number_legend(effect: str, numbers: Sequence[str]) -> Iterator[str]:
     if not legend:
         yield f"{effect}: {describe_effect(effect)}"
         return
-    others = []
+    further = []
     for number in numbers:
         if words := legend.get(number.removeprefix(f"{effect}.")):
             yield f"{number}: {words}"
         else:
-            others.append(number)
-    if others:
-        name = others[0] if len(others) == 1 else f"{others[0]} to {others[-1]}"
+            further.append(number)
+    if further:
+        name = further[0] if len(further) == 1 else f"{further[0]} to {further[-1]}"
         yield f"{name}: {legend['']}"

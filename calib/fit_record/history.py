@@ -88,8 +88,8 @@ class Family:
     @property
     def note(self) -> str:
         """A short sentence that names the members."""
-        first, *others = (f"{name} ({chance:.2f})" for name, chance in self.members.items())
-        return f"these views do not tell {first} from {' or '.join(others)}."
+        names = [f"{name} ({chance:.2f})" for name, chance in self.members.items()]
+        return f"these views do not tell {names[0]} from {' or '.join(names[1:])}."
 
     def __str__(self) -> str:
         members = ", ".join(f"{name} ({chance:.2f})" for name, chance in self.members.items())

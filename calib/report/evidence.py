@@ -148,8 +148,8 @@ class Evidence:
         _, row, column = np.unravel_index(np.nanargmax(fields), fields.shape)
         camera = self.calibration.camera
         x, y = self.sigma.nodes_x[column], self.sigma.nodes_y[row]
-        part = picture_part(float(x) / camera.width, float(y) / camera.height)
-        return f"{np.nanmax(fields):.2g} px {part}"
+        region = picture_region(float(x) / camera.width, float(y) / camera.height)
+        return f"{np.nanmax(fields):.2g} px {region}"
 
     def sigma_at_corners(self, depth: float) -> Array:
         """Return (n,) px, the standard deviation of the map of a depth (m) at the training corners
@@ -161,10 +161,10 @@ class Evidence:
         return sigma[np.isfinite(sigma) & self.shows(self.pixels)].astype(np.float64)
 
 
-def picture_part(across: float, down: float) -> str:
+def picture_region(x: float, y: float) -> str:
     """Return words for a place in the picture, whose coordinates are 0 to 1."""
     rows, columns = ("top", "", "bottom"), ("left", "", "right")
-    row, column = rows[_third(down)], columns[_third(across)]
+    row, column = rows[_third(y)], columns[_third(x)]
     if not (row or column):
         return "in the middle"
     if not (row and column):

@@ -61,11 +61,11 @@ def _found(calibration: Calibration) -> str:
     diagnosis = calibration.history.diagnosis
     if not (diagnosis and diagnosis.accepted and len(diagnosis.qualities) > 1):
         return ""
-    before, after = (errors.held_out_px for errors in diagnosis.qualities)
+    first, last = diagnosis.qualities
     names = [effect.name for effect in diagnosis.accepted]
     return (
         f"The diagnosis found {' and '.join(names)}. On held-out views the error was"
-        f" {before:.3f} px and is now {after:.3f} px."
+        f" {first.held_out_px:.3f} px and is now {last.held_out_px:.3f} px."
     )
 
 

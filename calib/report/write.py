@@ -110,8 +110,12 @@ def _sections(
 ) -> list[PageSection]:
     figures = [PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings]
     compared = [figure for figure in figures if figure.name == "comparison"]
-    found = effects_html(effects, evidence.calibration)
-    diagnosed = [PageSection("effects", "The diagnosis, before and after", found)] if found else []
+    diagnosis_html = effects_html(effects, evidence.calibration)
+    diagnosed = (
+        [PageSection("effects", "The diagnosis, before and after", diagnosis_html)]
+        if diagnosis_html
+        else []
+    )
     return [
         *diagnosed,
         *compared,

@@ -14,7 +14,7 @@ from calib.fit_record.outcome import CrossValidation
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.progress import Silent
-from calib.report.evidence import gather_evidence, picture_part
+from calib.report.evidence import gather_evidence, picture_region
 from calib.report.patterns import (
     CHANCE,
     PATTERN_PROBABILITY,
@@ -103,7 +103,7 @@ def test_the_noise_by_depth_is_that_of_the_corners(reported: Reported) -> None:
     [(0.1, 0.0, "at the top left"), (0.5, 1.0, "at the bottom"), (1.0, 0.5, "at the right edge")],
 )
 def test_a_place_in_the_picture_has_words(across: float, down: float, words: str) -> None:
-    assert picture_part(across, down) == words
+    assert picture_region(across, down) == words
 
 
 def test_the_worst_place_of_the_maps_is_named(reported: Reported) -> None:
