@@ -90,8 +90,8 @@ class Setup:
             for name, number in numbers_of(self.intrinsics, self.cover).items():
                 if number.unknown:
                     raise InputError(
-                        f"--method paper holds every number, and {name} is unknown: write its value"
-                        " in session.yaml, or leave out --method."
+                        f"--method paper fits no number, and {name} is unknown: write its value in"
+                        " session.yaml, or leave out --method."
                     )
             return self
         names = settings.free
