@@ -99,7 +99,7 @@ class ExportScreen(Dialog[str]):
             yield Static(harmless(self._note), markup=False)
             yield _row("depths in metres", Field(f"{self._depth:g}", id="depths", compact=True))
             forms = [
-                (f"{form.name:<12}{form.brief or form.summary}", form.name) for form in FORMATS
+                (f"{form.name:<11} {form.brief or form.summary}", form.name) for form in FORMATS
             ]
             yield _row(
                 "form",
