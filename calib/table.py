@@ -75,8 +75,8 @@ class Table:
             )
             for section in shown.sections
         )
-        notes = (f"<p>{escape(note)}</p>" for note in self.notes)
-        return "".join((*parts, *notes))
+        notes = "<br>".join(map(escape, self.notes))
+        return "".join(parts) + (f"<p>{notes}</p>" if notes else "")
 
     def headings(self, section: TableSection) -> list[str]:
         """Return the headings of the columns that are not empty in a section; else empty texts."""
