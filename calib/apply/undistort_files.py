@@ -32,10 +32,12 @@ ENCODING = {
 
 @dataclass(frozen=True, slots=True)
 class UndistortedFiles:
-    """The files that were written, and a sentence for each video that is cut off."""
-
     paths: tuple[Path, ...]
+    """The files that were written."""
     cut_off: tuple[str, ...]
+    """A sentence for each video that is cut off."""
+    black: float
+    """0 to 1, the part of the last picture that the camera does not see."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,8 @@ def undistort_files(
             image = _encode(_undistort_picture(path, undistorter), path)
             written.append(output.write(path.name, image))
     advance(len(paths), "")
-    return UndistortedFiles(tuple(written), tuple(cut_off))
+    black = 1 - float(undistorter.valid.mean())
+    return UndistortedFiles(tuple(written), tuple(cut_off), black)
 
 
 def _undistort_picture(path: Path, undistorter: Undistorter) -> Image:

@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from calib.commands.arguments import (
     add_calibration,
@@ -36,6 +36,10 @@ EXAMPLES = (
     "calib undistort cam0/calibration photos --depth 1 -o straight",
     "calib undistort cam0/calibration film.mp4 --depth 0.5 --crop 0 -o straight",
 )
+
+
+NOTABLE = 0.1
+"""The part of a straight picture that may be black without a remark."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -121,8 +125,12 @@ def run(args: argparse.Namespace) -> None:
         raise InputError("A bag is undistorted by itself: give it alone.")
     calibration = Calibration.load(args.calibration)
     with Bars() as bars:
-        paths, cut_off = (_straighten_bag if bags else _straighten_files)(args, calibration, bars)
+        paths, cut_off, remark = (_straighten_bag if bags else _straighten_files)(
+            args, calibration, bars
+        )
     print_paths(paths)
+    if remark:
+        print(remark, file=sys.stderr)
     if limit := undistortion_limit(calibration):
         print(limit, file=sys.stderr)
     for remark in describe_hidden(calibration.ray_field(), filter(None, [args.depth])):
@@ -133,8 +141,12 @@ def run(args: argparse.Namespace) -> None:
         raise NotEnoughDataError(cut_off[0] + addition)
 
 
-Straightened = tuple[Sequence[Path], Sequence[str]]
-"""The written files, and a sentence for each video that is cut off."""
+class Straightened(NamedTuple):
+    paths: Sequence[Path]
+    """The written files."""
+    cut_off: Sequence[str] = ()
+    """A sentence for each video that is cut off."""
+    remark: str = ""
 
 
 def _straighten_files(
@@ -162,7 +174,13 @@ def _straighten_files(
         args.output, overwrite=args.overwrite, inputs=calibration_files(args.calibration)
     )
     done = undistort_files(calibration, args.images, wanted, output, progress)
-    return done.paths, done.cut_off
+    remark = ""
+    if args.crop is None and args.depth is not None and done.black > NOTABLE:
+        remark = (
+            f"The camera does not see {100 * done.black:.0f} % of the straight picture, which are"
+            " black: --crop 0 shows only what it sees, larger."
+        )
+    return Straightened(done.paths, done.cut_off, remark)
 
 
 def _straighten_bag(
@@ -188,7 +206,7 @@ def _straighten_bag(
     output.check([args.output.name])
     undistorter = Undistorter(calibration, args.depth, crop=args.crop, size=args.size)
     written = straighten_bag(path, args.topic, undistorter, output, args.output.name, progress)
-    return (args.output.parent / written.name,), ()
+    return Straightened((args.output.parent / written.name,))
 
 
 def _size(text: str) -> tuple[int, int]:

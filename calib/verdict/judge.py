@@ -115,7 +115,7 @@ def judge(
             )
         reasons = _reasons(case)
         depth = next(iter(commands.depths), case.usual_depths[0])
-        proof = commands.evaluate(), commands.diagnose()
+        proof = (commands.evaluate(), *([commands.diagnose()] if commands.diagnosable else []))
         uses = commands.uses(depth, mapped=bool(case.depths))
         diagnosis = calibration.history.diagnosis
         notes = tuple(family.note for family in diagnosis.families) if diagnosis else ()

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.calibration import Calibration
+from calib.corners.view import pose_labels
 from calib.fit_record.request import CommandOptions, Settings
+from calib.inference.cross_validation import FOLDS
 from calib.io.images import frames_folder
 from calib.io.numerals import depth_text
 
@@ -29,6 +31,8 @@ class NextCommands:
     """The folder of the session's pictures; None if it has corners alone, or is not here."""
     depths: tuple[float, ...] = ()
     """m, of the maps that the fit was asked for: the same fit makes them again."""
+    diagnosable: bool = True
+    """True if there are enough poses of the board for a diagnosis."""
 
     @staticmethod
     def of(
@@ -59,6 +63,7 @@ class NextCommands:
             records=calibration.board.has_grid and frames_folder(session) != session,
             pictures=next((place for place in pictures if place.is_dir()), None),
             depths=depths or command.depths,
+            diagnosable=len(set(pose_labels(calibration.views).tolist())) >= FOLDS,
         )
 
     def fit(self, *options: str) -> str:
@@ -84,6 +89,9 @@ class NextCommands:
         return shlex.join(["capture", str(self.session)])
 
     def diagnose(self, *options: str) -> str:
+        """Return the diagnosis, or what comes before it where there are too few views."""
+        if not self.diagnosable:
+            return self.capture()
         return shlex.join(["calib", "diagnose", str(self.folder), *options])
 
     def check(self, session: str) -> str:

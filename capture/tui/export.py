@@ -1,5 +1,5 @@
 """Export: the screen that asks for the depths, the format and the folder; then `calib export`
-writes the maps.
+writes the maps, or `calib undistort` the straight pictures.
 """
 
 import argparse
@@ -24,10 +24,13 @@ from capture.tui.sized import Dialog, SizeNotice
 from capture.typed_path import expand_typed_path
 
 ABOUT = (
-    "Maps that undistort pictures, one for each depth of the scene. Name a depth or more, with a"
-    " blank between, in metres from the lens along its axis. npz has map_x and map_y as cv2.remap"
-    " takes them."
+    "Maps that undistort pictures, or the straight pictures, for a depth of the scene in metres"
+    " from the lens along its axis; 0.5 1 names two. npz has map_x and map_y as cv2.remap takes"
+    " them."
 )
+STRAIGHT = "straight"
+"""The form of the session's own pictures, undistorted."""
+ONE_DEPTH = "Straight pictures are of one depth: name one, in metres."
 EXPORT_DONE = "That is all: esc goes back to the results, where q ends the program."
 OVERWRITE_ADVICE = ", or replace what is there with --overwrite"
 """Advice of the command that the screen omits, because it has no such flag."""
@@ -35,6 +38,9 @@ NO_MAP = (
     "No map, as no depth was named. rays.npz holds the ray of every pixel: name a depth here for a"
     " map, and press ^s again, or esc goes back."
 )
+
+MAX_NAMES = 6
+"""Written files that are named."""
 
 # the factor beyond the farthest board, or below the nearest, from which on a depth is questioned
 MAX_DISTANCE_RATIO = 3.0
@@ -77,9 +83,11 @@ class ExportScreen(Dialog[str]):
         boards: tuple[float, float] | None = None,
         *,
         note: str = "",
+        pictures: Path | None = None,
     ) -> None:
         """`depth`, in metres, is proposed; `boards`, in metres, is the range from the nearest to
-        the farthest board, if it is known. `note` is shown before the export.
+        the farthest board, if it is known. `note` is shown before the export. `pictures` is the
+        folder of the session's pictures.
         """
         super().__init__()
         self._note = note
@@ -89,6 +97,7 @@ class ExportScreen(Dialog[str]):
         self._depth = depth
         self._calibration = calibration
         self._folder = session / "export"
+        self._pictures = pictures
         self._summary = ""
         self._invalid = False
         """True if the fields cannot be exported, and the screen says why."""
@@ -101,6 +110,8 @@ class ExportScreen(Dialog[str]):
             forms = [
                 (f"{form.name:<11} {form.brief or form.summary}", form.name) for form in FORMATS
             ]
+            if self._pictures and self._pictures.is_dir():
+                forms.insert(1, (f"{STRAIGHT:<12}the session's pictures, undistorted", STRAIGHT))
             yield _row(
                 "form",
                 Select(forms, value=FORMATS[0].name, allow_blank=False, id="form", compact=True),
@@ -158,19 +169,17 @@ class ExportScreen(Dialog[str]):
             self._say(warning)
             return
         form = str(self.query_one("#form", Select).value)
+        if form == STRAIGHT and len(depths) != 1:
+            self._say(ONE_DEPTH)
+            return
         self._say("Being written.")
-        self._run(
-            self.app,
-            [
-                "export",
-                str(self._calibration),
-                "--format",
-                form,
-                "-o",
-                str(folder),
-                *(["--depth", *depths] if depths else []),
-            ],
+        command = (
+            ["undistort", str(self._calibration), str(self._pictures)]
+            if form == STRAIGHT
+            else ["export", str(self._calibration), "--format", form]
         )
+        depths = ["--depth", *depths] if depths else []
+        self._run(self.app, [*command, *depths, "-o", str(folder)])
 
     @work(thread=True, exclusive=True)
     def _run(self, app: App[None], arguments: Sequence[str]) -> None:
@@ -263,10 +272,10 @@ def is_map(path: Path) -> bool:
 
 
 def _describe_files(written: Sequence[Path], remarks: Sequence[str]) -> str:
-    summary = (
-        f"Wrote {' '.join(path.name for path in written)}\nin"
-        f" {harmless(str(written[0].parent.resolve()))}"
-    )
+    count = len(written)
+    names = " ".join(path.name for path in written[:MAX_NAMES])
+    more = f" and {count - MAX_NAMES} more" if count > MAX_NAMES else ""
+    summary = f"Wrote {names}{more}\nin {harmless(str(written[0].parent.resolve()))}"
     return "\n".join([summary, *([] if any(map(is_map, written)) else [NO_MAP]), *remarks])
 
 

@@ -284,11 +284,11 @@ class ResultsScreen(Page):
             )
 
     def _next_steps(self) -> str:
-        effects = "e to look for what the model lacks"
+        exports = "x for maps and straight pictures"
         if self._trusted:
             diagnosed = any(stage["name"] == "cover+rbf+effects" for stage in self.result["stages"])
-            return f"Press r for the report, x to export maps{'' if diagnosed else f', {effects}'}."
-        return f"Press {effects}, r for the report, x to export maps."
+            return f"Press r for the report, {exports}{'' if diagnosed else ', e to diagnose'}."
+        return f"Press e to diagnose, r for the report, {exports}."
 
     def _line(self, view: Mapping[str, Any]) -> str:
         is_dropped = any(picture.file == view["file"] for picture in self._dropped)
@@ -418,16 +418,23 @@ class ResultsScreen(Page):
 
     def action_export(self) -> None:
         calibration = Path(self.result["calibration"])
+        pictures = frames_folder(self.session)
         if folder := updated_folder(calibration.parent):
             note = (
                 f"These maps are of the calibration as a check has brought it up to date: {folder}"
             )
             screen = ExportScreen(
-                folder, folder / CALIBRATION, self._depth, self._boards, note=note
+                *(folder, folder / CALIBRATION, self._depth, self._boards),
+                note=note,
+                pictures=pictures,
             )
         else:
             note = EARLIER_FIT_NOTE if self._dropped else ""
-            screen = ExportScreen(self.session, calibration, self._depth, self._boards, note=note)
+            screen = ExportScreen(
+                *(self.session, calibration, self._depth, self._boards),
+                note=note,
+                pictures=pictures,
+            )
         self.app.push_screen(screen, lambda wrote: self._say(wrote) if wrote else None)
 
     def action_report(self) -> None:

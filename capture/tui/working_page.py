@@ -20,6 +20,10 @@ from capture.tui.page import ChildReported, Page
 BAR_COLUMNS = 24  # columns
 BEGINNING = (LOADING, 0, 1, "")
 """The first task, which is on the screen before the process has reported anything."""
+FAILED_AGAIN = (
+    "It failed in this way before: esc goes back. Take more pictures, or quit and run calib fit,"
+    " which says more."
+)
 ERRORS_HEADING = "Error left (rms, weighted: surer corners count more than in the results):"
 
 
@@ -56,6 +60,8 @@ class WorkingPage(Page):
         self._errors: list[tuple[str, float]] = []  # the task, and the error in px
         self.bars: Sequence[Bar] = ()
         """The bars on the screen."""
+        self._failure = ""
+        """The error that was shown last."""
         self._result: Event | None = None
         """The result that came while the help covered this screen."""
 
@@ -113,7 +119,9 @@ class WorkingPage(Page):
                 self._clear_child()
                 if self._tasks == [BEGINNING]:
                     self._tasks = []  # refused before there was anything to load
-                self.say(f"{sentence} {self.RETRY_ADVICE}")
+                again = FAILED_AGAIN if sentence == self._failure else self.RETRY_ADVICE
+                self._failure = sentence
+                self.say(f"{sentence} {again}")
             case {"event": "result"} as result:
                 self._clear_child()
                 if self.app.screen is self:

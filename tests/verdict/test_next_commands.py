@@ -57,6 +57,14 @@ def test_views_of_another_program_are_not_recorded() -> None:
     assert commands.capture() == "calib fit photos"
 
 
+def test_no_diagnosis_is_proposed_of_too_few_views(good: Calibration) -> None:
+    commands = NextCommands(Path("s"), Path("s/calibration"), Settings(), diagnosable=False)
+    assert commands.diagnose() == "capture s"
+    assert NextCommands.of(good, None, None, ()).diagnosable
+    few = replace(good, views=good.views[:4])
+    assert not NextCommands.of(few, None, None, ()).diagnosable
+
+
 def test_a_fit_makes_its_maps_again() -> None:
     commands = NextCommands(Path("s"), Path("s/calibration"), Settings(), depths=(0.525, 1.0))
     assert commands.fit("--free", "all") == "calib fit s --depth 0.525 1 --free all"

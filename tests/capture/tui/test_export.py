@@ -11,10 +11,17 @@ from threading import Event
 
 import pytest
 from textual.pilot import Pilot
+from textual.widgets import Select
 
 from calib.export.formats import BRIEF, FORMATS
 from capture.tui.command import CommandResult
-from capture.tui.export import ExportScreen, parse_depths, warn_of_distance
+from capture.tui.export import (
+    ONE_DEPTH,
+    STRAIGHT,
+    ExportScreen,
+    parse_depths,
+    warn_of_distance,
+)
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 
 
@@ -215,6 +222,30 @@ async def _no_depth(session: Path) -> None:
         await see(pilot, "No map, as no depth was named.")
         assert "Wrote rays.npz " in shown(pilot)
         assert "That is all" not in shown(pilot)
+
+
+def test_the_pictures_of_the_session_are_made_straight(
+    tmp_path: Path, calls: list[Sequence[str]]
+) -> None:
+    (tmp_path / "frames").mkdir()
+    drive(_straight(tmp_path))
+    calibration, frames, out = (tmp_path / name for name in ("calibration", "frames", "export"))
+    words = ["undistort", calibration, frames, "--depth", "0.5", "-o", out]
+    assert calls == [[*map(str, words)]]
+
+
+async def _straight(session: Path) -> None:
+    async with running(session) as pilot:
+        screen = ExportScreen(session, session / "calibration", 1.0, pictures=session / "frames")
+        pilot.app.push_screen(screen)
+        await see(pilot, "depths in metres")
+        screen.query_one("#form", Select).value = STRAIGHT
+        await write(pilot, "0.5 1")
+        await pilot.press("ctrl+s")
+        await see(pilot, ONE_DEPTH)
+        await write(pilot, "0.5")
+        await pilot.press("ctrl+s")
+        await see(pilot, "That is all")
 
 
 def test_a_late_success_does_not_hide_the_current_error(

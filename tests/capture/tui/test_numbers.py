@@ -38,7 +38,7 @@ def test_camera_and_cover_are_shown(size: tuple[int, int], tmp_path: Path) -> No
 async def _shown(size: tuple[int, int], session: Path) -> None:
     async with running(session, size=size) as pilot:
         pilot.app.push_screen(ResultsScreen(session, RESULT))
-        await see(pilot, "x to export maps")
+        await see(pilot, "x for maps and straight pictures")
         roomy = size == SIZES[1]
         assert ("fx 503.21 ± 0.42 px" in shown(pilot)) == roomy
         assert "Views, the worst first" in shown(pilot)
@@ -61,7 +61,7 @@ async def _on_phone(session: Path) -> None:
     async with running(session) as pilot:
         screen = ResultsScreen(session, RESULT)
         pilot.app.push_screen(screen)
-        await see(pilot, "x to export maps")
+        await see(pilot, "x for maps and straight pictures")
         assert not screen.query_one(Numbers).display
         setattr(pilot.app, "on_phone", True)  # noqa: B010  # the type of a pilot's app is App
         await pilot.pause()

@@ -44,7 +44,7 @@ def session(tmp_path: Path) -> Path:
 async def results(session: Path) -> AsyncIterator[Pilot[None]]:
     async with running(session) as pilot:
         pilot.app.push_screen(ResultsScreen(session, RESULT, BEFORE))
-        await see(pilot, "x to export maps")
+        await see(pilot, "x for maps and straight pictures")
         yield pilot
 
 
@@ -177,7 +177,7 @@ async def _report(session: Path) -> None:
         text = " ".join(shown(pilot).split())
         assert (
             "You can trust it in the parts of the picture where the board was. Press r for the"
-            " report, x to export maps, e to look for what the model lacks." in text
+            " report, x for maps and straight pictures, e to diagnose." in text
         )
 
 
@@ -359,5 +359,5 @@ def test_the_results_do_not_repeat_the_numbers_of_a_diagnosis(
 async def _compare(session: Path, previous_result: dict[str, object], alone: bool) -> None:
     async with running(session) as pilot:
         pilot.app.push_screen(ResultsScreen(session, RESULT, previous_result))
-        await see(pilot, "x to export maps")
+        await see(pilot, "x for maps and straight pictures")
         assert ("on board before" not in shown(pilot)) == alone

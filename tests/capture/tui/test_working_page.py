@@ -8,6 +8,7 @@ from capture.tui.child import Child
 from capture.tui.fit import FitScreen
 from capture.tui.fitting import fit_session
 from capture.tui.mirror import describe_screen
+from capture.tui.working_page import FAILED_AGAIN
 from tests.capture.tui.driving import drive, running, see
 
 
@@ -44,3 +45,21 @@ async def _steps(session: Path) -> None:
             ("Error left, Intrinsics", "0.150 px"),
             ("Error left, Joint fit", "0.075 px"),
         ]
+
+
+def test_a_failure_that_repeats_has_other_advice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(FitScreen, "follow", lambda *_: None)
+    drive(_fail_twice(tmp_path))
+
+
+async def _fail_twice(session: Path) -> None:
+    async with running(session) as pilot:
+        screen = FitScreen(session)
+        await pilot.app.push_screen(screen)
+        for advice in (FitScreen.RETRY_ADVICE, FAILED_AGAIN):
+            screen.child = Child(fit_session)
+            failure = {"event": "error", "sentence": "Too few pictures."}
+            screen.post_message(FitScreen.ProcessReported(screen.child, failure))
+            await see(pilot, f"Too few pictures. {advice}")

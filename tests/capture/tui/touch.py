@@ -63,6 +63,7 @@ VISIBLE = """
 })()
 """  # noqa: E501
 """A script that says whether a person sees the whole of an element, without scrolling."""
+ENDED = 'document.body.classList.contains("-closed")'
 WORDS = 'document.getElementById("thumb").hidden ? "" : document.getElementById("thumb").innerText'
 
 
@@ -120,10 +121,11 @@ class Telephone(Browser):
             assert time.monotonic() - start_s < HANGS_S, (
                 f"nothing to touch: {what}\n{await self.evaluate(HIT % what)}\n{await self.words()}"
             )
+            assert not await self.evaluate(ENDED), f"the app has ended before {what} was touched"
             place = await self.evaluate_json(PLACE % what)
-            if place is None:
-                await asyncio.sleep(0.1)
-                continue
+            await asyncio.sleep(0.1)
+            if place is None or place != await self.evaluate_json(PLACE % what):
+                continue  # it is hidden, or it moves: the finger might touch its neighbour, Quit
             assert min(place["width"], place["height"]) >= minimum, (
                 f"{what} is smaller than a finger: {place}"
             )
