@@ -64,8 +64,9 @@ def _found(calibration: Calibration) -> str:
     first, last = diagnosis.qualities
     names = [effect.name for effect in diagnosis.accepted]
     return (
-        f"The diagnosis found {' and '.join(names)}. On held-out views the error was"
-        f" {first.held_out_px:.3f} px and is now {last.held_out_px:.3f} px."
+        f"The diagnosis found {' and '.join(names)}. The error on held-out views is"
+        f" {first.held_out_px:.3f} px without effects, and {last.held_out_px:.3f} px with those"
+        " found."
     )
 
 
