@@ -108,10 +108,10 @@ class ExportScreen(Dialog[str]):
             yield Static(harmless(self._note), markup=False)
             yield _row("depths in metres", Field(f"{self._depth:g}", id="depths", compact=True))
             forms = [
-                (f"{form.name:<11} {form.brief or form.summary}", form.name) for form in FORMATS
+                (f"{form.name:<13}{form.brief or form.summary}", form.name) for form in FORMATS
             ]
             if self._pictures and self._pictures.is_dir():
-                forms.insert(1, (f"{STRAIGHT:<12}the session's pictures, undistorted", STRAIGHT))
+                forms.insert(1, (f"{STRAIGHT:<13}the session's pictures, undistorted", STRAIGHT))
             yield _row(
                 "form",
                 Select(forms, value=FORMATS[0].name, allow_blank=False, id="form", compact=True),
@@ -179,7 +179,7 @@ class ExportScreen(Dialog[str]):
             else ["export", str(self._calibration), "--format", form]
         )
         depths = ["--depth", *depths] if depths else []
-        self._run(self.app, [*command, *depths, "-o", str(folder)])
+        self._run(self.app, [*command, "-o", str(folder), *depths])
 
     @work(thread=True, exclusive=True)
     def _run(self, app: App[None], arguments: Sequence[str]) -> None:
