@@ -163,7 +163,7 @@ def check_readable(document: dict[str, Any], arrays: memoryview) -> None:
     except (InputError, ValueError) as error:
         raise NotEnoughDataError(
             "The views do not determine a number of the camera or cover, so that no calibration is"
-            " written: take more views, tilted, near and far, or hold more numbers with --free"
+            " written: take more views, tilted, near and far, or fit fewer numbers with --free"
             f" ({str(error).rstrip('.')})."
         ) from error
 

@@ -62,17 +62,33 @@ class Table:
         return f"<p><b>{escape(self.title)}</b></p>{self.html()}"
 
     def html(self) -> str:
-        """Return the table as HTML, without its title."""
+        """Return the table as HTML, without its title. A column that is empty in a section has no
+        heading there, and the last columns that are empty in all sections are left out.
+        """
+        rows = [row for section in self.sections for row in section.rows]
+        count = max((last_filled(row) for row in rows), default=len(self.columns))
+        shown = self.first_columns(count)
         parts = (
             f"<h3>{escape(section.title)}</h3>"
             + html_table(
-                self.columns if section.headed else [""] * len(self.columns),
-                [[escape(cell) for cell in row] for row in section.rows],
+                shown.headings(section), [[escape(cell) for cell in row] for row in section.rows]
             )
-            for section in self.sections
+            for section in shown.sections
         )
-        notes = (f"<p>{escape(note)}</p>" for note in self.notes)
-        return "".join((*parts, *notes))
+        notes = "<br>".join(map(escape, self.notes))
+        return "".join(parts) + (f"<p>{notes}</p>" if notes else "")
+
+    def headings(self, section: TableSection) -> list[str]:
+        """Return the headings of the columns that are not empty in a section; else empty texts."""
+        return [
+            heading if section.headed and any(row[column] for row in section.rows) else ""
+            for column, heading in enumerate(self.columns)
+        ]
+
+
+def last_filled(row: Sequence[str]) -> int:
+    """Return the number of cells up to the last one with a text."""
+    return max((place for place, cell in enumerate(row, start=1) if cell), default=0)
 
 
 def _line(cells: Sequence[str], widths: Sequence[int]) -> str:

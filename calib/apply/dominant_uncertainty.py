@@ -24,7 +24,7 @@ Calibrations that are made in the medium itself reach a few hundredths.
 DOMINANCE_FRACTION = 0.8
 """A group dominates if sigma without its errors is less than this fraction of the full sigma."""
 WORDS = {
-    "relief": "the glass's unevenness",
+    "relief": "the uneven glass",
     "camera": "the camera's focal length, principal point and lens",
 }
 """The words for groups that are no dimension of the cover."""

@@ -186,9 +186,11 @@ def effects(text: str) -> tuple[str, ...]:
     if text in ("none", "auto"):
         return () if text == "none" else ("auto",)
     if invalid or not names or len(set(names)) < len(names):
+        near = get_close_matches(invalid[0], NAMES, 1) if invalid else ()
+        hint = f": did you mean {near[0]}?" if near else "."
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not none, auto, or some of {', '.join(NAMES)}, each once, joined"
-            " by commas"
+            f"{quoted(text)} does not name effects{hint} Write none, auto, or some of"
+            f" {', '.join(NAMES)}, each once, joined by commas"
         )
     return names
 
@@ -201,13 +203,10 @@ def free(text: str) -> tuple[str, ...]:
     for name in text.split(","):
         if name not in names:
             near = get_close_matches(name, names, 1)
-            hint = (
-                f"did you mean {near[0]}"
-                if near
-                else f"write some of {', '.join(names)}, joined by commas"
-            )
+            hint = f": did you mean {near[0]}?" if near else "."
             raise argparse.ArgumentTypeError(
-                f"{quoted(name)} is not a number that can be freed: {hint}"
+                f"{quoted(name)} is not a number that can be freed{hint} Write some of"
+                f" {', '.join(names)}, joined by commas"
             )
     return tuple(dict.fromkeys(text.split(",")))
 

@@ -56,7 +56,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         action="extend",
         default=[],
-        help="export every camera that may be used, at every --depth, as calib export does",
+        metavar="FORMAT",
+        help=(
+            "export every camera that may be used, at every --depth; calib export --help lists the"
+            " formats"
+        ),
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(

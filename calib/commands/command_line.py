@@ -14,7 +14,14 @@ from pathlib import Path
 from types import ModuleType
 
 from calib.commands.completion import add_completion
-from calib.commands.parser import CommandGroup, Help, Parser, command_name, examples_of
+from calib.commands.parser import (
+    CommandGroup,
+    Help,
+    Parser,
+    command_name,
+    examples_of,
+    with_choices_below,
+)
 from calib.errors import RefracalError, brief
 from calib.version import VERSION
 
@@ -56,7 +63,7 @@ def run_command(
             code: int | None = args.run(args)
         print(end="", flush=True)  # a full disk raises here; at exit it would be a traceback
     except RefracalError as error:
-        print(f"{program}: {error}", file=sys.stderr)
+        print(f"{program}: {with_choices_below(str(error))}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         print(f"{program}: interrupted.", file=sys.stderr)

@@ -12,10 +12,13 @@ from calib.effects.description import describe_effect
 from calib.errors import harmless
 from calib.table import board_error
 
-LONGEST_TITLE = 20
+LONGEST_TITLE = 38
 """The longest title in the line of its numbers."""
-HELD_OUT = "Held out: without → with the effect; surer corners weigh more than above."
-"""The difference between the held-out errors of the candidates and those of the first table."""
+EXPLANATION = (
+    "Held out: the error without → with the effect. Gain: its fall, 95 % range.",
+    "Corners with a small sigma count more here than in the first table.",
+)
+"""The meaning of the columns, and why they differ from the errors of the first table."""
 
 
 def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
@@ -32,10 +35,10 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
         )
     console.print(_errors(finding))
     accepted = better.history.diagnosis.accepted if better.history.diagnosis else ()
-    found = {effect.name: effect for effect in accepted}
+    effects = {effect.name: effect for effect in accepted}
     for candidate in finding.candidates:
         if candidate.accepted:
-            estimates = "; ".join(describe_estimates(found[candidate.effect], better))
+            estimates = "; ".join(describe_estimates(effects[candidate.effect], better))
             what = describe_effect(candidate.effect, candidate.varies)
             console.print(
                 f"{candidate.title}: {what} {estimates}",
@@ -85,12 +88,12 @@ def _candidate_lines(finding: Diagnosis) -> Iterator[str]:
         finding.candidates, key=lambda c: (not c.accepted, c.held_out_px_after is None, c.p_value)
     ):
         groups.setdefault(candidate.outcome, []).append(candidate)
-    yield f"{'What was considered':<22}{'chi²':>11}{'p':>8}{'held out, px':>18}{'gain, 95 %':>18}"
+    yield f"{'What was considered':<41}{'held out, px':>18}{'gain, px':>18}"
     yield "─" * 77
     for outcome, group in groups.items():
         yield f"{outcome}:"
         yield from map(_line, group)
-    yield HELD_OUT
+    yield from EXPLANATION
 
 
 def _line(candidate: Candidate) -> str:
@@ -101,14 +104,8 @@ def _line(candidate: Candidate) -> str:
     )
     gain = candidate.gain_ci95
     interval = f"{gain[0]:.3f} to {gain[1]:.3f}" if gain else ""
-    score = f"{candidate.chi2:.0f}/{candidate.dof}"
-    p_value = _format_p_value(candidate.p_value)
     title = candidate.title
     if len(title) > LONGEST_TITLE:
-        title = f"{title}\n{'':<22}"
-    row = f"  {title:<20}{score:>11}{p_value:>8}{held_out:>18}{interval:>18}"
+        title = f"{title}\n{'':<41}"
+    row = f"  {title:<39}{held_out:>18}{interval:>18}"
     return row.rstrip()
-
-
-def _format_p_value(p_value: float) -> str:
-    return "<1e-99" if p_value < 1e-99 else f"{p_value:.1g}"

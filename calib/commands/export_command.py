@@ -42,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--format",
         choices=[form.name for form in FORMATS],
         required=True,
+        metavar="FORMAT",
         help="the file format, as listed below",
     )
     add_depths(parser, required=False)

@@ -22,8 +22,8 @@ def add_fit_options(parser: Options, *, default_folds: int = 0) -> None:
         default=(12, 12),
         metavar="AxB",
         help=(
-            "model the bumps of the glass by A centres around the cover and B along it (default:"
-            " 12x12); auto: choose by the error on held-out views; 1x1: even glass"
+            "model uneven glass by A centres around the cover and B along it (default: 12x12);"
+            " auto: choose by the error on held-out views; 1x1: even glass"
         ),
     )
     parser.add_argument(
@@ -52,7 +52,7 @@ def add_fit_options(parser: Options, *, default_folds: int = 0) -> None:
     parser.add_argument(
         "--neglect-shift",
         action="store_true",
-        help="let a bump tilt the surface only and not move it, as the paper does",
+        help="let uneven glass tilt the surface only and not move it, as the paper does",
     )
 
 

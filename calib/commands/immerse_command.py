@@ -35,10 +35,10 @@ SUMMARY = "Convert a calibration to another medium: made in air, used in water."
 DESCRIPTION = """
 The camera and its cover stay as calibrated; only the index of the medium outside changes, to
 --outside-index, or to that of water of a given --salinity and --temperature (Quan and Fry 1995).
-Numbers that the fit held at their declared values, because they hardly mattered, are estimated
-within their tolerances unless they are declared exact. Some numbers, such as the place of a flat
-window, hardly matter in air but do in water. If the views leave one of them open, the command says
-so, and how well it must be measured. To convert back to air: --outside-index 1.
+Numbers that were not fitted, because they hardly mattered, are estimated within their tolerances
+unless they are declared exact. Some numbers, such as the place of a flat window, hardly matter in
+air but do in water. If the views do not determine one of them, the command says so, and how well it
+must be measured. To convert back to air: --outside-index 1.
 """
 EXAMPLES = (
     "calib immerse cam0/calibration --outside-index 1.333",

@@ -10,7 +10,7 @@ from itertools import takewhile
 from types import ModuleType
 from typing import Any, NoReturn
 
-from calib.errors import RefracalError, brief
+from calib.errors import RefracalError, brief, harmless
 
 NUMBER = re.compile(
     r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[+-]?[0-9]+)?(mm|cm|m)?|[+-]?(inf|nan)", re.IGNORECASE
@@ -20,7 +20,25 @@ NEGATIVE = re.compile(r"-[0-9.]")
 """The beginning of a negative number, or of a list that begins with one. No option begins so."""
 COMPONENT = re.compile(r"[+-]?[0-9.]+(e[+-]?[0-9]+)?((\+-|±)[0-9.]+)?", re.IGNORECASE)
 """One number of an option that takes several, such as 0, -8 or 40+-5."""
+CHOICES = re.compile(
+    r"(Choose from|allowed here are|[Ww]rite (none, auto, or )?some of)(?= [^ ]+, )"
+)
+"""The words before a list of choices in a message."""
+LINE = 80
+"""The width of the lines that list choices."""
 LONG_OPTION = re.compile(r"--[a-z][\w-]*", re.IGNORECASE)
+
+
+def with_choices_below(message: str) -> str:
+    """Return a message whose list of choices stands on indented lines of its own."""
+    match = CHOICES.search(message)
+    if not match:
+        return str(RefracalError(message))
+    choices = " ".join(map(harmless, message[match.start() :].split()))
+    listed = textwrap.fill(
+        choices, LINE, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False
+    )
+    return f"{RefracalError(message[: match.start()].rstrip())}\n{listed}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +78,7 @@ class Parser(argparse.ArgumentParser):
         """Print the message alone, and where the options are explained. An argument may hold any
         character, for example a file name that a shell's * inserted: the message is made printable.
         """
-        self.exit(2, f"{self.prog}: {RefracalError(message)}\nsee {self.prog} --help\n")
+        self.exit(2, f"{self.prog}: {with_choices_below(message)}\nsee {self.prog} --help\n")
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
@@ -161,9 +179,10 @@ class Parser(argparse.ArgumentParser):
             return
         choices = [str(choice) for choice in action.choices]
         close = get_close_matches(str(value), choices, 1)
-        hint = f"did you mean {close[0]}? " if close else ""
+        hint = f": did you mean {close[0]}?" if close else "."
         raise argparse.ArgumentError(
-            action, f"invalid choice: {brief(repr(value))} ({hint}choose from {', '.join(choices)})"
+            action,
+            f"invalid choice {brief(repr(value))}{hint} Choose from {', '.join(choices)}",
         )
 
 

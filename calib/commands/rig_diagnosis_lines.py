@@ -11,6 +11,9 @@ from calib.effects.effect import EACH_VIEW
 from calib.errors import harmless
 from calib.rig.rig_finding import RigCandidate, RigDiagnosis
 
+LOG_ODDS = "Log odds: 0 is as probable as no cause; each 2.3 more is ten times as probable."
+"""The meaning of a column."""
+
 
 def print_rig_diagnosis(diagnosis: RigDiagnosis) -> None:
     """Print what was found, the errors before and after, all candidates and the remarks."""
@@ -23,6 +26,7 @@ def print_rig_diagnosis(diagnosis: RigDiagnosis) -> None:
         console.print(harmless(f"- {effect.sentence}."))
     console.print(_errors(diagnosis))
     console.print(_candidates(diagnosis))
+    console.print(LOG_ODDS)
     for line in diagnosis_lines(diagnosis):
         console.print(harmless(line))
 

@@ -28,6 +28,8 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     console.print(verdict.word.sentence, style=f"bold {COLOURS[verdict.word]}")
     for reason in verdict.reasons:
         console.print(harmless(f"- {reason.sentence}"))
+    for note in verdict.notes:
+        console.print(harmless(f"Note: {note}"))
     # a fit that is repeated unchanged gives the same: the reason above says what to change
     condition = ", once that is done" if verdict.next.startswith("calib fit ") else ""
     console.print(harmless(f"Next{condition}: {runnable_command(verdict.next)}"))

@@ -14,7 +14,7 @@ from calib.calibration import Calibration, CalibrationSource
 from calib.corners.view import are_timed, pose_labels
 from calib.diagnosis.effect_description import first_changed, spread_of
 from calib.diagnosis.equivalence import find_families
-from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
+from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate
 from calib.diagnosis.search import MAX_EFFECTS, MAX_FITS, run_search, score
 from calib.diagnosis.search_state import SearchProblem, SearchState
 from calib.diagnosis.sentences import printed_forms, remarks, trial_verdict, unconfirmed_scores
@@ -25,7 +25,7 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.noise import burst_noise, on_board_grid, short_scale_noise, stated_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
-from calib.fit_record.history import DiagnosisRecord
+from calib.fit_record.history import DiagnosisRecord, Family, Quality
 from calib.fitting.differing import Differing
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit_result import with_fit

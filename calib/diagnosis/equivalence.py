@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calib.diagnosis.backward_elimination import drop_idle
-from calib.diagnosis.finding import Family
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.search import simplify
 from calib.diagnosis.search_state import SearchState
@@ -30,6 +29,7 @@ from calib.effects.varying import Varying
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
+from calib.fit_record.history import Family
 from calib.fitting.differing import Differing, evidence_scale
 from calib.inference.cross_validation import held_out_gain
 from calib.inference.effect_context import effect_context

@@ -8,6 +8,7 @@ from html import escape
 from typing import Any
 
 from calib.diagnosis.printed_patterns import ClosedForm
+from calib.fit_record.history import Family, Quality
 from calib.fitting.declared import PREFIXES
 from calib.fitting.differing import Differing
 from calib.fitting.rounding import with_sigma
@@ -92,34 +93,6 @@ def _held_out(candidate: Candidate) -> str:
     if before is None or after is None:
         return ""
     return f"{before:.3f} px without, {after:.3f} px with it"
-
-
-@dataclass(frozen=True, slots=True)
-class Family:
-    """Effects of which one is present; these views do not tell which."""
-
-    name: str
-    """The common subject in plain words."""
-    members: Mapping[str, float]
-    """The probabilities of the members, the most probable first."""
-    experiment: str
-    """The advice that would decide between them."""
-
-    def __str__(self) -> str:
-        members = ", ".join(f"{name} ({chance:.2f})" for name, chance in self.members.items())
-        return (
-            f"The diagnosis found {self.name}, but these views do not show which effect: {members}."
-            f" {self.experiment}"
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Quality:
-    """The errors of a model."""
-
-    rms_px: float
-    rmse_cm: float
-    held_out_px: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import torch
 
-from calib.diagnosis.finding import Family
 from calib.diagnosis.nearest_effects import nearest_named
 from calib.diagnosis.printed_patterns import ClosedForm, closed_forms
 from calib.diagnosis.search_state import SearchState
@@ -15,6 +14,7 @@ from calib.effects.effect import Effect, is_possible
 from calib.effects.fine_surface import FineSurface
 from calib.effects.free_field import FreeField
 from calib.effects.varying import VARYING_NUMBERS, WITH_TIME, CameraOfView, Varying
+from calib.fit_record.history import Family
 from calib.fitting.rounding import with_sigma
 from calib.inference.effect_context import point_on_glass
 from calib.inference.fitted_model import FittedModel

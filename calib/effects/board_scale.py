@@ -5,6 +5,7 @@ size, which no view can measure.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import ClassVar, Self
@@ -47,6 +48,11 @@ class BoardScale(Effect):
     """m, half the distance between the outermost corners along x and y, where u and v are 1."""
     name: ClassVar[str] = "board_scale"
     description: ClassVar[str] = "The print is longer in one direction than in the other."
+    legend: ClassVar[Mapping[str, str]] = {
+        "x_over_y": "the print is longer along its rows by this part.",
+        "shear": "rows and columns are this far from a right angle.",
+        "": "the print is longer at one place than at another.",
+    }
     is_sum: ClassVar[bool] = True
     about: ClassVar[str] = "the board"
     advice: ClassVar[str] = "turn the board by 90 degrees in half of the views"

@@ -8,6 +8,7 @@ curvature.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import ClassVar, Self
@@ -45,6 +46,12 @@ class BoardShape(Effect):
     degree: int = DEGREES[0]
     name: ClassVar[str] = "board_shape"
     description: ClassVar[str] = "The board is not flat: it deviates smoothly from a plane."
+    legend: ClassVar[Mapping[str, str]] = {
+        "xx": "the middle lies this far behind the left and right edges.",
+        "xy": "two opposite corners lie this far behind the other two.",
+        "yy": "the middle lies this far behind the upper and lower edges.",
+        "": "finer bends of the board.",
+    }
     is_sum: ClassVar[bool] = True
     about: ClassVar[str] = "the board"
     advice: ClassVar[str] = (

@@ -1,5 +1,7 @@
 """A short plain description of an effect, for people who do not know it by its name."""
 
+from collections.abc import Iterator, Sequence
+
 from calib.effects.registry import KINDS
 from calib.effects.varying import MANNERS, VARYING_NUMBERS
 
@@ -13,3 +15,22 @@ def describe_effect(name: str, varies: str | None = None) -> str:
         return kind.description
     numbers = VARYING_NUMBERS[name]
     return f"{numbers[0].upper()}{numbers[1:]} {MANNERS[varies]}."
+
+
+def number_legend(effect: str, numbers: Sequence[str]) -> Iterator[str]:
+    """Yield lines that explain numbers of an effect, such as board_shape.xx: one for each number
+    with words of its own, one for all others, or else the description of the effect.
+    """
+    legend = next(kind for kind in KINDS if kind.name == effect).legend
+    if not legend:
+        yield f"{effect}: {describe_effect(effect)}"
+        return
+    further = []
+    for number in numbers:
+        if words := legend.get(number.removeprefix(f"{effect}.")):
+            yield f"{number}: {words}"
+        else:
+            further.append(number)
+    if further:
+        name = further[0] if len(further) == 1 else f"{further[0]} to {further[-1]}"
+        yield f"{name}: {legend['']}"

@@ -4,8 +4,9 @@ neutral values.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
@@ -100,6 +101,8 @@ class Effect(Protocol):
     name: ClassVar[str]
     description: ClassVar[str]
     """One plain sentence for people who do not know the effect by its name."""
+    legend: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    """Plain words for its numbers, by the end of their names; those of "" are for all others."""
     about: ClassVar[str]
     """The component that it belongs to: the end of "something about ..."."""
     advice: ClassVar[str]

@@ -33,7 +33,7 @@ class FineSurface(Effect):
     """m: the width at which the fit of a bump starts, and the standard deviation of its prior."""
     name: ClassVar[str] = "fine_surface"
     description: ClassVar[str] = (
-        "The outer surface is uneven on a finer scale than the relief's centres can follow."
+        "The outer surface is uneven on a finer scale than the centres of --grid can follow."
     )
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True

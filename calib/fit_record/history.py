@@ -75,6 +75,40 @@ class AcceptedEffect:
 
 
 @dataclass(frozen=True, slots=True)
+class Family:
+    """Effects of which one is present; these views do not tell which."""
+
+    name: str
+    """The common subject in plain words."""
+    members: Mapping[str, float]
+    """The probabilities of the members, the most probable first."""
+    experiment: str
+    """The advice that would decide between them."""
+
+    @property
+    def note(self) -> str:
+        """A short sentence that names the members."""
+        names = [f"{name} ({chance:.2f})" for name, chance in self.members.items()]
+        return f"these views do not tell {names[0]} from {' or '.join(names[1:])}."
+
+    def __str__(self) -> str:
+        members = ", ".join(f"{name} ({chance:.2f})" for name, chance in self.members.items())
+        return (
+            f"The diagnosis found {self.name}, but these views do not show which effect: {members}."
+            f" {self.experiment}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """The errors of a model, root mean square."""
+
+    rms_px: float
+    rmse_cm: float
+    held_out_px: float
+
+
+@dataclass(frozen=True, slots=True)
 class DiagnosisRecord:
     """The last diagnosis."""
 
@@ -96,6 +130,20 @@ class DiagnosisRecord:
             )
             for candidate in self.document.get("candidates", ())
             if candidate["accepted"]
+        )
+
+    @property
+    def families(self) -> tuple[Family, ...]:
+        """The families of accepted effects."""
+        return tuple(Family(**family) for family in self.document.get("families", ()))
+
+    @property
+    def qualities(self) -> tuple[Quality, ...]:
+        """The errors before the effects were added, and after; none in records without them."""
+        return tuple(
+            Quality(errors["rms_px"], errors["rmse_cm"], errors["held_out_px"])
+            for time in ("before", "after")
+            if (errors := self.document.get(time))
         )
 
 

@@ -19,6 +19,7 @@ from calib.io.shapes import (
 from calib.session.freeing import option_names
 
 _QUALITY = record({"rms_px": number, "rmse_cm": number, "held_out_px": number})
+_FAMILY = record({"name": text, "members": table(number), "experiment": text})
 _ESTIMATES = table(record({"value": number, "sigma": number, "unit": text}))
 _CANDIDATE = record(
     {
@@ -86,7 +87,7 @@ RECORD: Mapping[str, Shape] = {
     ),
     "diagnosis": record(
         {"candidates": many(_CANDIDATE)},
-        {"before": _QUALITY, "after": _QUALITY, "remarks": many(text)},
+        {"before": _QUALITY, "after": _QUALITY, "families": many(_FAMILY), "remarks": many(text)},
     ),
     "diagnosed": many(record({"calibration": text, "holdout": text})),
 }

@@ -36,7 +36,7 @@ MAX_ROUNDS = 20
 """Rounds of assigning turns to views and of estimating the bend."""
 MAX_STARTS = 6
 """Views whose own bend is tried as the start."""
-RENUMBERED = "with turned boards renumbered"
+RENUMBERED = "turned boards"
 """A few words for the progress bar of the fit that follows."""
 
 Array = NDArray[np.float64]

@@ -10,6 +10,7 @@ import numpy as np
 from calib.calibration import Calibration, CalibrationSource
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
+from calib.effects.description import number_legend
 from calib.fitting.corner_range import corners_at, covered_fraction, distance_range
 from calib.fitting.declared import (
     DECLARED,
@@ -73,8 +74,20 @@ def describe(calibration: CalibrationSource) -> Table:
     )
     shown = tuple(section for section in sections if section.rows)
     words = {row[3].partition(",")[0] for section in shown for row in section.rows}
-    notes = tuple(f"{word}: {note}" for word, note in NOTES.items() if word in words)
+    notes = (
+        *(f"{word}: {note}" for word, note in NOTES.items() if word in words),
+        *effect_notes(calibration),
+    )
     return Table("What was calibrated", COLUMNS, shown, notes)
+
+
+def effect_notes(calibration: Calibration) -> Iterator[str]:
+    """Yield lines that explain the numbers of effects that session.yaml does not have."""
+    names: dict[str, list[str]] = {}
+    for number in effect_comparisons(calibration):
+        names.setdefault(number.effect, []).append(number.name)
+    for effect, numbers in names.items():
+        yield from number_legend(effect, numbers)
 
 
 def calibrated_numbers(calibration: Calibration) -> dict[str, object]:

@@ -147,7 +147,7 @@ def fit(
         rejected = (*rejected, *outliers)
         if outliers:
             decided = None
-            purpose = f"without {len(rejected)} view{'s' * (len(rejected) > 1)}"
+            purpose = f"{len(rejected)} view{'s' * (len(rejected) > 1)} fewer"
             continue
         if redetections is not None:
             break
@@ -158,7 +158,7 @@ def fit(
             )
         if not any(redetection.new_corners for redetection in redetections):
             break
-        purpose = "with more corners"
+        purpose = "more corners"
         if start.intrinsics_from == "views":
             bare = recalibrate_bare(views, session, start.intrinsics, progress)
             views = bare.views
@@ -185,7 +185,7 @@ def fit(
                 progress,
                 earlier=fitted,
                 decided=fitted,
-                purpose="with noisier views weighing less",
+                purpose="noisy views",
             )
         if settings.method == "joint" and not expectation:
             media = medium_log_odds(nominal, fitted, views, settings, progress)

@@ -85,7 +85,7 @@ class Expectation:
                 settings,
                 progress,
                 decided=fitted,
-                purpose="without the fleet's prior",
+                purpose="no fleet prior",
             )
             if is_outlier or log_evidence(refitted) > log_evidence(fitted):
                 resolved = resolve_prior_conflict(

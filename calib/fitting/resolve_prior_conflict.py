@@ -31,6 +31,8 @@ from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.progress import Progress
 from calib.session.freeing import AUTO
 from calib.session.numbers import unknown_names
+from calib.session.parameter_names import number_of
+from calib.session.shapes.registry import find_dimension
 from calib.session.tolerances import GLASS_FIGURE
 
 MIN_LOG_EVIDENCE_GAIN = 10.0
@@ -100,7 +102,7 @@ def resolve_prior_conflict(
         settings,
         progress,
         decided=resolved.fitted,
-        purpose="numbers as declared",
+        purpose="as declared",
     )
     held = ResolvedFit(exact, nominal, nominal)
     if not at_noise(resolved, views):
@@ -124,7 +126,7 @@ def resolve_prior_conflict(
             progress,
             earlier=exact,
             decided=resolved.fitted,
-            purpose="from the numbers as declared",
+            purpose="from declared",
         )
         if log_evidence(again) > log_evidence(fitted):
             fitted, resolved = again, replace(resolved, fitted=again)
@@ -167,7 +169,7 @@ def _widen_conflicting_priors(
             settings,
             progress,
             decided=resolved.fitted,
-            purpose=f"{name.partition('.')[2]} doubted",
+            purpose=f"free {short_name(name)}",
         )
         if not (
             refitted.joint
@@ -205,3 +207,12 @@ def at_noise(resolved: ResolvedFit, views: Sequence[View]) -> bool:
     fitted = resolved.fitted
     noise = corner_noise(fitted.residuals.image, views, resolved.setup.board)
     return noise is not None and fitted.stages[-1].rms_px <= MAX_NOISE_RATIO * noise
+
+
+def short_name(name: str) -> str:
+    """Return the name of a number as `--free` has it, such as offset.x for cover.axis_offset.x."""
+    number = number_of(name) or name.partition(".")[2]
+    stem, _, axis = number.partition(".")
+    dimension = find_dimension(number)
+    option = dimension.option if dimension else ""
+    return ".".join(filter(None, (option or stem, axis)))

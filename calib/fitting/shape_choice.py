@@ -64,7 +64,7 @@ def choose_shape(
         candidate = replace(setup, intrinsics=declared, cover=setup.cover.as_shape(name))
         with single_thread():
             candidate = with_initial_values(candidate, views, progress)
-            fitted = fit_or_none(candidate, views, settings, progress, f"shape {name}")
+            fitted = fit_or_none(candidate, views, settings, progress, name)
             if fitted is None:
                 continue
             setups[name] = candidate

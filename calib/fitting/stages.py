@@ -90,8 +90,8 @@ class Setup:
             for name, number in numbers_of(self.intrinsics, self.cover).items():
                 if number.unknown:
                     raise InputError(
-                        f"--method paper holds every number, and {name} is unknown: write its value"
-                        " in session.yaml, or leave out --method."
+                        f"--method paper fits no number, and {name} is unknown: write its value in"
+                        " session.yaml, or leave out --method."
                     )
             return self
         names = settings.free
@@ -150,7 +150,7 @@ def fit_stages(
         decided: an earlier fit of these views, which decided on the board's bend; None to decide.
             Its error with a flat board is kept.
         purpose: a few words for the progress bar that distinguish this fit from others of the
-            session.
+            session, of at most 14 characters.
 
     Raises:
         InputError: no ray of the camera leaves the cover.
@@ -268,8 +268,11 @@ class _Job:
         rounds: Sequence[float] = ROUNDS,
     ) -> JointFit:
         """Return the joint fit of a model."""
-        words = ("Joint fit", "uneven glass" if model.path.relief else "", self.purpose)
-        advance = self.progress.task(", ".join(filter(None, words)), LINEARISATIONS)
+        is_uneven = bool(model.path.relief)
+        title = "Joint fit, uneven" if is_uneven else "Joint fit"
+        if self.purpose:
+            title = f"{'Uneven' if is_uneven else 'Fit'}, {self.purpose}"
+        advance = self.progress.task(title, LINEARISATIONS)
         joint = model.fit(
             self.observations,
             poses,

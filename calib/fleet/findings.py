@@ -30,7 +30,7 @@ TITLES = {
     "held_out_px": "held-out error",
     "noise_px": "noise of the corners",
     "sigma_px": "sigma of the maps",
-    "relief_um": "unevenness of the glass",
+    "relief_um": "uneven glass",
     "effective_fx": "effective focal length, x",
     "effective_fy": "effective focal length, y",
     CAMERA.fx: "focal length, x",

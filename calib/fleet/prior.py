@@ -166,9 +166,9 @@ def _unlike_itself(calibration: Calibration) -> str:
         return f"its diagnosis found {', '.join(effects)}"
     joint = calibration.outcome.joint
     if not calibration.relief or not (joint and joint.relief_prior):
-        return "its fit estimated no relief by its evidence"
+        return "its fit did not estimate how uneven its glass is"
     if not calibration.covariance.size or not Kind.of(calibration).estimated:
-        return "its fit held every number as it is declared"
+        return "no number of it was fitted"
     if (prior := calibration.outcome.fleet_prior) and prior.used:
         return "it was fitted with a fleet's prior, which would be counted twice"
     return ""

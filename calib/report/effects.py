@@ -1,15 +1,23 @@
-"""The section of a report on the effects that a diagnosis added: the held-out error before and
-after.
+"""The section of a report on a diagnosis: the errors before and after, the effects that it added,
+and those that the views do not tell from them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
 from calib.calibration import Calibration
 from calib.diagnosis.effect_description import describe_estimates
+from calib.effects.description import describe_effect
+from calib.fit_record.history import DiagnosisRecord
+from calib.fitting.description import effect_notes
 from calib.report.tables import bar
-from calib.table import change, html_table
+from calib.table import board_error, change, html_table
+
+HELD_OUT = (
+    "Held out: the error on views that were not fitted, without the effect and with it. Corners"
+    " with a small sigma count more here than in the first table."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,8 +26,9 @@ class EffectRow:
     before_px: float
     """The held-out error without the effect."""
     after_px: float
-    parameters: str
-    """Text for people: names, values, standard deviations and units."""
+    estimates: tuple[str, ...]
+    """Texts for people: names, values, standard deviations and units."""
+    description: str = ""
 
 
 def effect_rows(calibration: Calibration) -> list[EffectRow]:
@@ -30,25 +39,59 @@ def effect_rows(calibration: Calibration) -> list[EffectRow]:
             accepted.name,
             accepted.held_out_px_before,
             accepted.held_out_px_after,
-            "; ".join(describe_estimates(accepted, calibration)),
+            tuple(describe_estimates(accepted, calibration)),
+            describe_effect(accepted.name, accepted.varies),
         )
         for accepted in (diagnosis.accepted if diagnosis else ())
     ]
 
 
-def effects_html(rows: Sequence[EffectRow]) -> str:
+def effects_html(rows: Sequence[EffectRow], calibration: Calibration) -> str:
     """Return the section as HTML; an empty text without effects."""
     if not rows:
         return ""
+    diagnosis = calibration.history.diagnosis or DiagnosisRecord()
     largest = max(max(row.before_px, row.after_px) for row in rows)
     cells = [
         (
             f"<b>{escape(row.effect)}</b>",
+            escape(row.description),
             f"{bar(row.before_px, largest)} {row.before_px:.3f} px",
             f"{bar(row.after_px, largest)} {row.after_px:.3f} px",
             change(row.after_px, row.before_px),
-            escape(row.parameters),
+            "".join(f"<div>{escape(estimate)}</div>" for estimate in row.estimates),
         )
         for row in rows
     ]
-    return html_table(("effect", "held out before", "held out after", "change", "estimate"), cells)
+    head = ("effect", "", "held out before", "held out after", "change", "estimate")
+    legend = "".join(f"<li>{escape(note)}</li>" for note in effect_notes(calibration))
+    return (
+        _errors_html(diagnosis)
+        + "<h3>Effects found</h3>"
+        + html_table(head, cells)
+        + f"<p>{HELD_OUT}</p>"
+        + (f"<ul>{legend}</ul>" if legend else "")
+        + "".join(f"<p>{escape(str(family))}</p>" for family in diagnosis.families)
+    )
+
+
+def _errors_html(diagnosis: DiagnosisRecord) -> str:
+    """Return the table of the errors of all views; empty if the diagnosis did not measure them."""
+    if len(diagnosis.qualities) < 2:
+        return ""
+    head = ("error (root mean square)", "fitted views", "on the board", "held-out views")
+    return html_table(head, list(_error_rows(diagnosis)))
+
+
+def _error_rows(diagnosis: DiagnosisRecord) -> Iterator[tuple[str, ...]]:
+    first = diagnosis.qualities[0]
+    largest = max(max(errors.rms_px, errors.held_out_px) for errors in diagnosis.qualities)
+    names = ("before, without effects", "after, with those found")
+    for name, errors in zip(names, diagnosis.qualities, strict=True):
+        fallen = f" ({change(errors.held_out_px, first.held_out_px)})" if errors != first else ""
+        yield (
+            name,
+            f"{bar(errors.rms_px, largest)} {errors.rms_px:.3f} px",
+            board_error(errors.rmse_cm),
+            f"{bar(errors.held_out_px, largest)} {errors.held_out_px:.3f} px{fallen}",
+        )

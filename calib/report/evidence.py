@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -138,6 +139,18 @@ class Evidence:
         nodes = np.stack(np.meshgrid(self.sigma.nodes_x, self.sigma.nodes_y), -1)
         return np.where(self.shows(nodes), self.sigma.at_nodes(depth), np.nan)
 
+    def worst_sigma(self, depths: Sequence[float]) -> str:
+        """Return the largest standard deviation of the maps of these depths (m), and the part of
+        the picture that has it, as text.
+        """
+        assert self.sigma
+        fields = np.stack([self.sigma_at_nodes(depth) for depth in depths])  # (D, h, w) px
+        _, row, column = np.unravel_index(np.nanargmax(fields), fields.shape)
+        camera = self.calibration.camera
+        x, y = self.sigma.nodes_x[column], self.sigma.nodes_y[row]
+        region = picture_region(float(x) / camera.width, float(y) / camera.height)
+        return f"{np.nanmax(fields):.2g} px {region}"
+
     def sigma_at_corners(self, depth: float) -> Array:
         """Return (n,) px, the standard deviation of the map of a depth (m) at the training corners
         that figures show; empty without a covariance.
@@ -146,6 +159,21 @@ class Evidence:
             return np.zeros(0)
         sigma = self.sigma.at(self.pixels[:, :1], self.pixels[:, 1:], depth)[:, 0]
         return sigma[np.isfinite(sigma) & self.shows(self.pixels)].astype(np.float64)
+
+
+def picture_region(x: float, y: float) -> str:
+    """Return words for a place in the picture, whose coordinates are 0 to 1."""
+    rows, columns = ("top", "", "bottom"), ("left", "", "right")
+    row, column = rows[_third(y)], columns[_third(x)]
+    if not (row or column):
+        return "in the middle"
+    if not (row and column):
+        return f"at the {row}" if row else f"at the {column} edge"
+    return f"at the {row} {column}"
+
+
+def _third(fraction: float) -> int:
+    return min(max(int(3 * fraction), 0), 2)
 
 
 def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) -> Evidence:

@@ -58,9 +58,9 @@ class Heights:
             "" if self.sigma is None else f" ± {self.mean_sigma:.1f}"
         )
         caption = (
-            f"The relief of the outer surface where the image sees it, minus its mean of {mean} µm."
-            " An even layer hardly bends light, so the mean is known less well than the"
-            " unevenness."
+            f"How uneven the outer surface is where the image sees it: its height minus the mean of"
+            f" {mean} µm. An even layer hardly bends light, so the mean is known less well than the"
+            " rest."
         )
         if self.sigma is None:
             return caption

@@ -20,7 +20,8 @@ NOTHING_FROM_OUTSIDE = (
 
 COPIED = r"<(pre|code|b)\b.*?</\1>|<[^>]*>"
 """Tags, and elements whose spaces people copy: commands, and names of files."""
-IN_NUMBER = r"(?<=\d) (?=(?:px|mm|µm|m|cm|deg|times)\b|%|±)|(?<=±) (?=[\d-])"
+UNITS = "px|mm|µm|m|cm|mrad|rad|deg|ms|s|times|tolerances"
+IN_NUMBER = rf"(?<=\d) (?=(?:{UNITS})\b|%|±)|(?<=±) (?=[\d-])"
 """The spaces between a number, its standard deviation and its unit."""
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
@@ -39,7 +40,7 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection], script
     contents = "".join(
         f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections
     )
-    lead = " ".join(escape(sentence) for sentence in summary.sentences)
+    lead = "".join(f"<li>{escape(sentence)}</li>" for sentence in summary.sentences)
     verdict = summary.verdict
     reasons = "".join(f"<li>{escape(reason.sentence)}</li>" for reason in verdict.reasons)
     body = "".join(
@@ -48,11 +49,12 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection], script
         for section in sections
     )
     listed = f"<ul>{reasons}</ul>" if reasons else ""
+    notes = "".join(f"<p>Note: {escape(note)}</p>" for note in verdict.notes)
     header = f"""<p class="over">Refracal calibration report</p>
 <h1>{escape(verdict.word.sentence.removesuffix("."))}</h1>
 {tiles_html(summary.tiles)}
-<p class="lead">{lead}</p>
-{listed}
+<ul class="lead">{lead}</ul>
+{listed}{notes}
 <p>Next: <code>{escape(pasted(shlex.split(verdict.next)))}</code></p>
 <nav>{contents}</nav>
 <noscript><p>The figures need JavaScript, which this browser does not run. The verdict, the tables

@@ -1,4 +1,4 @@
-"""The head of a report: the verdict, tiles, and a sentence each on camera, error and coverage."""
+"""The head of a report: the verdict, tiles, and a short list on camera, error and coverage."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.apply.angular_reach import undistortion_limit
+from calib.calibration import Calibration
 from calib.fitting.description import describe_bend, has_declared_lens
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
@@ -25,6 +26,7 @@ NOISE_ALONE = 1.3
 @dataclass(frozen=True, slots=True)
 class Summary:
     sentences: tuple[str, ...]
+    """The items of a list."""
     verdict: Verdict
     tiles: tuple[Tile, ...]
 
@@ -43,10 +45,29 @@ def summarise(
     folder = folder and folder.resolve()
     verdict = judge(evidence.calibration, depths=depths, folder=folder)
     limit = undistortion_limit(evidence.calibration)
-    coverage = " ".join(filter(None, [_coverage(evidence), limit]))
-    bend = describe_bend(evidence.calibration)
-    sentences = (_subject(evidence), bend, _fit(evidence, verdict), coverage)
+    sentences = (
+        _found(evidence.calibration),
+        _subject(evidence),
+        describe_bend(evidence.calibration),
+        _fit(evidence, verdict),
+        _overfitting(evidence.calibration),
+        " ".join(filter(None, [_coverage(evidence), limit])),
+    )
     return Summary(tuple(filter(None, sentences)), verdict, report_tiles(evidence))
+
+
+def _found(calibration: Calibration) -> str:
+    """Return a sentence on the effects that the diagnosis added; empty if it added none."""
+    diagnosis = calibration.history.diagnosis
+    if not (diagnosis and diagnosis.accepted and len(diagnosis.qualities) > 1):
+        return ""
+    first, last = diagnosis.qualities
+    names = [effect.name for effect in diagnosis.accepted]
+    return (
+        f"The diagnosis found {' and '.join(names)}. The error on held-out views is"
+        f" {first.held_out_px:.3f} px without effects, and {last.held_out_px:.3f} px with those"
+        " found."
+    )
 
 
 def _subject(evidence: Evidence) -> str:
@@ -62,24 +83,24 @@ def _subject(evidence: Evidence) -> str:
         else f"{calibration.camera.model or 'A camera'} with {size} px"
     )
     if board.has_grid:
-        cells = f"{1e3 * board.square:g} mm {board.cell}s: {len(evidence.depth)} corners"
+        cells = f"{1e3 * board.square:g} mm {board.cell}s ({len(evidence.depth)} corners)"
         target = f"a {board} board with {cells}"
     else:
         target = f"a flat target: {board}"
     return (
-        f"{camera}{behind} was calibrated from {len(calibration.views)} views of {target},"
-        f" {near:.2g} to {far:.2g} m away."
+        f"{camera}{behind}: {len(calibration.views)} views of {target}, {near:.2g} to {far:.2g} m"
+        " away."
     )
 
 
 def _glass(cover: Cover) -> str:
-    """Return the words for a cover and its glass, up to a comma."""
+    """Return the words for a cover and its glass."""
     layers = range(1, cover.layers + 1)
     thickness = sum(cover.parameters[layer_number(layer, THICKNESS)].value for layer in layers)
     indices = [f"{cover.parameters[layer_number(layer, INDEX)].value:.4g}" for layer in layers]
     *inner, last = indices
     index = f"index {last}" if not inner else f"indices {', '.join(inner)} and {last}"
-    return f"{cover.single_words}, {1e3 * thickness:.3g} mm thick with {index},"
+    return f"{cover.single_words} ({1e3 * thickness:.3g} mm thick, {index})"
 
 
 def _fit(evidence: Evidence, verdict: Verdict) -> str:
@@ -88,7 +109,7 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
     noise = calibration.noise_px
     if len(calibration.stages) > 1 and has_declared_lens(calibration):
         bare_rms = calibration.stages[0].rms_px
-        text = f"The error is {rms:.3f} px, and {bare_rms:.3f} px with the camera alone"
+        text = f"The error is {rms:.3f} px (camera alone: {bare_rms:.3f} px)"
     else:
         text = f"The error is {rms:.3f} px"
     if noise is None:
@@ -107,25 +128,27 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
         )
     else:
         text += ". The corners show no noise, like computed corners"
+    return f"{text}."
+
+
+def _overfitting(calibration: Calibration) -> str:
     if not (validation := calibration.outcome.cross_validation):
-        return text + ". Overfitting was not measured (calib fit --folds 5 measures it)."
+        return "Overfitting was not measured: calib fit --folds 5 measures it."
     result = "overfits" if validation.overfits else "does not overfit"
-    return text + f". On held-out views it is {validation.held_out_px:.3f} px, so the fit {result}."
+    return f"On held-out views the error is {validation.held_out_px:.3f} px: the fit {result}."
 
 
 def _coverage(evidence: Evidence) -> str:
-    text = f"Corners lie in {100 * evidence.covered:.0f} % of the image"
     if not evidence.sigma:
         return (
-            text + "; elsewhere the maps are extrapolated. This kind of fit does not predict the"
-            " uncertainty of the maps."
+            "Outside of the corners the maps are extrapolated. This kind of fit does not predict"
+            " the uncertainty of the maps."
         )
     at_corners = ", ".join(
         f"{np.median(evidence.sigma_at_corners(depth)):.2g} px at {depth:g} m"
         for depth in evidence.depths
     )
-    worst = max(float(np.nanmax(evidence.sigma_at_nodes(depth))) for depth in evidence.depths)
     return (
-        f"{text}. The predicted standard deviation of the maps is {at_corners} at the corners, and"
-        f" up to {worst:.2g} px elsewhere."
+        f"The standard deviation of the maps is {at_corners} (median over the corners), and at most"
+        f" {evidence.worst_sigma(evidence.depths)}."
     )

@@ -8,8 +8,8 @@ from calib.table import board_error, change, html_table
 
 MEANING = {
     "pinhole": "the camera alone, with its lens",
-    "cover": "through a smooth cover, with its described numbers",
-    "cover+rbf": "with the estimated numbers, and with the bumps of the glass if it is uneven",
+    "cover": "through a smooth cover, with its numbers as declared",
+    "cover+rbf": "with the fitted numbers, and with uneven glass if the views show it",
     "cover+rbf+effects": "with the board as the views show it, and with all effects found",
 }
 

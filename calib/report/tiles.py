@@ -60,8 +60,8 @@ def _maps(evidence: Evidence) -> Iterator[Tile]:
         return
     depth = evidence.depths[len(evidence.depths) // 2]
     sigma = float(np.median(evidence.sigma_at_corners(depth)))
-    worst = float(np.nanmax(evidence.sigma_at_nodes(depth)))
-    yield Tile(f"sigma of the map at {depth:g} m", f"{sigma:.2g} px", f"at most {worst:.2g} px")
+    worst = evidence.worst_sigma([depth])
+    yield Tile(f"sigma of the map at {depth:g} m", f"{sigma:.2g} px", f"at most {worst}")
 
 
 def _scale(evidence: Evidence) -> Iterator[Tile]:

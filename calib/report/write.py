@@ -110,16 +110,17 @@ def _sections(
 ) -> list[PageSection]:
     figures = [PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings]
     compared = [figure for figure in figures if figure.name == "comparison"]
-    before_after = (
-        [PageSection("effects", "Effects, before and after", effects_html(effects))]
-        if effects
+    diagnosis_html = effects_html(effects, evidence.calibration)
+    diagnosed = (
+        [PageSection("effects", "The diagnosis, before and after", diagnosis_html)]
+        if diagnosis_html
         else []
     )
     return [
+        *diagnosed,
+        *compared,
         PageSection("numbers", "Camera and cover", parameters_html(evidence)),
         PageSection("stages", "The error after each stage", stages_html(evidence)),
-        *before_after,
-        *compared,
         *([PageSection("straight", "Before and after undistortion", straight)] if straight else []),
         *(figure for figure in figures if figure not in compared),
         *([PageSection("colour", "Colour fringes", colour)] if colour else []),

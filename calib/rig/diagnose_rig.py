@@ -15,11 +15,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.diagnosis.finding import Family
 from calib.diagnosis.trial import ALPHA, is_worthwhile
 from calib.effects.varying import FROM_VIEW
 from calib.errors import NotEnoughDataError
 from calib.estimation.residuals import Residuals, residuals
+from calib.fit_record.history import Family
 from calib.inference.cross_validation import HeldOutGain
 from calib.progress import Progress, Silent, check_progress
 from calib.rig.explanation_fit import Evaluator, FittedExplanation

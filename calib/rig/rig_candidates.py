@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.diagnosis.finding import Family
 from calib.effects.varying import FROM_VIEW
+from calib.fit_record.history import Family
 from calib.inference.cross_validation import HeldOutGain
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.rig.explanation_fit import FittedExplanation

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
-from calib.diagnosis.finding import Family, ParameterEstimate
+from calib.diagnosis.finding import ParameterEstimate
+from calib.fit_record.history import Family
 from calib.rig.rig_content import FoundEffect
 
 

@@ -19,8 +19,9 @@ from calib.session.shapes.shape import Shape
 
 HEAD = """\
 # The set-up of one camera. Every number may carry its uncertainty, {value: 40, sigma: 5}, and the
-# fit then estimates it; {value: 40, exact: true} is held. A plain number is taken to be within the
-# tolerance that stands beside it. Lines that begin with # are examples: remove the # to use one.
+# fit then estimates it; {value: 40, exact: true} is not fitted. A plain number is taken to be
+# within the tolerance that stands beside it. Lines that begin with # are examples: remove the # to
+# use one.
 """
 WIDTH = 100
 """The longest line, in characters."""

@@ -229,10 +229,10 @@ class Section:
         value = pair._limited_value("value", pair.get("value", quantity.expected), quantity, slack)
         exact = pair.values.get("exact", False)
         if not isinstance(exact, bool):
-            raise pair.error("exact", exact, "true to hold the number, or drop the key")
+            raise pair.error("exact", exact, "true if it is not to be fitted, or drop the key")
         if exact and "sigma" not in pair.values:
             return Number(value / per_si, exact=True)
-        expected = f"a number above 0, up to {MAX_SIGMA:g}, or 0 to hold the number"
+        expected = f"a number above 0, up to {MAX_SIGMA:g}, or 0 if it is not to be fitted"
         sigma = _finite_number(pair.get("sigma", expected))
         if (
             sigma is None

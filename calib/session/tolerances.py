@@ -167,8 +167,8 @@ OWN_FOCAL = Tolerance(
     0.05,
     "",
     1e-3,
-    "of the length: intrinsics that come from these same views are hardly held, so that views count"
-    " once",
+    "of the length: hardly any limit to intrinsics that come from these same views, so that views"
+    " count once",
 )
 OWN_CENTRE = Tolerance(100.0, "px", 1.0, "the same")
 OWN_COEFFICIENT = Tolerance(3.0, "", 1e-3, "the same")

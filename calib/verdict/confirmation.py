@@ -57,7 +57,7 @@ def contradicted_numbers(case: Case) -> Iterator[Reason]:
     )
     advice = "find what the model lacks first, which may cause it" if lacking else ADVICE[DECLARED]
     yield Reason(
-        f"these views contradict what the fit held: {numbers},"
+        f"these views contradict numbers that were not fitted: {numbers},"
         f" {change / max(evidence.change_sigma, 1e-12):.0f} standard deviations apart, which"
         f" changes depth and length by {100 * change:.2g} %: {advice}.",
         case.next.diagnose() if lacking else case.next.fit(),

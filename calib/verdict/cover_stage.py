@@ -56,9 +56,9 @@ def cover_stage(case: Case) -> Iterator[Reason]:
     absorbed = cover > TAKEN_UP * last and not cover > WORSE_THAN_BARE * bare
     if _all_held(case) and absorbed and EFFECTS_STAGE not in case.rms_px and not _was_tested(case):
         sentence = (
-            f"with the cover as described the error is {cover:.3f} px. All numbers were held, so"
-            f" that only the bumps of the glass could lower it, to {last:.3f} px: a number of the"
-            " cover or the camera may be wrong, so let the fit estimate them."
+            f"with the cover as described the error is {cover:.3f} px. No number was fitted, so"
+            f" that only uneven glass could lower it, to {last:.3f} px: a number of the cover or"
+            " the camera may be wrong, so let the fit estimate them."
         )
         yield Reason(sentence, case.next.fit("--free", "all"), _suspects(case))
 

@@ -117,7 +117,9 @@ def judge(
         depth = next(iter(commands.depths), case.usual_depths[0])
         proof = (commands.evaluate(), *([commands.diagnose()] if commands.diagnosable else []))
         uses = commands.uses(depth, mapped=bool(case.depths))
-        return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses))
+        diagnosis = calibration.history.diagnosis
+        notes = tuple(family.note for family in diagnosis.families) if diagnosis else ()
+        return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses), notes)
 
 
 def _reasons(case: Case) -> tuple[Reason, ...]:

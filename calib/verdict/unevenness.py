@@ -24,7 +24,7 @@ def unevenness(case: Case) -> Iterator[Reason]:
         for number in comparisons(case.calibration)
         if number.held and number_of(number.name) != MEDIUM
     ]
-    free = "which the fit held" if held else "which the fit estimated near what is declared"
+    free = "which was not fitted" if held else "which the fit estimated near what is declared"
     yield Reason(
         f"the glass would be uneven by {1e6 * uneven:.0f} µm where the corners were seen (root mean"
         f" square), and cheap windows are by {1e6 * GLASS_FIGURE.sigma:.0f} µm: a number of the"

@@ -52,6 +52,10 @@ class Verdict:
     """The command that puts a trusted calibration to use."""
     further: tuple[str, ...] = ()
     """Further commands for a usable calibration: evaluate, diagnose, undistort."""
+    notes: tuple[str, ...] = ()
+    """Sentences, without a capital, that change no grade, on effects that the views do not tell
+    apart.
+    """
 
     @property
     def word(self) -> Trust:
@@ -93,8 +97,9 @@ class Verdict:
     def _repr_html_(self) -> str:
         """Return the grade, the reasons and the next command, which a notebook shows."""
         reasons = "".join(f"<li>{escape(sentence)}</li>" for sentence in self.sentences[1:])
+        notes = "".join(f"<p>Note: {escape(note)}</p>" for note in self.notes)
         return (
-            f"<p><b>{escape(self.word.sentence)}</b></p><ul>{reasons}</ul>"
+            f"<p><b>{escape(self.word.sentence)}</b></p><ul>{reasons}</ul>{notes}"
             f"<p>Next: <code>{escape(self.next)}</code></p>"
         )
 

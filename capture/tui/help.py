@@ -20,7 +20,7 @@ that straighten pictures at any depth.
 3 Through cover  Put it on, leave the focus alone, and record the board again.
 4 Fit            Takes seconds to minutes. The error should fall: first as if
                  there were no cover, then with smooth, ideal glass as it is
-                 declared, then with the waves of yours (uneven).
+                 declared, then with uneven glass like yours.
 5 Results        Drop views that are spoiled; diagnose what the model lacks;
                  export maps; later, check that they still hold.
 

@@ -109,8 +109,9 @@ def test_a_mistyped_word_gets_what_was_meant(
     with pytest.raises(SystemExit) as ended:
         main(line.split())
     assert ended.value.code == 2
-    error, hint = capsys.readouterr().err.splitlines(keepends=True)
+    error, *choices, hint = capsys.readouterr().err.splitlines(keepends=True)
     assert says in error
+    assert all(len(choice) <= 81 and choice.startswith("  ") for choice in choices)
     assert re.fullmatch(r"see calib( \w+)* --help\n", hint)
 
 

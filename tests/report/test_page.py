@@ -7,7 +7,7 @@ import json
 import re
 from base64 import b64decode, b64encode
 from collections import Counter
-from dataclasses import replace
+from dataclasses import asdict, replace
 from hashlib import sha256
 from html import unescape
 from pathlib import Path
@@ -22,6 +22,7 @@ from calib.cli import main
 from calib.commands.console import print_fit
 from calib.corners.view import RejectedPicture
 from calib.diagnosis.requested_effects import with_requested
+from calib.fit_record.history import DiagnosisRecord, Family
 from calib.fit_record.outcome import Redetection
 from calib.fit_record.request import FitRequest, Provenance
 from calib.fitting.provenance import record_diagnosis
@@ -31,10 +32,20 @@ from calib.report.effects import EffectRow
 from calib.report.evidence import gather_evidence
 from calib.report.page import keep_numbers
 from calib.report.scripts import WEB
+from calib.verdict.judge import judge
 from fixtures.calibrated import with_outcome
 from tests.report.conftest import Reported
 from tests.report.made import report_in
 
+FAMILY = Family("the board", {"board_shape": 0.87, "rolling_shutter": 0.13}, "Tilt it.")
+DIAGNOSED = DiagnosisRecord(
+    {
+        "candidates": [],
+        "before": {"rms_px": 0.5, "rmse_cm": 0.1, "held_out_px": 0.6},
+        "after": {"rms_px": 0.1, "rmse_cm": 0.02, "held_out_px": 0.15},
+        "families": [asdict(FAMILY)],
+    }
+)
 HOSTILE = """<script>alert("1")</script>&lt;'$x_1$"""
 
 
@@ -228,7 +239,8 @@ def test_text_from_files_is_text(small_calibration: Calibration, tmp_path: Path)
         rejected=(RejectedPicture(HOSTILE, HOSTILE),),
         request=FitRequest(provenance=Provenance(session=HOSTILE, packages={HOSTILE: HOSTILE})),
     )
-    html = report_in(tmp_path, hostile, effects=[EffectRow(HOSTILE, 0.4, 0.1, HOSTILE)]).read_text()
+    effects = [EffectRow(HOSTILE, 0.4, 0.1, (HOSTILE,), HOSTILE)]
+    html = report_in(tmp_path, hostile, effects=effects).read_text()
     assert len(scripts_of(html)) == 3
     assert 'alert("1")' not in html
     assert data_of(html)["views"]["name"][0] == HOSTILE
@@ -272,13 +284,31 @@ def test_effects_have_a_row_each(
     reported: Reported, small_calibration: Calibration, tmp_path: Path
 ) -> None:
     rows = [
-        EffectRow("board_shape", 0.59, 0.17, "x -1.04 ± 0.02 mm"),
-        EffectRow("focal", 0.17, 0.16, ""),
+        EffectRow("board_shape", 0.59, 0.17, ("x -1.04 ± 0.02 mm",), "It bends."),
+        EffectRow("focal", 0.17, 0.16, ()),
     ]
     html = report_in(tmp_path, small_calibration, effects=rows).read_text()
     words = text(html[html.index('<section id="effects"') :])
-    assert "board_shape 0.590 px 0.170 px-71 %x -1.04 ± 0.02 mm" in words
+    assert "board_shapeIt bends. 0.590 px 0.170 px-71 %x -1.04 ± 0.02 mm" in words
     assert 'id="effects"' not in reported.html
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_what_the_views_do_not_tell_apart_is_named(
+    small_calibration: Calibration, tmp_path: Path
+) -> None:
+    """In the head, below the table of the effects, and in the last lines of every command."""
+    shape = replace(small_calibration.history, diagnosis=DIAGNOSED)
+    diagnosed = replace(small_calibration, history=shape)
+    row = EffectRow("board_shape", 0.59, 0.17, ())
+    words = text(report_in(tmp_path, diagnosed, effects=[row]).read_text())
+    assert f"Note: {FAMILY.note}" in words
+    assert str(FAMILY) in words
+    assert "before, without effects 0.500 px1.000 mm 0.600 px" in words
+    assert "after, with those found 0.100 px0.200 mm 0.150 px (-75 %)" in words
+    assert judge(diagnosed).notes == (
+        "these views do not tell board_shape (0.87) from rolling_shutter (0.13).",
+    )
 
 
 def test_depths_are_those_asked_for(small_calibration: Calibration, tmp_path: Path) -> None:
@@ -347,7 +377,7 @@ def test_a_diagnosed_calibration_shows_its_residuals_before_and_after(
         assert data[side]["rms"] == pytest.approx(calibration.stages[-1].rms_px, rel=1e-6)
     assert unpacked(data["before"]["views"]).shape == (12,)
     names = re.findall(r'<section id="([^"]+)"', html)
-    assert names.index("comparison") == 2, "after the table of the stages"
+    assert names[0] == "comparison", "what the diagnosis changed comes first"
     (before / "calibration.npz").unlink()
     assert main(["report", "--no-open", str(after)]) == 0
     assert 'id="comparison"' not in (after / "report.html").read_text()

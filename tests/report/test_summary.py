@@ -1,6 +1,7 @@
-"""Three sentences that are true of the calibration, and a warning where one is due."""
+"""Sentences that are true of the calibration, and a warning where one is due."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from calib.fit_record.outcome import CrossValidation
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.progress import Silent
-from calib.report.evidence import gather_evidence
+from calib.report.evidence import gather_evidence, picture_region
 from calib.report.patterns import (
     CHANCE,
     PATTERN_PROBABILITY,
@@ -51,14 +52,11 @@ class Misprinted(Board):
 def test_a_good_calibration_is_trusted(reported: Reported) -> None:
     summary = summarise(gather_evidence(reported.calibration))
     assert summary.verdict.word is Trust.TRUSTED
-    what, remaining, where = summary.sentences
-    assert (
-        "3280x2464 px behind a cone, 1.15 mm thick with index 1.5, was calibrated from 45 views of"
-        " a 9x9 board" in what
-    )
+    what, remaining, held_out, maps = summary.sentences
+    assert "3280x2464 px behind a cone (1.15 mm thick, index 1.5): 45 views of a 9x9 board" in what
     assert ": the error is noise" in remaining
-    assert "so the fit does not overfit" in remaining
-    assert "predicted standard deviation of the maps" in where
+    assert "the fit does not overfit" in held_out
+    assert "standard deviation of the maps" in maps
     assert all(sentence.endswith(".") for sentence in summary.sentences)
 
 
@@ -84,7 +82,7 @@ def test_the_tiles_are_the_numbers_of_the_paragraph(reported: Reported) -> None:
         f"{validation.held_out_px:.3f} px",
     )
     assert maps.label == f"sigma of the map at {evidence.depths[1]:g} m"
-    assert f"{maps.value} at {evidence.depths[1]:g} m" in summarise(evidence).sentences[2]
+    assert f"{maps.value} at {evidence.depths[1]:g} m" in summarise(evidence).sentences[-1]
     assert coverage.value == f"{100 * evidence.covered:.0f} %"
     assert cover.label == "cover inner radius"
     assert cover.value in reported.html.replace("\N{NO-BREAK SPACE}", " ")
@@ -100,6 +98,21 @@ def test_the_noise_by_depth_is_that_of_the_corners(reported: Reported) -> None:
     assert noise == pytest.approx(0.05 * np.sqrt(2), rel=0.15)
 
 
+@pytest.mark.parametrize(
+    ("across", "down", "words"),
+    [(0.1, 0.0, "at the top left"), (0.5, 1.0, "at the bottom"), (1.0, 0.5, "at the right edge")],
+)
+def test_a_place_in_the_picture_has_words(across: float, down: float, words: str) -> None:
+    assert picture_region(across, down) == words
+
+
+def test_the_worst_place_of_the_maps_is_named(reported: Reported) -> None:
+    evidence = gather_evidence(reported.calibration)
+    _, maps, _, _ = summarise(evidence).tiles
+    assert maps.note == f"at most {evidence.worst_sigma(evidence.depths[1:2])}"
+    assert re.search(r"at most [\d.]+ px at the ", maps.note)
+
+
 def test_a_change_has_a_sign_unless_it_is_none() -> None:
     assert change(0.5, 1.0) == "-50 %"
     assert change(1.25, 1.0) == "+25 %"
@@ -109,13 +122,13 @@ def test_a_change_has_a_sign_unless_it_is_none() -> None:
 def test_overfitting_is_said(reported: Reported) -> None:
     worse = CrossValidation(folds=3, held_out_px=0.2, fitted_px=0.1)
     summary = summarise(gather_evidence(with_outcome(reported.calibration, cross_validation=worse)))
-    assert "On held-out views it is 0.200 px, so the fit overfits" in summary.sentences[1]
+    assert "On held-out views the error is 0.200 px: the fit overfits." in summary.sentences
     assert "the fit overfits" in [reason.sentence[:16] for reason in summary.verdict.reasons]
 
 
 def test_without_folds_overfitting_is_not_known(reported: Reported) -> None:
     unknown = with_outcome(reported.calibration, cross_validation=None)
-    assert "was not measured" in summarise(gather_evidence(unknown)).sentences[1]
+    assert "was not measured" in summarise(gather_evidence(unknown)).sentences[2]
 
 
 @pytest.mark.slow

@@ -208,7 +208,7 @@ def test_no_session_is_overwritten(printed: Path, capsys: pytest.CaptureFixture[
         ),
         (["--square-mm", "-1"], "'-1' is not a side of a square"),
         (["--size", "0x600"], "'0x600' is not a size"),
-        (["--type", "circles"], "invalid choice: 'circles'"),
+        (["--type", "circles"], "invalid choice 'circles'"),
     ],
 )
 def test_wrong_usage(
