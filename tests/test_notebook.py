@@ -18,8 +18,9 @@ import pytest
 import calib
 from calib.calibration import Calibration
 from calib.corners.view import View
-from calib.diagnosis.finding import Diagnosis, Quality
+from calib.diagnosis.finding import Diagnosis
 from calib.errors import InputError, RefracalError, WrongTypeError
+from calib.fit_record.history import Quality
 from calib.session.cover_section import cover_to_yaml
 from calib.verdict.verdict import Reason, Verdict
 from fixtures.known import known, lens_alone

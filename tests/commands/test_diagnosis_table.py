@@ -6,8 +6,9 @@ import pytest
 
 from calib.calibration import Calibration
 from calib.commands.diagnosis_table import print_diagnosis
-from calib.diagnosis.finding import Candidate, Diagnosis, Quality
+from calib.diagnosis.finding import Candidate, Diagnosis
 from calib.effects.registry import KINDS
+from calib.fit_record.history import Quality
 from fixtures.known import known
 from fixtures.synthetic import HEIGHT, WIDTH, scene
 

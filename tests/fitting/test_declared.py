@@ -149,7 +149,7 @@ def test_console_report_and_diagnosis_print_the_same_number(
     assert re.search(r"cover.thickness 1.500 ± 0.056 mm 3 ± \S+ mm \w+, by thickness ", words)
     (accepted,) = history.diagnosis.accepted if history.diagnosis else ()
     assert describe_estimates(accepted, diagnosed) == [sentence]
-    assert [row.parameters for row in effect_rows(diagnosed)] == [sentence]
+    assert [row.estimates for row in effect_rows(diagnosed)] == [(sentence,)]
 
 
 def test_numbers_that_differ_have_their_spread_in_words(plain: Calibration) -> None:

@@ -8,7 +8,8 @@ import pytest
 from textual.pilot import Pilot
 
 from calib.calibration import Calibration
-from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate, Quality
+from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate
+from calib.fit_record.history import Quality
 from calib.progress import Silent
 from capture.tui.diagnosing import as_text
 from capture.tui.fitting import open_results
