@@ -274,8 +274,8 @@ def is_map(path: Path) -> bool:
 def _describe_files(written: Sequence[Path], remarks: Sequence[str]) -> str:
     count = len(written)
     names = " ".join(path.name for path in written[:MAX_NAMES])
-    more = f" and {count - MAX_NAMES} more" if count > MAX_NAMES else ""
-    summary = f"Wrote {names}{more}\nin {harmless(str(written[0].parent.resolve()))}"
+    suffix = f" and {count - MAX_NAMES} more" if count > MAX_NAMES else ""
+    summary = f"Wrote {names}{suffix}\nin {harmless(str(written[0].parent.resolve()))}"
     return "\n".join([summary, *([] if any(map(is_map, written)) else [NO_MAP]), *remarks])
 
 

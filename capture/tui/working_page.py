@@ -20,7 +20,7 @@ from capture.tui.page import ChildReported, Page
 BAR_COLUMNS = 24  # columns
 BEGINNING = (LOADING, 0, 1, "")
 """The first task, which is on the screen before the process has reported anything."""
-FAILED_AGAIN = (
+REPEATED_ADVICE = (
     "It failed in this way before: esc goes back. Take more pictures, or quit and run calib fit,"
     " which says more."
 )
@@ -119,9 +119,10 @@ class WorkingPage(Page):
                 self._clear_child()
                 if self._tasks == [BEGINNING]:
                     self._tasks = []  # refused before there was anything to load
-                again = FAILED_AGAIN if sentence == self._failure else self.RETRY_ADVICE
+                repeated = sentence == self._failure
+                advice = REPEATED_ADVICE if repeated else self.RETRY_ADVICE
                 self._failure = sentence
-                self.say(f"{sentence} {again}")
+                self.say(f"{sentence} {advice}")
             case {"event": "result"} as result:
                 self._clear_child()
                 if self.app.screen is self:

@@ -8,7 +8,7 @@ from capture.tui.child import Child
 from capture.tui.fit import FitScreen
 from capture.tui.fitting import fit_session
 from capture.tui.mirror import describe_screen
-from capture.tui.working_page import FAILED_AGAIN
+from capture.tui.working_page import REPEATED_ADVICE
 from tests.capture.tui.driving import drive, running, see
 
 
@@ -58,7 +58,7 @@ async def _fail_twice(session: Path) -> None:
     async with running(session) as pilot:
         screen = FitScreen(session)
         await pilot.app.push_screen(screen)
-        for advice in (FitScreen.RETRY_ADVICE, FAILED_AGAIN):
+        for advice in (FitScreen.RETRY_ADVICE, REPEATED_ADVICE):
             screen.child = Child(fit_session)
             failure = {"event": "error", "sentence": "Too few pictures."}
             screen.post_message(FitScreen.ProcessReported(screen.child, failure))
