@@ -106,6 +106,7 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
         "noisier": describe_noisy_views(calibration.outcome.view_noise),
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "verdict": {"word": verdict.word.value, "sentences": verdict.sentences},
+        "notes": verdict.notes,
         "sigma_px": [
             {"depth_m": depth, "px": px}
             for depth, px in map_sigmas(calibration, (near, median, far)).items()

@@ -260,7 +260,8 @@ class ResultsScreen(Page):
             *reasons[:MAX_REASONS],
             *([f"{omitted} more reasons are in the report."] if omitted > 0 else []),
         ]
-        sentences = [*self._aside_note(), *self._update_note(), word, *shown, *sentences]
+        notes = [f"Note: {note}" for note in self.result.get("notes", ())]
+        sentences = [*self._aside_note(), *self._update_note(), word, *shown, *notes, *sentences]
         sentences += [self.result["noisier"]] if self.result.get("noisier") else []
         if rejected := self.result["rejected"]:
             suffix = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""

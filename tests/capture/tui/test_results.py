@@ -361,3 +361,14 @@ async def _compare(session: Path, previous_result: dict[str, object], alone: boo
         pilot.app.push_screen(ResultsScreen(session, RESULT, previous_result))
         await see(pilot, "x for maps and straight pictures")
         assert ("on board before" not in shown(pilot)) == alone
+
+
+def test_effects_that_the_views_do_not_tell_apart_are_noted(session: Path) -> None:
+    drive(_note(session))
+
+
+async def _note(session: Path) -> None:
+    async with running(session) as pilot:
+        result = {**RESULT, "notes": ("these views do not tell lens from focal.",)}
+        pilot.app.push_screen(ResultsScreen(session, result, BEFORE))
+        await see(pilot, "Note: these views do not tell lens from focal.")
