@@ -126,6 +126,7 @@ def test_detected_corners_are_the_renderer_s(
     )  # 648 corners and more of 0.016 px each way: three standard deviations of a mean
 
 
+@pytest.mark.slow
 def test_rays_of_the_clean_session_are_the_renderer_s(
     fitted: dict[str, Calibration], by_the_paper: Calibration
 ) -> None:

@@ -93,7 +93,7 @@ def test_points_that_two_views_see(calibration: Calibration) -> None:
     assert np.isnan(parallel.points).all(), "two pictures from one place say nothing of the depth"
 
 
-@pytest.mark.parametrize("how", ["plane", "boards", "views"])
+@pytest.mark.parametrize("how", ["plane", "boards", pytest.param("views", marks=pytest.mark.slow)])
 def test_sigma_equals_the_scatter_over_repeated_noise(how: str) -> None:
     """A camera without a cover, many times with other noise on corners and points: the spread is
     within its own statistical error.

@@ -81,6 +81,7 @@ def test_every_tag_is_placed_as_itself(located: list[LocatedTags], truth: TagTru
         assert not any(tag.ambiguous for tag in item.tags)
 
 
+@pytest.mark.slow
 def test_corners_are_where_light_put_them(located: list[LocatedTags], truth: TagTruth) -> None:
     error = np.array(
         [tag.corners - truth.corners[picture, tag.number] for picture, tag in poses_of(located)]

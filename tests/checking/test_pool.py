@@ -37,7 +37,8 @@ def dry(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("immersed", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("immersed", [False, True])
 def test_pictures_in_the_other_medium_are_told(
     dry: Path, pool: Path, immersed: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:

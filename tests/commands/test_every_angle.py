@@ -252,5 +252,5 @@ def test_the_report_has_no_depth_behind_the_camera(fitted: Path) -> None:
     """The report shows distances, and says where undistorted pictures end."""
     text = (fitted / "calibration" / "report.html").read_text()
     assert "m away" in text
-    assert "-0." not in text.split("m away")[0].split("corners, ")[-1]
+    assert "-0." not in text.split("m away")[0].split("corners), ")[-1]
     assert "ends before 90 degrees" in " ".join(text.split())

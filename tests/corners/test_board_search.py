@@ -36,10 +36,8 @@ def test_a_checkerboard_is_found_with_its_size() -> None:
     assert search.options == "--board 7x6 --square-mm 25"
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=() if name == "legacy" else pytest.mark.slow) for name in KINDS],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KINDS)
 def test_a_board_with_markers_is_found_with_its_layout(name: str) -> None:
     declared = KINDS[name].board
     search = search_board(views(KINDS[name]))

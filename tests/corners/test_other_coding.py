@@ -100,7 +100,7 @@ def test_the_target_in_the_pictures_is_named(
         detect(write(tmp_path, pictures(name)), change(kind.board))
 
 
-@pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
+@pytest.mark.parametrize("name", [pytest.param("charuco", marks=pytest.mark.slow), "aprilgrid"])
 def test_mirrored_pictures_are_reported(name: str, tmp_path: Path) -> None:
     flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures(name)]
     with pytest.raises(

@@ -243,8 +243,8 @@ def test_the_report_and_the_verdict_know_its_layers(
     calibration: Calibration, tmp_path: Path
 ) -> None:
     page = report_in(tmp_path, calibration, (0.4,)).read_text(encoding="utf-8")
-    assert "behind a flat window of 3 layers, " in page
-    assert " and 1.58, was calibrated" in page
+    assert "behind a flat window of 3 layers (" in page
+    assert " and 1.58): " in page
     assert "cover.layer2.thickness" in page
     assert judge(calibration).word
 

@@ -253,7 +253,7 @@ def test_effects_change_its_numbers(calibration: Calibration) -> None:
 
 def test_the_report_names_it(calibration: Calibration, tmp_path: Path) -> None:
     page = report_in(tmp_path, calibration, (0.4,)).read_text(encoding="utf-8")
-    assert "behind a paraboloid, " in page
+    assert "behind a paraboloid (" in page
     assert "down the bulge" in page
     assert "cover.bulge" in page
 

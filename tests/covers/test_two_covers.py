@@ -186,8 +186,8 @@ def test_report_verdict_check_and_medium_take_it(
 ) -> None:
     calibration.save(tmp_path / "out")
     page = report_in(tmp_path / "out", calibration, (0.4,)).read_text(encoding="utf-8")
-    assert "behind a dome, 3" in page
-    assert " and a flat window, " in page
+    assert "behind a dome (3" in page
+    assert " and a flat window (" in page
     assert "cover2.distance" in page
     assert judge(calibration).word
     assert main(["check", str(tmp_path / "out"), str(session)]) == 0

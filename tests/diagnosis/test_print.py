@@ -52,10 +52,11 @@ def compare(calibration: Calibration, truth: dict[str, float]) -> None:
     ("stretch", "shear"),
     [
         (0.0, 4e-3),
-        pytest.param(4e-3, 0.0, marks=pytest.mark.slow),
-        pytest.param(-3e-3, 3e-3, marks=pytest.mark.slow),
+        (4e-3, 0.0),
+        (-3e-3, 3e-3),
     ],
 )
+@pytest.mark.slow
 def test_the_evidence_decides_whether_a_print_is_sheared(stretch: float, shear: float) -> None:
     points = scene(3, views=15).board.points() @ [
         [1 + stretch / 2, shear / 2],

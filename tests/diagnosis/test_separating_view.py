@@ -70,6 +70,7 @@ def test_the_proposed_view_reduces_the_sigma_as_predicted(calibration: Calibrati
     )  # noise, prior and weights are estimated anew
 
 
+@pytest.mark.slow
 def test_the_true_effect_is_named_as_nearest_to_a_field() -> None:
     """The hidden effect is a stretched print. A field over the board imitates it, a bow cannot."""
     made = fitted(hidden(BoardScale(), {"board_scale.x_over_y": 2e-2}))

@@ -83,7 +83,8 @@ def off(path: Path, calibration: Calibration, count: int = 2000) -> tuple[float,
     return float(angles.max()), float(aside.max())
 
 
-@pytest.mark.parametrize("shape", [pytest.param("flat", marks=pytest.mark.slow), "dome"])
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", ["flat", "dome"])
 def test_a_port_is_exact_at_every_depth(
     shape: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -261,6 +261,7 @@ class Tasks(Silent):
         return super().task(title, total)
 
 
+@pytest.mark.slow
 def test_the_fits_of_a_session_are_distinguished(tmp_path: Path) -> None:
     """A radius so wrong that it is first believed, then held, then doubted, or the axis's distance
     in its place: the views show the glass's distance, which is the sum of the two. And a view that

@@ -60,6 +60,7 @@ def test_a_wrong_number_is_estimated_though_it_is_contradicted(good: Scene) -> N
     )
 
 
+@pytest.mark.slow
 def test_a_wrong_index_does_not_pull_its_estimate(tmp_path: Path) -> None:
     """The wider prior costs evidence, and the estimate with the narrow one is off by 7 sigma."""
     clean = yaml.safe_load((FIXTURES / "clean" / "session.yaml").read_text())

@@ -115,6 +115,7 @@ def test_weighing_noisy_views_less_improves_maps(
     assert better < 2 * sure
 
 
+@pytest.mark.slow
 def test_a_fit_reports_and_saves_the_views_with_less_weight(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

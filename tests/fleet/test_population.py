@@ -49,7 +49,8 @@ def squares(cameras: int, noise: float) -> float:
     return float(np.mean(results))
 
 
-@pytest.mark.parametrize("noise", [0.02, pytest.param(0.3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.02, 0.3])
 def test_the_next_camera_deviates_as_predicted(noise: float) -> None:
     """The square of many cameras is one; 12 fleets of 5 numbers leave it uncertain by a tenth."""
     assert 0.7 < squares(40, noise) < 1.2

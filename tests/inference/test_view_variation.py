@@ -300,6 +300,7 @@ def test_what_no_view_determines_ends_no_question() -> None:
     assert np.isfinite(VariationEquations.of(indefinite).solution).all()
 
 
+@pytest.mark.slow
 def test_a_cause_beside_something_smaller_of_no_cause_has_its_name() -> None:
     """A board that bends, and a smooth field of each view's own: as measured boards are."""
     made = session(8, "wet-flat")

@@ -316,9 +316,10 @@ def test_a_later_question_ends_an_earlier_one(guidance: Guidance, made: Scene) -
     ("target", "words"),
     [
         (20.0, ["still running", "agree"]),
-        pytest.param(0.01, ["would not reach"], marks=pytest.mark.slow),
+        (0.01, ["would not reach"]),
     ],
 )
+@pytest.mark.slow
 def test_folds_are_tried_once_the_maps_are_certain_enough(
     target: float, words: list[str], made: Scene
 ) -> None:

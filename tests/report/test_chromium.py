@@ -131,7 +131,7 @@ async def nothing(page: Page) -> None:
     await page.call("0")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", [pytest.param("light", marks=pytest.mark.slow), "dark"])
 def test_every_figure_is_drawn_and_readable(
     chrome: Chrome, reported: Reported, tmp_path: Path, scheme: str
 ) -> None:
@@ -370,7 +370,7 @@ def pages(
     }
 
 
-@pytest.mark.parametrize("kind", ["fit", "diagnosed", "bare"])
+@pytest.mark.parametrize("kind", [pytest.param("fit", marks=pytest.mark.slow), "diagnosed", "bare"])
 def test_nothing_is_cut_on_a_phone(
     chrome: Chrome, pages: dict[str, str], tmp_path: Path, kind: str
 ) -> None:

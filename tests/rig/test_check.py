@@ -86,6 +86,7 @@ def test_an_unchanged_rig_is_valid(pair: SimulatedRig, check: Check) -> None:
         assert result.statistics.error_px < result.statistics.allowed_px
 
 
+@pytest.mark.slow
 def test_a_camera_that_moved(pair: SimulatedRig, check: Check) -> None:
     result = check(later(with_motion(pair, "right", MILLIMETRE), 60, 3))
     assert result.status is CheckStatus.BROKEN
@@ -140,6 +141,7 @@ def test_a_camera_that_slipped_at_one_moment(pair: SimulatedRig, check: Check) -
     assert abs(change.change.value - 1.0) < 4 * change.change.sigma < 0.1
 
 
+@pytest.mark.slow
 def test_a_board_that_moved_between_two_pictures(pair: SimulatedRig, check: Check) -> None:
     """Negative control of a slip: one placement alone is left out by name."""
     moving = join_pictures(

@@ -91,6 +91,7 @@ def test_the_chosen_direction_is_better_than_its_neighbours(small: Rig) -> None:
     assert np.sqrt(np.mean(errors**2)) < np.sqrt(np.nanmean(turned**2))
 
 
+@pytest.mark.slow
 def test_a_depth_picture_of_a_wall(small: Rig) -> None:
     depths = 0.5, 1.0
     pair = rectify(small, ("left", "right"), 0.67, depths)

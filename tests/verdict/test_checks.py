@@ -493,6 +493,7 @@ def test_water_declared_as_air_is_reported(tmp_path: Path) -> None:
     assert not asked(medium, calibrated_from(thin)), "that is another number"
 
 
+@pytest.mark.slow
 def test_air_declared_as_water_is_reported(tmp_path: Path) -> None:
     cover = paper_cone()
     wet = replace(cover, parameters={**cover.parameters, "outside_index": Number(1.333)})

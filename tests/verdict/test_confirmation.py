@@ -76,9 +76,8 @@ def test_tilted_boards_confirm_the_right_focal_length(tmp_path: Path) -> None:
         assert judge(estimate).word is Trust.TRUSTED
 
 
-@pytest.mark.parametrize(
-    ("times", "ways"), [(1.02, 2), pytest.param(1.1, 3, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("times", "ways"), [(1.02, 2), (1.1, 3)])
+@pytest.mark.slow
 def test_tilted_boards_contradict_a_wrong_focal_length(
     tmp_path: Path, times: float, ways: int
 ) -> None:

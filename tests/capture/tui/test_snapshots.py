@@ -388,7 +388,9 @@ CONTINUED: tuple[Story, ...] = (
 
 
 @pytest.mark.parametrize(
-    "story", [*NEW, *CONTINUED, collect_charuco], ids=lambda story: story.__name__
+    "story",
+    [*NEW, *CONTINUED, pytest.param(collect_charuco, marks=pytest.mark.slow)],
+    ids=lambda story: story.__name__,
 )
 def test_screens_look_like_their_snapshots(
     story: Story, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
