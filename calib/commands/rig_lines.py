@@ -61,6 +61,7 @@ def evaluation_json(evaluation: RigEvaluation) -> dict[str, object]:
                 "sigma_mm": band.sigma_mm,
                 "error_over_sigma": band.normalised,
                 "lengths": band.lengths,
+                "placements": band.placements,
             }
             for band in evaluation.lengths
         ],

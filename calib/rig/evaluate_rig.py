@@ -53,6 +53,8 @@ class LengthBand:
     normalised: float
     """The root mean square of error over sigma."""
     lengths: int
+    placements: int
+    """The placements of the board with these lengths."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +174,7 @@ def _length_bands(
     points = _points(rig, flat, pairs.reshape(-1, 2))
     depth = points.mean(1)[:, 2]
     true = np.tile(_true_lengths(rig, ends), placements.count)
+    of_length = np.repeat(np.arange(placements.count), len(ends))
     error = length - true
     measured = np.isfinite(error)
     if not measured.any():
@@ -191,6 +194,7 @@ def _length_bands(
                     sigma_mm=1000 * _rms(sigma[members]),
                     normalised=_rms(error[members] / sigma[members]),
                     lengths=int(members.sum()),
+                    placements=len(np.unique(of_length[members])),
                 )
             )
     return tuple(bands)

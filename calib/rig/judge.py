@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.special import chdtri
 
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.rig.evaluate_rig import RigEvaluation
@@ -32,6 +33,10 @@ MAX_HELD_OUT = 1.5
 """The largest error on held-out placements over that of the fit."""
 MAX_NORMALISED = 2.0
 """The largest root mean square of held-out lengths' errors over their sigma."""
+LENGTHS_CHANCE = 1e-3
+"""The chance of a larger one in a rig as sure as it says. Lengths on one placement of the board err
+together, because the cameras see it too near or too far: they count as one.
+"""
 
 MENDING = {
     RIG_FLEX.name: "tighten the mounting, and record again",
@@ -164,7 +169,9 @@ def rig_held_out(case: RigCase) -> Iterator[Reason]:
             case.fit_command,
         )
     for band in evaluation.lengths:
-        if band.normalised > MAX_NORMALISED:
+        count = band.placements
+        by_chance = float(np.sqrt(chdtri(count, LENGTHS_CHANCE) / count))
+        if band.normalised > max(MAX_NORMALISED, by_chance):
             yield Reason(
                 f"lengths at {band.from_m:g} to {band.to_m:g} m are off by {band.rms_mm:.3g} mm,"
                 f" {band.normalised:.1f} times what the calibration predicts.",

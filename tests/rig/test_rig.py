@@ -17,7 +17,7 @@ from calib.errors import InputError
 from calib.fit_record.request import Settings
 from calib.fitting.corner_range import corner_points
 from calib.fitting.fit import fit
-from calib.rig.evaluate_rig import evaluate_rig
+from calib.rig.evaluate_rig import LengthBand, RigEvaluation, evaluate_rig
 from calib.rig.fit_rig import fit_rig
 from calib.rig.gauge import gauge_motion, mounting_motion
 from calib.rig.judge import judge_rig
@@ -262,6 +262,18 @@ def test_the_verdict_names_a_rig_that_moves(fitted: Rig) -> None:
     assert any("with one pose of the board for all cameras" in text for text in sentences)
     hidden = replace(fitted, covariance=np.zeros((0, 0)))
     assert judge_rig(hidden).word.value == "do_not_use"
+
+
+@pytest.mark.parametrize(("placements", "reported"), [(1, False), (10, True)])
+def test_lengths_on_one_placement_count_as_one(
+    fitted: Rig, placements: int, reported: bool
+) -> None:
+    """A length that is off by 2.5 sigma is chance; ten that do not err together are not."""
+    band = LengthBand(1.0, 2.0, 2.5, 1.0, 2.5, 20, placements)
+    error = fitted.calibrations[fitted.reference].stages[-1].rms_px
+    evaluation = RigEvaluation(error, {}, placements, placements, (band,), ())
+    sentences = [reason.sentence for reason in judge_rig(fitted, evaluation=evaluation).reasons]
+    assert any("2.5 times what the calibration" in text for text in sentences) == reported
 
 
 @pytest.mark.slow
