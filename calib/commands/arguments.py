@@ -21,9 +21,10 @@ def depth(text: str) -> float:
     except ValueError:
         metres = math.nan
     if not (0 < metres <= FARTHEST or metres == math.inf):
+        hint = " with a point" if "," in text else ""
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not a depth: write metres above 0, such as 1.0, or inf for the"
-            " farthest"
+            f"{quoted(text)} is not a depth: write metres above 0{hint}, such as 1.0, or inf for"
+            " the farthest"
         )
     return metres
 

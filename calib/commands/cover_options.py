@@ -262,7 +262,10 @@ def _any_water(value: object) -> object:
 
 def _single(kind: Dimension, values: list[object]) -> object:
     if len(values) > 1:
-        raise InputError(f"--{_option(kind)} has {len(values)} numbers: write one, such as 40.")
+        raise InputError(
+            f"--{_option(kind)} takes one number, and {len(values)} stand there: write decimals"
+            " with a point, such as 40.5."
+        )
     return values[0]
 
 

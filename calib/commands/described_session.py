@@ -39,7 +39,10 @@ NEEDED = {
     "gridboard": ("spacing", "dictionary"),
 }
 """The options of each type that the pictures tell where they are not given."""
-KEPT = "calib: what no option states stays as the session.yaml of an earlier command has it."
+KEPT = (
+    "calib: session.yaml comes from an earlier command. Your options replace its values; all others"
+    " still apply."
+)
 """The remark on pictures that were described before."""
 NO_COVER = (
     "calib: no --cover: the camera is taken as bare. Behind glass or plastic add --cover cone,"

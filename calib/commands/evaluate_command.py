@@ -50,5 +50,6 @@ def run(args: argparse.Namespace) -> None:
             | verdict_mapping(verdict, [])
         )
     else:
-        print_evaluation(evaluation, wide=calibration.model()[0].lens.wide)
+        is_wide = calibration.model()[0].lens.wide
+        print_evaluation(evaluation, calibration.stages[-1].rms_px, wide=is_wide)
         print_verdict(verdict, [])

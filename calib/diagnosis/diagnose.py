@@ -21,6 +21,7 @@ from calib.diagnosis.sentences import printed_forms, remarks, trial_verdict, unc
 from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS
 from calib.errors import NotEnoughDataError
+from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.noise import burst_noise, on_board_grid, short_scale_noise, stated_noise
 from calib.estimation.observations import Observations
@@ -85,13 +86,14 @@ def diagnose(
         base = ModelFit(model, model.fit(observations, torch.from_numpy(calibration.poses)))
         if not base.joint.finite:
             raise NotEnoughDataError(base.joint.outcome.value)
+        given = base_model(calibration)
         problem = SearchProblem(
             board=calibration.board,
             camera=calibration.camera,
             observations=observations,
             folds=fold_split(poses),
             depth_bands=depth_split(_view_distances(base, observations), poses),
-            base=base_model(calibration),
+            base=given,
             report=_Reporter(advance),
             has_structure=lambda fit: bool(
                 significant_shares(_shares(calibration, fit, observations))
@@ -127,6 +129,8 @@ def diagnose(
             *remarks(state, families, formulas, structure, timed=timed),
         )
     extended = with_fit(calibration, state.model, state.joint, observations)
+    if not (state.model.effects or calibration.effects) and _names(state.model) == _names(given):
+        extended = calibration  # nothing was added: every number stays as it was given
     given_held_out: float | None = None
     if holdout:
         given_held_out = evaluate(calibration, holdout, progress).rms_px
@@ -168,6 +172,11 @@ class _Reporter:
     def __call__(self, remark: str) -> None:
         self._steps += 1
         self._advance(min(self._steps, STEPS - 1), remark)
+
+
+def _names(model: CameraModel) -> list[str]:
+    """Return the names of the numbers that a fit of the model estimates."""
+    return [param.name for param in model.parameters.free]
 
 
 def _view_distances(fit: ModelFit, observations: Observations) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ from calib.fit_record.outcome import (
 from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.board_turns import RENUMBERED, turn_back
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
-from calib.fitting.fit_result import added_effects, count_views
+from calib.fitting.fit_result import added_effects, count_views, loose_names
 from calib.fitting.fleet_expectation import Expectation
 from calib.fitting.guided_redetection import redetect_corners
 from calib.fitting.half_turns import HalfTurned
@@ -201,9 +201,9 @@ def fit(
     if joint and fitted.model:
         with single_thread():
             observations = Observations.of(views, session.board)
-            unknown = unknown_names(setup.intrinsics, setup.cover)
+            loose = loose_names(setup.intrinsics, setup.cover)
             labels = pose_labels(views)
-            joint, uncertainty = count_views(fitted.model, observations, joint, labels, unknown)
+            joint, uncertainty = count_views(fitted.model, observations, joint, labels, loose)
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, joint)
     validation = None
     if settings.folds:

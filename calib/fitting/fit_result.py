@@ -22,10 +22,17 @@ from calib.fit_record.outcome import JointOutcome, Uncertainty
 from calib.fitting.valleys import widen_valleys
 from calib.inference.fitted_model import FittedModel
 from calib.inference.view_scatter import ViewScatter
+from calib.session.camera import Intrinsics
+from calib.session.cover import Cover
 from calib.session.numbers import unknown_names
-from calib.session.parameter_names import CAMERA
+from calib.session.parameter_names import CAMERA, number_of
+from calib.session.shapes.registry import find_dimension
 
 EFFECTS_STAGE = "cover+rbf+effects"
+LOOSE = 3.0
+"""The stated standard deviation over the usual tolerance, above which a number of the cover is as
+good as unknown: the lens may make up for it along a curved valley.
+"""
 HEAVY = 0.1
 """The part of what all views tell from which a view that tells so much is listed, or twice its
 fair part where the views are few.
@@ -39,12 +46,25 @@ def with_fit(
     record of that fit.
     """
     declared = calibration.declared
-    unknown = unknown_names(declared.intrinsics, declared.cover)
+    loose = loose_names(declared.intrinsics, declared.cover)
     labels = pose_labels(calibration.views)
-    reported, uncertainty = count_views(model, observations, joint, labels, unknown)
+    reported, uncertainty = count_views(model, observations, joint, labels, loose)
     estimated = with_estimate(calibration, model, reported, observations)
     outcome = replace(calibration.outcome, joint=JointOutcome.of(joint), uncertainty=uncertainty)
     return replace(estimated, outcome=outcome)
+
+
+def loose_names(intrinsics: Intrinsics, cover: Cover) -> tuple[str, ...]:
+    """Return the names of the numbers that are unknown, and of those of the cover that are declared
+    far more loosely than usual.
+    """
+    names = list(unknown_names(intrinsics, cover))
+    for name, number in cover.numbers.items():
+        dimension = find_dimension(number_of(name))
+        usual = dimension.tolerance if dimension else None
+        if usual and number.sigma > LOOSE * usual.sigma and name not in names:
+            names.append(name)
+    return tuple(names)
 
 
 def count_views(
@@ -52,14 +72,14 @@ def count_views(
     observations: Observations,
     joint: JointFit,
     labels: NDArray[np.int64],
-    unknown: Sequence[str] = (),
+    loose: Sequence[str] = (),
 ) -> tuple[JointFit, Uncertainty]:
     """Return the fit with a covariance that counts views and corners of the board, and how it
     counts them.
 
     Args:
-        unknown: the names of the unknown numbers. None becomes less certain than its wide prior:
-            the prior is no measurement that scatters with the views.
+        loose: the names of the numbers with wide priors. None becomes less certain than its prior,
+            which is no measurement that scatters with the views.
     """
     scatter = ViewScatter.of(FittedModel(model, observations, joint), labels)
     poses = len(np.unique(labels))
@@ -75,9 +95,9 @@ def count_views(
             if share > limit
         },
     )
-    of_cover = [name for name in unknown if not CAMERA.has(name)]
+    of_cover = [name for name in loose if not CAMERA.has(name)]
     wide = widen_valleys(model, observations, joint, scatter.widen(joint), of_cover)
-    return _limited_by_priors(wide, unknown), uncertainty
+    return _limited_by_priors(wide, loose), uncertainty
 
 
 def _limited_by_priors(joint: JointFit, names: Sequence[str]) -> JointFit:

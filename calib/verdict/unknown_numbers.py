@@ -70,4 +70,6 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
         f"your pictures do not determine {listed}. The maps already allow for that. If you need"
         f" the number, {advice}."
     )
-    yield Reason(sentence, case.next.capture(), tuple(number.name for number in numbers))
+    uses = case.next.uses(case.usual_depths[0], mapped=bool(case.depths))
+    command = next(iter(uses), case.next.capture())  # the maps are as good as they say
+    yield Reason(sentence, command, tuple(number.name for number in numbers))

@@ -334,7 +334,7 @@ def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
     assert "--outside-index 1.333 is taken as 1.333 ± 0.004" in capsys.readouterr().err
     assert first.cover.medium == Number(1.333, 0.004)
     thick = described(str(photos), "--thickness", "3")
-    assert "stays as the session.yaml of an earlier command" in capsys.readouterr().err
+    assert "session.yaml comes from an earlier command" in capsys.readouterr().err
     assert thick.board == first.board
     assert thick.camera == first.camera
     assert thick.cover.parameters["thickness"].value == 0.003
