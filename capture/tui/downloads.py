@@ -40,4 +40,4 @@ def find_downloads(
     if files := tuple(file.resolve() for file in visible if is_regular_file(file)):
         megabytes = sum(file.stat().st_size for file in files) / 1e6
         label = f"Download exports ({megabytes:.1f} MB)"
-        yield Download(label, f"{session.resolve().name}-maps.zip", files)
+        yield Download(label, f"{session.resolve().name}-export.zip", files)

@@ -258,7 +258,8 @@ class ResultsScreen(Page):
         omitted = len(reasons) - MAX_REASONS
         shown = [
             *reasons[:MAX_REASONS],
-            *([f"{omitted} more reasons are in the report."] if omitted > 0 else []),
+            *(["One more reason is in the report."] if omitted == 1 else []),
+            *([f"{omitted} more reasons are in the report."] if omitted > 1 else []),
         ]
         notes = [f"Note: {note}" for note in self.result.get("notes", ())]
         sentences = [*self._aside_note(), *self._update_note(), word, *shown, *notes, *sentences]
@@ -288,8 +289,8 @@ class ResultsScreen(Page):
         exports = "x for maps and straight pictures"
         if self._trusted:
             diagnosed = any(stage["name"] == "cover+rbf+effects" for stage in self.result["stages"])
-            return f"Press r for the report, {exports}{'' if diagnosed else ', e to diagnose'}."
-        return f"Press e to diagnose, r for the report, {exports}."
+            return f"Press r for the report, {exports}{'' if diagnosed else ', e to find faults'}."
+        return f"Press e to find faults, r for the report, {exports}."
 
     def _line(self, view: Mapping[str, Any]) -> str:
         is_dropped = any(picture.file == view["file"] for picture in self._dropped)

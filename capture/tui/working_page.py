@@ -21,8 +21,7 @@ BAR_COLUMNS = 24  # columns
 BEGINNING = (LOADING, 0, 1, "")
 """The first task, which is on the screen before the process has reported anything."""
 REPEATED_ADVICE = (
-    "It failed in this way before: esc goes back. Take more pictures, or quit and run calib fit,"
-    " which says more."
+    "It failed in the same way again. Press esc to go back, and take more pictures first."
 )
 ERRORS_HEADING = "Error left (rms, weighted: surer corners count more than in the results):"
 

@@ -4,7 +4,8 @@ import {send} from "./link.js";
 
 const byId = (name) => document.getElementById(name);
 const page = byId("thumb"), main = page.querySelector("main"), dock = byId("dock"), nav = page.querySelector("nav");
-const ASIDE = {question_mark: "help", f1: "help", q: "quit"}; // keys with a button at the top
+const ASIDE = {question_mark: "help", f1: "help"}; // keys with a button at the top
+const aside = ({key, label}) => ASIDE[key] ?? (label === "Quit" ? "quit" : ""); // in the menu, where no finger meets it that meant its neighbour
 const DENSE = 0.605; // the width of a letter in a font of fixed pitch, in units of its height
 const SMALLEST = 9; // px, the smallest readable letter
 const SETTLE_MS = 300; // ms for a touch to end where it began: no widget may move under the finger
@@ -97,12 +98,12 @@ function drawKeys(keys) {
   const wanted = JSON.stringify([screen, keys]);
   if (nav.dataset.keys === wanted) return;
   nav.dataset.keys = wanted;
-  for (const name of new Set(Object.values(ASIDE))) {
-    const key = keys.find((each) => ASIDE[each.key] === name);
+  for (const name of ["help", "quit"]) {
+    const key = keys.find((each) => aside(each) === name);
     byId(name).hidden = !key;
     byId(name).onclick = () => ask({press: key.key});
   }
-  const below = keys.filter((each) => !ASIDE[each.key]), others = below.filter((each) => !each.main);
+  const below = keys.filter((each) => !aside(each)), others = below.filter((each) => !each.main);
   const wide = {1: " whole", 2: " half", 4: " half"}[others.length] ?? "";
   nav.replaceChildren(...[...below.filter((each) => each.main), ...others].map((key) => {
     const button = make("button", {type: "button", className: key.main ? "main whole" : wide}, key.label);
@@ -248,7 +249,8 @@ export function follow() {
   });
   const typed = () => (document.activeElement.tagName === "INPUT" ? document.activeElement : null);
   const typing = () => page.classList.toggle("typing", Boolean(typed()));
-  const keep = () => (typed()?.parentElement ?? wrong)?.scrollIntoView({block: "nearest"}); // a keyboard or a sentence takes its room
+  const opened = () => main.querySelector(".choice ul:not([hidden])");
+  const keep = () => (opened() ?? typed()?.parentElement ?? wrong)?.scrollIntoView({block: "nearest"}); // a keyboard or a sentence takes its room
   main.addEventListener("focusin", () => {
     wrong = null;
     keep();

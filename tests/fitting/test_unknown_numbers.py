@@ -190,8 +190,8 @@ def test_place_of_a_dome_that_the_lens_makes_up_for_is_as_uncertain_as_it_is(
 ) -> None:
     """Eight boards through a dome in water, of which nobody knows where it stands, nor the lens:
     the error over its place is no parabola. Of eight sessions, place and focal length are off by 1
-    of their sigmas, within what chance leaves; by the covariance at the optimum, 1.6 and up to 4.2. Declared as
-    0 +- 30 mm, which is 0.26 of it away from the truth, they are off by 0.46.
+    of their sigmas, within what chance leaves; by the covariance at the optimum, 1.6 and up to 4.2.
+    Declared as 0 +- 30 mm, which is 0.26 of it away from the truth, they are off by 0.46.
     """
     deviations = []
     truth = numbers_of(INTRINSICS, COVERS["wet-dome"][0])

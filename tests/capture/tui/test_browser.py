@@ -106,7 +106,7 @@ async def _stretch(address: str, size: tuple[int, int], folder: Path) -> None:
         await browser.press("Enter")
         await browser.see("Press f to fit")
         await browser.press("f")
-        await browser.see("Press e to diagnose")
+        await browser.see("Press e to find faults")
         await _keep(browser, size, "stretch-1-results")
         await browser.press("e")
         await browser.see("Diagnosis")

@@ -50,7 +50,7 @@ def test_what_is_older_than_the_fit_or_lies_elsewhere_is_not_offered(tmp_path: P
     (exported / "map_1m.npz").write_text("new")
     (download,) = find_downloads(tmp_path / "s", calibration, [])
     assert download.files == ((exported / "map_1m.npz").resolve(),)
-    assert download.name == "s-maps.zip"
+    assert download.name == "s-export.zip"
     elsewhere = tmp_path / "elsewhere.npz"
     elsewhere.write_text("exported into a folder of the person's own")
     (download,) = find_downloads(tmp_path / "s", calibration, [elsewhere])

@@ -108,7 +108,7 @@ async def _stretch(session: Path) -> None:
         await pilot.press("ctrl+s")
         await see(pilot, "24 views")
         await pilot.press("f")
-        await see(pilot, "Press e to diagnose")
+        await see(pilot, "Press e to find faults")
         await pilot.press("e")
         await see(pilot, "Diagnosis")
         await see(pilot, "Found: board_scale.")

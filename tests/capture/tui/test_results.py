@@ -177,7 +177,7 @@ async def _report(session: Path) -> None:
         text = " ".join(shown(pilot).split())
         assert (
             "You can trust it in the parts of the picture where the board was. Press r for the"
-            " report, x for maps and straight pictures, e to diagnose." in text
+            " report, x for maps and straight pictures, e to find faults." in text
         )
 
 

@@ -329,7 +329,7 @@ async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
     }
     await pilot.app.push_screen(ResultsScreen(session, doubtful))
     await see(pilot, "◆ worst: 0.50 px off")
-    await see(pilot, "Press e to diagnose, r for the report, x for maps and straight pictures.")
+    await see(pilot, "Press e to find faults, r for the report, x for maps and straight pictures.")
 
 
 async def effects(pilot: Pilot[None], session: Path) -> None:
