@@ -251,8 +251,10 @@ export function follow() {
   const typing = () => page.classList.toggle("typing", Boolean(typed()));
   const opened = () => main.querySelector(".choice ul:not([hidden])");
   const keep = () => (opened() ?? typed()?.parentElement ?? wrong)?.scrollIntoView({block: "nearest"}); // a keyboard or a sentence takes its room
-  main.addEventListener("focusin", () => {
+  main.addEventListener("focusin", ({target}) => {
     wrong = null;
+    const list = opened();
+    if (list && !list.parentElement.contains(target)) list.hidden = true; // somebody has gone on
     keep();
     setTimeout(typing, typed() ? 0 : SETTLE_MS);
   });
