@@ -214,6 +214,14 @@ class Calibration(CalibrationContent):
         )
 
     @property
+    def corner_sigma_px(self) -> float:
+        """The standard deviation of a corner in x and in y, px, with which the fit weighs it; of a
+        fit without one, that of the error that is left.
+        """
+        joint = self.outcome.joint
+        return joint.sigma_px if joint else self.stages[-1].rms_px / 2**0.5
+
+    @property
     def digest(self) -> str:
         """Return the SHA-256 of calibration.npz, which files that are made from it carry."""
         return sha256(array_bytes(self)).hexdigest()

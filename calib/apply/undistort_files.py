@@ -32,6 +32,8 @@ ENCODING = {
 
 @dataclass(frozen=True, slots=True)
 class UndistortedFiles:
+    """The result of undistorting files."""
+
     paths: tuple[Path, ...]
     """The files that were written."""
     cut_off: tuple[str, ...]

@@ -128,9 +128,11 @@ def diagnose(
             ),
             *remarks(state, families, formulas, structure, timed=timed),
         )
-    extended = with_fit(calibration, state.model, state.joint, observations)
-    if not (state.model.effects or calibration.effects) and _names(state.model) == _names(given):
-        extended = calibration  # nothing was added: every number stays as it was given
+    changed = state.model.effects or calibration.effects or _names(state.model) != _names(given)
+    # Where nothing was added, every number stays as it was given.
+    extended = (
+        with_fit(calibration, state.model, state.joint, observations) if changed else calibration
+    )
     given_held_out: float | None = None
     if holdout:
         given_held_out = evaluate(calibration, holdout, progress).rms_px

@@ -25,8 +25,7 @@ from calib.inference.view_scatter import ViewScatter
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
 from calib.session.numbers import unknown_names
-from calib.session.parameter_names import CAMERA, number_of
-from calib.session.shapes.registry import find_dimension
+from calib.session.parameter_names import CAMERA
 
 EFFECTS_STAGE = "cover+rbf+effects"
 LOOSE = 3.0
@@ -58,13 +57,13 @@ def loose_names(intrinsics: Intrinsics, cover: Cover) -> tuple[str, ...]:
     """Return the names of the numbers that are unknown, and of those of the cover that are declared
     far more loosely than usual.
     """
-    names = list(unknown_names(intrinsics, cover))
-    for name, number in cover.numbers.items():
-        dimension = find_dimension(number_of(name))
-        usual = dimension.tolerance if dimension else None
-        if usual and number.sigma > LOOSE * usual.sigma and name not in names:
-            names.append(name)
-    return tuple(names)
+    kinds, unknown = cover.dimensions, unknown_names(intrinsics, cover)
+    loose = [
+        name
+        for name, number in cover.numbers.items()
+        if (usual := kinds[name].tolerance) and number.sigma > LOOSE * usual.sigma
+    ]
+    return tuple(dict.fromkeys((*unknown, *loose)))
 
 
 def count_views(

@@ -13,7 +13,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.calibration import Calibration
 from calib.errors import NotEnoughDataError
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
@@ -169,7 +168,7 @@ def _length_bands(
     ends = _length_ends(board)
     pairs = ends + board.count * np.arange(placements.count)[:, None, None]
     flat = {name: corners.reshape(-1, 2) for name, corners in pixels.items()}
-    noise_px = float(np.sqrt(np.mean([_noise(c) ** 2 for c in rig.calibrations.values()])))
+    noise_px = _rms(np.array([c.corner_sigma_px for c in rig.calibrations.values()]))
     length, sigma = rig.distances(flat, pairs.reshape(-1, 2), noise_px)
     points = _points(rig, flat, pairs.reshape(-1, 2))
     depth = points.mean(1)[:, 2]
@@ -227,14 +226,6 @@ def _true_lengths(rig: Rig, ends: Indices) -> Array:
     points = path.place(corners, values, pose, MIDDLE).numpy()
     lengths: Array = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=-1)
     return lengths
-
-
-def _noise(calibration: Calibration) -> float:
-    """Return the noise of a corner's coordinate, px."""
-    joint = calibration.outcome.joint
-    if joint:
-        return joint.sigma_px
-    return calibration.stages[-1].rms_px / 2**0.5
 
 
 def _rms(values: Array) -> float:

@@ -113,7 +113,7 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
     with single_thread():
         names = [placements.names[i] for i in _used_placements(placements, dropped)]
         used = {name: _without(c, dropped[name]) for name, c in calibrations.items()}
-        noise = {name: _noise_of(calibration) for name, calibration in used.items()}
+        noise = {name: calibration.corner_sigma_px for name, calibration in used.items()}
         return rig_of(
             with_noise(estimate.state, noise),
             estimate.covariance,
@@ -259,7 +259,7 @@ def _initial_state(
                 observations=Observations.of(calibration.views, calibration.board),
                 placement=torch.from_numpy(placements.of_views[name]),
                 values=values,
-                sigma=_noise_of(calibration),
+                sigma=calibration.corner_sigma_px,
                 smoothness=joint.relief_prior if joint else None,
             )
         )
@@ -343,12 +343,6 @@ def _effect_values(calibrations: Mapping[str, Calibration]) -> Values:
                 for name, (value, _) in added.parameters.items():
                     values.setdefault(name, torch.from_numpy(value))
     return values
-
-
-def _noise_of(calibration: Calibration) -> float:
-    """Return the noise of a corner, px per axis, in a camera's own fit."""
-    joint = calibration.outcome.joint
-    return joint.sigma_px if joint else calibration.stages[-1].rms_px / 2**0.5
 
 
 def _alone_px(calibration: Calibration, dropped: NDArray[np.bool_]) -> float:

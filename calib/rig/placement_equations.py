@@ -235,9 +235,7 @@ def _motion(camera: LinearCamera, rows: ViewEquations, of_frame: Array) -> Array
 
 def camera_noise(calibration: Calibration) -> float:
     """Return the noise of a corner, px per axis."""
-    joint = calibration.outcome.joint
-    error = joint.sigma_px if joint else calibration.stages[-1].rms_px / 2**0.5
-    return max(error, MIN_NOISE)
+    return max(calibration.corner_sigma_px, MIN_NOISE)
 
 
 def _with_changes(

@@ -106,7 +106,7 @@ def state_of(rig: Rig) -> RigState:
                 observations=calibration.observations,
                 placement=torch.from_numpy(rig.of_views[name]),
                 values={key: optimum.means[key] for key in model.means},
-                sigma=joint.sigma_px if joint else calibration.stages[-1].rms_px / 2**0.5,
+                sigma=calibration.corner_sigma_px,
                 smoothness=joint.relief_prior if joint else None,
             )
         )

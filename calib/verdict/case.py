@@ -159,12 +159,11 @@ def optimum_of(calibration: Calibration) -> FittedModel:
     """Return the fitted model of the calibration."""
     model = full_model(calibration)
     joint = calibration.outcome.joint
-    sigma = joint.sigma_px if joint else calibration.stages[-1].rms_px / 2**0.5
     estimate = Estimate(
         values=calibration.model()[1],
         poses=torch.from_numpy(calibration.poses),
         covariance=torch.from_numpy(calibration.covariance),
-        sigma=max(MIN_NOISE, sigma),
+        sigma=max(MIN_NOISE, calibration.corner_sigma_px),
         smoothness=joint.relief_prior if joint else None,
         parameters=model.parameters,
     )

@@ -419,24 +419,19 @@ class ResultsScreen(Page):
         self._update_shown = bool(notes)
 
     def action_export(self) -> None:
+        session = self.session
         calibration = Path(self.result["calibration"])
-        pictures = frames_folder(self.session)
+        note = EARLIER_FIT_NOTE if self._dropped else ""
         if folder := updated_folder(calibration.parent):
+            session = folder
+            calibration = folder / CALIBRATION
             note = (
                 f"These maps are of the calibration as a check has brought it up to date: {folder}"
             )
-            screen = ExportScreen(
-                *(folder, folder / CALIBRATION, self._depth, self._boards),
-                note=note,
-                pictures=pictures,
-            )
-        else:
-            note = EARLIER_FIT_NOTE if self._dropped else ""
-            screen = ExportScreen(
-                *(self.session, calibration, self._depth, self._boards),
-                note=note,
-                pictures=pictures,
-            )
+        pictures = frames_folder(self.session)
+        screen = ExportScreen(
+            session, calibration, self._depth, self._boards, note=note, pictures=pictures
+        )
         self.app.push_screen(screen, lambda wrote: self._say(wrote) if wrote else None)
 
     def action_report(self) -> None:

@@ -20,9 +20,7 @@ from capture.tui.page import ChildReported, Page
 BAR_COLUMNS = 24  # columns
 BEGINNING = (LOADING, 0, 1, "")
 """The first task, which is on the screen before the process has reported anything."""
-REPEATED_ADVICE = (
-    "It failed in the same way again. Press esc to go back, and take more pictures first."
-)
+REPEATED_ADVICE = "It failed in the same way again: press esc to go back, and mend that first."
 ERRORS_HEADING = "Error left (rms, weighted: surer corners count more than in the results):"
 
 

@@ -505,6 +505,24 @@ def test_a_shape_whose_fit_is_stuck_is_not_chosen(
 
 
 @pytest.mark.slow
+def test_the_same_ignorance_gives_about_the_same_sigma(tmp_path: Path) -> None:
+    """Where the dome is, these pictures hardly tell: unknown, it has a wide prior of 30 mm, as if
+    that was declared. By the covariance at the optimum, the two sigmas of fx differ by 13 times.
+    """
+    sigmas = []
+    for name, centre in (("unknown", []), ("declared", ["--centre", "0+-30,0+-30,0+-30"])):
+        photos = photographs("rig-dome/middle", tmp_path / name)
+        words = ["--board", "9x9", "--square-mm", "20", "--cover", "dome", "--radius", "50+-3"]
+        assert main(["fit", str(photos), *words, "--thickness", "4", *centre]) == 0
+        intrinsics = Calibration.load(photos / "calibration").camera.intrinsics
+        assert intrinsics
+        fx = intrinsics.fx
+        assert abs(fx.value - 639.59) < 2.5 * fx.sigma
+        sigmas.append(fx.sigma)
+    assert max(sigmas) < 4 * min(sigmas)
+
+
+@pytest.mark.slow
 def test_bumps_do_not_pull_a_cone_to_its_apex(tmp_path: Path) -> None:
     """A lens, a slope and a place that nobody knows: even glass imitates the bumps of the real one
     by a cone whose radius is zero.

@@ -85,6 +85,7 @@ def test_the_table_names_every_band(fitted: Path, capsys: pytest.CaptureFixture[
     out = capsys.readouterr().out
     assert "0.5 to 1 m" in out
     assert "12 views, their poses refitted." in out
+    assert "The views of the fit have " in out
 
 
 def test_another_camera_mode_is_refused(

@@ -184,23 +184,16 @@ def test_a_cover_that_explains_the_views_as_well_as_none_is_named() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("stated", "least"), [("unknown", 0.5), ("0+-30 mm", 0.3)])
-def test_place_of_a_dome_that_the_lens_makes_up_for_is_as_uncertain_as_it_is(
-    stated: str, least: float
-) -> None:
+def test_place_of_a_dome_that_the_lens_makes_up_for_is_as_uncertain_as_it_is() -> None:
     """Eight boards through a dome in water, of which nobody knows where it stands, nor the lens:
     the error over its place is no parabola. Of eight sessions, place and focal length are off by 1
     of their sigmas, within what chance leaves; by the covariance at the optimum, 1.6 and up to 4.2.
-    Declared as 0 +- 30 mm, which is 0.26 of it away from the truth, they are off by 0.46.
     """
     deviations = []
     truth = numbers_of(INTRINSICS, COVERS["wet-dome"][0])
     for seed in range(8):
         views = scene(seed, views=8, amplitude=0.0, noise=0.1, cover=COVERS["wet-dome"][0])
         cover = unknown_cover(COVERS["wet-dome"][0], ("centre_mm",))
-        if stated != "unknown":
-            centre = {name: Number(0.0, 0.03) for name in cover.parameters if "centre" in name}
-            cover = replace(cover, parameters={**cover.parameters, **centre})
         numbers = {
             n.name: n for n in comparisons(calibrate(views, unknown_intrinsics(CAMERA), cover))
         }
@@ -209,7 +202,7 @@ def test_place_of_a_dome_that_the_lens_makes_up_for_is_as_uncertain_as_it_is(
             deviations.append(error / numbers[name].sigma)
     print(np.round(deviations, 1))
     assert np.abs(deviations).max() < 3
-    assert least < np.sqrt(np.mean(np.square(deviations))) < 1.4
+    assert 0.5 < np.sqrt(np.mean(np.square(deviations))) < 1.4
 
 
 @pytest.mark.slow
