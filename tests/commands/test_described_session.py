@@ -504,22 +504,33 @@ def test_a_shape_whose_fit_is_stuck_is_not_chosen(
     )
 
 
+def focal_length(folder: Path) -> Number:
+    intrinsics = Calibration.load(folder).camera.intrinsics
+    assert intrinsics
+    return intrinsics.fx
+
+
 @pytest.mark.slow
 def test_the_same_ignorance_gives_about_the_same_sigma(tmp_path: Path) -> None:
     """Where the dome is, these pictures hardly tell: unknown, it has a wide prior of 30 mm, as if
-    that was declared. By the covariance at the optimum, the two sigmas of fx differ by 13 times.
+    that was declared. By the covariance at the optimum, the two sigmas of fx differ by 13 times. A
+    diagnosis that finds nothing changes neither.
     """
     sigmas = []
     for name, centre in (("unknown", []), ("declared", ["--centre", "0+-30,0+-30,0+-30"])):
         photos = photographs("rig-dome/middle", tmp_path / name)
         words = ["--board", "9x9", "--square-mm", "20", "--cover", "dome", "--radius", "50+-3"]
-        assert main(["fit", str(photos), *words, "--thickness", "4", *centre]) == 0
-        intrinsics = Calibration.load(photos / "calibration").camera.intrinsics
-        assert intrinsics
-        fx = intrinsics.fx
+        words += ["--thickness", "4", "--index", "1.49", *centre]
+        assert main(["fit", str(photos), *words]) == 0
+        fx = focal_length(photos / "calibration")
         assert abs(fx.value - 639.59) < 2.5 * fx.sigma
         sigmas.append(fx.sigma)
     assert max(sigmas) < 4 * min(sigmas)
+    given = tmp_path / "unknown" / "photos" / "calibration"
+    assert main(["diagnose", str(given)]) == 0
+    diagnosed = Calibration.load(given / "diagnosed")
+    assert not diagnosed.effects
+    assert focal_length(given / "diagnosed") == focal_length(given)
 
 
 @pytest.mark.slow
