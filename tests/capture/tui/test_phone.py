@@ -82,6 +82,10 @@ async def _from_nothing(address: str, folder: Path) -> None:
     async with telephone(address, folder / "profile") as phone:
         await phone.see("Where pictures come from")
         await _keep(phone, "1-new")
+        labels = (
+            "[...document.querySelectorAll('nav button')].map((each) => each.textContent).join()"
+        )
+        assert await phone.evaluate(labels) == "Start", "Quit, which ends at once, is in the menu"
         await phone.fill("source", f"folder:{FIXTURE / 'bare'}")
         await phone.choose("kind", "checkerboard")
         for name, text in zip(("columns", "rows", "square_mm"), ("9", "9", "20"), strict=True):
