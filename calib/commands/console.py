@@ -178,9 +178,9 @@ def print_description(console: Console, calibration: Calibration) -> None:
     console.print()
 
 
-def print_evaluation(evaluation: Evaluation, fitted_px: float, *, wide: bool) -> None:
+def print_evaluation(evaluation: Evaluation, fitted_px: float | None, *, wide: bool) -> None:
     """Print the held-out error, in total and by depth, or by distance for a wide lens, and the
-    error of the fitted views, px.
+    error of the fitted views, px. An immersed calibration has no fitted views: None.
     """
     console = Console()
     table = Table(
@@ -204,7 +204,8 @@ def print_evaluation(evaluation: Evaluation, fitted_px: float, *, wide: bool) ->
     table.add_row("all", str(total), f"{evaluation.rms_px:.3f} px", board_error(evaluation.rmse_cm))
     console.print(table)
     console.print(f"{evaluation.frames_used} views, their poses refitted.")
-    console.print(f"The views of the fit have {fitted_px:.3f} px.")
+    if fitted_px is not None:
+        console.print(f"The views of the fit have {fitted_px:.3f} px.")
     for view in evaluation.bad_views:
         line = (
             f"Does not fit: {view.file}: {view.rms_px:.3f} px, the other views"

@@ -51,5 +51,6 @@ def run(args: argparse.Namespace) -> None:
         )
     else:
         is_wide = calibration.model()[0].lens.wide
-        print_evaluation(evaluation, calibration.stages[-1].rms_px, wide=is_wide)
+        fitted_px = calibration.stages[-1].rms_px if calibration.stages else None
+        print_evaluation(evaluation, fitted_px, wide=is_wide)
         print_verdict(verdict, [])
