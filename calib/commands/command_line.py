@@ -125,6 +125,7 @@ def _parser(
             help=command.SUMMARY,
             description="\n\n".join(texts if examples_of(command) else texts[:2]),
             formatter_class=Help,
+            example=next(iter(examples_of(command)), ""),
         )
         command.add_arguments(subparser)
         if groups:

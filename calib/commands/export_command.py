@@ -99,8 +99,8 @@ def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from contextlib import ExitStack
 
+        from calib.apply.asked_depths import describe_depths
         from calib.apply.colour import channel_calibration, check_dispersion
-        from calib.apply.near_depth import describe_hidden
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
@@ -135,7 +135,7 @@ def run(args: argparse.Namespace) -> None:
     print_paths([path for exported in exports for path in exported.paths])
     for exported in exports:
         _print_remarks(form, exported, find_outdated_files(exported.paths, inputs[0]))
-    for remark in describe_hidden(calibration.ray_field(), depths):
+    for remark in describe_depths(calibration.ray_field(), depths):
         print(remark, file=sys.stderr)
 
 

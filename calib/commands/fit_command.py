@@ -65,8 +65,8 @@ def run(args: argparse.Namespace) -> None:
     from dataclasses import replace
 
     with fast_imports():
+        from calib.apply.asked_depths import ReachedDepths, describe_depths
         from calib.apply.colour import predict_fringes
-        from calib.apply.near_depth import ReachedDepths, describe_hidden
         from calib.calibration_file import DERIVED, FILES
         from calib.commands.colour_lines import fringes_lines, fringes_mapping
         from calib.commands.console import Bars, print_fit
@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> None:
     if removed:
         names = ", ".join(removed)
         print(f"Removed {names}, of the earlier fit: --depth writes maps.", file=sys.stderr)
-    for remark in describe_hidden(calibration.ray_field(), depths):
+    for remark in describe_depths(calibration.ray_field(), depths):
         print(remark, file=sys.stderr)
     if reached.refusals:
         raise InputError(f"The calibration is written, a map is not: {reached.refusals[0]}")

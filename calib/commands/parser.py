@@ -26,6 +26,8 @@ CHOICES = re.compile(
 """The words before a list of choices in a message."""
 LINE = 80
 """The width of the lines that list choices."""
+MISSING = "the following arguments are required: "
+"""The first words of argparse's message on arguments that are missing."""
 LONG_OPTION = re.compile(r"--[a-z][\w-]*", re.IGNORECASE)
 
 
@@ -70,14 +72,21 @@ class Parser(argparse.ArgumentParser):
     of an option: `--depth 0.5 1 SESSION`.
     """
 
-    def __init__(self, *args: Any, **settings: Any) -> None:
-        """Options are written in full: a misspelt one must not pass for the start of another."""
+    def __init__(self, *args: Any, example: str = "", **settings: Any) -> None:
+        """Options are written in full: a misspelt one must not pass for the start of another.
+
+        Args:
+            example: a whole command, for the message on arguments that are missing.
+        """
         super().__init__(*args, **{"allow_abbrev": False, **settings})
+        self._example = example
 
     def error(self, message: str) -> NoReturn:
         """Print the message alone, and where the options are explained. An argument may hold any
         character, for example a file name that a shell's * inserted: the message is made printable.
         """
+        if message.startswith(MISSING) and self._example:
+            message += f". A whole command is: {self._example}"
         self.exit(2, f"{self.prog}: {with_choices_below(message)}\nsee {self.prog} --help\n")
 
     def parse_known_args(  # type: ignore[override]

@@ -106,7 +106,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from calib.apply.angular_reach import undistortion_limit
-        from calib.apply.near_depth import describe_hidden
+        from calib.apply.asked_depths import describe_depths
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> None:
         print(remark, file=sys.stderr)
     if limit := undistortion_limit(calibration):
         print(limit, file=sys.stderr)
-    for remark in describe_hidden(calibration.ray_field(), filter(None, [args.depth])):
+    for remark in describe_depths(calibration.ray_field(), filter(None, [args.depth])):
         print(remark, file=sys.stderr)
     if cut_off:
         count = len(cut_off) - 1

@@ -16,11 +16,19 @@ from calib.optics.exposure import Exposure
 from calib.optics.linear_term import with_slopes
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.session.parameter_names import CAMERA
 
 
 @dataclass(frozen=True, slots=True)
 class LensField(CosineField):
-    """A displacement of the pixels in front of the stated lens."""
+    """A displacement of the pixels in front of the stated lens.
+
+    At `centre`, the principal point, the shift and its slope along its own direction are zero. So
+    the focal lengths and the principal point mean what they mean without the field.
+    """
+
+    centre: tuple[float, ...] = ()
+    """px: x and y. Empty in older files, where the shift there is free."""
 
     name: ClassVar[str] = "lens_field"
     description: ClassVar[str] = "The lens's distortion differs from any polynomial."
@@ -42,8 +50,45 @@ class LensField(CosineField):
                 (context.width - 0.5, context.height - 0.5),
                 cls.first_size,
                 FIRST_KNEE,
+                tuple(float(context.values[name]) for name in CAMERA.centre),
             ),
         )
+
+    def shift(self, x: Tensor, y: Tensor, values: Values) -> list[tuple[Tensor, Tensor, Tensor]]:
+        shifts = super(LensField, self).shift(x, y, values)
+        if not self.centre:
+            return shifts
+        (shift_x, x_by_x, x_by_y), (shift_y, y_by_x, y_by_y) = shifts
+        at_centre = self._waves_at_centre(x)
+        (start_x, slope_x), (start_y, slope_y) = (
+            (values[name] @ waves, values[name] @ slopes)
+            for name, (waves, slopes) in zip(self.probes, at_centre, strict=True)
+        )
+        return [
+            (shift_x - start_x - slope_x * (x.detach() - self.centre[0]), x_by_x - slope_x, x_by_y),
+            (shift_y - start_y - slope_y * (y.detach() - self.centre[1]), y_by_x, y_by_y - slope_y),
+        ]
+
+    def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
+        weights = super(LensField, self).weights(x, y)
+        if not self.centre:
+            return weights
+        for coordinate, middle, name, (waves, slopes) in zip(
+            (x, y), self.centre, self.probes, self._waves_at_centre(x), strict=True
+        ):
+            weights[name] = weights[name] - waves - slopes * (coordinate - middle)[..., None]
+        return weights
+
+    def _waves_at_centre(self, like: Tensor) -> list[tuple[Tensor, Tensor]]:
+        """Return for each direction the (81,) waves at the centre and their slopes along it."""
+        centre = torch.tensor(self.centre, dtype=like.dtype, device=like.device)
+        (cosines_x, rise_x), (cosines_y, rise_y) = self._cosines(*centre)
+        falls = self._falls(like.dtype).to(like.device).flatten()
+        waves = torch.outer(cosines_x, cosines_y).flatten() * falls
+        return [
+            (waves, torch.outer(rise_x, cosines_y).flatten() * falls),
+            (waves, torch.outer(cosines_x, rise_y).flatten() * falls),
+        ]
 
     def apply(self, path: Path) -> Path:
         return replace(path, adjustments=(*path.adjustments, self))

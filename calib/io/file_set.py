@@ -74,7 +74,7 @@ class State(Enum):
 
 class FileSet:
     """New files for one folder, which is locked inside of the `with` block. `commit` makes them the
-    current files. Without it, nothing changes.
+    current files. Without it, nothing changes, and a folder that was made for them is removed.
     """
 
     def __init__(
@@ -103,6 +103,8 @@ class FileSet:
             InputError: the folder cannot be made or written.
             BusyError: another process writes to it.
         """
+        if not os.path.lexists(self.folder):
+            self._stack.callback(_remove_empty, self.folder)
         make_folder(self.folder)
         handle = _lock(self.folder)
         if handle is not None:
@@ -208,6 +210,11 @@ class FileSet:
             written.close()
         with suppress(OSError):
             _finish_change(self.folder)
+
+
+def _remove_empty(folder: Path) -> None:
+    with suppress(OSError):  # it has files, or another process works there
+        folder.rmdir()
 
 
 def remove_set(folder: Path) -> None:

@@ -1,9 +1,12 @@
 """Effects on the camera, each against an oracle that was built without it."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from calib.corners.view import View
 from calib.effects.detector_bias import DetectorBias
@@ -301,3 +304,33 @@ def test_lens_field_is_a_cosine_transform_of_shifts() -> None:
     ).numpy()
     assert np.abs(result - directions(None, INTRINSICS, pixels + shifts)).max() < 1e-14
     assert np.abs(shifts).max() > 0.3
+
+
+def test_lens_field_leaves_the_meaning_of_the_focal_lengths() -> None:
+    """At its centre the shift is zero and has no slope along its own direction, by central
+    differences, and elsewhere it differs from the waves by a line.
+    """
+    rng = np.random.default_rng(2)
+    corners = (-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5)
+    centre = torch.tensor([0.47 * WIDTH, 0.55 * HEIGHT], dtype=torch.float64)
+    field = LensField(*corners, 0.5, 2.0, tuple(centre.tolist()))
+    values = {name: torch.from_numpy(rng.normal(0, 0.3, 81)) for name in field.probes}
+
+    def shift(field: LensField, x: Tensor, y: Tensor) -> Tensor:
+        return torch.stack([value for value, *_ in field.shift(x, y, values)], -1)
+
+    steps = 1e-3 * torch.tensor([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]], dtype=torch.float64)
+    at_centre = shift(field, *(centre + steps).T)
+    assert at_centre[0].abs().max() < 1e-12
+    slopes = (at_centre[1::2] - at_centre[2::2]) / 2e-3
+    assert slopes.diagonal().abs().max() < 1e-9
+    assert slopes.abs().max() > 1e-4
+    x, y = torch.from_numpy(PIXELS).T
+    line = shift(replace(field, centre=()), x, y) - shift(field, x, y)
+    for direction, coordinate in enumerate((x, y)):
+        basis = torch.stack([torch.ones_like(coordinate), coordinate], -1)
+        rest = line[:, direction] - basis @ torch.linalg.lstsq(basis, line[:, direction]).solution
+        assert rest.abs().max() < 1e-10
+    weights = field.weights(x, y)
+    sums = torch.stack([weights[name] @ values[name] for name in values], -1)
+    assert (sums - shift(field, x, y)).abs().max() < 1e-12

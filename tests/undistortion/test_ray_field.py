@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from calib.apply.near_depth import ReachedDepths, describe_hidden
+from calib.apply.asked_depths import ReachedDepths, describe_depths
 from calib.errors import InputError
 from calib.optics.build import pinhole_path
 from calib.optics.exposure import MIDDLE
@@ -191,7 +191,7 @@ def test_a_depth_inside_of_the_cover_is_refused(field: RayField) -> None:
     on_image = field.nearest[field.valid]
     between = float(np.median(on_image))
     assert 0.05 < field.hidden_fraction(between) < 0.95
-    (remark,) = describe_hidden(field, [0.5, between])
+    (remark,) = describe_depths(field, [0.5, between])
     assert remark.startswith(f"At {between:g} m, ")
     with pytest.raises(InputError, match=r"depth 0\.002 m is too near: write 0\.0\d+ m or more"):
         field.map_at(0.002)

@@ -1,7 +1,8 @@
-"""Depths so near that a part of the picture shows nothing there, because they lie inside of the
-cover.
+"""Depths that get a sentence: those so near that a part of the picture shows nothing there, because
+they lie inside of the cover, and those so far that millimetres may be meant.
 """
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -10,6 +11,10 @@ from calib.undistortion.ray_field import RayField
 
 NOTABLE = 0.05
 """The fraction of the picture that may be inside of the cover without a remark."""
+FAR = 100.0
+"""m: the nearest depth that may have been meant in mm. Covered cameras look at things nearer than
+that, and a map of 100 m hardly differs from that of infinity, which is written `inf`.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +37,16 @@ class ReachedDepths:
         return ReachedDepths(tuple(reached), tuple(refusals))
 
 
-def describe_hidden(field: RayField, depths: Iterable[float]) -> Iterator[str]:
+def describe_depths(field: RayField, depths: Iterable[float]) -> Iterator[str]:
     """Yield a sentence on each depth, m, that lies inside of the cover for a part of the picture,
-    which therefore is black.
+    which therefore is black, and on each that may have been meant in mm.
     """
     for depth in dict.fromkeys(depths):
+        if FAR <= depth < math.inf:
+            yield (
+                f"{depth:g} m is far away: depths are in metres, so write {depth / 1000:g} for"
+                f" {depth:g} mm."
+            )
         hidden = field.hidden_fraction(depth)
         if hidden > NOTABLE:
             yield (
