@@ -17,6 +17,7 @@ from textual.events import ScreenResume
 from textual.message import Message
 
 from calib.errors import harmless
+from calib.session.session import MIN_FIT_VIEWS
 from capture.coverage import Hint, SessionProgress
 from capture.narrator import silence_sentence
 from capture.recording_loop import Step, refusal_reason
@@ -117,6 +118,12 @@ class CollectScreen(WatchingPage, UndistortionPage):
         """True if somebody holds the board: of pictures that were taken before nobody does."""
         source = self.plan.source
         return not is_recorded_source(source) or is_rehearsal(source)
+
+    @property
+    def early_actions(self) -> frozenset[str]:
+        """A fit of few views can be tried, and is not what to do next."""
+        has_few = len(self.view_corners) < ENOUGH_BARE_VIEWS and not self._enough
+        return frozenset({"fit", "cover_on"} if has_few else ())
 
     def step(self) -> str:
         return "Without cover" if self.plan.bare else "Through cover"
@@ -228,12 +235,10 @@ class CollectScreen(WatchingPage, UndistortionPage):
         if self.wrong_board:
             return no_board_advice(self.plan, self._judged_pictures)
         next_step_text = ""
-        if self.view_corners:
-            next_step_text = (
-                "n to go on through the cover, from another source, "
-                if self.plan.bare
-                else f"{self._fit_keys()}, "
-            )
+        if self.plan.bare and self.view_corners:
+            next_step_text = "n to go on through the cover, from another source, "
+        elif not self.plan.bare and len(self.view_corners) >= MIN_FIT_VIEWS:
+            next_step_text = f"{self._fit_keys()}, "
         return (
             f"{message.sentence} Press {next_step_text}o to {message.restart_text}, esc for the"
             " set-up."
@@ -259,7 +264,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
             text = (
                 MORE_BARE_VIEWS_HELP[len(self.view_corners) >= ENOUGH_BARE_VIEWS]
                 if self.plan.bare
-                else MORE_VIEWS_HELP
+                else find_missing(self.plan.session) or MORE_VIEWS_HELP
             )
         self.query_one("#next", Line).say(text)
         self._draw()

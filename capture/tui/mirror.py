@@ -58,7 +58,7 @@ def describe_screen(app: App[Any]) -> dict[str, object]:
         "blocks": blocks,
         "picture": bool(screen.query(Picture)),
         "focus": name_of(focused) if isinstance(focused, Input | Select) else "",
-        "keys": _buttons(bindings),
+        "keys": _buttons(bindings, pages[-1].early_actions if pages else frozenset()),
         "notices": [name_buttons(item.message, labels) for item in app._notifications],
     }
 
@@ -115,8 +115,9 @@ def _urgency(block: Block) -> int:
     return INSTRUCTION_IDS.index(str(name)) if block.get("spoken") else -1
 
 
-def _buttons(bindings: list[Any]) -> list[Block]:
-    actions = {binding.action for binding in bindings}
+def _buttons(bindings: list[Any], early: frozenset[str]) -> list[Block]:
+    """Return the buttons of the bindings. An action for which it is early is not the main one."""
+    actions = {binding.action for binding in bindings} - early
     main = next((action for action in MAIN_ACTIONS if action in actions), "")
     return [
         {

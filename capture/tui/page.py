@@ -107,6 +107,11 @@ class Page(Screen[bool]):
         current = f"[{self.step().upper()}{self.PART and f': {self.PART}'}]"
         return " " + " › ".join(current if step == self.step() else step for step in STEPS)
 
+    @property
+    def early_actions(self) -> frozenset[str]:
+        """The actions that are possible and not advised yet."""
+        return frozenset()
+
     def action_help(self) -> None:
         self.app.push_screen(HelpScreen())
 

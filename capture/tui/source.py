@@ -35,6 +35,8 @@ class SourceField(Vertical):
         self.field = Field(source, id="source", suggester=PathSuggester(kinds=True), compact=True)
         self._failure = ("", "")
         """The source that could not be opened last, and the reason."""
+        self._cameras: tuple[str, ...] | None = None
+        """The cameras of this machine; None while it is searched."""
 
     def compose(self) -> ComposeResult:
         yield Row("source", self.field)
@@ -49,15 +51,22 @@ class SourceField(Vertical):
 
     @on(CamerasFound)
     def _offer(self, message: CamerasFound) -> None:
+        self._cameras = tuple(message.sources)
         self.field.suggester = PathSuggester(kinds=True, cameras=message.sources)
-        words = (
-            f"found here: {', '.join(message.sources)}"
-            if message.sources
-            else "no camera found here; folder:PATH plays back pictures"
-        )
-        self.query_one("#cameras", Static).update(harmless(words))
         if message.sources and not self.field.value:
             self.field.value = message.sources[0]
+        self._describe()
+
+    @on(Field.Changed)
+    def _describe(self) -> None:
+        """Write the cameras below the field. Whoever plays back pictures needs none."""
+        if self._cameras:
+            words = f"found here: {', '.join(self._cameras)}"
+        elif self._cameras is None or is_recorded_source(self.field.value):
+            words = ""
+        else:
+            words = "no camera found here; folder:PATH plays back pictures"
+        self.query_one("#cameras", Static).update(harmless(words))
 
     def check(self) -> None:
         """Raise InputError where the field names no source, or one that could not be opened

@@ -15,6 +15,7 @@ from capture.tui import collect
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
 from capture.tui.fit import FitScreen
+from capture.tui.mirror import describe_screen
 from capture.tui.page import Line
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
@@ -118,15 +119,20 @@ async def _pressed(session: Path) -> None:
     async with running(session, f"folder:{session / 'frames'}") as pilot:
         await see(pilot, "continued")
         await pilot.press("ctrl+s")
-        await see(pilot, "no more pictures. Press f to fit, o to look through it again")
+        await see(pilot, "no more pictures. Press o to look through it again")
+        await see(pilot, "A fit needs 3 views and there are 2: take 1 more view.")
         assert "Take now" not in shown(pilot)
+        keys = describe_screen(pilot.app)["keys"]
+        assert isinstance(keys, list)
+        assert "Fit" in [key["label"] for key in keys]
+        assert not any(key["main"] for key in keys), "a fit is not what to do next"
         await pilot.press("space", "space")
         await pilot.pause(0.2)
-        await see(pilot, "no more pictures. Press f to fit, o to look through it again")
+        await see(pilot, "no more pictures. Press o to look through it again")
         updates = pilot.app.screen.query_one(Picture).updates
         await pilot.press("o")
         await until(pilot, lambda: pilot.app.screen.query_one(Picture).updates >= updates + 2)
-        await see(pilot, "no more pictures. Press f to fit, o to look through it again")
+        await see(pilot, "no more pictures. Press o to look through it again")
         assert "2 views" in shown(pilot)
 
 

@@ -9,6 +9,7 @@ import pytest
 from textual.widgets import Input, Select
 
 from capture.source_folder import is_kind_unknown
+from capture.tui.source import SourceField
 from tests.capture.tui.driving import describe, drive, running, see, shown, until
 from tests.capture.tui.test_session import FIXTURE
 
@@ -31,7 +32,7 @@ async def _both_halves(session: Path, brief: Path) -> None:
         await see(pilot, "pictures through it as well: ^s goes on with those.")
         await pilot.press("ctrl+s")
         await see(pilot, "THROUGH COVER")
-        await see(pilot, "no more pictures. Press f to fit")
+        await see(pilot, "A fit needs 3 views and there are 2: take 1 more view.")
 
 
 def test_bare_pictures_are_refused_where_covered_ones_are_wanted(tmp_path: Path) -> None:
@@ -43,6 +44,8 @@ def test_bare_pictures_are_refused_where_covered_ones_are_wanted(tmp_path: Path)
 async def _bare_for_covered(session: Path) -> None:
     async with running(session, f"folder:{FIXTURE / 'bare'}") as pilot:
         await see(pilot, "continued")
+        await until(pilot, lambda: pilot.app.screen.query_one(SourceField)._cameras is not None)
+        assert "no camera found" not in shown(pilot), "pictures need none"
         await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
         await see(pilot, "has pictures without the cover: name those that were taken through it")
 
