@@ -10,13 +10,16 @@ from calib.calibration import Calibration
 from calib.diagnosis.effect_description import describe_estimates
 from calib.effects.description import describe_effect
 from calib.fit_record.history import DiagnosisRecord
-from calib.fitting.description import effect_notes
 from calib.report.tables import bar
 from calib.table import board_error, change, html_table
 
 HELD_OUT = (
     "Held out: the error on views that were not fitted, without the effect and with it. Corners"
     " with a small sigma count more here than in the first table."
+)
+
+NOTHING = (
+    "calib diagnose found nothing: no effect that it knows improves held-out views beyond chance."
 )
 
 
@@ -47,10 +50,11 @@ def effect_rows(calibration: Calibration) -> list[EffectRow]:
 
 
 def effects_html(rows: Sequence[EffectRow], calibration: Calibration) -> str:
-    """Return the section as HTML; an empty text without effects."""
+    """Return the section as HTML; an empty text if there was no diagnosis and is no effect."""
+    diagnosis = calibration.history.diagnosis
     if not rows:
-        return ""
-    diagnosis = calibration.history.diagnosis or DiagnosisRecord()
+        return _nothing_html(diagnosis) if diagnosis else ""
+    diagnosis = diagnosis or DiagnosisRecord()
     largest = max(max(row.before_px, row.after_px) for row in rows)
     cells = [
         (
@@ -64,15 +68,27 @@ def effects_html(rows: Sequence[EffectRow], calibration: Calibration) -> str:
         for row in rows
     ]
     head = ("effect", "", "held out before", "held out after", "change", "estimate")
-    legend = "".join(f"<li>{escape(note)}</li>" for note in effect_notes(calibration))
     return (
         _errors_html(diagnosis)
         + "<h3>Effects found</h3>"
         + html_table(head, cells)
         + f"<p>{HELD_OUT}</p>"
-        + (f"<ul>{legend}</ul>" if legend else "")
-        + "".join(f"<p>{escape(str(family))}</p>" for family in diagnosis.families)
+        + _families_html(diagnosis)
     )
+
+
+def _nothing_html(diagnosis: DiagnosisRecord) -> str:
+    """Return the section of a diagnosis that found nothing."""
+    error = (
+        f" The error on held-out views is {diagnosis.qualities[0].held_out_px:.3f} px."
+        if diagnosis.qualities
+        else ""
+    )
+    return f"<p>{NOTHING}{error}</p>{_families_html(diagnosis)}"
+
+
+def _families_html(diagnosis: DiagnosisRecord) -> str:
+    return "".join(f"<p>{escape(str(family))}</p>" for family in diagnosis.families)
 
 
 def _errors_html(diagnosis: DiagnosisRecord) -> str:

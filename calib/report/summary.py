@@ -9,6 +9,7 @@ import numpy as np
 from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
 from calib.fitting.description import describe_bend, has_declared_lens
+from calib.report.again import pasted
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
 from calib.report.tiles import Tile, report_tiles
@@ -59,7 +60,11 @@ def summarise(
 def _found(calibration: Calibration) -> str:
     """Return a sentence on the effects that the diagnosis added; empty if it added none."""
     diagnosis = calibration.history.diagnosis
-    if not (diagnosis and diagnosis.accepted and len(diagnosis.qualities) > 1):
+    if not diagnosis:
+        return ""
+    if not diagnosis.accepted:
+        return "" if diagnosis.families else "The diagnosis found nothing that the model lacks."
+    if len(diagnosis.qualities) < 2:
         return ""
     first, last = diagnosis.qualities
     names = [effect.name for effect in diagnosis.accepted]
@@ -133,7 +138,8 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
 
 def _overfitting(calibration: Calibration) -> str:
     if not (validation := calibration.outcome.cross_validation):
-        return "Overfitting was not measured: calib fit --folds 5 measures it."
+        command = pasted(["calib", "fit", calibration.request.session, "--folds", "5"])
+        return f"Overfitting was not measured: {command} measures it."
     result = "overfits" if validation.overfits else "does not overfit"
     return f"On held-out views the error is {validation.held_out_px:.3f} px: the fit {result}."
 

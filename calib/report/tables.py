@@ -37,9 +37,10 @@ def stages_html(evidence: Evidence) -> str:
         )
         for stage in stages
     ]
-    return html_table(
-        ("stage", "", "reprojection error (RMS)", "on the board", "against the camera alone"), rows
-    )
+    head = ("stage", "", "reprojection error (RMS)", "on the board")
+    if known:
+        return html_table((*head, "against the camera alone"), rows)
+    return html_table(head, [row[: len(head)] for row in rows])
 
 
 def parameters_html(evidence: Evidence) -> str:

@@ -36,8 +36,8 @@ def tiles_html(tiles: Sequence[Tile]) -> str:
 
 
 def report_tiles(evidence: Evidence) -> tuple[Tile, ...]:
-    """Return the tiles of a calibration: its error, the uncertainty of its maps, its coverage, and
-    the number that sizes or places its cover (without a cover: its focal length).
+    """Return the tiles of a calibration: its error, the uncertainty of its maps, its coverage, its
+    focal length, and the number that sizes or places its cover.
     """
     tiles = [_error(evidence), *_maps(evidence)]
     tiles.append(Tile("coverage", f"{100 * evidence.covered:.0f} %", "of the image has corners"))
@@ -67,10 +67,14 @@ def _maps(evidence: Evidence) -> Iterator[Tile]:
 def _scale(evidence: Evidence) -> Iterator[Tile]:
     numbers = list(comparisons(evidence.calibration))
     of_cover = [number for number in numbers if not CAMERA.has(number.name)]
-    for number in (of_cover or numbers)[:1]:
-        name = number.name.replace("_", " ")
-        yield Tile(name.replace(".", " ", 1), number.estimated, _origin(number))
+    focal = [number for number in numbers if number.name == CAMERA.fx]
+    for number in (*focal, *of_cover[:1]):
+        name = number.name.replace("_", " ").replace(".", " ", 1)
+        label = "focal length fx" if number.name == CAMERA.fx else name
+        yield Tile(label, number.estimated, _origin(number))
 
 
 def _origin(number: Comparison) -> str:
+    if number.held:
+        return "not fitted"
     return "estimated from the views" if number.source == VIEWS else f"declared {number.stated}"

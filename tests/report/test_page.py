@@ -28,10 +28,11 @@ from calib.fit_record.request import FitRequest, Provenance
 from calib.fitting.provenance import record_diagnosis
 from calib.progress import Silent
 from calib.report.comparison import diagnosis_comparison
-from calib.report.effects import EffectRow
+from calib.report.effects import EffectRow, effect_rows, effects_html
 from calib.report.evidence import gather_evidence
 from calib.report.page import keep_numbers
 from calib.report.scripts import WEB
+from calib.report.summary import summarise
 from calib.verdict.judge import judge
 from fixtures.calibrated import with_outcome
 from tests.report.conftest import Reported
@@ -60,6 +61,22 @@ def test_no_line_breaks_within_a_number_and_commands_keep_their_spaces() -> None
     assert keep_numbers(html) == (
         f"<b>5 mm.png</b>: 1{space}±{space}2{space}px in 86{space}% of <code>7 m</code>,"
         f' <td data-label="3 px">0.3{space}m'
+    )
+
+
+def test_a_diagnosis_that_found_nothing_is_in_the_report(reported: Reported) -> None:
+    calibration = reported.calibration
+    assert effects_html([], calibration) == ""
+    diagnosed = replace(calibration, history=replace(calibration.history, diagnosis=DIAGNOSED))
+    html = effects_html(effect_rows(diagnosed), diagnosed)
+    assert "found nothing" in html
+    assert "The error on held-out views is 0.600 px." in html
+    assert str(FAMILY) in unescape(html)
+    assert "found nothing" not in summarise(gather_evidence(diagnosed)).sentences[0]
+    nothing = DiagnosisRecord({**DIAGNOSED.document, "families": []})
+    diagnosed = replace(calibration, history=replace(calibration.history, diagnosis=nothing))
+    assert summarise(gather_evidence(diagnosed)).sentences[0] == (
+        "The diagnosis found nothing that the model lacks."
     )
 
 

@@ -74,7 +74,7 @@ def test_the_paragraph_says_what_the_verdict_says(
 
 def test_the_tiles_are_the_numbers_of_the_paragraph(reported: Reported) -> None:
     evidence = gather_evidence(reported.calibration)
-    error, maps, coverage, cover = summarise(evidence).tiles
+    error, maps, coverage, focal, cover = summarise(evidence).tiles
     validation = reported.calibration.outcome.cross_validation
     assert validation
     assert (error.label, error.value) == (
@@ -84,6 +84,10 @@ def test_the_tiles_are_the_numbers_of_the_paragraph(reported: Reported) -> None:
     assert maps.label == f"sigma of the map at {evidence.depths[1]:g} m"
     assert f"{maps.value} at {evidence.depths[1]:g} m" in summarise(evidence).sentences[-1]
     assert coverage.value == f"{100 * evidence.covered:.0f} %"
+    fx = reported.calibration.camera.intrinsics.fx
+    assert focal.label == "focal length fx"
+    assert focal.value == f"{fx.value:.1f} px"
+    assert focal.note == "not fitted"
     assert cover.label == "cover inner radius"
     assert cover.value in reported.html.replace("\N{NO-BREAK SPACE}", " ")
 
@@ -108,7 +112,7 @@ def test_a_place_in_the_picture_has_words(across: float, down: float, words: str
 
 def test_the_worst_place_of_the_maps_is_named(reported: Reported) -> None:
     evidence = gather_evidence(reported.calibration)
-    _, maps, _, _ = summarise(evidence).tiles
+    _, maps, *_ = summarise(evidence).tiles
     assert maps.note == f"at most {evidence.worst_sigma(evidence.depths[1:2])}"
     assert re.search(r"at most [\d.]+ px at the ", maps.note)
 
