@@ -179,6 +179,7 @@ def test_the_record_comes_back_equal(calibration: Calibration, tmp_path: Path) -
         calibration.outcome,
         shape_log_odds={"cone": 0.0, "dome": -12.5},
         shape_map_changes_px={"dome": 1.5},
+        shape_camera_sigma={"camera.fx": 2.5},
         medium_log_odds={"air": -20.5, "water": 0.0},
         lens_held_out_px={"0": 1.0, "12": 0.25},
         uncertainty=Uncertainty(24, 1.5, 1.25, 1.1),

@@ -126,8 +126,12 @@ class FitOutcome:
     fit chose; None if the session states the shape.
     """
     shape_map_changes_px: Mapping[str, float] | None = None
-    """By how many px the maps would differ with each shape that leaves the same error, if the fit
-    chose no cover; None if there is no such shape.
+    """By how many px the maps would differ with each shape that explains the views as well; None if
+    there is no such shape.
+    """
+    shape_camera_sigma: Mapping[str, float] | None = None
+    """px: the standard deviation of fx, fy, cx and cy that the shapes which explain the views as
+    well have together; None if there is one shape.
     """
     medium_log_odds: Mapping[str, float] | None = None
     """The log odds of air and of water outside of the cover, where other numbers are unknown; None

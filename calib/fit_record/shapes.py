@@ -42,6 +42,7 @@ RECORD: Mapping[str, Shape] = {
     "intrinsics_from": choice("session.yaml", "bare", "prior", "views"),
     "shape_log_odds": table(number),
     "shape_map_changes_px": table(number),
+    "shape_camera_sigma": table(number),
     "medium_log_odds": table(number),
     "lens_held_out_px": table(number),
     "turned_boards": many(text),

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from calib.calibration import Calibration
 from calib.effects.effect import EffectParameter
@@ -62,6 +62,8 @@ class Comparison:
     """Factor from the SI unit to `unit`."""
     unknown: bool = False
     """True if nobody knows the number: `declared` and `tolerance` are its wide prior."""
+    of_any_shape: bool = False
+    """True if `sigma` is for any of the cover's shapes that explain the views as well."""
 
     @property
     def held(self) -> bool:
@@ -145,8 +147,12 @@ def comparisons(calibration: Calibration) -> Iterator[Comparison]:
     increments = {
         name: scalar for scalar in _scalars(calibration) for name in scalar.parameter.shifts
     }
+    shapes = calibration.outcome.shape_camera_sigma or {}
     for row in _declared(calibration):
-        yield increments[row.name].add_to(row) if row.name in increments else row
+        number = increments[row.name].add_to(row) if row.name in increments else row
+        if (sigma := shapes.get(number.name, 0.0)) > number.sigma:
+            number = replace(number, sigma=sigma, of_any_shape=True)
+        yield number
 
 
 def effect_comparisons(calibration: Calibration) -> Iterator[Comparison]:

@@ -34,11 +34,13 @@ contradicted.
 """
 NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined"
 CONTRADICTED = "contradicted"
+ANY_SHAPE = "any shape"
 NOTES = {
     NOT_FITTED: "the fit kept this number as declared.",
     CORRECTED: "the calibrated number is over 3 of its sigmas from the declared one.",
     UNDETERMINED: "you gave no value, and these pictures do not determine it.",
     CONTRADICTED: "the pictures do not agree with the declared number.",
+    ANY_SHAPE: "sigma is for all shapes of the cover that fit these pictures.",
 }
 """The explanations of the words in the fourth column."""
 PRINTED_COLUMNS = 4
@@ -184,16 +186,19 @@ def _row(number: Comparison) -> tuple[str, ...]:
 
 
 def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
-    """Yield the row of a shape that the fit chose, with those that explain the views as well."""
+    """Yield the row of a shape that the fit chose."""
     outcome = calibration.outcome
-    shapes = dict.fromkeys((*outcome.probable_shapes, *(outcome.shape_map_changes_px or {})))
-    if shapes:
-        yield "cover.shape", " or ".join(shapes), UNKNOWN, "", ""
+    chosen, *rivals = outcome.probable_shapes or ("",)
+    if chosen:
+        is_open = bool(rivals or outcome.shape_map_changes_px)
+        yield "cover.shape", chosen, UNKNOWN, UNDETERMINED * is_open, ""
 
 
 def _note(number: Comparison) -> str:
     if number.held:
         return NOT_FITTED
+    if number.of_any_shape:
+        return ANY_SHAPE
     words = CORRECTED if number.corrected else ""
     if number.is_open:
         words = UNDETERMINED

@@ -33,7 +33,7 @@ from calib.fitting.other_medium import medium_log_odds
 from calib.fitting.picture_settings import describe_mixed_settings
 from calib.fitting.provenance import provenance
 from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
-from calib.fitting.shape_choice import choose_shape
+from calib.fitting.shape_choice import ShapeChoice, choose_shape
 from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.fitting.view_noise import weigh_noisy_views
@@ -84,14 +84,11 @@ def fit(
     views, rejected = start.views, start.rejected
     expectation = Expectation.of(session, start)
     nominal = expectation.nominal if expectation else _nominal_setup(session, start)
-    shape_log_odds: dict[str, float] | None = None
-    shape_map_changes: dict[str, float] | None = None
+    choice: ShapeChoice | None = None
     if nominal.cover.has_unknown_shape:
         _check_enough(views, rejected)
         choice = choose_shape(nominal, views, settings, progress)
         nominal = choice.setup
-        shape_log_odds = dict(choice.log_odds)
-        shape_map_changes = dict(choice.map_changes_px) or None
     if unknown_names(nominal.intrinsics, nominal.cover):
         _check_enough(views, rejected)
         with single_thread():
@@ -229,8 +226,9 @@ def fit(
         outcome=FitOutcome(
             grid_held_out_px=grids,
             intrinsics_from=start.intrinsics_from,
-            shape_log_odds=shape_log_odds,
-            shape_map_changes_px=shape_map_changes,
+            shape_log_odds=choice.log_odds if choice else None,
+            shape_map_changes_px=(choice.map_changes_px or None) if choice else None,
+            shape_camera_sigma=(choice.camera_sigma or None) if choice else None,
             medium_log_odds=media,
             lens_held_out_px=start.lens_held_out_px,
             turned_boards=turned or None,

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -11,6 +12,7 @@ from calib.effects.board_shape import DEGREES, BoardShape
 from calib.errors import NotEnoughDataError
 from calib.estimation.joint_fit import ROUNDS
 from calib.estimation.observations import Observations
+from calib.fit_record.outcome import MIN_SHAPE_LOG_ODDS
 from calib.fit_record.request import EVEN_GRID, Settings
 from calib.fitting.stages import Fitted, Setup, fit_or_none
 from calib.fitting.unknown_numbers import with_initial_values
@@ -36,9 +38,13 @@ class ShapeChoice:
     shape that cannot be fitted has none.
     """
     map_changes_px: Mapping[str, float]
-    """If no cover is the most probable, by how many px the maps would differ with each shape that
-    leaves the same error: a cover of which nobody knows anything is less probable by the widths of
-    its priors alone.
+    """By how many px the maps would differ with each rival: each shape that is about as probable,
+    and if no cover is the most probable, each that leaves the same error. A cover of which nobody
+    knows anything is less probable by the widths of its priors alone.
+    """
+    camera_sigma: Mapping[str, float]
+    """px: the standard deviation of fx, fy, cx and cy that the shape and its rivals have together,
+    each as probable; empty without rivals.
     """
 
 
@@ -76,17 +82,37 @@ def choose_shape(
             " of the board, tilted and at several distances."
         )
     best = max(evidence, key=evidence.__getitem__)
-    changes = {
-        name: _map_change(fits[best], fitted, observations)
+    log_odds = {name: value - evidence[best] for name, value in evidence.items()}
+    largest_error = AS_GOOD * fits[best].residuals.rms_px
+    rivals = [
+        name
         for name, fitted in fits.items()
-        if best == NONE.name != name
-        and fitted.residuals.rms_px <= AS_GOOD * fits[best].residuals.rms_px
-    }
+        if name != best
+        and (
+            log_odds[name] > -MIN_SHAPE_LOG_ODDS
+            or (best == NONE.name and fitted.residuals.rms_px <= largest_error)
+        )
+    ]
     return ShapeChoice(
         setups[best],
-        {name: value - evidence[best] for name, value in evidence.items()},
-        changes,
+        log_odds,
+        {name: _map_change(fits[best], fits[name], observations) for name in rivals},
+        _camera_sigma([fits[name] for name in (best, *rivals)]) if rivals else {},
     )
+
+
+def _camera_sigma(fits: Sequence[Fitted]) -> dict[str, float]:
+    """Return the standard deviation in px of the numbers of the pinhole, from the values of the
+    first of some fits, if each of the fits is as probable.
+    """
+    sigma = {}
+    for name in CAMERA.pinhole:
+        taken, *_ = values = [float(fitted.values[name]) for fitted in fits]
+        own = [float(fitted.joint.sigma_of(name)) for fitted in fits if fitted.joint]
+        sigma[name] = float(
+            np.sqrt(np.mean(np.square(own)) + np.mean(np.square(np.subtract(values, taken))))
+        )
+    return sigma
 
 
 def _map_change(fitted: Fitted, rival: Fitted, observations: Observations) -> float:

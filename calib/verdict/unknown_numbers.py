@@ -16,10 +16,15 @@ def unknown_shape(case: Case) -> Iterator[Reason]:
     if not rivals:
         yield from _unseen_cover(case)
         return
-    listed = " or ".join(find_shape(name).words for name in (chosen, *rivals))
+    changes = case.calibration.outcome.shape_map_changes_px or {}
+    names = dict.fromkeys((chosen, *rivals, *changes))
+    listed = " or ".join(find_shape(name).words for name in names)
+    change = max(changes.values(), default=0.0)
+    maps = f" With another the maps change by up to {change:.2g} px." if changes else ""
     sentence = (
         f"your pictures fit {listed} about equally well. The fit assumed"
-        f" {find_shape(chosen).words}. Look at the cover, and write cover.shape in session.yaml."
+        f" {find_shape(chosen).words}.{maps} Look at the cover, and write cover.shape in"
+        " session.yaml."
     )
     yield Reason(sentence, case.next.fit(), ("cover.shape",))
 

@@ -164,7 +164,14 @@ def test_no_cover_is_a_shape_too_and_what_is_as_probable_is_named() -> None:
     assert equal.outcome.probable_shapes == ("dome", "none")
     assert any("fit a dome or no cover about equally well" in s for s in judge(equal).sentences)
     rows = {row[0]: row for section in describe(equal).sections for row in section.rows}
-    assert rows["cover.shape"] == ("cover.shape", "dome or none", "unknown", "", "")
+    assert rows["cover.shape"] == ("cover.shape", "dome", "unknown", "not determined", "")
+    spread = with_outcome(equal, shape_camera_sigma={"camera.fx": 7.5, "camera.fy": 1e-9})
+    rows = {row[0]: row for section in describe(spread).sections for row in section.rows}
+    assert rows["camera.fx"][1].endswith(" ± 7.5 px")
+    assert rows["camera.fx"][3] == "any shape"
+    assert rows["camera.fy"] == next(
+        row for section in describe(equal).sections for row in section.rows if row[0] == "camera.fy"
+    )
     certain = with_outcome(calibration, shape_log_odds={"none": -90.0, "dome": 0.0})
     assert "cover.shape" not in judge(certain).suspects
 
@@ -178,7 +185,7 @@ def test_a_cover_that_explains_the_views_as_well_as_none_is_named() -> None:
         "do not show a cover: a dome explains them as well" in s for s in judge(differing).sentences
     )
     rows = {row[0]: row for section in describe(differing).sections for row in section.rows}
-    assert rows["cover.shape"][1] == "none or dome"
+    assert rows["cover.shape"] == ("cover.shape", "none", "unknown", "not determined", "")
     same = with_outcome(calibration, shape_log_odds=odds, shape_map_changes_px={"dome": 1e-6})
     assert "cover.shape" not in judge(same).suspects
 

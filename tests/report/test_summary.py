@@ -84,9 +84,10 @@ def test_the_tiles_are_the_numbers_of_the_paragraph(reported: Reported) -> None:
     assert maps.label == f"sigma of the map at {evidence.depths[1]:g} m"
     assert f"{maps.value} at {evidence.depths[1]:g} m" in summarise(evidence).sentences[-1]
     assert coverage.value == f"{100 * evidence.covered:.0f} %"
-    fx = reported.calibration.camera.intrinsics.fx
+    intrinsics = reported.calibration.camera.intrinsics
+    assert intrinsics
     assert focal.label == "focal length fx"
-    assert focal.value == f"{fx.value:.1f} px"
+    assert focal.value == f"{intrinsics.fx.value:.1f} px"
     assert focal.note == "not fitted"
     assert cover.label == "cover inner radius"
     assert cover.value in reported.html.replace("\N{NO-BREAK SPACE}", " ")
