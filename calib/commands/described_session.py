@@ -50,6 +50,13 @@ NO_COVER = (
 )
 """The remark on pictures that are described without a cover."""
 
+SMALL_BOARD_MM = 40.0
+"""The width below which the unit is doubted: boards of centimetres are 40 mm and more."""
+SMALL_BOARD = (
+    "calib: the {board} board is {width:.3g} mm wide. If its sides are in centimetres, write"
+    " millimetres."
+)
+
 
 def add_description(
     parser: argparse.ArgumentParser, purpose: str, board_default: str = ""
@@ -110,6 +117,8 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     intrinsics = intrinsics_from_options(args)
     check_replaceable(source)
     board = _board_of(args, source, earlier.get("board"), progress)
+    if board.has_grid and (width := 2e3 * max(board.half)) < SMALL_BOARD_MM:
+        print(SMALL_BOARD.format(board=board, width=width), file=sys.stderr)
     if earlier:
         print(KEPT, file=sys.stderr)
     elif not cover:

@@ -130,6 +130,16 @@ def test_pictures_of_several_folders_keep_apart(photos: Path) -> None:
     assert session.path == Path("session")
 
 
+def test_a_board_of_a_few_centimetres_is_questioned(
+    photos: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = described(str(photos), "--board", "7x6", "--square-mm", "2.5")
+    assert "7x6 board is 15 mm wide. If its sides are in centimetres" in capsys.readouterr().err
+    assert session.board.square == 0.0025
+    described(str(photos), *BOARD)
+    assert "wide" not in capsys.readouterr().err
+
+
 def write_stray(folder: Path, size: tuple[int, int] = (641, 480)) -> None:
     cv2.imwrite(str(folder / "a first.png"), np.zeros(size[::-1], np.uint8))
 

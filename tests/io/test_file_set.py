@@ -109,6 +109,22 @@ def test_a_set_that_is_not_committed_changes_nothing(tmp_path: Path) -> None:
     assert contents(folder) == OLD
 
 
+def test_a_folder_that_was_made_for_nothing_is_removed(tmp_path: Path) -> None:
+    folder = tmp_path / "calibration"
+    with pytest.raises(KeyError), FileSet(folder) as files:
+        files.write("a.txt", "lost")
+        raise KeyError
+    assert not folder.exists()
+    folder.mkdir()
+    with FileSet(folder):
+        pass
+    assert folder.exists(), "somebody else made it"
+    folder.rmdir()
+    with FileSet(folder) as files:
+        (folder / "theirs.txt").write_text("kept")
+    assert (folder / "theirs.txt").read_text() == "kept"
+
+
 def test_a_set_may_have_more_files_than_may_be_open(tmp_path: Path) -> None:
     names = {str(number) for number in range(2 * MAX_OPEN_FILES + 1)}
     with FileSet(tmp_path) as files:
