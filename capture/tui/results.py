@@ -243,9 +243,12 @@ class ResultsScreen(Page):
         last = self.result["stages"][-1]["rms_px"]
         noise = self.result["noise_px"]
         words = "unknown" if noise is None else f"{noise:.3f} px"
-        sentences = [
-            f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is {words}."
-        ]
+        error = (
+            f"The error fell from {first:.3f} to {last:.3f} px"
+            if len(self.result["stages"]) > 1
+            else f"The error is {last:.3f} px"
+        )
+        sentences = [f"{error}; the corners' own noise is {words}."]
         if sigmas := self.result["sigma_px"]:
             accuracies = ", ".join(
                 f"{entry['px']:.2g} px at {entry['depth_m']:g} m" for entry in sigmas

@@ -127,6 +127,10 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await _keep(phone, "5-fit")
         await phone.see("The error fell from 0.4")
         await _keep(phone, "6-results")
+        await phone.resize(SMALL)
+        await phone.until(f"{READ} > 130 && {READ} < 400")
+        await _keep(phone, "6-results", SMALL)
+        await phone.resize(SIZE)
         await phone.tap("document.querySelectorAll('.list button')[2]")
         await phone.tap("document.querySelector('.list .chosen')")
         await phone.tap("document.getElementById('help')")
@@ -241,6 +245,11 @@ SMALL = (360, 640)
 """The size of the smallest telephones in use, points."""
 KEYBOARD = 290
 """The height of a keyboard with its line of suggestions, points."""
+READ = "document.querySelector('main').clientHeight"
+"""The height of the page in which the results are read, points."""
+CHOICE = "[...document.querySelectorAll('.choice > button')].at(-1)"
+OPTIONS = f"{CHOICE}.parentElement.querySelector('ul')"
+"""The last list of the set-up, `record now`."""
 CALL = "document.querySelector('#dock [data-name={}]')"
 BUTTON = "document.querySelector('nav [data-key=\"{}\"]')"
 NAMES_A_KEY = r"/\b(esc|F1|enter|space|tab|q)\b|\^[a-z]\b|[Pp]ress /"
@@ -261,7 +270,14 @@ async def _both_phases(address: str, size: tuple[int, int], source: Path, folder
     async with telephone(address, folder / "profile", size) as phone:
         await phone.see("Where pictures come from")
         assert await phone.sees_whole(CALL.format("hint"))
+        await phone.tap(CHOICE)
+        await phone.until(f"!{OPTIONS}.hidden")
+        await asyncio.sleep(1.0)  # whatever moves the page after that has moved it
+        for end in ("first", "last"):
+            assert await phone.sees_whole(f"{OPTIONS}.{end}ElementChild"), end
+        await _keep(phone, "list", size)
         await phone.fill("source", f"folder:{source}")
+        await phone.until(f"{OPTIONS}.hidden")  # somebody has gone on
         for name, text in (("columns", "9"), ("rows", "9"), ("square_mm", "0.02")):
             await phone.fill(name, text)
         await phone.resize(with_keyboard)
