@@ -15,6 +15,7 @@ from rich.table import Column, Table
 
 from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
+from calib.calibration_content import Stage
 from calib.corners.copies import describe_still
 from calib.corners.view import RejectedPicture
 from calib.errors import brief, harmless
@@ -23,7 +24,6 @@ from calib.fitting.description import (
     PRINTED_COLUMNS,
     describe,
     describe_bend,
-    has_declared_lens,
 )
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.guided_redetection import describe_redetection
@@ -31,6 +31,7 @@ from calib.fitting.view_noise import describe_noisy_views
 from calib.progress import Advance
 from calib.session.lens import NAMES
 from calib.table import board_error, change
+from calib.verdict.uncertainty import map_sigmas, reached_depths
 
 TITLE_WIDTH = 22
 BAR_WIDTH = 20
@@ -75,21 +76,7 @@ def _column(width: int | None = None) -> Column:
 def print_fit(calibration: Calibration, seconds: float) -> None:
     """Print the table of stages, the numbers of views and corners, and the rejected pictures."""
     console = Console()
-    table = Table(
-        "stage",
-        "reprojection error",
-        "on the board",
-        "against the camera alone",
-        title="How the error fell (root mean square)",
-    )
-    first = calibration.stages[0]
-    is_compared = has_declared_lens(calibration)
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for stage in calibration.stages:
-        fall = change(stage.rms_px, first.rms_px) if stage is not first and is_compared else ""
-        table.add_row(stage.title, f"{stage.rms_px:.3f} px", board_error(stage.rmse_cm), fall)
-    console.print(table)
+    console.print(_stages(calibration.stages))
     print_description(console, calibration)
     corners = sum(view.count for view in calibration.views)
     noise = calibration.noise_px
@@ -109,6 +96,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         *_turned_boards(calibration),
         *filter(None, [describe_bend(calibration)]),
         *_heavy_views(calibration),
+        *_maps(calibration),
         *reach,
     ):
         console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
@@ -118,6 +106,29 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
             f" the fitted views have {validation.fitted_px:.3f} px."
         )
     _list_rejected(console, calibration.rejected)
+
+
+def _stages(stages: Sequence[Stage]) -> Table:
+    """Return the table of the errors after each stage, against the first if there are several."""
+    fell = len(stages) > 1
+    title = "How the error fell (root mean square)" if fell else "Error (root mean square)"
+    compared = ("against the camera alone",) if fell else ()
+    table = Table("stage", "reprojection error", "on the board", *compared, title=title)
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for stage in stages:
+        cells = [stage.title, f"{stage.rms_px:.3f} px", board_error(stage.rmse_cm)]
+        if fell:
+            cells.append("" if stage is stages[0] else change(stage.rms_px, stages[0].rms_px))
+        table.add_row(*cells)
+    return table
+
+
+def _maps(calibration: Calibration) -> Iterator[str]:
+    """Yield a line on the standard deviation of the maps, where the board was."""
+    if sigmas := map_sigmas(calibration, reached_depths(calibration)):
+        listed = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in sigmas.items())
+        yield f"Where the board was, the maps are known to {listed} (sigma)."
 
 
 def _lens(calibration: Calibration) -> Iterator[str]:

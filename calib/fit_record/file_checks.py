@@ -37,8 +37,10 @@ from calib.io.shapes import (
 from calib.optics.relief import Relief
 from calib.session.board import Board
 
-MAX_AMPLITUDE = 0.1
-"""m, of the relief: a thousand times that of any glass."""
+MAX_AMPLITUDE = 10.0
+"""m, of the relief. Wide radial functions cancel each other: a measured dome that is uneven by 5 um
+has amplitudes of 0.12 m.
+"""
 MAX_NUMBER = 1e12
 """Largest number in an array, in SI units or px; its square limits a covariance. Coefficients of a
 rational lens that cancel each other have standard deviations of 1e7 of their scale.

@@ -22,7 +22,6 @@ from calib.fitting.declared import (
 from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.inference.calibration_model import without_own_bend
 from calib.session.lens import OPENCV
-from calib.session.numbers import camera_numbers
 from calib.session.parameter_names import CAMERA
 from calib.session.schema import UNKNOWN
 from calib.session.shapes.none import NONE as NO_COVER
@@ -243,14 +242,6 @@ def _range_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
     if np.isfinite(distance).any():
         near, far = distance_range(distance[np.isfinite(distance)])
         yield name, f"{near:.3g} to {far:.3g} m", "", "", ""
-
-
-def has_declared_lens(calibration: Calibration) -> bool:
-    """Return False if the lens was unknown: the stage of the camera alone then has a lens that was
-    never fitted to it, and its error says nothing.
-    """
-    numbers = camera_numbers(calibration.declared.intrinsics).values()
-    return not any(number.unknown for number in numbers)
 
 
 def describe_bend(calibration: Calibration) -> str:

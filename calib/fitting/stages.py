@@ -78,6 +78,8 @@ class Setup:
     """The values of unknown numbers with which a fit starts, in SI units or px, by their names in
     the ray path; other numbers start at the means of their priors.
     """
+    bare_lens: Mapping[str, float] = field(default_factory=dict)
+    """The unknown intrinsics, px, as the views show them without a cover."""
 
     def with_tolerances(self, settings: Settings) -> Setup:
         """Return the setup with a tolerance for each declared number that the settings estimate.
@@ -160,7 +162,8 @@ def fit_stages(
     values = setup.initial_values(means)
     poses = pinhole_poses(path, values, observations)
     residual = residuals(path, values, observations, poses)
-    stages: tuple[Stage, ...] = (_stage(PINHOLE_STAGE, residual),)
+    alone = _bare_residual(setup, observations, residual)
+    stages: tuple[Stage, ...] = (_stage(PINHOLE_STAGE, alone),)
     has_poses = bool(torch.isfinite(poses).all())  # the caller rejects views without a pose first
     is_bare = setup.cover.shape == "none"
     if not has_poses or (is_bare and (settings.method == "paper" or setup.intrinsics_are_final)):
@@ -214,6 +217,18 @@ def fit_or_none(
     except NotEnoughDataError:
         return None
     return fitted if fitted.joint and fitted.joint.finite else None
+
+
+def _bare_residual(setup: Setup, observations: Observations, declared: Residuals) -> Residuals:
+    """Return the residuals of the camera alone: `declared`, with its lens as it is stated, or with
+    the lens that suits the views best, if nobody knows it.
+    """
+    if not setup.bare_lens:
+        return declared
+    path, means = pinhole_path(setup.intrinsics)
+    lens = {name: torch.tensor(v, dtype=torch.float64) for name, v in setup.bare_lens.items()}
+    values = {name: lens.get(name, value) for name, value in means.items()}
+    return residuals(path, values, observations, pinhole_poses(path, values, observations))
 
 
 def _stage(name: str, residual: Residuals) -> Stage:

@@ -46,7 +46,7 @@ def with_initial_values(setup: Setup, views: Sequence[View], progress: Progress)
     if not names:
         return setup
     lens = _lens_of_views(setup, views, names)
-    setup = replace(setup, initial=lens)
+    setup = replace(setup, initial=lens, bare_lens=lens)
     observations = Observations.of(views, setup.board)
     starts = [
         {**scaled, **start}

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
-from calib.fitting.description import describe_bend, has_declared_lens
+from calib.fitting.description import describe_bend
 from calib.report.again import pasted
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
@@ -112,7 +112,7 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
     calibration = evidence.calibration
     rms = calibration.stages[-1].rms_px
     noise = calibration.noise_px
-    if len(calibration.stages) > 1 and has_declared_lens(calibration):
+    if len(calibration.stages) > 1:
         bare_rms = calibration.stages[0].rms_px
         text = f"The error is {rms:.3f} px (camera alone: {bare_rms:.3f} px)"
     else:

@@ -2,13 +2,13 @@
 
 from html import escape
 
-from calib.fitting.description import describe, has_declared_lens
+from calib.fitting.description import describe
 from calib.report.evidence import Evidence
 from calib.table import board_error, change, html_table
 
 MEANING = {
     "pinhole": "the camera alone, with its lens",
-    "cover": "through a smooth cover, with its numbers as declared",
+    "cover": "through a smooth cover, its numbers as declared, or as first estimated",
     "cover+rbf": "with the fitted numbers, and with uneven glass if the views show it",
     "cover+rbf+effects": "with the board as the views show it, and with all effects found",
 }
@@ -25,7 +25,6 @@ def bar(value: float, full_length: float) -> str:
 def stages_html(evidence: Evidence) -> str:
     """Return the table of the fit's stages and their errors."""
     stages = evidence.calibration.stages
-    known = has_declared_lens(evidence.calibration)
     largest = max(stage.rms_px for stage in stages)
     rows = [
         (
@@ -33,12 +32,12 @@ def stages_html(evidence: Evidence) -> str:
             escape(MEANING.get(stage.name, "")),
             f"{bar(stage.rms_px, largest)} {stage.rms_px:.3f} px",
             board_error(stage.rmse_cm),
-            change(stage.rms_px, stages[0].rms_px) if stage is not stages[0] and known else "",
+            change(stage.rms_px, stages[0].rms_px) if stage is not stages[0] else "",
         )
         for stage in stages
     ]
     head = ("stage", "", "reprojection error (RMS)", "on the board")
-    if known:
+    if len(stages) > 1:
         return html_table((*head, "against the camera alone"), rows)
     return html_table(head, [row[: len(head)] for row in rows])
 

@@ -53,8 +53,9 @@ def _more_probable(case: Case, stated: float) -> Iterator[Reason]:
     sentence = (
         f"the pictures were probably taken in {name}: with {name} outside of the cover they are"
         f" 10^{min(int(log_odds / math.log(10)), MAX_POWER)} times as probable as with"
-        f" {medium_word(stated)}. Write outside_index: {MEDIA[name]:g} under cover in session.yaml,"
-        f" or add --outside-index {MEDIA[name]:g}."
+        f" {medium_word(stated)}. If so, write outside_index: {MEDIA[name]:g} under cover in"
+        f" session.yaml, or add --outside-index {MEDIA[name]:g}. If not, the cover is of another"
+        " shape or size than declared."
     )
     suspects = (case.calibration.declared.cover.medium_name,)
     yield Reason(sentence, case.next.fit(), suspects, Trust.DO_NOT_USE)

@@ -157,6 +157,10 @@ INSIDE = 1.2
 """Median distance of the corners from the pinhole over that of the glass: nearer, the board would
 touch the cover when it is tilted.
 """
+REACHED_GLASS = 0.01
+"""The fraction of the corners that may seem to be inside of the cover: a board may touch
+it, and the estimate may be a little off.
+"""
 FAR_AWAY = 1000.0
 """The same: a board that fills a part of the picture 40 m away from a cover of 40 mm is as large as
 a house.

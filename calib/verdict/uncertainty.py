@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calib.apply.map_uncertainty import ray_errors
 from calib.calibration import Calibration
 from calib.corners.view import pose_labels
+from calib.fitting.corner_range import corners_at, distance_range
 from calib.inference.calibration_model import base_model
 from calib.intrinsics.advice import TILT
 from calib.session.numbers import unknown_names
@@ -107,6 +108,19 @@ def map_sigmas(calibration: Calibration, depths: Sequence[float]) -> dict[float,
         depth: float(np.nanmedian(np.sqrt((map_errors**2).sum((1, 2)))))
         for depth, map_errors in errors_by_depth.items()
     }
+
+
+def reached_depths(calibration: Calibration) -> tuple[float, ...]:
+    """Return the distances in m of the nearest, the median and the farthest corner, rounded to two
+    digits.
+    """
+    distance = corners_at(calibration)[:, 2]
+    distance = distance[np.isfinite(distance)]
+    if not distance.size:
+        return ()
+    near, far = distance_range(distance)
+    rounded = (float(f"{depth:.2g}") for depth in (near, np.median(distance), far))
+    return tuple(dict.fromkeys(rounded))
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

@@ -443,6 +443,18 @@ def test_a_board_in_centimetres_or_in_metres(good: Calibration) -> None:
         assert (reason.word, reason.suspects) == (Trust.DO_NOT_USE, ("board.square_mm",))
     for by in (0.2, 20.0):
         assert not asked(board_place, scaled(by))
+    (reason,) = asked(board_size, scaled(0.2))
+    assert "would be 32 mm wide, less than the cover's radius of 42 mm" in reason.sentence
+    assert not asked(board_size, scaled(0.5))
+
+
+def test_a_board_inside_of_the_cover(good: Calibration) -> None:
+    """One of 24 views is moved to 5 mm before the lens."""
+    poses = good.poses.copy()
+    poses[0, 3:] *= 0.005 / poses[0, 5]
+    (reason,) = asked(board_place, replace(good, poses=poses))
+    assert "of the corners would be inside of the cover" in reason.sentence
+    assert reason.word is Trust.DO_NOT_USE
 
 
 def told(
