@@ -1,6 +1,7 @@
 """Debian's mrcal on a session of corners: print its errors on kept-back views as JSON, px.
 
-Run by /usr/bin/python3, where Debian puts mrcal: KEPT HELD_OUT, two session folders.
+Run by /usr/bin/python3, where Debian puts mrcal: KEPT HELD_OUT, two session folders. With --halves,
+each half of a view's corners is measured with the pose that the other half gives.
 """
 
 import json
@@ -29,7 +30,8 @@ MAX_FIELD = 170
 
 
 def main() -> None:
-    kept, held_out = map(Path, sys.argv[1:])
+    kept, held_out = map(Path, sys.argv[1:3])
+    halves = sys.argv[3:] == ["--halves"]
     errors = {}
     focal = 0.0
     document = yaml.safe_load((kept / "session.yaml").read_text())
@@ -45,7 +47,7 @@ def main() -> None:
         if camera is None:
             continue
         focal = focal or float(camera.intrinsics()[1][0])
-        errors[name] = error(camera, document["board"], held_out)
+        errors[name] = error(camera, document["board"], held_out, halves=halves)
     print(json.dumps(errors))
 
 
@@ -78,7 +80,9 @@ def calibrate(
     return mrcal.cameramodel(str(file)) if file.exists() else None
 
 
-def error(camera: mrcal.cameramodel, board: dict[str, float], session: Path) -> float:
+def error(
+    camera: mrcal.cameramodel, board: dict[str, float], session: Path, *, halves: bool
+) -> float:
     """Return the root mean square error on the session's views, px."""
     warp = camera.optimization_inputs()["calobject_warp"]
     points = mrcal.ref_calibration_object(
@@ -94,11 +98,16 @@ def error(camera: mrcal.cameramodel, board: dict[str, float], session: Path) -> 
             ours * [1, 1, 0], (rays / rays[:, 2:])[:, :2].copy(), np.eye(3), None
         )
 
-        def residual(pose: Floats, ours: Floats = ours, pixels: Floats = pixels) -> Floats:
+        def residual(pose: Floats, ours: Floats, pixels: Floats) -> Floats:
             moved = mrcal.transform_point_Rt(mrcal.Rt_from_rt(pose), ours)
             return np.ravel(mrcal.project(moved, *intrinsics) - pixels)
 
-        squares.append(least_squares(residual, np.append(turn, place)).fun ** 2)
+        odd = np.arange(len(ours)) % 2 == 1
+        for scored in (odd, ~odd) if halves else (odd | True,):
+            fitted = ~scored if halves else scored
+            start = np.append(turn, place)
+            pose = least_squares(residual, start, args=(ours[fitted], pixels[fitted])).x
+            squares.append(residual(pose, ours[scored], pixels[scored]) ** 2)
     return float(np.sqrt(2 * np.concatenate(squares).mean()))
 
 

@@ -18,7 +18,7 @@ from calib.calibration import Calibration
 from calib.calibration_content import Stage
 from calib.corners.copies import describe_still
 from calib.corners.view import RejectedPicture
-from calib.errors import brief, harmless
+from calib.errors import InputError, brief, harmless
 from calib.fitting.board_turns import describe_turned
 from calib.fitting.description import (
     PRINTED_COLUMNS,
@@ -126,7 +126,11 @@ def _stages(stages: Sequence[Stage]) -> Table:
 
 def _maps(calibration: Calibration) -> Iterator[str]:
     """Yield a line on the standard deviation of the maps, where the board was."""
-    if sigmas := map_sigmas(calibration, reached_depths(calibration)):
+    try:
+        sigmas = map_sigmas(calibration, reached_depths(calibration))
+    except InputError:  # corners lie behind the camera: the verdict says so
+        return
+    if sigmas:
         listed = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in sigmas.items())
         yield f"Where the board was, the maps are known to {listed} (sigma)."
 

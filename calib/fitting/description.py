@@ -27,10 +27,12 @@ from calib.session.schema import UNKNOWN
 from calib.session.shapes.none import NONE as NO_COVER
 from calib.table import Table, TableSection
 
-COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "off by")
+COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "apart by")
 """The headings. The fourth column says whether a number was not fitted, corrected or
-contradicted.
+contradicted, the last one how far the calibrated number is from the declared one.
 """
+APART = 1.0
+"""The normalised deviation from which on the last column is filled."""
 NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined"
 CONTRADICTED = "contradicted"
 ANY_SHAPE = "any shape"
@@ -178,9 +180,9 @@ def _row(number: Comparison) -> tuple[str, ...]:
     if number.source == VIEWS:
         return number.name, number.estimated, "", "", ""
     declared = number.stated if number.source == DECLARED else f"{number.stated} (bare/)"
-    deviation = (
-        "" if number.held or number.unknown else f"{number.normalised_deviation:.1f} tolerances"
-    )
+    is_compared = not number.held and not number.unknown
+    apart = number.normalised_deviation if is_compared else 0.0
+    deviation = f"{apart:.1f} sigma" if apart >= APART else ""
     return number.name, number.estimated, declared, _note(number), deviation
 
 

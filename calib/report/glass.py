@@ -32,9 +32,6 @@ class Heights:
     """(h, w) um"""
     sigma: Array | None
     """(h, w) um; None where the fit estimated no covariance."""
-    mean: float
-    """um"""
-    mean_sigma: float
 
     def range(self, values: Array) -> tuple[float, float]:
         """Return the smallest and the largest of (h, w) values that the image sees."""
@@ -54,13 +51,9 @@ class Heights:
 
     @property
     def caption(self) -> str:
-        mean = f"{round(self.mean, 1) + 0.0}" + (
-            "" if self.sigma is None else f" ± {self.mean_sigma:.1f}"
-        )
         caption = (
-            f"How uneven the outer surface is where the image sees it: its height minus the mean of"
-            f" {mean} µm. An even layer hardly bends light, so the mean is known less well than the"
-            " rest."
+            "How uneven the outer surface is where the image sees it: its height over the mean. An"
+            " even layer hardly bends light, so the views hardly tell that mean."
         )
         if self.sigma is None:
             return caption
@@ -114,11 +107,9 @@ def heights(evidence: Evidence, relief: Relief) -> Heights:
     amplitudes = evidence.calibration.amplitudes.ravel()
     covariance = evidence.calibration.covariance[: len(amplitudes), : len(amplitudes)]
     sigma = None
-    mean_sigma = 0.0
     if covariance.size:
         root = 1e6 * covariance_root(covariance)
         sigma = np.linalg.norm((basis - mean) @ root, axis=-1).reshape(shape)
-        mean_sigma = float(np.linalg.norm(mean @ root))
     return Heights(
         panel=panel,
         x=x,
@@ -126,6 +117,4 @@ def heights(evidence: Evidence, relief: Relief) -> Heights:
         visible=visible,
         height=1e6 * ((basis - mean) @ amplitudes).reshape(shape),
         sigma=sigma,
-        mean=1e6 * float(mean @ amplitudes),
-        mean_sigma=mean_sigma,
     )

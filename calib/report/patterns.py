@@ -68,18 +68,15 @@ class GroupMeans:
     @property
     def summary(self) -> str:
         """Text for captions: the number of significant groups, that expected of noise, and how
-        often noise makes as many if they are more than expected.
+        often noise makes as many if they are more than expected and still no pattern.
         """
         count, expected = int(self.significant.sum()), CHANCE * self.judged
-        text = f"{count} of {self.judged}, where noise alone gives {expected:.1f}"
-        if self.is_pattern:
-            return f"{text} ({count / expected:.2g} times as many: a pattern)"
-        if count <= expected:
-            return f"{text} (no pattern)"
-        return (
-            f"{text} ({count / expected:.2g} times as many, but noise gives {count} or more in"
-            f" {100 * self.probability:.2g} % of sessions, so this may be chance)"
-        )
+        words = "a pattern" if self.is_pattern else "no pattern"
+        compared = f"{count} of {self.judged} means are large, and noise makes {expected:.1f}"
+        if self.is_pattern or count <= expected:
+            return f"{words} ({compared})"
+        chance = f"{100 * self.probability:.2g} % of sessions"
+        return f"{words} ({compared}; as many or more in {chance})"
 
 
 def over_image(evidence: Evidence) -> GroupMeans:

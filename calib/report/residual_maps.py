@@ -34,7 +34,7 @@ class Arrows:
         return {
             "place": self.places,
             "mean": self.means.mean,
-            "significant": self.means.significant.astype(np.int64),
+            "significant": (self.means.significant & self.means.is_pattern).astype(np.int64),
             "title": self.title,
         }
 
@@ -162,14 +162,16 @@ def residual_maps(evidence: Evidence) -> Drawing:
     return Drawing(
         "residuals",
         "Residuals, and where they are",
-        "Mean reprojection errors: the corner that the model predicts minus the detected one."
-        f" {scales.caption} Orange arrows are longer than 99 % of noise. Over the image:"
-        f" {in_image.means.summary}. Over the board: {on_board.means.summary}. A pattern"
-        " over the image comes from lens or glass, one over the board from a board that is not"
-        f" flat or not to scale. The histogram has the x and y of all errors.{shape} The noise by"
-        f" {evidence.distance_name} is that of groups of views: if the error exceeds it, something"
-        " is missing in the model.",
-        {
+        f"Over the image: {in_image.means.summary}. Over the board: {on_board.means.summary}.",
+        explanation=(
+            "An arrow is the mean of the reprojection errors there: the corner that the model"
+            f" predicts minus the detected one. {scales.caption} The arrows of a pattern are"
+            " orange. A pattern over the image comes from the lens or the glass, one over the board"
+            " from a board that is not flat or not to scale. The histogram has the x and y of all"
+            f" errors.{shape} The noise by {evidence.distance_name} is that of groups of views: if"
+            " the error exceeds it, the model lacks something."
+        ),
+        data={
             "image": in_image.data(),
             "board": on_board.data(),
             "scales": scales.data(),

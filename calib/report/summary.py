@@ -9,7 +9,6 @@ import numpy as np
 from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
 from calib.fitting.description import describe_bend
-from calib.report.again import pasted
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
 from calib.report.tiles import Tile, report_tiles
@@ -137,9 +136,9 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
 
 
 def _overfitting(calibration: Calibration) -> str:
+    """Return a sentence on overfitting; empty if the fit has no folds."""
     if not (validation := calibration.outcome.cross_validation):
-        command = pasted(["calib", "fit", calibration.request.session, "--folds", "5"])
-        return f"Overfitting was not measured: {command} measures it."
+        return ""
     result = "overfits" if validation.overfits else "does not overfit"
     return f"On held-out views the error is {validation.held_out_px:.3f} px: the fit {result}."
 

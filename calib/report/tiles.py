@@ -51,6 +51,10 @@ def _error(evidence: Evidence) -> Tile:
     note = "" if noise is None else f"noise of the corners {noise:.3f} px"
     if validation := calibration.outcome.cross_validation:
         return Tile("error on held-out views", f"{validation.held_out_px:.3f} px", note)
+    diagnosis = calibration.history.diagnosis
+    if diagnosis and diagnosis.qualities:
+        held_out_px = diagnosis.qualities[-1].held_out_px
+        return Tile("error on held-out views", f"{held_out_px:.3f} px", note)
     return Tile("error of the fitted views", f"{calibration.stages[-1].rms_px:.3f} px", note)
 
 

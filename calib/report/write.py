@@ -35,15 +35,17 @@ from calib.threads import single_thread
 NAME = "report.html"
 DRAWINGS = (
     session_in_space,
-    side_view,
-    board_errors,
+    corner_coverage,
+    predicted_errors,
     residual_maps,
+    board_errors,
+    side_view,
     distortion_fields,
     distortion_by_depth,
     glass_surface,
-    predicted_errors,
-    corner_coverage,
 )
+RESULTS = ("scene", "coverage", "sigma", "residuals", "board-errors")
+"""The names of the drawings of what the pictures show; the others are of the camera's cover."""
 
 
 def write_report(
@@ -116,15 +118,18 @@ def _sections(
         if diagnosis_html
         else []
     )
+    results = [figure for figure in figures if figure.name in RESULTS]
+    of_glass = [figure for figure in figures if figure not in (*compared, *results)]
     return [
         *diagnosed,
         *compared,
-        PageSection("numbers", "Camera and cover", parameters_html(evidence)),
-        PageSection("stages", "The error after each stage", stages_html(evidence)),
         *([PageSection("straight", "Before and after undistortion", straight)] if straight else []),
-        *(figure for figure in figures if figure not in compared),
-        *([PageSection("colour", "Colour fringes", colour)] if colour else []),
+        *results,
         PageSection("views", "The views", views),
+        PageSection("stages", "The error after each stage", stages_html(evidence)),
+        PageSection("numbers", "Camera and cover", parameters_html(evidence)),
+        *of_glass,
+        *([PageSection("colour", "Colour fringes", colour)] if colour else []),
         PageSection("again", "How to reproduce it", reproduction),
     ]
 

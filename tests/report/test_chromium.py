@@ -49,14 +49,14 @@ READABLE = 4.5
 """Contrast of small text, by the Web Content Accessibility Guidelines 2."""
 FIGURES = [
     "scene",
-    "side-view",
-    "board-errors",
+    "coverage",
+    "sigma",
     "residuals",
+    "board-errors",
+    "side-view",
     "distortion",
     "by-depth",
     "glass",
-    "sigma",
-    "coverage",
 ]
 LOOK = """(() => {
 const box = e => { const r = e.getBoundingClientRect(); return Math.min(r.width, r.height); };

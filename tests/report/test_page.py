@@ -200,9 +200,9 @@ def test_every_id_is_there_once_and_every_reference_leads_to_one(reported: Repor
 
 def test_sections(reported: Reported) -> None:
     names = re.findall(r'<section id="([^"]+)"', reported.html)
-    figures = ["scene", "side-view", "board-errors", "residuals", "distortion", "by-depth"]
-    figures += ["glass", "sigma", "coverage"]
-    assert names == ["numbers", "stages", "straight", *figures, "views", "again"]
+    results = ["scene", "coverage", "sigma", "residuals", "board-errors"]
+    glass = ["side-view", "distortion", "by-depth", "glass"]
+    assert names == ["straight", *results, "views", "stages", "numbers", *glass, "again"]
 
 
 def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> None:

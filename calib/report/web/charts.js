@@ -330,7 +330,7 @@ function drawSigma(host, packed) {
         const sigma = Array.from({length: variance.length / 3}, (_, node) =>
           Math.sqrt(Math.max(0, variance[3 * node] + variance[3 * node + 1] / depth + variance[3 * node + 2] / depth ** 2)));
         const sorted = sigma.filter(Number.isFinite).sort((a, b) => a - b), quantile = part => sorted[Math.floor(part * (sorted.length - 1))];
-        const levels = [0.25, 0.5, 0.75, 0.95].map(part => Number(quantile(part).toPrecision(2)));
+        const levels = [...new Set([0.25, 0.5, 0.75, 0.95].map(part => Number(quantile(part).toPrecision(1))))];
         median = medianAtCorners(field, sigma);
         return pictureOptions(width, [
           ...fieldMarks(field, sigma, packed.limit, levels), dots(CORNERS, "#808080", 1.4, 0.5), levelLabels(field, sigma, levels),

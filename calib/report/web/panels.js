@@ -14,7 +14,7 @@ const MAX_ZOOM = 80;
  */
 function addPanel(host, {title, options, onClick, onPoint, label = "", zoomed = null}) {
   const panel = element("div", "panel"), heading = element("p", "panel-title");
-  const frame = element("div", "chart"), reset = element("button", "reset", "whole");
+  const frame = element("div", "chart"), reset = element("button", "reset", "reset zoom");
   frame.setAttribute("aria-label", label);
   reset.type = "button";
   reset.hidden = true;
