@@ -41,7 +41,10 @@ FAR_ABOVE_NOISE = 10.0
 TURNED = "turned_pictures"
 UNCOVERED = "no_cover"
 OTHER_MEDIUM = "other_medium"
-FORGOTTEN = "the cover was not before the camera: put it back, and take the pictures again"
+FORGOTTEN = (
+    "these pictures look as if there was no cover: put it back, and take them again, or check that"
+    " they are of this camera"
+)
 IMMERSED = {
     WATER: "the pictures were taken under water, and the calibration is for air: calib immerse"
     f" --outside-index {MEDIA[WATER]:g} makes one for water",

@@ -164,11 +164,10 @@ def _heavy_views(calibration: Calibration) -> Iterator[str]:
     views = dict(uncertainty.heavy_views) if uncertainty else {}
     shares = [f"{name} gives {100 * share:.0f} %" for name, share in views.items()]
     if shares:
-        condition = "one of them is bad" if shares[1:] else "it is bad"
         pronoun = "them" if shares[1:] else "it"
         yield (
-            f"{' and '.join(shares)} of what the fit learns from all pictures. If {condition}, the"
-            f" result is wrong: take more pictures like {pronoun}."
+            f"{' and '.join(shares)} of what the fit learns from all pictures. To depend less on"
+            f" {pronoun}, take more pictures with the board in about that place."
         )
 
 

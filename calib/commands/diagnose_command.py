@@ -19,7 +19,7 @@ EXAMPLES = (
     "calib diagnose cam0/calibration",
     "calib diagnose cam0/calibration --holdout holdout -o better",
 )
-QUIET = "print the verdict alone: no progress, no remarks and no tables"
+QUIET = "print the files and the verdict: no progress, no remarks and no tables"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -6,6 +6,8 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.calibration import Calibration
+from calib.corners.view import pose_labels
+from calib.diagnosis.diagnose import MIN_CONFIRMING_VIEWS
 from calib.diagnosis.effect_description import describe_estimates
 from calib.diagnosis.finding import Candidate, Diagnosis
 from calib.effects.description import describe_effect
@@ -16,7 +18,7 @@ LONGEST_TITLE = 38
 """The longest title in the line of its numbers."""
 EXPLANATION = (
     "Held out: the error without → with the effect. Gain: its fall, 95 % range.",
-    "Corners with a small sigma count more here than in the first table.",
+    "This table weights each corner by its noise; the table before and after does not.",
 )
 """The meaning of the columns, and why they differ from the errors of the first table."""
 
@@ -28,6 +30,8 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
     console = Console()
     if finding.accepted:
         console.print(f"[bold]Found: {', '.join(finding.accepted)}[/bold]")
+    elif len(set(pose_labels(better.views).tolist())) < MIN_CONFIRMING_VIEWS:
+        console.print("[bold]Not decided:[/bold] there are too few views to confirm a cause.")
     else:
         console.print(
             "[bold]Nothing found:[/bold] no effect that is known here improves held-out views"

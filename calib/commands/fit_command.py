@@ -27,7 +27,7 @@ EXAMPLES = (
     "calib fit photos --board 9x6 --square-mm 25",
     "calib fit cam0 --depth 0.5 1",
 )
-QUIET = "print the verdict alone: no progress, no remarks and no tables"
+QUIET = "print the files and the verdict: no progress, no remarks and no tables"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -23,7 +23,7 @@ EXAMPLES = (
     "calib rig diagnose pair/calibration",
 )
 QUIET = (
-    "print no progress and no remarks; calib rig fit and calib rig diagnose print the verdict alone"
+    "print no progress and no remarks; calib rig fit and calib rig diagnose print files and verdict"
 )
 
 

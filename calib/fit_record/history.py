@@ -88,13 +88,13 @@ class Family:
     @property
     def note(self) -> str:
         """A short sentence that names the members."""
-        names = [f"{name} ({chance:.2f})" for name, chance in self.members.items()]
-        return f"these views do not tell {names[0]} from {' or '.join(names[1:])}."
+        likely, *rivals = (f"{name} ({100 * p:.0f} %)" for name, p in self.members.items())
+        return f"{likely} is the most likely cause; it may be {' or '.join(rivals)} as well."
 
     def __str__(self) -> str:
-        members = ", ".join(f"{name} ({chance:.2f})" for name, chance in self.members.items())
+        likely, *rivals = (f"{name} ({100 * p:.0f} %)" for name, p in self.members.items())
         return (
-            f"The diagnosis found {self.name}, but these views do not show which effect: {members}."
+            f"The diagnosis found {self.name}: most likely {likely}, else {' or '.join(rivals)}."
             f" {self.experiment}"
         )
 

@@ -86,7 +86,7 @@ def read_views(
         detection = detect(
             session.frames,
             session.board,
-            lambda done, hits: advance(done, f"{hits} boards found"),
+            lambda done, hits: advance(done, f"{hits} board{'s' * (hits != 1)} found"),
             size=size,
             min_views=min_views,
         )

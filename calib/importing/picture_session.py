@@ -167,8 +167,9 @@ def _find_advice(folder: Path) -> str:
     """
     inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and list_images(path)]
     if inner:
-        words = shlex.join(map(str, inner[:MAX_INNER]))
-        return f"those of its folders are calibrated by calib fit {words} {EXAMPLE}"
+        names = ", ".join(str(path) for path in inner[:MAX_INNER])
+        command = f"calib fit {shlex.quote(str(inner[0]))} {EXAMPLE}"
+        return f"give a folder with the pictures of one camera ({names}), such as {command}"
     convertible = [p for p in list_unread(folder) if p.suffix.lower() in CONVERTIBLE]
     if convertible:
         files = f"{shlex.quote(str(folder))}/*{convertible[0].suffix}"
@@ -278,7 +279,7 @@ def describe_pictures(
     elif cover["shape"] != NONE.name and not (source.session / "bare").is_dir():
         camera["intrinsics"] = UNKNOWN
         remarks.append(
-            "The lens is not known: its intrinsics below only say so, and are estimated."
+            "Nobody gave the lens, so its intrinsics are unknown and the fit estimates them."
         )
     text = commented_session(board_to_yaml(board), camera, cover, remarks)
     session_from_mapping({"board": board_to_yaml(board), "camera": camera, "cover": cover}, COMMAND)

@@ -14,8 +14,8 @@ from calib.report.tables import bar
 from calib.table import board_error, change, html_table
 
 HELD_OUT = (
-    "Held out: the error on views that were not fitted, without the effect and with it. Corners"
-    " with a small sigma count more here than in the first table."
+    "Held out: the error on views that were not fitted, without the effect and with it. This table"
+    " weights each corner by its noise, and the first table does not."
 )
 
 NOTHING = (

@@ -324,7 +324,7 @@ def test_what_the_views_do_not_tell_apart_is_named(
     assert "before, without effects 0.500 px1.000 mm 0.600 px" in words
     assert "after, with those found 0.100 px0.200 mm 0.150 px (-75 %)" in words
     assert judge(diagnosed).notes == (
-        "these views do not tell board_shape (0.87) from rolling_shutter (0.13).",
+        "board_shape (87 %) is the most likely cause; it may be rolling_shutter (13 %) as well.",
     )
 
 
