@@ -205,8 +205,8 @@ def peers(training: Session, held_out: Session, *, halves: bool) -> Iterator[tup
             seen, corners = points[view.seen].astype(np.float64), view.corners[view.seen]
             odd = np.arange(len(seen)) % 2 == 1
             for scored in (odd, ~odd) if halves else (odd | True,):
-                fitted = ~scored if halves else scored
-                _, turn, place = cv2.solvePnP(seen[fitted], corners[fitted], matrix, lens)
+                rest = ~scored if halves else scored
+                _, turn, place = cv2.solvePnP(seen[rest], corners[rest], matrix, lens)
                 image = cv2.projectPoints(seen[scored], turn, place, matrix, lens)[0]
                 squares.append(((image.reshape(-1, 2) - corners[scored]) ** 2).sum(-1))
         yield name, float(np.sqrt(np.concatenate(squares).mean()))

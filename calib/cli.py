@@ -28,12 +28,12 @@ from calib.commands.parser import CommandGroup
 DESCRIPTION = """
 Calibrate a camera that looks through a refractive cover, and undistort its pictures at any depth.
 
-calib COMMAND --help explains a command.
+calib COMMAND --help explains a command. A second program, capture SESSION, records pictures.
 """
 EPILOG = """
 stdout carries the result, stderr progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong usage
 or input, 3 not enough good data, 4 a device failed, 5 the checked calibration is not valid, 6 a
-fleet lost its cluster, or none of its workers could start, before every camera was done.
+fleet is not done (calib batch).
 """
 GROUPS = (
     CommandGroup("Begin", (demo_command, init_command, board_command, import_command)),

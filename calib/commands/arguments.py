@@ -227,8 +227,8 @@ def add_crop(parser: argparse.ArgumentParser) -> None:
         type=crop_alpha,
         metavar="ALPHA",
         help=(
-            "0: only valid pixels; 1: everything that the camera sees (default: the camera's focal"
-            " length)"
+            "0: only valid pixels; 1: everything that the camera sees (default: no zoom, with black"
+            " borders where there are no pixels)"
         ),
     )
 

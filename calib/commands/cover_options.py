@@ -77,8 +77,9 @@ def add_intrinsics(parser: Options) -> None:
         type=typed_intrinsics,
         metavar="FX,FY,CX,CY,...",
         help=(
-            "the lens in px, then OpenCV's coefficients, or a file that OpenCV wrote (default: from"
-            " pictures without the cover in bare/, else from these views)"
+            "the lens in px, then OpenCV's coefficients, or the file that OpenCV wrote for the"
+            " camera without its cover (default: from pictures without the cover in bare/, else"
+            " from these views)"
         ),
     )
 

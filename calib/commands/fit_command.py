@@ -24,7 +24,8 @@ The folder of the results gets calibration.yaml with calibration.npz, the ray fi
 --depth, and report.html, which says whether to trust the result.
 """
 EXAMPLES = (
-    "calib fit photos --board 9x6 --square-mm 25",
+    "calib fit photos --board 9x6 --square-mm 25 --cover dome --radius 40+-5",
+    "calib fit pool --board 9x6 --square-mm 25 --cover flat --outside-index 1.333",
     "calib fit cam0 --depth 0.5 1",
 )
 QUIET = "print the files and the verdict: no progress, no remarks and no tables"
@@ -44,9 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=effects,
         metavar="none|auto|NAME,...",
         help=(
-            "causes of error to add to the model: those listed below, by name; auto: those that"
-            " held-out views confirm; none: take the board as flat (default: the board's bend, if"
-            " the views show one)"
+            "causes of error to add to the model: auto finds those that held-out views confirm, as"
+            " calib diagnose does; NAME,... adds those listed below; none adds nothing, not even a"
+            " bend of the board (default: the board's bend, if the views show one)"
         ),
     )
     add_fit_options(method)

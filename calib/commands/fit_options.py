@@ -14,7 +14,10 @@ def add_fit_options(parser: Options, *, default_folds: int = 0) -> None:
         "--method",
         choices=["joint", "paper"],
         default="joint",
-        help="how to fit: all numbers together, or as the paper does (default: %(default)s)",
+        help=(
+            "how to fit: all numbers together, or step by step as in docs/paper.md (default:"
+            " %(default)s)"
+        ),
     )
     parser.add_argument(
         "--grid",
@@ -47,12 +50,12 @@ def add_fit_options(parser: Options, *, default_folds: int = 0) -> None:
         type=steps,
         default=1000,
         metavar="COUNT",
-        help="gradient steps of the paper's method (default: 1000)",
+        help="gradient steps of --method paper (default: 1000)",
     )
     parser.add_argument(
         "--neglect-shift",
         action="store_true",
-        help="let uneven glass tilt the surface only and not move it, as the paper does",
+        help="let uneven glass tilt the surface only and not move it, as in docs/paper.md",
     )
 
 
