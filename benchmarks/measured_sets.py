@@ -204,11 +204,11 @@ def peers(training: Session, held_out: Session, *, halves: bool) -> Iterator[tup
         for view in scored:
             seen, corners = points[view.seen].astype(np.float64), view.corners[view.seen]
             odd = np.arange(len(seen)) % 2 == 1
-            for scored in (odd, ~odd) if halves else (odd | True,):
-                rest = ~scored if halves else scored
+            for part in (odd, ~odd) if halves else (odd | True,):
+                rest = ~part if halves else part
                 _, turn, place = cv2.solvePnP(seen[rest], corners[rest], matrix, lens)
-                image = cv2.projectPoints(seen[scored], turn, place, matrix, lens)[0]
-                squares.append(((image.reshape(-1, 2) - corners[scored]) ** 2).sum(-1))
+                image = cv2.projectPoints(seen[part], turn, place, matrix, lens)[0]
+                squares.append(((image.reshape(-1, 2) - corners[part]) ** 2).sum(-1))
         yield name, float(np.sqrt(np.concatenate(squares).mean()))
     child = subprocess.run(
         [

@@ -2,10 +2,11 @@
 
 import argparse
 import math
+from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-from calib.errors import brief
+from calib.errors import InputError, brief
 from calib.io.numerals import whole_number
 
 FARTHEST = 1e9
@@ -149,6 +150,18 @@ def calibration_files(calibration: Path) -> tuple[Path, Path]:
     """Return both files of a calibration that is given as its file or as its folder."""
     file = calibration / "calibration.yaml" if calibration.is_dir() else calibration
     return file, file.with_suffix(".npz")
+
+
+def check_order(calibration: Path, others: Sequence[Path]) -> None:
+    """Raise InputError if not the calibration comes first, but one of the other arguments is it."""
+
+    def is_calibration(path: Path) -> bool:
+        file, _ = calibration_files(path)
+        return file.suffix == ".yaml" and file.is_file()
+
+    if not is_calibration(calibration):
+        for other in filter(is_calibration, others):
+            raise InputError(f"{other} is the calibration, not {calibration}: give it first.")
 
 
 def grid(text: str) -> tuple[int, int] | None:

@@ -8,6 +8,7 @@ from calib.commands.arguments import (
     add_output,
     add_overwrite,
     calibration_files,
+    check_order,
     folder_of,
 )
 from calib.commands.loading import fast_imports
@@ -72,6 +73,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(
             "-o says where an updated calibration goes: write --update with it, or leave it out."
         )
+    check_order(args.calibration, args.pictures)
     calibration = Calibration.load(args.calibration)
     if args.update:
         output = args.output or check_no_link(folder_of(args.calibration) / "updated")

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import add_calibration, calibration_files, folder_of
+from calib.commands.arguments import add_calibration, calibration_files, check_order, folder_of
 from calib.commands.loading import fast_imports
 
 SUMMARY = "Measure the error of a calibration on views that were not fitted."
@@ -36,6 +36,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.fitting.evaluate import evaluate
         from calib.verdict.judge import judge
 
+    check_order(args.calibration, [args.session])
     calibration = Calibration.load(args.calibration)
     with Bars() as bars:
         evaluation = evaluate(calibration, args.session, bars)

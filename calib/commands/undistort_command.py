@@ -12,6 +12,7 @@ from calib.commands.arguments import (
     add_output,
     add_overwrite,
     calibration_files,
+    check_order,
     depth,
     quoted,
     two_numbers,
@@ -123,6 +124,7 @@ def run(args: argparse.Namespace) -> None:
         raise InputError("--topic is for a bag of ROS: leave it out, or give a bag.")
     if bags and len(args.images) > 1:
         raise InputError("A bag is undistorted by itself: give it alone.")
+    check_order(args.calibration, args.images)
     calibration = Calibration.load(args.calibration)
     with Bars() as bars:
         paths, cut_off, remark = (_straighten_bag if bags else _straighten_files)(

@@ -107,6 +107,14 @@ def test_pictures_without_a_session_are_evaluated(
     assert main(["evaluate", str(photos / "calibration"), str(held_out)]) == 0
     assert "5 views, their poses refitted." in capsys.readouterr().out
     assert not (held_out / "session.yaml").exists()
+    swapped = [str(held_out), str(photos / "calibration")]
+    for command in ("evaluate", "check", "undistort"):
+        options = ["--depth", "1", "-o", str(tmp_path / "no")] if command == "undistort" else []
+        assert main([command, *swapped, *options]) == 2
+        assert "calibration is the calibration, not" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main(["undistort", str(held_out)])
+    assert "A whole command is: calib undistort cam0" in capsys.readouterr().err
     for path in list_images(held_out):
         path.unlink()
     cv2.imwrite(str(held_out / "small.png"), np.zeros((10, 20, 3), np.uint8))
