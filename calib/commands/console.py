@@ -20,6 +20,7 @@ from calib.corners.copies import describe_still
 from calib.corners.view import RejectedPicture
 from calib.errors import InputError, brief, harmless
 from calib.fitting.board_turns import describe_turned
+from calib.fitting.corner_range import corners_at, distance_range
 from calib.fitting.description import (
     PRINTED_COLUMNS,
     describe,
@@ -31,6 +32,7 @@ from calib.fitting.view_noise import describe_noisy_views
 from calib.progress import Advance
 from calib.session.lens import NAMES
 from calib.table import board_error, change
+from calib.verdict.depths import describe_trusted
 from calib.verdict.uncertainty import map_sigmas, reached_depths
 
 TITLE_WIDTH = 22
@@ -132,7 +134,11 @@ def _maps(calibration: Calibration) -> Iterator[str]:
         return
     if sigmas:
         listed = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in sigmas.items())
-        yield f"Where the board was, the maps are known to {listed} (sigma)."
+        near, far = distance_range(corners_at(calibration)[:, 2])
+        yield (
+            f"Where the board was, the maps are known to {listed} (sigma). The boards support maps"
+            f" for {describe_trusted(near, far)}."
+        )
 
 
 def _lens(calibration: Calibration) -> Iterator[str]:

@@ -14,6 +14,7 @@ from calib.report.patterns import over_board, over_image
 from calib.report.tiles import Tile, report_tiles
 from calib.session.cover import Cover
 from calib.session.parameter_names import INDEX, THICKNESS, layer_number
+from calib.verdict.depths import describe_trusted
 from calib.verdict.judge import judge
 from calib.verdict.residual import NOT_ALL_NOISE
 from calib.verdict.thresholds import BEYOND_NOISE
@@ -154,6 +155,7 @@ def _coverage(evidence: Evidence) -> str:
         for depth in evidence.depths
     )
     return (
-        f"The standard deviation of the maps is {at_corners} (median over the corners), and at most"
+        f"The boards support maps for {describe_trusted(*evidence.reach)}. Their standard deviation"
+        f" is {at_corners} (median over the corners), and at most"
         f" {evidence.worst_sigma(evidence.depths)}."
     )

@@ -28,7 +28,7 @@ def requested_depths(case: Case) -> Iterator[Reason]:
         sentence = (
             f"maps are wanted for {', '.join(f'{depth:g} m' for depth in untrusted)}, and corners"
             f" were seen at {near:.2g} to {far:.2g} m, which supports"
-            f" {_describe_range(nearest, farthest)}: take views there."
+            f" {describe_trusted(near, far)}: take views there."
         )
         yield Reason(sentence, case.next.capture())
 
@@ -39,7 +39,9 @@ def trusted_depths(near: float, far: float) -> tuple[float, float]:
     return 1 / (1 / near + margin), 1 / (1 / far - margin) if 1 / far > margin else math.inf
 
 
-def _describe_range(nearest: float, farthest: float) -> str:
+def describe_trusted(near: float, far: float) -> str:
+    """Return the range of `trusted_depths` in words."""
+    nearest, farthest = trusted_depths(near, far)
     return (
         f"{nearest:.2g} m and more"
         if math.isinf(farthest)
