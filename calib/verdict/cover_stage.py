@@ -5,12 +5,13 @@ from collections.abc import Iterator
 from calib.fitting.declared import comparisons
 from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.session.freeing import AUTO, free_parameters
+from calib.session.numbers import camera_numbers
 from calib.session.parameter_names import THICKNESS, number_of
 from calib.session.shapes.registry import find_shape
 from calib.verdict.bare_pictures import taken_through_cover
 from calib.verdict.case import Case
-from calib.verdict.thresholds import NO_BETTER, TAKEN_UP, WORSE_THAN_BARE
-from calib.verdict.verdict import Reason
+from calib.verdict.thresholds import NO_BETTER, REFUTED, TAKEN_UP, WORSE_THAN_BARE
+from calib.verdict.verdict import Reason, Trust
 
 
 def worse_than_none(case: Case) -> Iterator[Reason]:
@@ -21,6 +22,15 @@ def worse_than_none(case: Case) -> Iterator[Reason]:
     be off at first, within their tolerances: there the fit with a cover must explain more.
     """
     if "cover" not in case.rms_px:
+        return
+    if is_refuted(case):
+        sentence = (
+            "the camera alone, with the lens that suits the pictures, explains them better"
+            f" ({case.rms_px['pinhole']:.3f} px) than it does behind this cover"
+            f" ({case.rms_px['cover+rbf']:.3f} px): the cover has another shape or size, or the"
+            " pictures were not taken through it."
+        )
+        yield Reason(sentence, case.next.fit(), ("cover.shape",), Trust.DO_NOT_USE)
         return
     cover = case.rms_px["cover"]
     bare = case.rms_px["pinhole"]
@@ -61,6 +71,18 @@ def cover_stage(case: Case) -> Iterator[Reason]:
             " the camera may be wrong, so let the fit estimate them."
         )
         yield Reason(sentence, case.next.fit("--free", "all"), _suspects(case))
+
+
+def is_refuted(case: Case) -> bool:
+    """Return True if the lens was unknown, and the cover with its fitted numbers leaves a larger
+    error than the lens that suits the pictures best without a cover. A cover that nobody can see
+    leaves the same error.
+    """
+    lens = camera_numbers(case.calibration.declared.intrinsics).values()
+    return (
+        any(number.unknown for number in lens)
+        and case.rms_px.get("cover+rbf", 0.0) > REFUTED * case.rms_px["pinhole"]
+    )
 
 
 def _all_held(case: Case) -> bool:

@@ -13,6 +13,7 @@ from calib.optics.build import covered_path
 from calib.session.schema import Number
 from calib.session.shapes.layer import MEDIA, medium_word, opposite_medium
 from calib.verdict.case import Case
+from calib.verdict.cover_stage import is_refuted
 from calib.verdict.thresholds import OTHER_MEDIUM, OTHER_MEDIUM_LOG_ODDS
 from calib.verdict.verdict import Reason, Trust
 
@@ -27,7 +28,8 @@ def medium(case: Case) -> Iterator[Reason]:
     if not stated:
         return
     if case.has_unknown:
-        yield from _more_probable(case, stated.value)
+        if not is_refuted(case):  # in no medium does a cover of the wrong shape fit
+            yield from _more_probable(case, stated.value)
         return
     if cover <= max(OTHER_MEDIUM * bare_error, case.left_px):  # it is right
         return
