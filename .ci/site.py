@@ -102,7 +102,9 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     admonitions.
     """
     here = Path(page.file.abs_src_path)
-    markdown = ALERT.sub(admonition, markdown.replace(MESSAGES, all_messages()))
+    if MESSAGES in markdown:
+        markdown = markdown.replace(MESSAGES, f"## Every message\n\n{all_messages()}")
+    markdown = ALERT.sub(admonition, markdown)
 
     def moved(match: re.Match[str]) -> str:
         before, target, after = match.groups()
