@@ -152,16 +152,16 @@ def calibration_files(calibration: Path) -> tuple[Path, Path]:
     return file, file.with_suffix(".npz")
 
 
-def check_order(calibration: Path, others: Sequence[Path]) -> None:
-    """Raise InputError if not the calibration comes first, but one of the other arguments is it."""
+def check_order(calibration: Path, pictures: Sequence[Path]) -> None:
+    """Raise InputError if a calibration is given among the pictures, and pictures in its place."""
 
     def is_calibration(path: Path) -> bool:
         file, _ = calibration_files(path)
         return file.suffix == ".yaml" and file.is_file()
 
     if not is_calibration(calibration):
-        for other in filter(is_calibration, others):
-            raise InputError(f"{other} is the calibration, not {calibration}: give it first.")
+        for path in filter(is_calibration, pictures):
+            raise InputError(f"{path} is the calibration, not {calibration}: give it first.")
 
 
 def grid(text: str) -> tuple[int, int] | None:

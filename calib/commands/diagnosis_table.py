@@ -18,7 +18,7 @@ LONGEST_TITLE = 38
 """The longest title in the line of its numbers."""
 EXPLANATION = (
     "Held out: the error without → with the effect. Gain: its fall, 95 % range.",
-    "This table weights each corner by its noise; the table before and after does not.",
+    "This table weights corners by their noise; the first table does not.",
 )
 """The meaning of the columns, and why they differ from the errors of the first table."""
 

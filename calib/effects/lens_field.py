@@ -59,15 +59,13 @@ class LensField(CosineField):
         if not self.centre:
             return shifts
         (shift_x, x_by_x, x_by_y), (shift_y, y_by_x, y_by_y) = shifts
-        at_centre = self._waves_at_centre(x)
-        (start_x, slope_x), (start_y, slope_y) = (
+        lines = [
             (values[name] @ waves, values[name] @ slopes)
-            for name, (waves, slopes) in zip(self.probes, at_centre, strict=True)
-        )
-        return [
-            (shift_x - start_x - slope_x * (x.detach() - self.centre[0]), x_by_x - slope_x, x_by_y),
-            (shift_y - start_y - slope_y * (y.detach() - self.centre[1]), y_by_x, y_by_y - slope_y),
+            for name, (waves, slopes) in zip(self.probes, self._waves_at_centre(x), strict=True)
         ]
+        shift_x = shift_x - lines[0][0] - lines[0][1] * (x.detach() - self.centre[0])
+        shift_y = shift_y - lines[1][0] - lines[1][1] * (y.detach() - self.centre[1])
+        return [(shift_x, x_by_x - lines[0][1], x_by_y), (shift_y, y_by_x, y_by_y - lines[1][1])]
 
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
         weights = super(LensField, self).weights(x, y)

@@ -86,13 +86,17 @@ class Family:
     """The advice that would decide between them."""
 
     @property
+    def _chances(self) -> list[str]:
+        return [f"{name} ({100 * chance:.0f} %)" for name, chance in self.members.items()]
+
+    @property
     def note(self) -> str:
         """A short sentence that names the members."""
-        likely, *rivals = (f"{name} ({100 * p:.0f} %)" for name, p in self.members.items())
+        likely, *rivals = self._chances
         return f"{likely} is the most likely cause; it may be {' or '.join(rivals)} as well."
 
     def __str__(self) -> str:
-        likely, *rivals = (f"{name} ({100 * p:.0f} %)" for name, p in self.members.items())
+        likely, *rivals = self._chances
         return (
             f"The diagnosis found {self.name}: most likely {likely}, else {' or '.join(rivals)}."
             f" {self.experiment}"

@@ -181,9 +181,9 @@ def _row(number: Comparison) -> tuple[str, ...]:
         return number.name, number.estimated, "", "", ""
     declared = number.stated if number.source == DECLARED else f"{number.stated} (bare/)"
     is_compared = not number.held and not number.unknown
-    apart = number.normalised_deviation if is_compared else 0.0
-    deviation = f"{apart:.1f} sigma" if apart >= APART else ""
-    return number.name, number.estimated, declared, _note(number), deviation
+    deviation = number.normalised_deviation if is_compared else 0.0
+    distance = f"{deviation:.1f} sigma" if deviation >= APART else ""
+    return number.name, number.estimated, declared, _note(number), distance
 
 
 def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:

@@ -107,11 +107,9 @@ def _camera_sigma(fits: Sequence[Fitted]) -> dict[str, float]:
     """
     sigma = {}
     for name in CAMERA.pinhole:
-        taken, *_ = values = [float(fitted.values[name]) for fitted in fits]
-        own = [float(fitted.joint.sigma_of(name)) for fitted in fits if fitted.joint]
-        sigma[name] = float(
-            np.sqrt(np.mean(np.square(own)) + np.mean(np.square(np.subtract(values, taken))))
-        )
+        values = np.array([float(fitted.values[name]) for fitted in fits])
+        sigmas = np.array([float(fitted.joint.sigma_of(name)) for fitted in fits if fitted.joint])
+        sigma[name] = float(np.sqrt(np.mean(sigmas**2) + np.mean((values - values[0]) ** 2)))
     return sigma
 
 

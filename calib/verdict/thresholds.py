@@ -20,8 +20,8 @@ WORSE_THAN_BARE = 1.5
 glass hardly changes it.
 """
 REFUTED = 1.03
-"""Fitted cover over the camera alone, each with a lens that was fitted to the pictures. A cover they
-do not show leaves the same error to a permille. A cone for a dome in water left 1.04.
+"""Fitted cover over the camera alone, each with a lens that was fitted to the pictures. A cover
+that is not visible leaves the same error to a permille. A cone for a dome in water left 1.04.
 """
 NO_BETTER = 0.95
 """Fit with a cover over pinhole stage, from which the cover explains nothing: pictures without the

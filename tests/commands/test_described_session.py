@@ -76,7 +76,7 @@ def test_a_folder_is_calibrated_and_is_a_session_afterwards(
 ) -> None:
     assert main(["fit", str(photos), *BOARD]) == 0
     output = capsys.readouterr()
-    assert "How the error fell" in output.out
+    assert "Error (root mean square)" in output.out
     assert "Behind glass or plastic add --cover" in output.err
     assert "--index" not in output.err
     session = read_session(photos)
@@ -85,7 +85,7 @@ def test_a_folder_is_calibrated_and_is_a_session_afterwards(
     assert main(["fit", "--depth", "0.5", "1", str(photos), "--quiet"]) == 0
     output = capsys.readouterr()
     assert output.err == ""
-    assert "How the error fell" not in output.out
+    assert "Error (root" not in output.out
     assert {path.name for path in (photos / "calibration").glob("map_*.npz")} == {
         "map_0.5m.npz",
         "map_1m.npz",
@@ -373,7 +373,7 @@ def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
         (["nowhere"], "nowhere is not a folder, a picture or a video that exists"),
         (["empty"], "has no session.yaml and no pictures: record some by capture empty"),
         (["phone"], "IMG_1.HEIC: convert them, such as by mogrify -format png phone/*.HEIC"),
-        (["card"], "by calib fit card/100 card/101 --board 9x6 --square-mm 25"),
+        (["card"], "(card/100, card/101), such as calib fit card/100 --board 9x6 --square-mm 25"),
         (["none/*.jpg"], "No picture matches none/*.jpg"),
         (["text.txt", *BOARD], "text.txt is neither a picture nor a video"),
         (["text.avi", *BOARD], "text.avi is not a video that can be read"),

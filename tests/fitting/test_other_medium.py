@@ -75,7 +75,7 @@ def test_the_verdict_names_the_medium() -> None:
     (reason,) = asked(medium, with_outcome(fitted, medium_log_odds={"air": -28.0, "water": 0.0}))
     assert "probably taken in water" in reason.sentence
     assert "10^12 times as probable as with air" in reason.sentence
-    assert reason.sentence.endswith("or add --outside-index 1.333.")
+    assert "or add --outside-index 1.333. If not, the cover is of another" in reason.sentence
     assert reason.word is Trust.DO_NOT_USE
     assert reason.suspects == ("cover.outside_index",)
     assert not asked(medium, with_outcome(fitted, medium_log_odds=None))
