@@ -98,6 +98,8 @@ class CaptureApp(App[None]):
         page = next(screen for screen in reversed(self.screen_stack) if isinstance(screen, Page))
         if not self._results_shown or page.step() != "Results":
             return ()
+        if isinstance(self.screen, ExportScreen) and self.screen.is_writing:
+            return ()  # half of the files would be no export
         return list(find_downloads(self.session, self._results_shown.calibration, self._maps))
 
     def first_screen(self) -> Page:

@@ -29,6 +29,8 @@ def _initial_texts(shape: str) -> dict[str, str]:
     return {entry.quantity.key: entry.initial for entry in find_shape(shape).keys}
 
 
+INITIAL_TEXTS = {entry for shape in stated_shape_names() for entry in _initial_texts(shape).items()}
+"""The keys and first texts of the covers of all shapes."""
 EMPTY_FORM = FormTexts(BOARDS["checkerboard"], "cone", _initial_texts("cone"))
 
 
@@ -57,6 +59,8 @@ class BoardAndCover(Vertical):
         """The covers outside of this one, as session.yaml has them."""
         self._unusual: Mapping[str, object] = {}
         """The board's keys without a field, as session.yaml has them."""
+        self._typed_cover: dict[str, str] = {}
+        """What was typed for covers of any shape: a change of the shape keeps it."""
 
     def compose(self) -> ComposeResult:
         yield Row(
@@ -119,7 +123,11 @@ class BoardAndCover(Vertical):
         if self._names("#board") != list(BOARD[self.kind]):
             await self._show_fields("#board", BOARD[self.kind], BOARDS[self.kind])
         if self._names("#cover") != _keys(self.shape):
-            await self._show_fields("#cover", _keys(self.shape), _initial_texts(self.shape))
+            for field in self.query("#cover Input").results(Input):
+                if field.name and field.value and (field.name, field.value) not in INITIAL_TEXTS:
+                    self._typed_cover[field.name] = field.value
+            texts = _initial_texts(self.shape) | self._typed_cover
+            await self._show_fields("#cover", _keys(self.shape), texts)
             self._show_outer(self._outer)
 
     def _show_outer(self, outer: tuple[Mapping[str, object], ...]) -> None:

@@ -93,6 +93,7 @@ class ExportScreen(Dialog[str]):
         self._note = note
         self._boards = boards
         self._accepted: set[str] = set()
+        self.is_writing = False
         """The warnings about depths that were shown: to export again is to accept them."""
         self._depth = depth
         self._calibration = calibration
@@ -173,6 +174,7 @@ class ExportScreen(Dialog[str]):
             self._say(ONE_DEPTH)
             return
         self._say("Being written.")
+        self.is_writing = True
         command = (
             ["undistort", str(self._calibration), str(self._pictures)]
             if form == STRAIGHT
@@ -196,6 +198,7 @@ class ExportScreen(Dialog[str]):
         """Show the result. The fields may have changed meanwhile: a message about an invalid field
         stays.
         """
+        self.is_writing = False
         if message.written:
             self._summary = (
                 f"Wrote {len(message.written)} file{'s' * (len(message.written) > 1)} in"

@@ -52,7 +52,7 @@ def find_missing(session: Path) -> str:
     if not (frames.is_dir() and list_images(frames)):
         return (
             f"There is nothing to fit yet: {frames} has no picture. Views are taken by themselves,"
-            " or by space."
+            " or press space."
         )
     try:
         if (count := len(list_images(frames))) < MIN_FIT_VIEWS:

@@ -73,7 +73,7 @@ class SetupScreen(Page):
         """True if the person says that the cover is on now."""
         self._wrong_board = ""
         """The message about a source without such a board."""
-        self._accepted: set[str] = set()
+        self._accepted: set[tuple[str, str]] = set()
         """The warnings that were shown before a start: to start again is to accept them."""
         self._help_closed = False
         """True if the help has just been closed: everything stays as it was typed."""
@@ -311,15 +311,15 @@ class SetupScreen(Page):
         except RefracalError as error:
             await self._show_error(str(error))
             return
-        for sentence, field in find_warnings(task):
-            if sentence not in self._accepted:
-                self._accepted.add(sentence)
-                self._focus_error(self.query_one(f"#{field}"), sentence)
-                return
         if not await self._source.can_open(task.source):
             await self._mark(self._source.field)
             self._source.field.focus()
             return
+        for sentence, field in find_warnings(task):
+            if (sentence, task.source) not in self._accepted:
+                self._accepted.add((sentence, task.source))
+                self._focus_error(self.query_one(f"#{field}"), sentence)
+                return
         self._last_source = task.source
         if (
             self.is_current and self._set_bare_aside()

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from textual.widgets import Input, Static
+from textual.widgets import Input, Select, Static
 
 from capture.session_file import read_setup
 from tests.capture.tui.driving import CONE, burst, describe, drive, running, see, shown, until
@@ -137,3 +137,27 @@ async def _unknown(session: Path) -> None:
         fields["columns"].focus()
         await pilot.press("question_mark")
         await until(pilot, lambda: "?" in fields["columns"].value)
+
+
+def test_numbers_survive_a_change_of_the_shape(tmp_path: Path) -> None:
+    drive(_reshaped(tmp_path / "session"))
+
+
+async def _reshaped(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        shape = pilot.app.screen.query_one("#shape", Select)
+
+        def texts() -> dict[str | None, str]:
+            return {field.name: field.value for field in pilot.app.screen.query(Input)}
+
+        fields = {field.name: field for field in pilot.app.screen.query(Input)}
+        fields["thickness_mm"].value = "3"
+        fields["inner_radius_mm"].value = "40+-5"
+        for name, unlike in (("flat", "radius_slope"), ("none", "thickness_mm"), ("dome", "")):
+            shape.value = name
+            await until(pilot, lambda gone=unlike: gone not in texts())
+        await until(pilot, lambda: texts().get("centre_mm") is not None)
+        assert texts()["thickness_mm"] == "3"
+        assert texts()["inner_radius_mm"] == "40+-5"
+        assert texts()["refractive_index"] == "1.5"
