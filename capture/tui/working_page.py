@@ -56,7 +56,7 @@ class WorkingPage(Page):
         self._tasks: list[tuple[str, int, int, str]] = []  # title, done, total, words
         self._errors: list[tuple[str, float]] = []  # the task, and the error in px
         self.bars: Sequence[Bar] = ()
-        """The bars on the screen."""
+        """The bars on the screen, the running step first: a small page does not have them all."""
         self._failure = ""
         """The error that was shown last."""
         self._result: Event | None = None
@@ -152,7 +152,7 @@ class WorkingPage(Page):
         self.show(
             _draw_bars(tasks, width),
             "\n".join([ERRORS_HEADING, _draw_bars(falling, width)] if falling else []),
-            bars=[*tasks, *error_bars],
+            bars=[*reversed(tasks), *reversed(error_bars)],
         )
 
     def show(self, above: str, below: str = "", bars: Sequence[Bar] = ()) -> None:

@@ -25,6 +25,7 @@ from calib.session.cover import Cover
 from calib.session.numbers import numbers_of
 from calib.session.schema import Number
 from calib.verdict.judge import judge
+from calib.verdict.verdict import Trust
 from fixtures.calibrated import CAMERA, calibrated, with_outcome
 from fixtures.synthetic import COVERS, INTRINSICS, Scene, bare_views, scene
 
@@ -188,6 +189,29 @@ def test_a_cover_that_explains_the_views_as_well_as_none_is_named() -> None:
     assert rows["cover.shape"] == ("cover.shape", "none", "unknown", "not determined", "")
     same = with_outcome(calibration, shape_log_odds=odds, shape_map_changes_px={"dome": 1e-6})
     assert "cover.shape" not in judge(same).suspects
+
+
+def test_the_camera_alone_has_the_lens_that_suits_the_views() -> None:
+    """A window in water looks like a longer lens, nearly. A cover that leaves more is refuted, and
+    the other medium is not proposed for it.
+    """
+    wet = made("wet-flat", views=8)
+    calibration = calibrate(wet, unknown_intrinsics(CAMERA), COVERS["wet-flat"][0])
+    alone, *_, last = (stage.rms_px for stage in calibration.stages)
+    assert last < alone < 2 * last
+    assert "cover.shape" not in judge(calibration).suspects
+    worse = tuple(
+        replace(stage, rms_px=alone * (1.0 if stage.name == "pinhole" else 1.05))
+        for stage in calibration.stages
+    )
+    odds = {"air": 0.0, "water": -50.0}
+    refuted = replace(with_outcome(calibration, medium_log_odds=odds), stages=worse)
+    verdict = judge(refuted)
+    assert any("explains them better" in sentence for sentence in verdict.sentences)
+    assert not any("probably taken in" in sentence for sentence in verdict.sentences)
+    assert verdict.word is Trust.DO_NOT_USE
+    likely = judge(with_outcome(calibration, medium_log_odds=odds))
+    assert any("probably taken in air" in sentence for sentence in likely.sentences)
 
 
 @pytest.mark.slow

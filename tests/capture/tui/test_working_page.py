@@ -42,8 +42,8 @@ async def _steps(session: Path) -> None:
             if block["kind"] == "bar"
         ]
         assert bars[2:] == [
-            ("Error left, Intrinsics", "0.150 px"),
             ("Error left, Joint fit", "0.075 px"),
+            ("Error left, Intrinsics", "0.150 px"),
         ]
 
 
