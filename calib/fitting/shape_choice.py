@@ -102,13 +102,15 @@ def choose_shape(
 
 
 def _camera_sigma(fits: Sequence[Fitted]) -> dict[str, float]:
-    """Return the standard deviation in px of the numbers of the pinhole, from the values of the
-    first of some fits, if each of the fits is as probable.
+    """Return the standard deviation in px of the numbers of the pinhole that the fits estimate,
+    from the values of the first fit, if each of the fits is as probable.
     """
+    joints = [fitted.joint for fitted in fits if fitted.joint]
+    estimated = [{param.name for param in joint.parameters.free} for joint in joints]
     sigma = {}
-    for name in CAMERA.pinhole:
-        values = np.array([float(fitted.values[name]) for fitted in fits])
-        sigmas = np.array([float(fitted.joint.sigma_of(name)) for fitted in fits if fitted.joint])
+    for name in filter(set.intersection(*estimated).__contains__, CAMERA.pinhole):
+        values = np.array([float(joint.values[name]) for joint in joints])
+        sigmas = np.array([float(joint.sigma_of(name)) for joint in joints])
         sigma[name] = float(np.sqrt(np.mean(sigmas**2) + np.mean((values - values[0]) ** 2)))
     return sigma
 

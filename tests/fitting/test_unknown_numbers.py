@@ -177,6 +177,26 @@ def test_no_cover_is_a_shape_too_and_what_is_as_probable_is_named() -> None:
     assert "cover.shape" not in judge(certain).suspects
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("exact", [True, False])
+def test_sigma_is_for_all_shapes_of_numbers_that_are_estimated(
+    exact: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All shapes count as probable. An exact number has no sigma."""
+    monkeypatch.setattr("calib.fitting.shape_choice.MIN_SHAPE_LOG_ODDS", 1e9)
+    scene_made = made("dome", views=5)
+    k = INTRINSICS
+    fx, fy, cx, cy = (replace(number, exact=True) for number in (k.fx, k.fy, k.cx, k.cy))
+    stated = replace(k, fx=fx, fy=fy, cx=cx, cy=cy) if exact else unknown_intrinsics(CAMERA)
+    setup = Setup(scene_made.board, CAMERA, stated, shapeless(1.0))
+    choice = choose_shape(setup, scene_made.views, SETTINGS, Silent())
+    assert len(choice.map_changes_px) >= 2
+    if exact:
+        assert choice.camera_sigma == {}
+    else:
+        assert abs(choice.camera_sigma["camera.fx"]) > 1.0
+
+
 def test_a_cover_that_explains_the_views_as_well_as_none_is_named() -> None:
     """Of no cover, which the wide priors of a cover's numbers make more probable."""
     calibration = calibrate(made("dome", views=8), INTRINSICS, COVERS["dome"][0])

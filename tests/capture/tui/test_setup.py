@@ -3,6 +3,7 @@ help.
 """
 
 import asyncio
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -154,10 +155,9 @@ async def _reshaped(session: Path) -> None:
         fields = {field.name: field for field in pilot.app.screen.query(Input)}
         fields["thickness_mm"].value = "3"
         fields["inner_radius_mm"].value = "40+-5"
-        for name, unlike in (("flat", "radius_slope"), ("none", "thickness_mm"), ("dome", "")):
+        for name, has_key in (("flat", "distance_mm"), ("cone", "tilt_deg"), ("dome", "centre_mm")):
             shape.value = name
-            await until(pilot, lambda gone=unlike: gone not in texts())
-        await until(pilot, lambda: texts().get("centre_mm") is not None)
+            await until(pilot, partial(lambda key: key in texts(), has_key))
         assert texts()["thickness_mm"] == "3"
         assert texts()["inner_radius_mm"] == "40+-5"
         assert texts()["refractive_index"] == "1.5"
