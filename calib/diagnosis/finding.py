@@ -30,7 +30,7 @@ class ParameterEstimate:
 
 
 PLAIN = {
-    "absorbed": "fitted numbers can imitate it",
+    "absorbed": "fitted numbers imitate it",
     "not asked for": "nothing points to it",
     "not finite": "cannot be fitted",
     "not possible": "would have to be larger than is possible",

@@ -98,17 +98,14 @@ def as_text(
     ]
     if tried:
         lines += ["", f"{'fitted':<26}{'held-out views':<24}verdict", *map(_line, tried)]
-    if untried := ", ".join(
-        candidate.effect for candidate in finding.candidates if candidate not in tried
-    ):
-        lines += ["", f"No sign of these in what is left: {untried}."]
+    names = {candidate.effect for candidate in tried}
+    untried = dict.fromkeys(c.effect for c in finding.candidates if c.effect not in names)
+    if untried:
+        lines += ["", fill(f"No sign of these in what is left: {', '.join(untried)}.", 78)]
     lines += [f"\nNote: {remark}" for remark in finding.remarks]
-    if words:
-        lines += [
-            "",
-            "What they are:",
-            *(_wrap(name, description) for name, description in words.items()),
-        ]
+    for name in words:
+        if name in names and name not in finding.accepted:
+            lines += ["", fill(f"{name}: {words[name]}", 78)]
     return "\n".join(lines)
 
 
@@ -117,7 +114,3 @@ def _line(candidate: "Candidate") -> str:
         f"{candidate.title:<25} {candidate.held_out_px_before:>5.3f} to"
         f" {candidate.held_out_px_after:>5.3f} px       {candidate.outcome}"
     )
-
-
-def _wrap(name: str, description: str) -> str:
-    return fill(f"{name:<18}{description}", 78, subsequent_indent=" " * 18)
