@@ -125,10 +125,14 @@ function drawn(block) {
   return box;
 }
 
+/** The keyboards of fields that take nothing but a number; others also take 40+-5 or unknown. */
+const KEYBOARDS = {columns: "numeric", rows: "numeric", square_mm: "decimal", marker_mm: "decimal", tag_mm: "decimal", spacing: "decimal", depth: "decimal"};
+
 function drawField(block) {
   const field = make("input", {id: `field-${block.name}`, type: "text", autocomplete: "off", spellcheck: false, enterKeyHint: "next"});
   field.setAttribute("autocapitalize", "off");
   field.setAttribute("autocorrect", "off");
+  field.inputMode = KEYBOARDS[block.name] ?? "text";
   field.onfocus = () => { field.select(); ask({field: block.name, look: true}); };
   field.oninput = () => ask({field: block.name, text: field.value});
   field.onkeydown = (event) => {

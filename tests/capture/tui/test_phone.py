@@ -280,6 +280,8 @@ async def _both_phases(address: str, size: tuple[int, int], source: Path, folder
         await phone.until(f"{OPTIONS}.hidden")  # somebody has gone on
         for name, text in (("columns", "9"), ("rows", "9"), ("square_mm", "0.02")):
             await phone.fill(name, text)
+        modes = "['columns', 'square_mm', 'source'].map((name) => document.getElementById(`field-${name}`).inputMode).join()"  # noqa: E501
+        assert await phone.evaluate(modes) == "numeric,decimal,text"
         await phone.resize(with_keyboard)
         await phone.see("if metres were meant")
         for script in (CALL.format("problem"), BUTTON.format("ctrl+s"), "document.activeElement"):
