@@ -186,8 +186,8 @@ def test_sigma_is_for_all_shapes_of_numbers_that_are_estimated(
     monkeypatch.setattr("calib.fitting.shape_choice.MIN_SHAPE_LOG_ODDS", 1e9)
     scene_made = made("dome", views=5)
     k = INTRINSICS
-    fx, fy, cx, cy = (replace(number, exact=True) for number in (k.fx, k.fy, k.cx, k.cy))
-    stated = replace(k, fx=fx, fy=fy, cx=cx, cy=cy) if exact else unknown_intrinsics(CAMERA)
+    held = {key: replace(getattr(k, key), exact=True) for key in ("fx", "fy", "cx", "cy")}
+    stated = replace(k, **held) if exact else unknown_intrinsics(CAMERA)
     setup = Setup(scene_made.board, CAMERA, stated, shapeless(1.0))
     choice = choose_shape(setup, scene_made.views, SETTINGS, Silent())
     assert len(choice.map_changes_px) >= 2
@@ -217,7 +217,7 @@ def test_the_camera_alone_has_the_lens_that_suits_the_views() -> None:
     """
     wet = made("wet-flat", views=8)
     calibration = calibrate(wet, unknown_intrinsics(CAMERA), COVERS["wet-flat"][0])
-    alone, *_, last = (stage.rms_px for stage in calibration.stages)
+    alone, last = calibration.stages[0].rms_px, calibration.stages[-1].rms_px
     assert last < alone < 2 * last
     assert "cover.shape" not in judge(calibration).suspects
     worse = tuple(
