@@ -92,8 +92,8 @@ class ExportScreen(Dialog[str]):
         super().__init__()
         self._note = note
         self._boards = boards
-        self._accepted: set[str] = set()
         self.is_writing = False
+        self._accepted: set[str] = set()
         """The warnings about depths that were shown: to export again is to accept them."""
         self._depth = depth
         self._calibration = calibration

@@ -1,7 +1,7 @@
 """The fit in the screen's child process: the process that draws never loads torch."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, SupportsFloat
+from typing import TYPE_CHECKING
 
 from calib.progress import Progress
 from capture.tui.child import LOADING, MOVE_IT
@@ -56,7 +56,6 @@ def open_results(progress: Progress, place: Path) -> dict[str, object]:
 
 def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     """Return the data that the results screen shows."""
-    import numpy as np
     from torch import from_numpy
 
     from calib.estimation.residuals import residuals
@@ -64,20 +63,11 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
     from calib.fitting.description import describe
     from calib.fitting.view_noise import describe_noisy_views
     from calib.verdict.judge import judge
-    from calib.verdict.uncertainty import map_sigmas
+    from calib.verdict.uncertainty import map_sigmas, reached_depths
 
     verdict = judge(calibration, folder=saved.parent)
     observations = calibration.observations
     path, values = calibration.model()
-    depth = path.place(
-        observations.corners,
-        values,
-        from_numpy(calibration.poses)[observations.view],
-        observations.exposure,
-    )[:, 2]
-    near = _round_depth(depth.min())
-    median = _round_depth(np.median(depth))  # the verdict's median
-    far = _round_depth(depth.max())
     residual = residuals(path, values, observations, from_numpy(calibration.poses))
     views = [
         {
@@ -109,11 +99,6 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
         "notes": verdict.notes,
         "sigma_px": [
             {"depth_m": depth, "px": px}
-            for depth, px in map_sigmas(calibration, (near, median, far)).items()
+            for depth, px in map_sigmas(calibration, reached_depths(calibration)).items()
         ],
     }
-
-
-def _round_depth(depth: SupportsFloat) -> float:
-    """Return a depth in m, rounded to two digits."""
-    return float(f"{float(depth):.2g}")

@@ -28,7 +28,7 @@ def name_buttons(text: str, labels: Mapping[str, str]) -> str:
     """
     for sentence in KEYBOARD_ONLY:
         text = text.replace(sentence, "")
-    text = re.sub(r"\b(in|correct) session\.yaml", r"\1 Set-up", text)
+    text = re.sub(r"\b(in|correct) session\.yaml", r"\1 the Set-up", text)
     pressed = re.sub(
         rf"\b(P|p)ress ({_alternatives(labels)})(?!\w)",
         lambda match: f"{_touch_verb(match[1])} {labels[match[2]]}",

@@ -30,7 +30,7 @@ LABELS = {
         ("press ^s again, or esc goes back.", "touch Write again, or Back goes back."),
         ("From 10 views on you may go on (f).", "From 10 views on you may go on (Fit)."),
         ("Press a to add one.", "Touch Add to add one."),
-        ("Look at it, and write cover.shape in session.yaml.", "Look at it, and write cover.shape in Set-up."),  # noqa: E501
+        ("Look at it, and write cover.shape in session.yaml.", "Look at it, and write cover.shape in the Set-up."),  # noqa: E501
         ("Hold a board, a large one, or a to b.", "Hold a board, a large one, or a to b."),
         ("Press n, then put the cover on.", "Press n, then put the cover on."),
         ("The focus is f, as before: expressed in px.", "The focus is f, as before: expressed in px."),  # noqa: E501
