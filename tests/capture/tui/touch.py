@@ -110,14 +110,17 @@ class Telephone(Browser):
         """Close the keyboard, as its own key does."""
         await self.evaluate("document.activeElement.blur()")
 
-    async def tap(self, what: str, minimum: float = LEAST) -> None:
+    async def tap(self, what: str, minimum: float = LEAST, *, unless: str = "false") -> bool:
         """Touch the element that this script finds, once it can be touched; it is at least
         `minimum` points wide and high. What has just opened or closed above it may have moved it
-        away from under the finger: a person who sees that touches it again.
+        away from under the finger: a person who sees that touches it again. Return False if the
+        script `unless` returned true before the element was touched.
         """
         start_s = time.monotonic()
         await self.evaluate(HEAR % what)
         while not await self.evaluate("window.touched"):
+            if await self.evaluate(unless):
+                return bool(await self.evaluate("window.touched"))
             assert time.monotonic() - start_s < HANGS_S, (
                 f"nothing to touch: {what}\n{await self.evaluate(HIT % what)}\n{await self.words()}"
             )
@@ -135,6 +138,7 @@ class Telephone(Browser):
             clicked_s = time.monotonic()
             while time.monotonic() - clicked_s < AGAIN_S and not await self.evaluate(CLICKED):
                 await asyncio.sleep(0.05)
+        return True
 
     async def press(self, *keys: str) -> None:
         """Touch the large buttons of these keys of the app."""
@@ -171,21 +175,23 @@ class Telephone(Browser):
         await self.do("Input.insertText", text=text)
 
     async def choose(self, label: str, option: str) -> None:
-        """Open a choice, and take the option that begins with this text."""
+        """Open a choice, and take the option that begins with this text. On a busy machine a late
+        touch may close the list again: a person who sees that opens it once more.
+        """
         choice = f"document.getElementById({json.dumps(f'choice-{label}')})"
         is_open = f"!{choice}.parentElement.querySelector('ul').hidden"
+        options = f"[...{choice}.parentElement.querySelectorAll('li button')]"
+        option = f"{options}.find((each) => each.textContent.startsWith({json.dumps(option)}))"
         start_s = time.monotonic()
-        while not await self.evaluate(is_open):
+        while True:
             assert time.monotonic() - start_s < HANGS_S, f"{label} does not open"
             await self.tap(choice)
             for _ in range(100):
                 if await self.evaluate(is_open):
                     break
                 await asyncio.sleep(0.1)
-        options = f"[...{choice}.parentElement.querySelectorAll('li button')]"
-        await self.tap(
-            f"{options}.find((each) => each.textContent.startsWith({json.dumps(option)}))"
-        )
+            if await self.tap(option, unless=f"!({is_open})"):
+                return
 
     async def evaluate_json(self, script: str) -> dict[str, float] | None:
         text = await self.evaluate(f"JSON.stringify({script.strip()})")
