@@ -6,8 +6,6 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.calibration import Calibration
-from calib.corners.view import pose_labels
-from calib.diagnosis.diagnose import MIN_CONFIRMING_VIEWS
 from calib.diagnosis.effect_description import describe_estimates
 from calib.diagnosis.finding import Candidate, Diagnosis
 from calib.effects.description import describe_effect
@@ -28,15 +26,7 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
     the remarks.
     """
     console = Console()
-    if finding.accepted:
-        console.print(f"[bold]Found: {', '.join(finding.accepted)}[/bold]")
-    elif len(set(pose_labels(better.views).tolist())) < MIN_CONFIRMING_VIEWS:
-        console.print("[bold]Not decided:[/bold] there are too few views to confirm a cause.")
-    else:
-        console.print(
-            "[bold]Nothing found:[/bold] no effect that is known here improves held-out views"
-            " beyond chance."
-        )
+    console.print(finding.headline, style="bold")
     console.print(_errors(finding))
     accepted = better.history.diagnosis.accepted if better.history.diagnosis else ()
     effects = {effect.name: effect for effect in accepted}

@@ -154,6 +154,7 @@ def diagnose(
         formulas=formulas,
         differing=differing,
         given_held_out_px=given_held_out,
+        decided=count >= MIN_CONFIRMING_VIEWS,
         base_quality=Quality(base_residuals.rms_px, base_residuals.rmse_cm, base_held_out),
         final_quality=Quality(residuals_left.rms_px, residuals_left.rmse_cm, held_out),
         unexplained=_unexplained(residuals_left, noise, observations, state.joint),

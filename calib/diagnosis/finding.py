@@ -128,6 +128,17 @@ class Diagnosis:
     evaluate` measures it. None without such views. `base_quality` is that of the same calibration
     fitted again, without the bend of the board that its fit found.
     """
+    decided: bool = True
+    """False if there were too few views to confirm any effect."""
+
+    @property
+    def headline(self) -> str:
+        """What was found, in one sentence."""
+        if self.accepted:
+            return f"Found: {', '.join(self.accepted)}."
+        if not self.decided:
+            return "Not decided: there are too few views to confirm a cause."
+        return "Nothing found: no effect that is known here improves held-out views beyond chance."
 
     def table(self) -> Table:
         """Return the errors before and after, and the accepted effects, as a table."""
@@ -147,7 +158,7 @@ class Diagnosis:
         )
         sections = (
             TableSection("errors", "Error (root mean square)", errors),
-            TableSection("effects", "Found" if effects else "Nothing found", effects),
+            TableSection("effects", self.headline.split(":")[0], effects),
         )
         columns = ("", "fitted views", "held-out views", "estimate")
         return Table("Diagnosis", columns, sections)
@@ -172,6 +183,7 @@ class Diagnosis:
             "families": [asdict(family) for family in self.families],
             "differs": self.differing.as_json() if self.differing else None,
             "formulas": [asdict(formula) for formula in self.formulas],
+            "decided": self.decided,
             "given": {"held_out_px": self.given_held_out_px},
             "before": base_quality,
             "after": final_quality,

@@ -73,13 +73,9 @@ def as_text(
         words: the description of an effect, by its name.
     """
     without, with_effects = finding.base_quality, finding.final_quality
-    accepted = (
-        ", ".join(finding.accepted)
-        or "nothing: no effect that is known here improves held-out views beyond chance"
-    )
     column_title = "with it" if len(finding.accepted) < 2 else "with them"
     lines = [
-        f"Found: {accepted}.",
+        fill(finding.headline, 78),
         "",
         f"{'error (root mean square)':<26}{'without':>12}{column_title:>12}",
     ]

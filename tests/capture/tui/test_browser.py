@@ -72,7 +72,7 @@ async def _from_nothing(address: str, session: Path, size: tuple[int, int], fold
         await browser.see("The error fell from 0.4")
         await _keep(browser, size, "6-results")
         await browser.press("e")
-        await browser.see("Found: nothing")
+        await browser.see("Nothing found")
         await _keep(browser, size, "7-effects")
         await browser.press("Escape")
         await browser.see("Views, the worst first")

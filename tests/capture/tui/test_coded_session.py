@@ -36,4 +36,4 @@ async def _from_its_description(session: Path, name: str) -> None:
         await pilot.press("f")
         await see(pilot, "The error fell from")
         await pilot.press("e")
-        await see(pilot, "Found: nothing")
+        await see(pilot, "Nothing found")

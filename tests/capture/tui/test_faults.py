@@ -121,7 +121,7 @@ async def _killed_search(session: Path) -> None:
             " to look again",
         )
         await pilot.press("e")
-        await see(pilot, "Found: nothing")
+        await see(pilot, "Nothing found")
         await pilot.press("escape")
         await see(pilot, "Views, the worst first")
 

@@ -146,7 +146,7 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await _keep(phone, "6-report")
         assert await phone.evaluate(FETCH % 0) == "200 text/html"
         await phone.press("e")
-        await phone.see("Found: nothing")
+        await phone.see("Nothing found")
         await _keep(phone, "8-effects")
         await phone.press("escape")
         await phone.press("x")
