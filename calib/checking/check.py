@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.checking.changes import changes_of
@@ -29,6 +28,7 @@ from calib.checking.posterior_predictive import PosteriorPredictive
 from calib.checking.prior import CalibrationPrior
 from calib.checking.result import Change, CheckResult, CheckStatistics, CheckStatus
 from calib.checking.significance import Significance, significance
+from calib.corners.copies import count_fitted
 from calib.corners.view import RejectedPicture, View
 from calib.effects.effect import Effect
 from calib.errors import InputError
@@ -60,8 +60,6 @@ NOISE_CHANGE = 1.3
 OUT_OF_REACH = 3.0
 """The ratio of its error to the best error above which a change cannot be the most probable."""
 STAGES = 3
-SAME_PICTURE_PX = 0.01
-"""The largest difference in px between the corners of one picture, read twice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +104,9 @@ class Checker:
             result = self._check(pictures, advance)
         advance(STAGES, "")
         assert result.statistics
-        statistics = replace(result.statistics, reused_views=self._reused_views(pictures.views))
+        statistics = replace(
+            result.statistics, reused_views=count_fitted(pictures.views, self.calibration.views)
+        )
         return replace(result, statistics=statistics)
 
     def _check(self, pictures: Pictures, advance: Callable[[int, str], None]) -> CheckResult:
@@ -175,13 +175,6 @@ class Checker:
     def _noise_px(self, variance_ratio: float) -> float:
         """Return the two-dimensional noise in px for a ratio of variances to the calibration's."""
         return float(2**0.5 * self.prior.sigma * variance_ratio**0.5)
-
-    def _reused_views(self, views: tuple[View, ...]) -> int:
-        """Return how many of these views have the corners of a view of the calibration."""
-        return sum(
-            any(_same_corners(view.corners, fitted.corners) for fitted in self.calibration.views)
-            for view in views
-        )
 
     def _ranking(
         self,
@@ -267,10 +260,3 @@ def check(
 ) -> CheckResult:
     """Check a calibration by pictures, as `Checker.check` does."""
     return Checker.of(calibration).check(pictures, progress)
-
-
-def _same_corners(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
-    """Return True if corners are those of one picture; noise separates those of two pictures."""
-    return first.shape == second.shape and bool(
-        np.nanmax(np.abs(first - second), initial=0.0) < SAME_PICTURE_PX
-    )

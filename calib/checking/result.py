@@ -133,6 +133,13 @@ class CheckResult:
     """
 
     @property
+    def sentence(self) -> str:
+        """The status in words."""
+        if self.status is CheckStatus.VALID and not self.has_new_views:
+            return "Not checked: the calibration was made from these pictures."
+        return self.status.sentence
+
+    @property
     def has_new_views(self) -> bool:
         """True if a view was tested that the calibration was not fitted to."""
         return self.statistics is not None and (

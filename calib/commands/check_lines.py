@@ -28,7 +28,7 @@ def print_result(
 ) -> None:
     """Print the status, its reasons, the changes, the updated numbers and the next command."""
     console = Console(markup=False, highlight=False, soft_wrap=True)
-    console.print(result.status.sentence, style="bold")
+    console.print(result.sentence, style="bold")
     for line in result_lines(result, numbers):
         console.print(line)
     for path in written:
@@ -40,14 +40,15 @@ def next_command(
     result: CheckResult, calibration: Path, pictures: Sequence[Path], *, updated: bool
 ) -> str:
     """Return the command to type next: a diagnosis of a calibration that lacks an effect; a new
-    recording if the calibration is not valid and the pictures are a recorded session's; otherwise
-    a report.
+    recording if the pictures are a recorded session's, and the calibration is not valid or was
+    fitted to all of them; otherwise a report.
     """
     if result.lacking and not updated:
         return f"calib diagnose {shlex.quote(str(calibration))}"
     session = pictures[0]
     is_recorded = (session / "session.yaml").is_file() and (session / "frames").is_dir()
-    if updated or result.status is CheckStatus.VALID or not is_recorded:
+    is_checked = result.status is CheckStatus.VALID and result.has_new_views
+    if updated or is_checked or not is_recorded:
         return f"calib report {shlex.quote(str(calibration))}"
     if not session.name.strip("."):  # "." and ".." are not names
         session = session.resolve()

@@ -202,13 +202,14 @@ def print_evaluation(evaluation: Evaluation, fitted_px: float | None, *, wide: b
     """Print the held-out error, in total and by depth, or by distance for a wide lens, and the
     error of the fitted views, px. An immersed calibration has no fitted views: None.
     """
+    kind = "these" if evaluation.fitted_views else "held-out"
     console = Console()
     table = Table(
         "distance" if wide else "depth",
         "corners",
         "reprojection error",
         "on the board",
-        title="Error on held-out views (root mean square)",
+        title=f"Error on {kind} views (root mean square)",
     )
     for column in table.columns[1:]:
         column.justify = "right"

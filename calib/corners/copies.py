@@ -15,6 +15,10 @@ STILL_PX = 0.5
 """px, root mean square distance of the corners in two pictures of a board that did not move: the
 noise of corners makes 0.1 to 0.2, and a hand moves a board by more.
 """
+SAME_PICTURE_PX = 0.01
+"""px, the largest difference between the corners of one picture, read twice; noise separates those
+of two pictures.
+"""
 MIN_COMMON = 0.5
 """Part of the corners of either view that both must show."""
 
@@ -31,6 +35,13 @@ def split_copies(views: Sequence[View]) -> tuple[tuple[View, ...], tuple[Rejecte
             reason = f"a copy of {first.name}, which counts once"
             copies.append(RejectedPicture(view.name, reason))
     return tuple(originals.values()), tuple(copies)
+
+
+def count_fitted(views: Sequence[View], fitted_views: Sequence[View]) -> int:
+    """Return how many of these views have the corners of a fitted view."""
+    return sum(
+        any(_is_same(view.corners, fitted.corners) for fitted in fitted_views) for view in views
+    )
 
 
 def join_still_poses(views: Sequence[View]) -> tuple[View, ...]:
@@ -68,6 +79,12 @@ def describe_still(views: Sequence[View]) -> tuple[str, ...]:
         f"In {len(joined)} picture{'s' * several} the board stands still where an earlier one"
         f" shows it ({', '.join(joined[:10])}{' ...' * (len(joined) > 10)}):"
         f" {'they count' if several else 'it counts'} as one view with that.",
+    )
+
+
+def _is_same(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
+    return first.shape == second.shape and bool(
+        np.nanmax(np.abs(first - second), initial=0.0) < SAME_PICTURE_PX
     )
 
 

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from calib.calibration import Calibration, CalibrationSource
+from calib.corners.copies import count_fitted
 from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture
 from calib.effects.board_shape import BoardShape
@@ -74,6 +75,8 @@ class Evaluation:
     """The views with outlying errors, the worst first; they count in `rms_px` all the same."""
     other_views_rms_px: float | None = None
     """The error of the views without the bad ones; None if there are none."""
+    fitted_views: int = 0
+    """The number of views that the calibration was fitted to, which are no test of it."""
 
 
 def evaluate(
@@ -152,6 +155,7 @@ def evaluate(
         rejected=(*left_out, *rejected, *unusable, *poseless),
         bad_views=tuple(sorted(bad_views, key=lambda view: -view.rms_px)),
         other_views_rms_px=other_views.rms_px if bad_views else None,
+        fitted_views=count_fitted(views, calibration.views),
     )
 
 

@@ -28,6 +28,13 @@ def held_out(case: Case) -> Iterator[Reason]:
     if not evaluation:
         return
     near, far = case.reach
+    if count := evaluation.fitted_views:
+        which = "all of" if count == evaluation.frames_used else f"{count} of"
+        sentence = (
+            f"the calibration was fitted to {which} these views, so their error is no test: take"
+            " new pictures, or leave some out of the fit."
+        )
+        yield Reason(sentence, case.next.evaluate())
     nearest, farthest = trusted_depths(near, far)
     extrapolated = evaluation.near_m < nearest or evaluation.far_m > farthest
     error = evaluation.rms_px

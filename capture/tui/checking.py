@@ -42,7 +42,7 @@ def check_calibration(
     text = "\n\n".join(result_lines(result, numbers))
     return {
         "word": result.status.value,
-        "sentence": result.status.sentence,
+        "sentence": result.sentence,
         "text": text,
         "usable": bool(check_views.views) and is_updatable(result),
         "known": result.statistics is not None and not result.has_new_views,

@@ -77,6 +77,10 @@ def test_a_valid_calibration_exits_with_0(
     assert output.startswith("The calibration is valid.\n- the error on 3 views is 0.1")
     assert "px are expected" in output
     assert f"Next: calib report {saved}" in output
+    fitted = session(tmp_path / "fitted", checker.calibration, checker.calibration.views)
+    assert main(["check", str(saved), str(fitted)]) == 0
+    output = capsys.readouterr().out
+    assert output.startswith("Not checked: the calibration was made from these pictures.")
 
 
 @pytest.mark.slow

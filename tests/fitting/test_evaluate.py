@@ -36,6 +36,7 @@ def test_json_keeps_the_contract(
         "far_m",
         "bad_views",
         "other_views_rms_px",
+        "fitted_views",
         "camera",
         "cover",
         "board",
@@ -50,6 +51,7 @@ def test_json_keeps_the_contract(
         <= answer["by_depth"][-1]["to_m"]
     )
     assert answer["frames_used"] == 6
+    assert answer["fitted_views"] == 0
     assert all(
         set(band) == {"from_m", "to_m", "rms_px", "rmse_cm", "corners"}
         for band in answer["by_depth"]
@@ -86,6 +88,8 @@ def test_the_table_names_every_band(fitted: Path, capsys: pytest.CaptureFixture[
     assert "0.5 to 1 m" in out
     assert "12 views, their poses refitted." in out
     assert "The views of the fit have " in out
+    assert "held-out" not in out
+    assert "fitted to all of these views, so their error is no test" in " ".join(out.split())
 
 
 def test_another_camera_mode_is_refused(
