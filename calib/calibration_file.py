@@ -198,7 +198,7 @@ def _where_to_find(path: FilePath) -> str:
     """Return advice for a calibration.yaml that does not exist."""
     folder = path.parent
     if (folder / "calibration" / path.name).is_file():
-        return f"the session's is {folder / 'calibration'}"
+        return f"{folder} is a session; its calibration is {folder / 'calibration'}"
     if path.stem != "calibration":
         return "give the folder that calib fit wrote"
     if (folder / "session.yaml").is_file():

@@ -130,7 +130,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     stored = shutil.ignore_patterns(".detections.json", "calibration")
     for name in ("bumps", "bow"):
         shutil.copytree(ROOT / "fixtures" / name, folder / "fixtures" / name, ignore=stored)
-    for name in ("SESSION", "OTHER", "HOLDOUT", "first", "sessions/A17", "sessions/A18"):
+    for name in ("SESSION", "OTHER", "HOLDOUT", "pi", "sessions/A17", "sessions/A18"):
         shutil.copytree(FIXTURE / "holdout", folder / name, ignore=stored)
     shutil.copytree(FIXTURE / "holdout" / "frames", folder / "PICTURES", ignore=stored)
     (folder / "fleet.csv").write_text("id,session\nA17,sessions/A17\nA18,sessions/A18\n")

@@ -168,12 +168,12 @@ def _heavy_views(calibration: Calibration) -> Iterator[str]:
     """Yield a line on the views that the fit depends on most, if there are any."""
     uncertainty = calibration.outcome.uncertainty
     views = dict(uncertainty.heavy_views) if uncertainty else {}
-    shares = [f"{name} gives {100 * share:.0f} %" for name, share in views.items()]
+    shares = [f"{name} ({100 * share:.0f} %)" for name, share in views.items()]
     if shares:
-        pronoun = "them" if shares[1:] else "it"
+        count = "one picture" if len(shares) == 1 else f"{len(shares)} pictures"
         yield (
-            f"{' and '.join(shares)} of what the fit learns from all pictures. To depend less on"
-            f" {pronoun}, take more pictures with the board in about that place."
+            f"The result depends much on {count}: {', '.join(shares)} of what the fit learns from"
+            " all. Take more pictures with the board in about that place."
         )
 
 

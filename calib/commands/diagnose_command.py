@@ -74,7 +74,9 @@ def run(args: argparse.Namespace) -> None:
                 written.append(write_report(better, files, bars, before=calibration))
         finally:  # if the report fails, the finding is still written and printed
             files.commit(instead_of=DERIVED)
-            verdict = judge(better, folder=output)
+            # where nothing was found, the calibration as it was given is the one to use
+            used = output if finding.accepted else folder_of(args.calibration)
+            verdict = judge(better, folder=used)
             if args.json:
                 print_json(
                     finding.as_json()

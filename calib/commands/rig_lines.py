@@ -98,7 +98,7 @@ def print_rig(rig: Rig, seconds: float) -> None:
     for baseline in rig.baselines:
         _print(
             console,
-            f"{baseline.first} to {baseline.second}: {1000 * baseline.metres:.3f} +-"
+            f"{baseline.first} to {baseline.second}: {1000 * baseline.metres:.3f} ±"
             f" {1000 * baseline.sigma:.3f} mm.",
         )
     for name, views in rig.record.turned.items():
@@ -193,7 +193,7 @@ def print_depth(picture: DepthPicture) -> None:
     _print(
         console,
         f"{100 * measured.mean():.0f} % of the pixels have a depth, in the middle"
-        f" {np.median(picture.depth[measured]):.3f} m +-"
+        f" {np.median(picture.depth[measured]):.3f} m ±"
         f" {1000 * np.median(picture.sigma[measured]):.1f} mm.",
     )
 

@@ -30,9 +30,7 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
         console.print(harmless(f"- {reason.sentence}"))
     for note in verdict.notes:
         console.print(harmless(f"Note: {note}"))
-    # a fit that is repeated unchanged gives the same: the reason above says what to change
-    condition = ", once that is done" if verdict.next.startswith("calib fit ") else ""
-    console.print(harmless(f"Next{condition}: {runnable_command(verdict.next)}"))
+    console.print(harmless(f"{verdict.next_label}: {runnable_command(verdict.next)}"))
     commands: list[str] = []
     if verdict.word is not Trust.DO_NOT_USE:
         commands = [command for command in further if command != verdict.next]

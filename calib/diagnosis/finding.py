@@ -30,8 +30,8 @@ class ParameterEstimate:
 
 
 PLAIN = {
-    "absorbed": "fitted numbers imitate it",
-    "not asked for": "nothing points to it",
+    "absorbed": "not told apart from what the fit estimates",
+    "not asked for": "no sign of it in the error",
     "not finite": "cannot be fitted",
     "not possible": "would have to be larger than is possible",
 }

@@ -79,8 +79,8 @@ class Outcome(Enum):
         " numbers."
     )
     STUCK = (
-        "No step of any length lowers the error: the start is too far away, or the model does not"
-        " fit these data."
+        "The fit got stuck: no step lowers the error. The numbers that it started from are too far"
+        " off, or camera, cover or board are of another kind."
     )
 
 

@@ -37,8 +37,8 @@ NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined
 CONTRADICTED = "contradicted"
 ANY_SHAPE = "any shape"
 NOTES = {
-    NOT_FITTED: "the fit kept this number as declared.",
-    CORRECTED: "the calibrated number is over 3 of its sigmas from the declared one.",
+    NOT_FITTED: "kept at the value that you gave, or at the default.",
+    CORRECTED: "the pictures know this number better than you did, by over 3 sigmas.",
     UNDETERMINED: "you gave no value, and these pictures do not determine it.",
     CONTRADICTED: "the pictures do not agree with the declared number.",
     ANY_SHAPE: "sigma is for all shapes of the cover that fit these pictures.",

@@ -65,7 +65,7 @@ def fleet_page(fleet: Fleet, name: str) -> str:
         style,
         header,
         body,
-        good=not fleet.findings,
+        colour="care" if fleet.findings else "good",
         scripts=Scripts.of(_data(fleet), FLEET) if fleet.charts else None,
     )
 

@@ -143,7 +143,8 @@ def _in_folder(folder: Path, words: str) -> NamedPictures:
     if is_inner and not described:
         session = shlex.quote(str(folder.parent))
         raise InputError(
-            f"{folder} holds pictures of the session around it: give that, calib fit {session}"
+            f"{folder} belongs to the session {folder.parent}: type calib fit {session},"
+            " or copy the pictures elsewhere to describe them anew."
         )
     pictures = session_pictures(folder)
     if not pictures and not described:

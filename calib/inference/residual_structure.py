@@ -179,7 +179,7 @@ ORGANISERS: dict[str, Callable[[ResidualScene], Basis]] = {
 ORGANISER_WORDS = {
     "image": "the place in the picture",
     "board": "the place on the board",
-    "row x motion": "picture row and board motion",
+    "row x motion": "the row of the picture and the motion of the board",
     "view and time": "time",
     "incidence x depth": "depth and the angle of incidence",
     "sub-pixel phase": "the place within a pixel",

@@ -45,11 +45,10 @@ def distortion_by_depth(evidence: Evidence) -> Drawing | None:
     return Drawing(
         "by-depth",
         "The distortion by inverse depth",
-        "The lines are the length of the distortion at four pixels, and its mean; the numbers are"
-        " the change over the whole axis. The x and y components are exact straight lines. Shaded:"
-        " the depths of the corners. The picture marks the four pixels, and shows how far the"
-        " undistorted pixel moves when 1/depth changes by one. Where this is large, a map needs"
-        " the right depth.",
+        "The lines are the length of the distortion at four pixels, and its mean. Each number is"
+        " the change from the left to the right end of the axis. Shaded: the depths of the corners."
+        " The picture marks the four pixels, and shows how far the undistorted pixel moves when"
+        " 1/depth changes by one. Where this is large, a map needs the right depth.",
         {
             "x": x,
             "y": y,

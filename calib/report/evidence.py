@@ -145,11 +145,12 @@ class Evidence:
         """
         assert self.sigma
         fields = np.stack([self.sigma_at_nodes(depth) for depth in depths])  # (D, h, w) px
-        _, row, column = np.unravel_index(np.nanargmax(fields), fields.shape)
+        layer, row, column = np.unravel_index(np.nanargmax(fields), fields.shape)
         camera = self.calibration.camera
         x, y = self.sigma.nodes_x[column], self.sigma.nodes_y[row]
         region = picture_region(float(x) / camera.width, float(y) / camera.height)
-        return f"{np.nanmax(fields):.2g} px {region}"
+        depth = f" at {depths[int(layer)]:g} m" if len(depths) > 1 else ""
+        return f"{np.nanmax(fields):.2g} px {region}{depth}"
 
     def sigma_at_corners(self, depth: float) -> Array:
         """Return (n,) px, the standard deviation of the map of a depth (m) at the training corners

@@ -11,6 +11,7 @@ from calib.report.again import pasted
 from calib.report.scripts import Scripts
 from calib.report.summary import Summary
 from calib.report.tiles import tiles_html
+from calib.verdict.verdict import Trust, Verdict
 
 NOTHING_FROM_OUTSIDE = (
     "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src"
@@ -24,6 +25,10 @@ UNITS = "px|mm|µm|m|cm|mrad|rad|deg|ms|s|times|tolerances"
 IN_NUMBER = rf"(?<=\d) (?=(?:{UNITS})\b|%|±)|(?<=±) (?=[\d-])"
 """The spaces between a number, its standard deviation and its unit."""
 NO_BREAK = "\N{NO-BREAK SPACE}"
+
+
+COLOURS = {Trust.TRUSTED: "good", Trust.CARE: "care", Trust.DO_NOT_USE: "bad"}
+"""The class of a header, which gives its colour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,20 +47,18 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection], script
     )
     lead = "".join(f"<li>{escape(sentence)}</li>" for sentence in summary.sentences)
     verdict = summary.verdict
-    reasons = "".join(f"<li>{escape(reason.sentence)}</li>" for reason in verdict.reasons)
     body = "".join(
         f'<section id="{section.name}"><h2'
         f' id="{section.name}-title">{escape(section.title)}</h2>{section.html}</section>'
         for section in sections
     )
-    listed = f"<ul>{reasons}</ul>" if reasons else ""
     notes = "".join(f"<p>Note: {escape(note)}</p>" for note in verdict.notes)
     header = f"""<p class="over">Refracal calibration report</p>
 <h1>{escape(verdict.word.sentence.removesuffix("."))}</h1>
 {tiles_html(summary.tiles)}
 <ul class="lead">{lead}</ul>
-{listed}{notes}
-<p>Next: <code>{escape(pasted(shlex.split(verdict.next)))}</code></p>
+{_reasons_html(verdict)}{notes}
+<p>{verdict.next_label}: <code>{escape(pasted(shlex.split(verdict.next)))}</code></p>
 <nav>{contents}</nav>
 <noscript><p>The figures need JavaScript, which this browser does not run. The verdict, the tables
 and the pictures are here without it.</p></noscript>"""
@@ -64,8 +67,24 @@ and the pictures are here without it.</p></noscript>"""
         style,
         header,
         body,
-        good=not verdict.reasons,
+        colour=COLOURS[verdict.word],
         scripts=scripts,
+    )
+
+
+def _reasons_html(verdict: Verdict) -> str:
+    """Return the reasons. Of a calibration that must not be used, those that forbid it are bold,
+    and the others, which they may explain, are folded.
+    """
+    grave = [reason for reason in verdict.reasons if reason.word is Trust.DO_NOT_USE]
+    further = [reason for reason in verdict.reasons if reason not in grave]
+    lines = [f"<li><strong>{escape(reason.capitalised)}</strong></li>" for reason in grave]
+    items = [f"<li>{escape(reason.capitalised)}</li>" for reason in further]
+    if not grave or not further:
+        return f"<ul>{''.join(lines + items)}</ul>" if verdict.reasons else ""
+    return (
+        f"<ul>{''.join(lines)}</ul><details><summary>Further reasons, which this may"
+        f" explain</summary><ul>{''.join(items)}</ul></details>"
     )
 
 
@@ -80,13 +99,13 @@ def keep_numbers(html: str) -> str:
 
 
 def document(
-    title: str, style: str, header: str, body: str, *, good: bool, scripts: Scripts | None = None
+    title: str, style: str, header: str, body: str, *, colour: str, scripts: Scripts | None = None
 ) -> str:
     """Return an HTML file that loads nothing from outside.
 
     Args:
         title: HTML, as are header and body.
-        good: true if the header has the colour of a trusted result.
+        colour: the class of the header, one of COLOURS.
         scripts: the scripts of the page; None: it runs none.
     """
     allowed = f"; script-src {scripts.policy}" if scripts else ""
@@ -103,7 +122,7 @@ def document(
 {style}</style>
 </head>
 <body>
-<header class="{"good" if good else "care"}">
+<header class="{colour}">
 {keep_numbers(header)}
 </header>
 <main>{keep_numbers(body)}{scripts.html if scripts else ""}</main>

@@ -72,7 +72,7 @@ class GroupMeans:
         """
         count, expected = int(self.significant.sum()), CHANCE * self.judged
         words = "a pattern" if self.is_pattern else "no pattern"
-        compared = f"{count} of {self.judged} means are large, and noise makes {expected:.1f}"
+        compared = f"{count} of {self.judged} means are large; noise alone gives {expected:.1f}"
         if self.is_pattern or count <= expected:
             return f"{words} ({compared})"
         chance = f"{100 * self.probability:.2g} % of sessions"

@@ -60,10 +60,10 @@ def session_in_space(evidence: Evidence) -> Drawing:
     return Drawing(
         "scene",
         "The session in space",
-        f"The camera{cover} and every board where it stood. Turn it by dragging; click into it and"
-        " the wheel comes nearer. A board's colour is its error: blue is the corners' noise, red"
-        " three times as much. Over a board, the rays of"
-        f" {lines} are drawn as they were bent; a click shows its picture.",
+        f"The camera{cover} and every board where it stood. Drag to turn it. Click into it, then"
+        " scroll to zoom. A board's colour is its error: blue is the corners' noise, red three"
+        f" times as much. Point at a board to see the rays of {lines}, bent by the glass. Click it"
+        " to see its picture.",
         {
             "half": [half + board.square for half in board.half],
             "surfaces": surface_meshes(evidence),

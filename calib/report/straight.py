@@ -207,16 +207,19 @@ def _html(evidence: Evidence, view: int, picture: np.ndarray | None) -> str:
         undistorted_url,
         f"Undistorted: corners are {rms:.2g} px (RMS) off straight lines.",
     )
-    scale = f", drawn {factor} times as large" if factor > 1 else ""
+    scale = (
+        f" Bends are drawn {factor} times as large, so the orange lines do not lie on the squares."
+        if factor > 1
+        else ""
+    )
     name = escape(evidence.calibration.views[view].name)
     absent = " The session's pictures were not found: only lines and corners are drawn."
     return (
         f'<div class="pair">{distorted_panel}{undistorted_panel}</div>'
         f"<p>{name}, and the same picture undistorted for the depth of its board, {depth:.2g} m."
-        " Orange: the rows and columns of the board, continued across the picture, as lens and"
-        f" cover show them. Blue: straight lines. The distance between them is the bend{scale}."
-        " Dots: the detected corners, on the same scale, without the bend of the board"
-        f" itself.{absent if picture is None else ''}</p>"
+        f"{scale} Orange: the rows and columns of the board, continued across the picture, as lens"
+        " and cover show them. Blue: straight lines. Dots: the detected corners, on the same scale,"
+        f" without the bend of the board itself.{absent if picture is None else ''}</p>"
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
+from calib.fitting.declared import comparisons
 from calib.fitting.description import describe_bend
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
@@ -78,7 +79,13 @@ def _found(calibration: Calibration) -> str:
 def _subject(evidence: Evidence) -> str:
     calibration = evidence.calibration
     covered = calibration.cover.shape != "none"
-    behind = f" behind {' and '.join(map(_glass, calibration.cover.covers))}" if covered else ""
+    undetermined = any(
+        number.is_open and THICKNESS in number.name for number in comparisons(calibration)
+    )
+    behind = ""
+    if covered:
+        glass = (_glass(cover, undetermined=undetermined) for cover in calibration.cover.covers)
+        behind = f" behind {' and '.join(glass)}"
     board = calibration.board
     near, far = evidence.reach
     size = f"{calibration.camera.width}x{calibration.camera.height}"
@@ -98,14 +105,15 @@ def _subject(evidence: Evidence) -> str:
     )
 
 
-def _glass(cover: Cover) -> str:
-    """Return the words for a cover and its glass."""
+def _glass(cover: Cover, *, undetermined: bool) -> str:
+    """Return the words for a cover and its glass, without a thickness that is undetermined."""
     layers = range(1, cover.layers + 1)
     thickness = sum(cover.parameters[layer_number(layer, THICKNESS)].value for layer in layers)
     indices = [f"{cover.parameters[layer_number(layer, INDEX)].value:.4g}" for layer in layers]
     *inner, last = indices
     index = f"index {last}" if not inner else f"indices {', '.join(inner)} and {last}"
-    return f"{cover.single_words} ({1e3 * thickness:.3g} mm thick, {index})"
+    thick = "of unknown thickness" if undetermined else f"{1e3 * thickness:.3g} mm thick"
+    return f"{cover.single_words} ({thick}, {index})"
 
 
 def _fit(evidence: Evidence, verdict: Verdict) -> str:

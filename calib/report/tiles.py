@@ -81,4 +81,6 @@ def _scale(evidence: Evidence) -> Iterator[Tile]:
 def _origin(number: Comparison) -> str:
     if number.held:
         return "not fitted"
-    return "estimated from the views" if number.source == VIEWS else f"declared {number.stated}"
+    if number.source == VIEWS or number.unknown:
+        return "estimated from the views"
+    return f"declared {number.stated}"

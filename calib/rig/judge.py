@@ -149,7 +149,7 @@ def uncertain_baselines(case: RigCase) -> Iterator[Reason]:
         if case.rig.covariance.size and is_first and relative > MAX_BASELINE_SIGMA:
             yield Reason(
                 f"the distance from {baseline.first} to {baseline.second} is"
-                f" {1000 * baseline.metres:.2f} +- {1000 * baseline.sigma:.2f} mm: add pictures of"
+                f" {1000 * baseline.metres:.2f} ± {1000 * baseline.sigma:.2f} mm: add pictures of"
                 " the board near and tilted, which both see.",
                 case.fit_command,
             )

@@ -16,7 +16,7 @@ from calib.io.file_set import FileSet
 from calib.report.chart import border_pixels
 from calib.report.evidence import Evidence, gather_evidence
 from calib.report.figure import Drawing
-from calib.report.page import PageSection, document
+from calib.report.page import COLOURS, PageSection, document
 from calib.report.scene import session_in_space, surface_meshes, ways
 from calib.report.scripts import RIG, Scripts
 from calib.report.write import NAME, page_data
@@ -41,13 +41,13 @@ def write_rig_report(rig: Rig, verdict: Verdict, output: FileSet) -> Path:
     body = "".join(
         f'<section id="{s.name}"><h2>{escape(s.title)}</h2>{s.html}</section>' for s in sections
     )
-    reasons = "".join(f"<li>{escape(reason.sentence)}</li>" for reason in verdict.reasons)
+    reasons = "".join(f"<li>{escape(reason.capitalised)}</li>" for reason in verdict.reasons)
     header = (
         '<p class="over">Refracal rig report</p>'
         f"<h1>{escape(verdict.word.sentence.removesuffix('.'))}</h1>"
         f'<p class="lead">{len(rig.names)} cameras and {len(rig.placements)} placements of the'
         f" board.</p>{f'<ul>{reasons}</ul>' if reasons else ''}"
-        f"<p>Next: <code>{escape(verdict.next)}</code></p><nav>{contents}</nav>"
+        f"<p>{verdict.next_label}: <code>{escape(verdict.next)}</code></p><nav>{contents}</nav>"
     )
     style = files("calib.report").joinpath("style.css").read_text(encoding="utf-8")
     text = document(
@@ -55,7 +55,7 @@ def write_rig_report(rig: Rig, verdict: Verdict, output: FileSet) -> Path:
         style,
         header,
         body,
-        good=not verdict.reasons,
+        colour=COLOURS[verdict.word],
         scripts=Scripts.of(page_data(reference, [scene]), RIG),
     )
     return output.write(NAME, text)
@@ -71,7 +71,7 @@ def rig_in_space(rig: Rig, evidence: dict[str, Evidence]) -> Drawing:
         scene,
         title="The rig in space",
         caption="The cameras, their covers as fitted, and every board that the reference saw, where"
-        " it stood. Turn it by dragging; click into it and the wheel comes nearer. A board's"
+        " it stood. Drag to turn it. Click into it, then scroll to zoom. A board's"
         " colour is its error in the reference: blue is the corners' noise, red three times as"
         " much.",
         data={**scene.data, "name": rig.reference, "others": others},

@@ -123,8 +123,8 @@ def judge(
 
 
 def _reasons(case: Case) -> tuple[Reason, ...]:
-    """Return the reasons of all checks. A check that fails by a bug is itself a reason, so that a
-    calibration keeps its report and the other checks.
+    """Return the reasons of all checks, the gravest first. A check that fails by a bug is itself a
+    reason, so that a calibration keeps its report and the other checks.
     """
     reasons: list[Reason] = []
     bugs: dict[str, Reason] = {}
@@ -142,4 +142,5 @@ def _reasons(case: Case) -> tuple[Reason, ...]:
                 " again with REFRACAL_TRACEBACK=1 and report what it prints."
             )
             bugs.setdefault(bug, Reason(sentence, case.next.report()))
+    reasons.sort(key=lambda reason: -reason.word.gravity)
     return (*reasons, *bugs.values())

@@ -52,12 +52,13 @@ def _more_probable(case: Case, stated: float) -> Iterator[Reason]:
     if log_odds <= OTHER_MEDIUM_LOG_ODDS:
         return
     name = max(odds, key=odds.__getitem__)
+    power = int(log_odds / math.log(10))
+    times = f"10^{power}" if power < MAX_POWER else f"more than 10^{MAX_POWER}"
     sentence = (
-        f"the pictures were probably taken in {name}: with {name} outside of the cover they are"
-        f" 10^{min(int(log_odds / math.log(10)), MAX_POWER)} times as probable as with"
-        f" {medium_word(stated)}. If so, write outside_index: {MEDIA[name]:g} under cover in"
-        f" session.yaml, or add --outside-index {MEDIA[name]:g}. If not, the cover is of another"
-        " shape or size than declared."
+        f"the pictures were almost certainly taken in {name}: with {name} outside of the cover they"
+        f" are {times} times as probable as with {medium_word(stated)}. If so, write outside_index:"
+        f" {MEDIA[name]:g} under cover in session.yaml, or add --outside-index {MEDIA[name]:g}. If"
+        " not, the cover is of another shape or size than declared."
     )
     suspects = (case.calibration.declared.cover.medium_name,)
     yield Reason(sentence, case.next.fit(), suspects, Trust.DO_NOT_USE)

@@ -53,12 +53,15 @@ def residual(case: Case) -> Iterator[Reason]:
     if organised:
         share = organised[0]
         sentence += (
-            f"; {100 * share.fraction:.0f} % of it follows {ORGANISER_WORDS[share.organised_by]},"
-            f" where chance alone gives {100 * share.chance:.0f} %"
+            f"; {100 * share.fraction:.0f} % of it changes with"
+            f" {ORGANISER_WORDS[share.organised_by]}, where chance alone gives"
+            f" {100 * share.chance:.0f} %"
         )
     if likely:
         effects = (
-            f"{effect.name}, which would lower it by {100 * gain:.0f} %" for effect, gain in likely
+            f"{effect.name} ({_uncapitalised(effect.description)}), which would lower the error by"
+            f" {100 * gain:.0f} %"
+            for effect, gain in likely
         )
         sentence += f": it may be {', or '.join(effects)}."
     else:
@@ -70,6 +73,10 @@ def residual(case: Case) -> Iterator[Reason]:
     diagnosed = case.calibration.history.diagnosis is not None
     suspects = tuple(dict.fromkeys(name for effect, _ in likely for name in suspects_of(effect)))
     yield Reason(sentence, case.next.report() if diagnosed else case.next.diagnose(), suspects)
+
+
+def _uncapitalised(description: str) -> str:
+    return description[0].lower() + description[1:].removesuffix(".")
 
 
 def beyond_noise(case: Case) -> bool:

@@ -1,4 +1,4 @@
-"""The thresholds of the checks with their reasons, which docs/verdict.md shows to readers."""
+"""The thresholds of the checks with their reasons, shown to readers in docs/verdict-checks.md."""
 
 STATIONARY = 0.3
 """Standard deviations from the optimum, within which a fit that ended early has converged for all

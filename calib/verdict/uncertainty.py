@@ -43,8 +43,8 @@ def too_few_views(case: Case) -> Iterator[Reason]:
     poses = int(pose_labels(calibration.views).max()) + 1
     if poses < required:
         sentence = (
-            f"{poses} poses of the board are few for {unknowns} unknown numbers of camera and"
-            f" glass: it takes at least {required}."
+            f"{poses} poses of the board are too few: {unknowns} unknown numbers of camera and"
+            f" glass need at least {required}. Take {required - poses} more, tilted."
         )
         yield Reason(sentence, case.next.capture())
     elif poses < MIN_FIT_VIEWS:

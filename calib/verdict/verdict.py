@@ -41,6 +41,12 @@ class Reason:
     """Suspected numbers, by the names of `calib.fitting.declared`, or effects."""
     word: Trust = Trust.CARE
 
+    @property
+    def capitalised(self) -> str:
+        """The sentence with a capital, unless it begins with a name such as cover.thickness."""
+        first = self.sentence.split()[0]
+        return self.sentence if "." in first else self.sentence[0].upper() + self.sentence[1:]
+
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
@@ -74,6 +80,13 @@ class Verdict:
         return self._gravest.next if self._gravest else self.use
 
     @property
+    def next_label(self) -> str:
+        """The words before the next command. A fit that is repeated unchanged gives the same, so
+        the gravest reason, which says what to change, comes first.
+        """
+        return "Next, once that is done" if self.next.startswith("calib fit ") else "Next"
+
+    @property
     def _gravest(self) -> Reason | None:
         return max(self.reasons, key=lambda reason: reason.word.gravity, default=None)
 
@@ -89,7 +102,7 @@ class Verdict:
     @property
     def sentences(self) -> list[str]:
         """The grade and the reasons, without commands."""
-        return [self.word.sentence, *(_capitalised(reason.sentence) for reason in self.reasons)]
+        return [self.word.sentence, *(reason.capitalised for reason in self.reasons)]
 
     def __str__(self) -> str:
         return " ".join(self.sentences)
@@ -100,11 +113,5 @@ class Verdict:
         notes = "".join(f"<p>Note: {escape(note)}</p>" for note in self.notes)
         return (
             f"<p><b>{escape(self.word.sentence)}</b></p><ul>{reasons}</ul>{notes}"
-            f"<p>Next: <code>{escape(self.next)}</code></p>"
+            f"<p>{self.next_label}: <code>{escape(self.next)}</code></p>"
         )
-
-
-def _capitalised(sentence: str) -> str:
-    """Capitalise a sentence, unless it begins with a name such as cover.thickness."""
-    first = sentence.split()[0]
-    return sentence if "." in first else sentence[0].upper() + sentence[1:]

@@ -97,7 +97,7 @@ def test_fit_json_carries_the_verdict_and_the_written_files(
     assert isinstance(verdict, dict)
     assert list(verdict) == ["word", "reasons", "suspects", "next"]
     assert verdict["word"] == "care"
-    assert any("6 poses of the board are few" in reason for reason in verdict["reasons"])
+    assert any("6 poses of the board are too few" in reason for reason in verdict["reasons"])
     assert verdict["next"].endswith(str(folder))
 
 
@@ -108,8 +108,9 @@ def test_the_last_lines_are_the_verdict_and_the_next_command(
     assert main(["evaluate", str(out), str(fitted[0])]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert "Take care before you trust it." in lines
-    assert lines[-2].startswith("- ")
-    assert lines[-1] == f"Next: {shlex.join(['capture', str(fitted[0])])}"
+    assert lines[-3].startswith("- ")
+    assert lines[-2] == f"Next: {shlex.join(['calib', 'evaluate', str(out), 'HOLDOUT'])}"
+    assert lines[-1] == HOLDOUT_NOTE
 
 
 @pytest.mark.usefixtures("without_figures")

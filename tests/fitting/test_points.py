@@ -146,7 +146,7 @@ def test_a_report_of_points_has_no_lines_of_a_board(fitted: Path) -> None:
     assert main(["report", str(fitted / "calibration")]) == 0
     page = (fitted / "calibration" / "report.html").read_text(encoding="utf-8")
     assert "views of a flat target:" in page
-    assert "some of its points are drawn" in page
+    assert "the rays of some of its points" in page
     assert "The cover from the side and from above" not in page
 
 

@@ -202,7 +202,7 @@ def test_sections(reported: Reported) -> None:
     names = re.findall(r'<section id="([^"]+)"', reported.html)
     results = ["scene", "coverage", "sigma", "residuals", "board-errors"]
     glass = ["side-view", "distortion", "by-depth", "glass"]
-    assert names == ["straight", *results, "views", "stages", "numbers", *glass, "again"]
+    assert names == ["straight", "numbers", *results, "views", "stages", *glass, "again"]
 
 
 def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> None:

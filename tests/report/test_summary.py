@@ -138,7 +138,7 @@ def test_a_misprinted_board_leaves_a_pattern_over_it(tmp_path: Path) -> None:
         calibrated(scene(5, views=16, noise=0.05, board=Misprinted(9, 9, 0.020)), tmp_path, FAST)
     )
     assert over_board(evidence).is_pattern
-    assert "% of it follows the place on the board" in str(summarise(evidence).verdict)
+    assert "% of it changes with the place on the board" in str(summarise(evidence).verdict)
 
 
 def test_noise_leaves_no_pattern(reported: Reported) -> None:
@@ -151,13 +151,13 @@ def test_noise_leaves_no_pattern(reported: Reported) -> None:
 @pytest.mark.parametrize(
     ("count", "groups", "words"),
     [
-        (0, 166, "no pattern (0 of 166 means are large, and noise makes 1.7)"),
+        (0, 166, "no pattern (0 of 166 means are large; noise alone gives 1.7)"),
         (
             3,
             81,
-            "no pattern (3 of 81 means are large, and noise makes 0.8; as many or more in 4",
+            "no pattern (3 of 81 means are large; noise alone gives 0.8; as many or more in 4",
         ),
-        (30, 166, "a pattern (30 of 166 means are large, and noise makes 1.7)"),
+        (30, 166, "a pattern (30 of 166 means are large; noise alone gives 1.7)"),
     ],
 )
 def test_more_than_chance_is_judged_by_its_probability(count: int, groups: int, words: str) -> None:

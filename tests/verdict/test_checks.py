@@ -400,7 +400,7 @@ def test_views_are_counted_against_the_unknowns(good: Calibration, freed: Calibr
 
     assert not asked(too_few_views, first(good, 8)), "15 of the glass, two a view"
     (reason,) = asked(too_few_views, first(good, 7))
-    assert "it takes at least 8." in reason.sentence
+    assert "need at least 8. Take 1 more, tilted." in reason.sentence
     assert not asked(too_few_views, first(freed, 8)), (
         "12 numbers of camera and cover have tolerances of their own"
     )

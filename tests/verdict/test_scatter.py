@@ -38,4 +38,4 @@ def test_the_fit_says_which_view_decides(
 ) -> None:
     print_fit(with_scatter(good, 1.0, 1.0), 1.0)
     printed = " ".join(capsys.readouterr().out.split())
-    assert "0003.png gives 31 % of what the fit learns from all pictures. To depend" in printed
+    assert "0003.png (31 %) of what the fit learns from all. Take more" in printed

@@ -26,7 +26,7 @@ LAYER = (
         Quantity("refractive_index", low=1, high=3, wide=UNKNOWN_INDEX),
         words="the glass's refractive index",
         explanation=(
-            "Refractive index of the glass, about 1.5: acrylic 1.49, polycarbonate 1.58; of"
+            "Refractive index of the glass, about 1.5: acrylic 1.49, polycarbonate 1.585; of"
             " laminated glass that of each layer."
         ),
         tolerance=INDEX,
