@@ -22,6 +22,7 @@ from torch import Tensor
 from calib.corners.view import View
 from calib.effects.effect import Effect, EffectContext, PlaceOnGlass
 from calib.effects.registry import FIELDS, KINDS
+from calib.effects.screen_glass import ScreenGlass
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
@@ -118,6 +119,7 @@ EXAMPLES = (
     Example("board_shape", BARE, {"xx": 1e-3, "xy": 3e-4, "yy": -5e-4}, ("views", "board")),
     Example("board_flex", BARE, {}, ("views", "board")),
     Example("board_scale", BARE, {"x_over_y": 2e-3}, ("views", "board")),
+    Example("screen_glass", BARE, {"thickness": 2e-3}, ("views", "board")),
     Example("detector_bias", BARE, {"x": 0.05, "y": 0.05}, ("views", "phase")),
     Example("free_field", BARE, {"board.x": 1e-4, "board.y": 1e-4}, ("views", "board")),
     Example("lens_field", BARE, {"x": 0.1, "y": 0.1}, ("views", "image")),
@@ -215,9 +217,12 @@ def seen(model: CameraModel, values: dict[str, Tensor], poses: Array) -> Observa
         ).expand(BOARD.count, -1)
         time = torch.full((BOARD.count,), view / (VIEWS - 1) - 0.5, dtype=torch.float64)
         pixels = torch.full((BOARD.count, 2), HEIGHT / 2, dtype=torch.float64)
-        for _ in range(8 if model.path.shutter else 1):  # a corner's row says when it was read
+        # A corner's row says when it was read, and its ray where glass lets it appear.
+        glass = model.path.target.glass
+        for step in range(8 if model.path.shutter or glass else 1):
             exposure = Exposure(time, line=(pixels[:, 1] + 0.5) / HEIGHT - 0.5)
-            placed = model.path.place(points, values, parameters, exposure)
+            rays = model.path.trace(pixels, values, exposure) if glass and step else None
+            placed = model.path.place(points, values, parameters, exposure, rays)
             pixels = project(model.path, values, placed, exposure)
         views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count)))
     return Observations.of(views, BOARD).add_times(range(VIEWS), HEIGHT)
@@ -240,7 +245,7 @@ class Left:
         without = base(example.cover)
         effect = next(
             e
-            for e in proposed(KINDS, without)
+            for e in (*proposed(KINDS, without), ScreenGlass())
             if e.name == example.name and example.choice in _choices(e)
         )
         true = without.with_effect(effect)

@@ -28,14 +28,16 @@ def is_worthwhile(gain: HeldOutGain) -> bool:
 
 
 def is_impossible(effect: Effect, joint: JointFit) -> bool:
-    """Return True if an estimate is so far from what the prior of a physical quantity expects that
-    the effect is no explanation.
+    """Return True if an estimate is so far from what the prior of a physical quantity expects, or
+    so small, that the effect is no explanation.
     """
-    return not effect.is_sum and any(
-        abs(float(joint.values[unknown.param.name]) - unknown.initial)
-        > MAX_DEVIATION * unknown.sigma
-        for unknown in effect.effect_parameters
-        if not unknown.param.shape
+    if effect.is_sum:
+        return False
+    scalars = [unknown for unknown in effect.effect_parameters if not unknown.param.shape]
+    estimates = [float(joint.values[unknown.param.name]) for unknown in scalars]
+    return any(
+        abs(estimate - unknown.initial) > MAX_DEVIATION * unknown.sigma or estimate < unknown.lowest
+        for estimate, unknown in zip(estimates, scalars, strict=True)
     )
 
 

@@ -31,7 +31,9 @@ class BoardFlex(ViewEffect):
 
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
-        return () if context.path.target.flex else (cls(*context.board.half),)
+        """Points are those of a screen or of a machine, which are stiff."""
+        is_stiff = not context.board.has_grid
+        return () if is_stiff or context.path.target.flex else (cls(*context.board.half),)
 
     def apply(self, path: Path) -> Path:
         target = replace(path.target, flex=(self.half_x, self.half_y))

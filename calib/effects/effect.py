@@ -4,6 +4,7 @@ neutral values.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -34,6 +35,8 @@ class EffectParameter:
     """The names of the declared values that this parameter is added to. Reports show the sums."""
     relative: bool = False
     """True if the parameter is a fraction of these values, not an increment."""
+    lowest: float = -math.inf
+    """The smallest possible value, in the unit. A fit may pass it, but then explains nothing."""
 
     @staticmethod
     def of(

@@ -19,6 +19,7 @@ from calib.effects.lens_field import LensField
 from calib.effects.principal_point import PrincipalPoint
 from calib.effects.refractive_index import RefractiveIndex
 from calib.effects.rolling_shutter import RollingShutter
+from calib.effects.screen_glass import ScreenGlass
 from calib.effects.thickness import Thickness
 from calib.effects.varying import FocalOfView, PrincipalPointOfView
 from calib.effects.wedge import Wedge
@@ -41,6 +42,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     BoardShape,
     BoardFlex,
     BoardScale,
+    ScreenGlass,
     DetectorBias,
 )
 """The effects with a physical cause, in the order of a ray's way, in which reports list them."""

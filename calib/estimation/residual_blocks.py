@@ -125,7 +125,7 @@ class ResidualBlock:
         by_rays, by_placement, by_board = landing.pull(self._by_landed * robust, names)
         by = trace.pull(by_rays)
         jacobian = self._view_jacobian(by_placement, by.get(OWN), placement, poses)
-        terms = self.path.linear_terms(observations.pixels, values, observations.exposure, landed)
+        terms = self.path.linear_terms(observations.pixels, values, observations.exposure, landing)
         columns = shared_columns(self.path, self.parameters, by | by_board, trace, terms, 2)
         return LinearisedBlocks(observations.starts, residual * robust, jacobian, columns)
 

@@ -56,9 +56,12 @@ def residuals(path: Path, values: Values, observations: Observations, poses: Ten
         torch.full_like(landed, torch.nan),
         landed - observations.corners,
     )
-    points = path.place(observations.corners, values, row_poses, exposure)
-    values = path.values_of_views(values, row_poses)
-    projected = project(path, values, points, exposure, start=observations.pixels)
+    values_of_rows = path.values_of_views(values, row_poses)
+    rays = None
+    if path.target.glass:
+        rays = path.trace(observations.pixels, values_of_rows, exposure)
+    points = path.place(observations.corners, values, row_poses, exposure, rays)
+    projected = project(path, values_of_rows, points, exposure, start=observations.pixels)
     return Residuals(projected - observations.pixels, board)
 
 

@@ -2,7 +2,7 @@
 where a ray lands, and the place of a corner in space.
 
 Bends move the board's surface along its normal. Prints move its corners in its plane. A rolling
-shutter moves the board line by line.
+shutter moves the board line by line. Glass before a screen's pixels bends the ray once more.
 """
 
 from __future__ import annotations
@@ -192,6 +192,28 @@ class PrintShift:
 
 
 @dataclass(frozen=True, slots=True)
+class FrontGlass:
+    """A flat pane of glass before the target, on the camera's side: a screen has one before its
+    pixels. Air is on its other side.
+    """
+
+    thickness: Param
+    """m"""
+    index: float
+    """Refractive index of the glass."""
+
+    def factors(self, direction: Vector) -> tuple[Tensor, Tensor]:
+        """Return the (...) shift in the plane of the target, for each m of thickness and times the
+        direction's (x, y), of rays with (...) unit directions in the target's frame; and its
+        derivative by x^2 + y^2 alone, doubled.
+
+        By Snell's law, the ray's sine over the index is its sine in the glass.
+        """
+        root = (self.index**2 - direction.x**2 - direction.y**2).rsqrt()
+        return root - 1 / _steepness(direction), root**3
+
+
+@dataclass(frozen=True, slots=True)
 class Target:
     """A board, flat and printed as described unless something is added."""
 
@@ -199,12 +221,15 @@ class Target:
     prints: tuple[Print, ...] = ()
     flex: tuple[float, float] | None = None
     """m: half the board's size, if the board bends differently in every view."""
+    glass: FrontGlass | None = None
+    """The pane before a screen's pixels."""
 
     @property
     def params(self) -> tuple[Param, ...]:
         return (
             *(param for bend in self.bends for param in bend.params),
             *(param for print_ in self.prints for param in print_.params),
+            *([self.glass.thickness] if self.glass else []),
         )
 
     def __call__(self, rays: Rays, placement: Placement, values: Values) -> tuple[Tensor, Tensor]:
@@ -218,8 +243,9 @@ class Target:
         Returns:
             (..., 2) m nominal board coordinates, and (...) uint8 failures.
         """
-        landed, _, _, failure = self._intersect(rays, placement, values)
-        return torch.stack(self._nominal(landed.x, landed.y, values), -1), failure
+        landed, direction, _, failure = self._intersect(rays, placement, values)
+        printed = self._behind_glass(landed, direction, values)
+        return torch.stack(self._nominal(*printed, values), -1), failure
 
     def land(
         self, rays: Rays, placement: Placement, values: Values
@@ -230,7 +256,7 @@ class Target:
         for bend in self._bends(placement):
             _, slope_x, slope_y = bend.height(point.x, point.y, values)
             by_x, by_y = by_x + slope_x, by_y + slope_y
-        nominal = self._nominal(point.x, point.y, values)
+        nominal = self._nominal(*self._behind_glass(point, direction, values), values)
         landing = Landing(
             self, placement, values, point, direction, distance, (by_x, by_y), nominal
         )
@@ -264,9 +290,12 @@ class Target:
             rays.advance(landed, direction, (grazing | (distance <= 0), MISSED_TARGET)).failure,
         )
 
-    def place(self, corners: Tensor, placement: Placement, values: Values) -> Tensor:
+    def place(
+        self, corners: Tensor, placement: Placement, values: Values, rays: Rays | None = None
+    ) -> Tensor:
         """Return the (..., 3) m points in the camera frame of corners at (..., 2) m nominal board
-        coordinates on (...) boards.
+        coordinates on (...) boards. With (...) rays, return where glass before the board lets the
+        corners appear to them.
         """
         x, y = corners.unbind(-1)
         for print_ in self.prints:
@@ -275,24 +304,23 @@ class Target:
         z = sum(
             (bend.height(x, y, values)[0] for bend in self._bends(placement)), torch.zeros_like(x)
         )
-        return Rotation.of(placement.turn).turn(Vector(x, y, z)).stacked() + placement.shift
+        turn = Rotation.of(placement.turn)
+        if self.glass and rays:
+            direction = turn.turn(rays.direction, back=True)
+            shift_x, shift_y = self._behind_glass(Vector(x * 0, y * 0, z), direction, values)
+            x, y = x - shift_x, y - shift_y
+        return turn.turn(Vector(x, y, z)).stacked() + placement.shift
 
-    def linear_terms(
-        self, landed: Tensor, values: Values
-    ) -> Iterator[tuple[LinearTerm, Tensor, Tensor]]:
-        """Yield the bends and prints that are linear in their parameters, each with the two (...)
-        coordinates at which it acts, for rays that landed at (..., 2) m nominal board coordinates.
+    def _behind_glass(
+        self, point: Vector, direction: Vector, values: Values
+    ) -> tuple[Tensor, Tensor]:
+        """Return the (...) m printed board coordinates that rays see which, without the glass,
+        would meet the board at `point`.
         """
-        x, y = landed.unbind(-1)
-        shifts = [print_.shift_corners(x, y, values) for print_ in self.prints]
-        printed_x = x + sum(shift.shift_x for shift in shifts)
-        printed_y = y + sum(shift.shift_y for shift in shifts)
-        for bend in self.bends:
-            if isinstance(bend, LinearTerm):
-                yield bend, printed_x, printed_y
-        for print_ in self.prints:
-            if isinstance(print_, LinearTerm):
-                yield print_, x, y
+        if not self.glass:
+            return point.x, point.y
+        shift = values[self.glass.thickness.name] * self.glass.factors(direction)[0]
+        return point.x + shift * direction.x, point.y + shift * direction.y
 
     def _bends(self, placement: Placement) -> tuple[Bend, ...]:
         return (
@@ -356,7 +384,18 @@ class Landing:
     slopes: tuple[Tensor, Tensor]
     """The (M,) slopes of the board's surface by x and by y."""
     nominal: tuple[Tensor, Tensor]
-    """The (M,) m nominal board coordinates of the point."""
+    """The (M,) m nominal board coordinates of the point, or of what is seen there through glass."""
+
+    def linear_terms(self) -> Iterator[tuple[LinearTerm, Tensor, Tensor]]:
+        """Yield the bends and prints that are linear in their parameters, each with the two (M,) m
+        coordinates at which it acts.
+        """
+        for bend in self.target.bends:
+            if isinstance(bend, LinearTerm):
+                yield bend, self.point.x, self.point.y
+        for print_ in self.target.prints:
+            if isinstance(print_, LinearTerm):
+                yield print_, *self.nominal
 
     def pull(
         self, by_landed: Tensor, names: frozenset[str] = frozenset()
@@ -366,6 +405,8 @@ class Landing:
         theorem. Those by linear bends and prints are given by their probes.
         """
         (by_x, by_y), by = self._pull_print(by_landed, names)
+        by_glass_direction, by_glass = self._pull_glass(by_x, by_y, names)
+        by |= by_glass
         slope_x, slope_y = self.slopes
         direction = self.direction
         change = direction.x * by_x + direction.y * by_y
@@ -377,16 +418,41 @@ class Landing:
         by_origin = Vector(by_x + slope_x * by_height, by_y + slope_y * by_height, -by_height)
         turn = Rotation.of(self.placement.turn)
         by_place = turn.turn(by_origin)
-        reach = turn.turn(self.point)
+        by_turn = by_place.cross(turn.turn(self.point))
+        by_direction = by_place * self.distance
+        if by_glass_direction:
+            by_pane = turn.turn(by_glass_direction)
+            by_turn = by_turn + by_pane.cross(turn.turn(direction))
+            by_direction = by_direction + by_pane
         flex = None
         if self.target.flex and self.placement.flex is not None:
             bend = FlexBend(self.target.flex, self.placement.flex)
             flex = by_height.unsqueeze(-1) * bend.weights(self.point.x, self.point.y)
         return (
-            ByRay(by_place, by_place * self.distance),
-            ByPlacement(by_place.cross(reach), Vector(-by_place.x, -by_place.y, -by_place.z), flex),
+            ByRay(by_place, by_direction),
+            ByPlacement(by_turn, Vector(-by_place.x, -by_place.y, -by_place.z), flex),
             by,
         )
+
+    def _pull_glass(
+        self, by_x: Tensor, by_y: Tensor, names: frozenset[str]
+    ) -> tuple[Vector | None, ByName]:
+        """Return the derivatives by the direction of the ray, in the board's frame, and by the
+        thickness of the glass, from those by the printed coordinates; None without glass.
+        """
+        glass, direction = self.target.glass, self.direction
+        if not glass:
+            return None, {}
+        name = glass.thickness.name
+        thickness = self.values[name]
+        factor, growth = glass.factors(direction)
+        along = direction.x * by_x + direction.y * by_y
+        by_direction = Vector(
+            thickness * (factor * by_x + growth * direction.x * along),
+            thickness * (factor * by_y + growth * direction.y * along),
+            thickness * along * direction.z.sign() / _steepness(direction) ** 2,
+        )
+        return by_direction, {name: factor * along} if name in names else {}
 
     def _pull_print(
         self, by_landed: Tensor, names: frozenset[str]
@@ -445,6 +511,12 @@ class Landing:
                     else self.values[name].expand(rows, *self.values[name].shape)
                 )
         return copies
+
+
+def _steepness(direction: Vector) -> Tensor:
+    """Return the (...) cosine between rays and the normal of the board, one where they graze it."""
+    cosine = direction.z.abs()
+    return torch.where(cosine < FLATTEST, torch.ones_like(cosine), cosine)
 
 
 def _printed_slopes(

@@ -21,6 +21,7 @@ from calib.optics.board_target import (
     FOCAL,
     MOTION,
     POSE,
+    Landing,
     Placement,
     Target,
     block_columns,
@@ -210,18 +211,18 @@ class Path:
         pixels: Tensor,
         values: Values,
         exposure: Exposure | None,
-        landed: Tensor | None = None,
+        landing: Landing | None = None,
     ) -> Iterator[tuple[LinearTerm, Tensor, Tensor]]:
         """Yield the terms that are linear in their parameters, each with the two (...) coordinates
-        at which it acts, for rays of (..., 2) px that landed at (..., 2) m nominal board
-        coordinates. Without `landed`, the board's terms are left out.
+        at which it acts, for rays of (..., 2) px. Without `landing`, the board's terms are left
+        out.
         """
         for adjust in self.adjustments:
             if isinstance(adjust, LinearTerm):
                 yield adjust, pixels[..., 0], pixels[..., 1]
             pixels, values = adjust(pixels, values, exposure)
-        if landed is not None:
-            yield from self.target.linear_terms(landed, values)
+        if landing:
+            yield from landing.linear_terms()
 
     def trace_from(self, rays: Rays, values: Values, passed: int) -> Rays:
         """Trace rays that have passed the first `passed` stages, the lens included, to where they
@@ -373,12 +374,18 @@ class Path:
         return self.target(rays, Placement.of(poses).at_exposure(exposure), values)
 
     def place(
-        self, corners: Tensor, values: Values, poses: Tensor, exposure: Exposure | None
+        self,
+        corners: Tensor,
+        values: Values,
+        poses: Tensor,
+        exposure: Exposure | None,
+        rays: Rays | None = None,
     ) -> Tensor:
         """Return the (..., 3) m points in the camera frame of (..., 2) m board coordinates, on
-        boards with (..., B) view parameters, pose first.
+        boards with (..., B) view parameters, pose first. With (...) rays, return where glass before
+        the board lets them appear.
         """
-        return self.target.place(corners, Placement.of(poses).at_exposure(exposure), values)
+        return self.target.place(corners, Placement.of(poses).at_exposure(exposure), values, rays)
 
 
 def with_own_camera(values: Values, cameras: Tensor) -> Values:

@@ -126,6 +126,9 @@ BOARD_SHAPE = Tolerance(
 SQUARE_SIDE = Tolerance(
     2e-3, "", 1e-3, "of the side: a ruler's half millimetre over a board of 25 cm"
 )
+SCREEN_GLASS = Tolerance(
+    2e-3, "m", 1e-4, "the glass of a laptop or tablet: 0.5 to 2 mm; of a television: up to 3 mm"
+)
 PRINT_STRETCH = Tolerance(
     0.01, "", 1e-3, "desktop printers stretch paper by some tenths of a per cent along its feed"
 )

@@ -17,6 +17,7 @@ from calib.calibration_content import AddedEffect, Stage
 from calib.corners.view import View
 from calib.effects.effect import Effect, EffectContext, PlaceOnGlass
 from calib.effects.registry import KINDS, OF_VIEW
+from calib.effects.screen_glass import ScreenGlass
 from calib.effects.varying import (
     ALTERNATING,
     FOCAL_LENGTH,
@@ -217,6 +218,7 @@ FORMS = (
         for effect in kind.propose(situation.surroundings())
     ),
     *(Form(effect, situation) for situation in SITUATIONS for effect in varying(situation)),
+    *(Form(ScreenGlass(), situation) for situation in SITUATIONS),
 )
 
 each_form = pytest.mark.parametrize("form", FORMS, ids=str)

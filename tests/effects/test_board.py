@@ -1,19 +1,26 @@
 """Effects on the board, each against an oracle that was built without it."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
+from calib.corners.view import View
 from calib.effects.board_flex import BoardFlex
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.effects.effect import Effect, EffectContext
 from calib.effects.free_field import FreeField
+from calib.effects.screen_glass import ScreenGlass
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.observations import Observations
 from calib.estimation.priors import NONE
+from calib.estimation.residuals import residuals
 from calib.optics.build import pinhole_path
 from calib.optics.exposure import MIDDLE
 from calib.session.board import Board
+from calib.session.point_target import PointTarget
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
 from tests.effects.rays import Array, pinhole, projected, waves
 from tests.optics import oracle
@@ -22,9 +29,17 @@ BOARD = Board(9, 7, 0.02)
 POSE = np.array([0.5, -0.6, 0.2, -0.03, 0.02, 0.4])
 
 
+POINTS = PointTarget.of(BOARD.points())
+
+
 def proposed(kind: type[Effect]) -> Effect:
     path, values = pinhole_path(INTRINSICS)
     return kind.propose(EffectContext(BOARD, WIDTH, HEIGHT, path, values))[0]
+
+
+def proposed_for(board: Board) -> tuple[Effect, ...]:
+    path, values = pinhole_path(INTRINSICS)
+    return ScreenGlass.propose(EffectContext(board, WIDTH, HEIGHT, path, values))
 
 
 def land(effect: Effect, pixels: Array, parameters: dict[str, float | Array]) -> Array:
@@ -106,6 +121,41 @@ def test_a_positive_bow_takes_the_middle_away_from_the_camera() -> None:
         rtol=0,
         atol=1e-15,
     )
+
+
+def test_glass_on_a_screen_bends_a_ray_by_snell_s_law() -> None:
+    """Oracle: the ray in the glass, by the vector form of Snell's law at its front."""
+    thickness = 3e-3
+    effect = ScreenGlass()
+    assert proposed_for(POINTS) == (effect,)
+    assert proposed_for(BOARD) == ()
+    pixels = projected(np.column_stack([BOARD.points(), np.zeros(BOARD.count)]), POSE)
+    turn = Rotation.from_rotvec(POSE[:3]).as_matrix()
+    start = -POSE[3:] @ turn
+    expected = []
+    for direction in pinhole(pixels) @ turn:
+        front = start + direction * ((-thickness - start[2]) / direction[2])
+        across = direction / 1.5
+        across[2] = np.sqrt(1 - across[0] ** 2 - across[1] ** 2)
+        expected.append((front + across * (thickness / across[2]))[:2])
+    result = land(effect, pixels, {"screen_glass.thickness": thickness})
+    assert np.abs(result - expected).max() < 1e-15
+    assert np.abs(result - BOARD.points()).max() > 1e-3
+
+
+def test_a_corner_behind_glass_is_seen_where_its_ray_lands() -> None:
+    """The residual in the image is that on the board, by the pixels' own rays."""
+    path, values = pinhole_path(INTRINSICS)
+    model = CameraModel(path, values, NONE).with_effect(ScreenGlass())
+    values = {**model.means, "screen_glass.thickness": torch.tensor(3e-3, dtype=torch.float64)}
+    flat = projected(np.column_stack([BOARD.points(), np.zeros(BOARD.count)]), POSE)
+    poses = torch.from_numpy(POSE).expand(1, 6)
+    landed = land(ScreenGlass(), flat, {"screen_glass.thickness": 3e-3})
+    views = (View("a", flat, np.ones(BOARD.count)),)
+    observations = replace(Observations.of(views, BOARD), corners=torch.from_numpy(landed))
+    left = residuals(model.path, values, observations, poses)
+    assert left.image.abs().max() < 1e-6  # px
+    assert left.board.abs().max() < 1e-15
 
 
 def test_board_flex_is_a_shape_that_one_view_has_for_itself() -> None:

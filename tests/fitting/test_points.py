@@ -23,6 +23,7 @@ from fixtures.point_sessions import (
     DEPTHS,
     POINT_NOISE,
     SCREEN_WIDTH,
+    behind_pane,
     screen_scene,
     screen_views,
     write_point_session,
@@ -167,3 +168,22 @@ def test_the_axes_of_a_point_count_by_their_covariance() -> None:
     np.testing.assert_allclose(whitened, means[:, None, None] * np.eye(2), atol=1e-12)
     np.testing.assert_allclose(observations.whitening.numpy()[3:], np.tile(np.eye(2), (3, 1, 1)))
     np.testing.assert_array_equal(observations.corners.numpy(), np.concatenate([places] * 2))
+
+
+@pytest.mark.slow
+def test_the_pane_of_a_screen_is_found(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Twelve views of a screen with 2 mm of glass before its pixels, which nobody declared."""
+    monkeypatch.setattr("calib.report.write.DRAWINGS", ())
+    made = screen_scene(3, 12, 80, 50)
+    folder = write_point_session(tmp_path / "s", made, places=behind_pane(made, 2e-3))
+    assert main(["fit", str(folder), "--json"]) == 0
+    capsys.readouterr()
+    assert main(["diagnose", str(folder / "calibration"), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert "screen_glass" in answer["accepted"]
+    found = next(each for each in answer["candidates"] if each["effect"] == "screen_glass")
+    thickness = found["parameters"]["screen_glass.thickness"]
+    assert abs(thickness["value"] - 2e-3) < 2.5 * thickness["sigma"] < 1e-4
+    assert found["held_out_px_after"] < 0.4 * found["held_out_px_before"]
