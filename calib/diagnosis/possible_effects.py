@@ -7,6 +7,7 @@ import torch
 
 from calib.effects.effect import EffectContext, PlaceOnGlass
 from calib.effects.registry import KINDS
+from calib.effects.screen_glass import ScreenGlass
 from calib.errors import InputError
 from calib.estimation.stated_priors import priors_of
 from calib.fit_record.request import Settings
@@ -56,9 +57,11 @@ def check_possible(session: Session, settings: Settings, names: Sequence[str]) -
             shutter = (
                 " and a global shutter" if camera.shutter and not camera.shutter.rolling else ""
             )
+            setting = f"cover.shape: {session.cover.shape}{shutter}"
+            if name == ScreenGlass.name:
+                setting = "a printed board"
             raise InputError(
-                f"--effects {name}: with cover.shape: {session.cover.shape}{shutter} there can be"
-                f" no {name}: leave it out."
+                f"--effects {name}: with {setting} there can be no {name}: leave it out."
             )
         forms = kinds[name].propose(replace(context, estimated=free))
         if not forms:

@@ -85,7 +85,10 @@ def test_impossible_effects_are_refused(
 def test_effects_on_held_numbers_can_be_requested() -> None:
     """All that a cone can have; of the glass, what the session does not give a sigma."""
     at = session(CONE, intrinsics=LENS)
-    check_possible(at, HELD, [name for name in NAMES if name not in ("flat_port", "thickness")])
+    absent = ("flat_port", "thickness", "screen_glass")
+    check_possible(at, HELD, [name for name in NAMES if name not in absent])
+    with pytest.raises(InputError, match="with a printed board there can be no screen_glass"):
+        check_possible(at, HELD, ["screen_glass"])
     with pytest.raises(InputError, match="estimates what cover_radius would change"):
         check_possible(at, Settings(), ["cover_radius"])
 

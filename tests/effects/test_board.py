@@ -153,9 +153,9 @@ def test_a_corner_behind_glass_is_seen_where_its_ray_lands() -> None:
     landed = land(ScreenGlass(), flat, {"screen_glass.thickness": 3e-3})
     views = (View("a", flat, np.ones(BOARD.count)),)
     observations = replace(Observations.of(views, BOARD), corners=torch.from_numpy(landed))
-    left = residuals(model.path, values, observations, poses)
-    assert left.image.abs().max() < 1e-6  # px
-    assert left.board.abs().max() < 1e-15
+    residual = residuals(model.path, values, observations, poses)
+    assert residual.image.abs().max() < 1e-6  # px
+    assert residual.board.abs().max() < 1e-15
 
 
 def test_board_flex_is_a_shape_that_one_view_has_for_itself() -> None:

@@ -183,7 +183,7 @@ def test_the_pane_of_a_screen_is_found(
     assert main(["diagnose", str(folder / "calibration"), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert "screen_glass" in answer["accepted"]
-    found = next(each for each in answer["candidates"] if each["effect"] == "screen_glass")
-    thickness = found["parameters"]["screen_glass.thickness"]
+    pane = next(each for each in answer["candidates"] if each["effect"] == "screen_glass")
+    thickness = pane["parameters"]["screen_glass.thickness"]
     assert abs(thickness["value"] - 2e-3) < 2.5 * thickness["sigma"] < 1e-4
-    assert found["held_out_px_after"] < 0.4 * found["held_out_px_before"]
+    assert pane["held_out_px_after"] < 0.4 * pane["held_out_px_before"]
