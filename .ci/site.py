@@ -173,7 +173,8 @@ def on_page_content(html: str, **_: Any) -> str:
 def sized(block: str) -> str:
     """The <pre> of a block, with its columns if a phone has fewer. Longer lines wrap."""
     text = unescape(re.sub(r"<[^>]+>", "", block))
-    columns = max((len(line) for line in text.splitlines() if len(line) <= MOST), default=0)
-    if columns < FEWEST:
+    lengths = [len(line) for line in text.splitlines()]
+    columns = max((length for length in lengths if length <= MOST), default=0)
+    if columns < FEWEST and max(lengths, default=0) <= MOST:
         return f"<pre>{block}</pre>"
-    return f'<pre class="output" style="--columns: {columns}">{block}</pre>'
+    return f'<pre class="output" style="--columns: {max(columns, FEWEST)}">{block}</pre>'
