@@ -16,6 +16,7 @@ from calib.effects.board_shape import BoardShape
 from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
 from calib.estimation.observations import Observations
+from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.robust import outlier_mask
 from calib.fit_record.request import Settings
@@ -170,7 +171,8 @@ def _estimate(
     progress: Progress,
 ) -> tuple[RigEstimate, dict[str, NDArray[np.bool_]]]:
     """Return the joint estimate without outlying views, and for each camera the (V,) mask of
-    these.
+    these. A stated distance of two cameras that the pictures contradict is not used: it would push
+    the error into all other numbers.
     """
     dropped = {name: np.zeros(len(c.views), np.bool_) for name, c in calibrations.items()}
     state = _initial_state(description, calibrations, start, placements)
@@ -179,11 +181,22 @@ def _estimate(
         estimate = _with_bar(state, progress)
         outliers = _outliers(estimate.state)
         if not any(mask.any() for mask in outliers):
-            return estimate, dropped
+            if not _contradicts_baseline(estimate.state):
+                return estimate, dropped
+            free = replace(description, baseline=None)
+            return _estimate(free, calibrations, start, placements, progress)
         for name, mask in zip(calibrations, outliers, strict=True):
             indices = np.flatnonzero(~dropped[name])
             dropped[name][indices[mask]] = True
         state = with_noise(_without_views(estimate.state, outliers), noise)
+
+
+def _contradicts_baseline(state: RigState) -> bool:
+    """Return True if the estimate is far from the stated distance of two cameras, in its sigma."""
+    if not state.baseline:
+        return False
+    deviation, _ = state.baseline.row(state.mountings[state.baseline.camera])
+    return abs(deviation) > CONFLICT_THRESHOLD
 
 
 def _with_bar(state: RigState, progress: Progress) -> RigEstimate:

@@ -164,7 +164,11 @@ class RigState:
             priors.append((self.layout.columns[index], precision))
         priors.append((self._number_entries(), self.spreads.pow(-2).diag()))
         precision = rig_precision(priors, self.layout.count + len(self.numbers))
-        return RigProblem(tuple(problems), precision, self.baseline)
+        mounting = None
+        if self.baseline:
+            place = self.baseline.camera
+            mounting = self.nominal[place], self.layout.mountings[place]
+        return RigProblem(tuple(problems), precision, self.baseline, mounting)
 
     def _number_entries(self) -> Tensor:
         """Return the (E,) places of the numbers of effects in the vector."""

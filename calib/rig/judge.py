@@ -11,10 +11,13 @@ import numpy as np
 from scipy.special import chdtri
 
 from calib.estimation.levenberg_marquardt import Outcome
+from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
+from calib.fitting.rounding import with_sigma
 from calib.rig.evaluate_rig import RigEvaluation
 from calib.rig.held_out_placements import MIN_SHARED as MIN_DIAGNOSED
 from calib.rig.rig import Rig
 from calib.rig.rig_effects import RIG_FLEX, RIG_SLIP
+from calib.session.deviation import independent_deviation
 from calib.verdict.judge import judge
 from calib.verdict.verdict import Reason, Trust, Verdict
 
@@ -112,6 +115,34 @@ def few_shared(case: RigCase) -> Iterator[Reason]:
             )
 
 
+def contradicted_baseline(case: RigCase) -> Iterator[Reason]:
+    """Yield a reason if the pictures contradict the distance that rig.yaml states."""
+    number = case.rig.record.baseline
+    if not number or not case.rig.covariance.size or not is_contradicted(case.rig):
+        return
+    (baseline,) = case.rig.baselines
+    estimated = with_sigma(1000 * baseline.metres, 1000 * baseline.sigma)
+    yield Reason(
+        f"the distance from {baseline.first} to {baseline.second} is {estimated} mm by the pictures"
+        f" alone, and rig.yaml says {1000 * number.value:g} ± {1000 * number.sigma:g} mm: measure"
+        " it again, from pinhole to pinhole, and measure a square of the board, which the scale"
+        " comes from.",
+        case.fit_command,
+    )
+
+
+def is_contradicted(rig: Rig) -> bool:
+    """Return True if the pictures contradict the stated distance of a pair, which the estimate then
+    does not use.
+    """
+    number = rig.record.baseline
+    if not number or len(rig.baselines) != 1:
+        return False
+    (baseline,) = rig.baselines
+    deviation = independent_deviation(baseline.metres - number.value, number.sigma, baseline.sigma)
+    return abs(deviation) > CONFLICT_THRESHOLD
+
+
 def disagreement(case: RigCase) -> Iterator[Reason]:
     """Yield a reason for each camera whose error grows where the cameras share the board's pose."""
     cause = "the board moved between their pictures, or a camera moved in the rig"
@@ -192,6 +223,7 @@ RIG_CHECKS: tuple[RigCheck, ...] = (
     rig_not_converged,
     few_shared,
     found_effects,
+    contradicted_baseline,
     disagreement,
     camera_reasons,
     uncertain_baselines,

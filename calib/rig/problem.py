@@ -107,6 +107,11 @@ class RigProblem:
     precision: Tensor
     """(S, S) precision of the prior on the rig's vector."""
     baseline: BaselinePrior | None = None
+    mounting: tuple[Tensor, Tensor] | None = None
+    """That of the baseline's camera: (6,) at the zero vector, and the (6,) int64 entries of the
+    rig's vector that are added to it. A camera behind a shared cover has its boards in the frame of
+    another camera, but its baseline is its own.
+    """
 
     @property
     def block_precision(self) -> Tensor:
@@ -164,10 +169,10 @@ class RigProblem:
         """Return the residual of the measured baseline, its (6,) derivatives, and the (6,) entries
         of the vector by which they are; None if no baseline was measured.
         """
-        if not self.baseline:
+        if not self.baseline or not self.mounting:
             return None
-        camera = self.cameras[self.baseline.camera]
-        return *self.baseline.row(camera.mounting_at(shared)), camera.mounting
+        nominal, entries = self.mounting
+        return *self.baseline.row(nominal + shared[entries]), entries
 
     def _baseline_cost(self, shared: Tensor) -> float:
         row = self.baseline_row(shared)

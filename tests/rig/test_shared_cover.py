@@ -14,6 +14,7 @@ from calib.optics.exposure import MIDDLE
 from calib.optics.relief import AMPLITUDES, Relief
 from calib.rig.evaluate_rig import evaluate_rig
 from calib.rig.fit_rig import fit_rig
+from calib.rig.judge import judge_rig
 from calib.rig.poses import compose, invert_poses, move_points
 from calib.rig.rig import Rig
 from calib.rig.shared_cover import cover_in_camera, relief_in_camera, share_cover
@@ -133,3 +134,24 @@ def test_a_pair_behind_one_window(rig: SimulatedRig, tmp_path: Path) -> None:
     assert np.sqrt(np.mean((shared_lengths - true) ** 2)) < 3 * np.sqrt(
         np.mean((apart_lengths - true) ** 2)
     )
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_stated_distance_that_the_pictures_contradict_is_not_used(
+    rig: SimulatedRig, tmp_path: Path, shared: bool
+) -> None:
+    """It is named, and the calibration is that without it; a true one stays."""
+    keys = {"shared_cover": [["left", "right"]]} if shared else {}
+    true = float(rig.cameras["right"].mounting[3:].norm())
+    stated = {"value": 1e3 * true + 5, "sigma": 0.01}
+    wrong = fit_rig(rig.write(tmp_path / "wrong", baseline_mm=stated, **keys), EVEN)
+    free = fit_rig(rig.write(tmp_path / "free", **keys), EVEN)
+    (baseline,), (free_baseline,) = wrong.baselines, free.baselines
+    assert abs(baseline.metres - free_baseline.metres) < 0.1 * free_baseline.sigma
+    verdict = judge_rig(wrong)
+    assert any("by the pictures alone, and rig.yaml says" in each for each in verdict.sentences)
+    assert not any("moved" in each for each in verdict.sentences)
+    right = {"value": 1e3 * true, "sigma": 0.01}
+    informed = fit_rig(rig.write(tmp_path / "right", baseline_mm=right, **keys), EVEN)
+    assert informed.baselines[0].sigma < free_baseline.sigma
+    assert not any("rig.yaml says" in each for each in judge_rig(informed).sentences)
