@@ -35,6 +35,9 @@ from calib.table import board_error, change
 from calib.verdict.depths import describe_trusted
 from calib.verdict.uncertainty import map_sigmas, reached_depths
 
+UNSEEN = 0.97
+"""The fitted error over that of the camera alone, above which the pictures hardly show the cover.
+"""
 TITLE_WIDTH = 22
 BAR_WIDTH = 20
 
@@ -91,6 +94,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
     view_lines = filter(None, (looks, describe_noisy_views(calibration.outcome.view_noise)))
     reach = filter(None, [undistortion_limit(calibration)])
     for line in (
+        *_unseen_cover(calibration),
         *view_lines,
         *_lens(calibration),
         *_prior(calibration),
@@ -162,6 +166,17 @@ def _turned_boards(calibration: Calibration) -> Iterator[str]:
         yield describe_turned(names)
     if names := calibration.outcome.half_turned_boards:
         yield describe_turned(names, "half a turn")
+
+
+def _unseen_cover(calibration: Calibration) -> Iterator[str]:
+    """Yield a line if the cover, as it is fitted, leaves the error of the camera alone."""
+    bare, *_, last = [stage.rms_px for stage in calibration.stages] or [0.0]
+    has_cover = calibration.cover.shape != "none" and len(calibration.stages) > 1
+    if has_cover and last > UNSEEN * bare:
+        yield (
+            "The camera alone leaves the same error: these pictures hardly show the cover, and its"
+            " numbers are those that you gave, or a guess."
+        )
 
 
 def _heavy_views(calibration: Calibration) -> Iterator[str]:

@@ -40,8 +40,8 @@ NEEDED = {
 }
 """The options of each type that the pictures tell where they are not given."""
 KEPT = (
-    "calib: session.yaml comes from an earlier command. Your options replace its values; all others"
-    " still apply."
+    "calib: {file} comes from an earlier command. It still gives {values}. Your options replace its"
+    " values. To start anew, delete the file."
 )
 """The remark on pictures that were described before."""
 NO_COVER = (
@@ -120,7 +120,7 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     if board.has_grid and (width := 2e3 * max(board.half)) < SMALL_BOARD_MM:
         print(SMALL_BOARD.format(board=board, width=width), file=sys.stderr)
     if earlier:
-        print(KEPT, file=sys.stderr)
+        print(harmless(f"{_describe_earlier(args, source, earlier)}"), file=sys.stderr)
     elif not cover:
         print(NO_COVER, file=sys.stderr)
     assumed = (f(args, earlier.get("cover")) for f in (describe_usual, describe_medium))
@@ -131,6 +131,20 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     for notice in describe_pictures(source, board, cover, intrinsics, progress):
         print(harmless(f"calib: {notice}"), file=sys.stderr)
     return read_session(source.session)
+
+
+def _describe_earlier(
+    args: argparse.Namespace, source: "NamedPictures", earlier: "dict[str, dict[str, object]]"
+) -> str:
+    """Return the remark on an earlier description, with the sections that the options leave."""
+    left = {
+        "the board": not (args.board or _board_options(args)),
+        "the cover": not has_cover_option(args),
+        "the lens": not args.intrinsics and "intrinsics" in earlier,
+    }
+    names = [name for name, is_left in left.items() if is_left]
+    values = " and ".join(filter(None, [", ".join(names), "all else that you do not type"]))
+    return KEPT.format(file=source.session / "session.yaml", values=values)
 
 
 def _in_writable_folder(source: "NamedPictures", output: Path | None) -> "NamedPictures":
@@ -272,8 +286,12 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
             )
         )
     kind = str(options.get("type", finding.kind))
+    count = len(source.pictures)
     side = finding.side_key
-    sentence = f"{finding.sentence} in {finding.pictures} of {finding.searched} pictures."
+    sentence = (
+        f"{finding.sentence} in {finding.pictures} of {finding.searched} pictures"
+        f"{f', of {count} in all' if count > finding.searched else ''}."
+    )
     if (
         side not in options
         or kind != finding.kind

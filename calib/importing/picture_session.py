@@ -82,6 +82,12 @@ def find_pictures(paths: Sequence[Path]) -> NamedPictures:
     existing: list[Path] = []
     for path in paths:
         existing += _matches(path)
+    for path in existing:
+        if (path / "calibration.yaml").is_file() and not list_images(path):
+            raise InputError(
+                f"{path} is a calibration: give the folder of pictures to fit, or look at it by"
+                f" calib report {shlex.quote(str(path))}"
+            )
     if len(existing) == 1 and existing[0].is_dir():
         return _in_folder(existing[0], words)
     videos = [path for path in existing if path.suffix.lower() in VIDEOS]

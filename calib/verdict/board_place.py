@@ -19,6 +19,7 @@ from calib.verdict.thresholds import (
     SMALL_COVER,
     SMALL_RADIUS,
     SMALLEST_BOARD,
+    TINY,
     UNSURE_SQUARE,
 )
 from calib.verdict.verdict import Reason, Trust
@@ -72,7 +73,8 @@ def board_size(case: Case) -> Iterator[Reason]:
             f"the board would be {1e3 * width:.3g} mm wide, less than the cover's radius of"
             f" {1e3 * radius:.3g} mm: check {key}, whose unit is the millimetre."
         )
-        yield Reason(sentence, case.next.fit(), (key,))
+        word = Trust.DO_NOT_USE if width < TINY * radius else Trust.CARE
+        yield Reason(sentence, case.next.fit(), (key,), word)
     if board.square_sigma is not None and board.relative_sigma > UNSURE_SQUARE:
         sentence = (
             f"{key} is known to {100 * board.relative_sigma:.2g} % only"

@@ -7,6 +7,7 @@ import numpy as np
 from calib.calibration import Calibration
 from calib.estimation.prior_conflict import log_odds_of_swap
 from calib.fitting.declared import BARE, DECLARED, VIEWS, Comparison, comparisons
+from calib.session.parameter_names import CAMERA
 from calib.verdict.case import Case
 from calib.verdict.residual import likely_effects
 from calib.verdict.verdict import Reason
@@ -46,6 +47,8 @@ def declared_numbers(case: Case) -> Iterator[Reason]:
             f"{number}, {number.normalised_deviation:.1f} standard deviations apart{others}:"
             f" {advice}."
         )
+        if not CAMERA.has(number.name):
+            sentence += " If it is right, the cover may be of another shape: try --cover unknown."
         yield Reason(sentence, case.next.fit(), (number.name, *rivals))
 
 

@@ -55,10 +55,10 @@ def _more_probable(case: Case, stated: float) -> Iterator[Reason]:
     power = int(log_odds / math.log(10))
     times = f"10^{power}" if power < MAX_POWER else f"more than 10^{MAX_POWER}"
     sentence = (
-        f"the pictures were almost certainly taken in {name}: with {name} outside of the cover they"
-        f" are {times} times as probable as with {medium_word(stated)}. If so, write outside_index:"
-        f" {MEDIA[name]:g} under cover in session.yaml, or add --outside-index {MEDIA[name]:g}. If"
-        " not, the cover is of another shape or size than declared."
+        f"the pictures do not fit this cover with {medium_word(stated)} outside of it. Either they"
+        f" were taken in {name} ({times} times as probable): write outside_index: {MEDIA[name]:g}"
+        f" under cover in session.yaml, or add --outside-index {MEDIA[name]:g}. Or the cover has"
+        " another shape or size than declared: try --cover unknown."
     )
     suspects = (case.calibration.declared.cover.medium_name,)
     yield Reason(sentence, case.next.fit(), suspects, Trust.DO_NOT_USE)

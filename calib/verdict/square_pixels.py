@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from calib.session.numbers import unknown_names
 from calib.session.parameter_names import CAMERA
 from calib.verdict.case import Case
 from calib.verdict.thresholds import SQUARE_PIXELS, SQUARE_SIGMAS
@@ -13,7 +14,10 @@ def square_pixels(case: Case) -> Iterator[Reason]:
     stretched along one side, or a picture that is, makes the two focal lengths differ.
     """
     calibration = case.calibration
-    if calibration.outcome.intrinsics_from != "views" or not calibration.covariance.size:
+    declared = calibration.declared
+    unknown = unknown_names(declared.intrinsics, declared.cover)
+    is_estimated = calibration.outcome.intrinsics_from == "views" or {*CAMERA.focal} <= {*unknown}
+    if not is_estimated or not calibration.covariance.size:
         return
     model = calibration.camera_model()
     parameters = model.parameters
@@ -26,9 +30,11 @@ def square_pixels(case: Case) -> Iterator[Reason]:
     block = calibration.covariance[entries][:, entries]
     sigma = float(slope @ block @ slope) ** 0.5
     if abs(ratio) > max(SQUARE_PIXELS, SQUARE_SIGMAS * sigma):
+        covered = calibration.cover.shape != "none"
+        shape = ", or the cover has another shape (try --cover unknown)" if covered else ""
         sentence = (
             f"fx and fy differ by {100 * abs(ratio):.1f} %, {abs(ratio) / sigma:.0f} standard"
             " deviations, and sensors have square pixels: the print is longer along one side than"
-            " declared, or the pictures are stretched; measure the board along both sides."
+            f" declared{shape}, or the pictures are stretched; measure the board along both sides."
         )
         yield Reason(sentence, case.next.diagnose(), CAMERA.focal)

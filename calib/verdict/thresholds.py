@@ -10,6 +10,10 @@ SMALLEST_BOARD = 1e-3
 """m, the width of a board: the smallest targets of microscopes have as much."""
 LARGEST_BOARD = 10.0
 """m: no board is as wide, so its size is in another unit than declared."""
+TINY = 0.5
+"""Width of a board over the radius of its cover, below which its unit is wrong: a board of a few
+centimetres before a dome is smaller than the dome, but not by half.
+"""
 UNSURE_SQUARE = 0.01
 """Relative standard deviation of the squares' declared side: a ruler over several squares tells
 them to some permille, and a length that is off by more than a per cent is no measurement.

@@ -72,8 +72,8 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
         else "measure it, or take pictures of the board near and tilted"
     )
     sentence = (
-        f"your pictures do not determine {listed}. The maps' sigma includes that. If you need the"
-        f" number, {advice}."
+        f"your pictures do not determine {listed}. You can use the maps: their sigma includes"
+        f" that. If you need the number, {advice}."
     )
     uses = case.next.uses(case.usual_depths[0], mapped=bool(case.depths))
     command = next(iter(uses), case.next.capture())  # the maps are as good as they say
