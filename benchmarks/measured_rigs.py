@@ -1,0 +1,232 @@
+"""`calib rig fit` against mrcal's joint fit on measured pairs of cameras, on the same corners:
+
+    python -m benchmarks.measured_rigs [PAIR...]
+
+A pair is a folder with two sessions, `left` and `right`, whose pictures of the same name were taken
+at the same time. Without a folder, those of ../shared/data are measured. Every third placement that
+both cameras saw is kept back, and each program fits the others. Then the board gets a pose in each
+kept-back placement, which is the same for both cameras, and everything else stays. The errors are
+two-dimensional root mean squares of the corners, px, and all programs are measured by the same
+code (`benchmarks.peers.rig_score`).
+
+- rig fit: both cameras and the board together; flat board: the same without a bend and a print.
+- by itself: each camera's fit, with the board's shape and print as it alone finds them, and the
+  mounting that fits the fitted placements best. One board: the same cameras, with the board's shape
+  and print of the rig fit.
+- mrcal: both cameras and the board's warp together, by mrcal-calibrate-cameras. It is left out
+  where /usr/bin/python3 does not have it.
+- crosswise: each half of the corners is measured with the pose that the other half gives.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import torch
+import yaml
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.measured_sets import KEPT_BACK, PEERS, PYTHON, part_of
+from benchmarks.peers.rig_score import (
+    Floats,
+    PlacedCamera,
+    Score,
+    score,
+    shared_corners,
+    shared_names,
+    with_best_mounting,
+)
+from calib.calibration import Calibration
+from calib.corners.view import View
+from calib.fit_record.request import Settings
+from calib.fitting.fit import fit
+from calib.fitting.inputs import read_views
+from calib.optics.exposure import MIDDLE
+from calib.progress import Silent
+from calib.rig.fit_rig import fit_rig
+from calib.rig.mounting_start import start_rig, turn_view
+from calib.rig.placements import Placements
+from calib.rig.rig import Rig
+from calib.rig.rig_file import NAME as RIG_FILE
+from calib.rig.rig_file import read_rig
+from calib.session.session import read_session
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+PAIRS = ("stereo-air", "stereo-water")
+NAMES = ("left", "right")
+"""The folders of a pair; the first camera is the reference."""
+FLAT = Settings(flat_board=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """The result of one program."""
+
+    title: str
+    score: Score
+    baseline: float
+    """m"""
+    seconds: float
+    """CPU time of the fit."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("pairs", nargs="*", type=Path, metavar="PAIR")
+    pairs = parser.parse_args().pairs or [DATA / name for name in PAIRS]
+    console = Console(width=120)
+    for pair in pairs:
+        if not (pair / NAMES[0]).is_dir():
+            console.print(f"{pair} is not there: name folders with the sessions left and right.")
+            continue
+        with TemporaryDirectory() as temporary:
+            fitted, held_out, count = split_pair(pair, Path(temporary))
+            rows = [*measure_ours(fitted, held_out), *measure_mrcal(fitted, held_out)]
+        console.print(_table(f"{pair.name}: {count} placements kept back", rows))
+
+
+def split_pair(pair: Path, out: Path) -> tuple[Path, Path, int]:
+    """Return the folders of a pair without its kept-back placements and of these, and their number.
+
+    The corners of all pictures have the order of the same board.
+    """
+    views = _in_one_order(pair, out)
+    shared = shared_names([{view.name: view for view in views[name]} for name in NAMES])
+    kept_back = set(shared[KEPT_BACK - 1 :: KEPT_BACK])
+    folders = out / "fitted", out / "held_out"
+    for folder, is_held_out in zip(folders, (False, True), strict=True):
+        folder.mkdir()
+        for name in NAMES:
+            chosen = [view for view in views[name] if (view.name in kept_back) is is_held_out]
+            part_of(pair / name, chosen, folder / name)
+        _describe(folder)
+    return *folders, len(kept_back)
+
+
+def measure_ours(fitted: Path, held_out: Path) -> Iterator[Row]:
+    """Yield the results of `calib rig fit` and of each camera's own fit."""
+    corners = shared_corners({name: held_out / name / "corners.vnl" for name in NAMES})
+    start = time.process_time()
+    rig = fit_rig(fitted)
+    seconds = time.process_time() - start
+    together = rig_cameras(rig)
+    yield _row("rig fit", together, corners, seconds)
+    start = time.process_time()
+    flat = fit_rig(fitted, FLAT)
+    seconds = time.process_time() - start
+    yield _row("rig fit, flat board", rig_cameras(flat), corners, seconds)
+    start = time.process_time()
+    calibrations = {name: fit(fitted / name) for name in NAMES}
+    seconds = time.process_time() - start
+    alone = {
+        name: PlacedCamera(calibration.project, together[name].mounting, board_points(calibration))
+        for name, calibration in calibrations.items()
+    }
+    fitted_corners = shared_corners({name: fitted / name / "corners.vnl" for name in NAMES})
+    of_rig = {
+        name: PlacedCamera(camera.project, camera.mounting, together[name].board)
+        for name, camera in alone.items()
+    }
+    for title, cameras in (("by itself", alone), ("by itself, one board", of_rig)):
+        mounted = with_best_mounting(cameras, NAMES[1], fitted_corners)
+        yield _row(title, mounted, corners, seconds)
+
+
+def measure_mrcal(fitted: Path, held_out: Path) -> Iterator[Row]:
+    """Yield the results of mrcal's joint fits; none where it is not installed."""
+    child = subprocess.run(
+        [PYTHON, "-m", "benchmarks.peers.mrcal_rig", str(fitted), str(held_out)],
+        cwd=PEERS,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if child.returncode:
+        return
+    for title, result in json.loads(child.stdout).items():
+        measured = Score(result["both"], result["cameras"], result["halves"])
+        yield Row(title, measured, result["baseline"], result["seconds"])
+
+
+def rig_cameras(rig: Rig) -> dict[str, PlacedCamera]:
+    """Return the cameras of a rig."""
+    return {
+        name: PlacedCamera(calibration.project, mounting, board_points(calibration))
+        for (name, calibration), mounting in zip(
+            rig.calibrations.items(), rig.mountings, strict=True
+        )
+    }
+
+
+def board_points(calibration: Calibration) -> Floats:
+    """Return the (B, 3) m corners of the board with its shape and print, in its own frame."""
+    path, values = calibration.model()
+    corners = torch.from_numpy(calibration.board.points())
+    poses = torch.zeros(len(corners), 6, dtype=torch.float64)
+    return path.place(corners, values, poses, MIDDLE).numpy()
+
+
+def _in_one_order(pair: Path, out: Path) -> dict[str, list[View]]:
+    """Return the views of each camera, renumbered where its board stands turned by half a turn."""
+    calibrations = {name: fit(pair / name) for name in NAMES}
+    _describe(out, {name: str((pair / name).resolve()) for name in NAMES})
+    fitted = {name: calibration.views for name, calibration in calibrations.items()}
+    placements = Placements.of(read_rig(out), fitted)
+    poses = {name: torch.from_numpy(c.poses[:, :6]) for name, c in calibrations.items()}
+    board = calibrations[NAMES[0]].board
+    turns = start_rig(poses, placements, NAMES[0], board).turns
+    ordered = {}
+    for name in NAMES:
+        of_view = {view.name: int(turn) for view, turn in zip(fitted[name], turns[name])}
+        views, _ = read_views(read_session(pair / name), Silent())
+        ordered[name] = [turn_view(view, board, of_view.get(view.name, 0)) for view in views]
+    return ordered
+
+
+def _describe(folder: Path, sessions: Mapping[str, str] | None = None) -> None:
+    """Write the rig.yaml of a pair."""
+    document = {
+        "format": 1,
+        "cameras": sessions or {name: name for name in NAMES},
+        "reference": NAMES[0],
+        "together": "by_name",
+    }
+    (folder / RIG_FILE).write_text(yaml.safe_dump(document))
+
+
+def _row(
+    title: str, cameras: Mapping[str, PlacedCamera], corners: Mapping[str, Floats], seconds: float
+) -> Row:
+    baseline = float(np.linalg.norm(cameras[NAMES[1]].mounting[3:]))
+    return Row(title, score(cameras, corners), baseline, seconds)
+
+
+def _table(title: str, rows: Sequence[Row]) -> Table:
+    table = Table(title=title)
+    for column in ("", "error, px", *NAMES, "crosswise", "baseline, mm", "CPU s"):
+        table.add_column(column, justify="right" if column else "left")
+    for row in rows:
+        table.add_row(
+            row.title,
+            f"{row.score.both:.4f}",
+            *(f"{row.score.cameras[name]:.4f}" for name in NAMES),
+            f"{row.score.halves:.4f}",
+            f"{1000 * row.baseline:.2f}",
+            f"{row.seconds:.1f}",
+        )
+    return table
+
+
+if __name__ == "__main__":
+    main()
