@@ -16,6 +16,11 @@ code (`benchmarks.peers.rig_score`).
 - mrcal: both cameras and the board's warp together, by mrcal-calibrate-cameras. It is left out
   where /usr/bin/python3 does not have it.
 - crosswise: each half of the corners is measured with the pose that the other half gives.
+- median: that of the errors of the placements. worse: in how many placements the error is larger
+  than that of the rig fit.
+
+With --thirds, each third of the shared placements is kept back in turn, and the errors of all three
+are taken together.
 """
 
 from __future__ import annotations
@@ -84,26 +89,57 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("pairs", nargs="*", type=Path, metavar="PAIR")
-    pairs = parser.parse_args().pairs or [DATA / name for name in PAIRS]
+    parser.add_argument("--thirds", action="store_true", help="keep back each third in turn")
+    options = parser.parse_args()
+    pairs = options.pairs or [DATA / name for name in PAIRS]
+    remainders = range(KEPT_BACK) if options.thirds else (KEPT_BACK - 1,)
     console = Console(width=120)
     for pair in pairs:
         if not (pair / NAMES[0]).is_dir():
             console.print(f"{pair} is not there: name folders with the sessions left and right.")
             continue
-        with TemporaryDirectory() as temporary:
-            fitted, held_out, count = split_pair(pair, Path(temporary))
-            rows = [*measure_ours(fitted, held_out), *measure_mrcal(fitted, held_out)]
-        console.print(_table(f"{pair.name}: {count} placements kept back", rows))
+        views = views_in_one_order(pair)
+        rounds = []
+        for remainder in remainders:
+            with TemporaryDirectory() as temporary:
+                fitted, held_out = split_pair(pair, views, remainder, Path(temporary))
+                rounds.append([*measure_ours(fitted, held_out), *measure_mrcal(fitted, held_out)])
+        console.print(_table(pair.name, [_join(rows) for rows in zip(*rounds, strict=True)]))
 
 
-def split_pair(pair: Path, out: Path) -> tuple[Path, Path, int]:
-    """Return the folders of a pair without its kept-back placements and of these, and their number.
+def views_in_one_order(pair: Path) -> dict[str, list[View]]:
+    """Return the views of each camera, with their corners in the order of the same board."""
+    calibrations = {name: fit(pair / name) for name in NAMES}
+    fitted = {name: calibration.views for name, calibration in calibrations.items()}
+    with TemporaryDirectory() as folder:
+        _describe(Path(folder), {name: str((pair / name).resolve()) for name in NAMES})
+        placements = Placements.of(read_rig(folder), fitted)
+    poses = {name: torch.from_numpy(c.poses[:, :6]) for name, c in calibrations.items()}
+    board = calibrations[NAMES[0]].board
+    turns = start_rig(poses, placements, NAMES[0], board).turns
+    ordered = {}
+    for name in NAMES:
+        of_view = {
+            view.name: int(turn) for view, turn in zip(fitted[name], turns[name], strict=True)
+        }
+        views, _ = read_views(read_session(pair / name), Silent())
+        ordered[name] = [turn_view(view, board, of_view.get(view.name, 0)) for view in views]
+    return ordered
 
-    The corners of all pictures have the order of the same board.
+
+def split_pair(
+    pair: Path, views: Mapping[str, Sequence[View]], remainder: int, out: Path
+) -> tuple[Path, Path]:
+    """Return the folders of a pair without its kept-back placements, and of these.
+
+    Args:
+        pair: the folder with the sessions.
+        views: the views of each camera.
+        remainder: the first shared placement that is kept back, 0 to 2.
+        out: the folder for both.
     """
-    views = _in_one_order(pair, out)
     shared = shared_names([{view.name: view for view in views[name]} for name in NAMES])
-    kept_back = set(shared[KEPT_BACK - 1 :: KEPT_BACK])
+    kept_back = set(shared[remainder::KEPT_BACK])
     folders = out / "fitted", out / "held_out"
     for folder, is_held_out in zip(folders, (False, True), strict=True):
         folder.mkdir()
@@ -111,7 +147,7 @@ def split_pair(pair: Path, out: Path) -> tuple[Path, Path, int]:
             chosen = [view for view in views[name] if (view.name in kept_back) is is_held_out]
             part_of(pair / name, chosen, folder / name)
         _describe(folder)
-    return *folders, len(kept_back)
+    return folders
 
 
 def measure_ours(fitted: Path, held_out: Path) -> Iterator[Row]:
@@ -155,7 +191,7 @@ def measure_mrcal(fitted: Path, held_out: Path) -> Iterator[Row]:
     if child.returncode:
         return
     for title, result in json.loads(child.stdout).items():
-        measured = Score(result["both"], result["cameras"], result["halves"])
+        measured = Score.of_document(result["score"])
         yield Row(title, measured, result["baseline"], result["seconds"])
 
 
@@ -177,23 +213,6 @@ def board_points(calibration: Calibration) -> Floats:
     return path.place(corners, values, poses, MIDDLE).numpy()
 
 
-def _in_one_order(pair: Path, out: Path) -> dict[str, list[View]]:
-    """Return the views of each camera, renumbered where its board stands turned by half a turn."""
-    calibrations = {name: fit(pair / name) for name in NAMES}
-    _describe(out, {name: str((pair / name).resolve()) for name in NAMES})
-    fitted = {name: calibration.views for name, calibration in calibrations.items()}
-    placements = Placements.of(read_rig(out), fitted)
-    poses = {name: torch.from_numpy(c.poses[:, :6]) for name, c in calibrations.items()}
-    board = calibrations[NAMES[0]].board
-    turns = start_rig(poses, placements, NAMES[0], board).turns
-    ordered = {}
-    for name in NAMES:
-        of_view = {view.name: int(turn) for view, turn in zip(fitted[name], turns[name])}
-        views, _ = read_views(read_session(pair / name), Silent())
-        ordered[name] = [turn_view(view, board, of_view.get(view.name, 0)) for view in views]
-    return ordered
-
-
 def _describe(folder: Path, sessions: Mapping[str, str] | None = None) -> None:
     """Write the rig.yaml of a pair."""
     document = {
@@ -212,16 +231,31 @@ def _row(
     return Row(title, score(cameras, corners), baseline, seconds)
 
 
-def _table(title: str, rows: Sequence[Row]) -> Table:
-    table = Table(title=title)
-    for column in ("", "error, px", *NAMES, "crosswise", "baseline, mm", "CPU s"):
-        table.add_column(column, justify="right" if column else "left")
+def _join(rows: Sequence[Row]) -> Row:
+    """Return the result of one program over several rounds, with the mean baseline and time."""
+    return Row(
+        rows[0].title,
+        Score.join([row.score for row in rows]),
+        float(np.mean([row.baseline for row in rows])),
+        float(np.mean([row.seconds for row in rows])),
+    )
+
+
+def _table(pair: str, rows: Sequence[Row]) -> Table:
+    best = rows[0].score.by_placement
+    table = Table(title=f"{pair}: {len(best)} placements kept back")
+    table.add_column("")
+    for column in ("px", *NAMES, "crosswise", "median", "worse", "baseline, mm", "CPU s"):
+        table.add_column(column, justify="right")
     for row in rows:
+        by_placement = row.score.by_placement
         table.add_row(
             row.title,
-            f"{row.score.both:.4f}",
-            *(f"{row.score.cameras[name]:.4f}" for name in NAMES),
-            f"{row.score.halves:.4f}",
+            f"{row.score.rms_px:.4f}",
+            *(f"{row.score.of_camera(name):.4f}" for name in NAMES),
+            f"{row.score.crossed_px:.4f}",
+            f"{np.median(by_placement):.4f}",
+            str(int((by_placement > best).sum())) if row is not rows[0] else "",
             f"{1000 * row.baseline:.2f}",
             f"{row.seconds:.1f}",
         )

@@ -1,5 +1,4 @@
-"""Debian's mrcal on a pair of sessions of corners: print its errors on kept-back placements as
-JSON, px.
+"""Debian's mrcal on a pair of sessions of corners: print its score on kept-back placements as JSON.
 
 Run by /usr/bin/python3, where Debian puts mrcal: FITTED HELD_OUT, two folders with the sessions
 `left` and `right`. mrcal fits both cameras, the board's poses and its warp together.
@@ -43,17 +42,15 @@ def main() -> None:
         focal = float(inputs["intrinsics"][:, 0].min())
         cameras = placed_cameras(inputs)
         results[title] = {
-            **score(cameras, corners).document(),
+            "score": score(cameras, corners).document(),
             "baseline": float(np.linalg.norm(cameras[NAMES[1]].mounting[3:])),
-            "warp": inputs["calobject_warp"].tolist(),
-            "fitted": float(inputs["rms"]),
             "seconds": seconds,
         }
     print(json.dumps(results))
 
 
 def calibrate(session: Path, model: str, focal: float, folder: Path) -> dict[str, Floats]:
-    """Return the solution of mrcal's command: its `optimization_inputs`, and "rms", px.
+    """Return the solution of mrcal's command, as the arguments of mrcal.optimize.
 
     The command runs in this process, and its last call of mrcal.optimize is taken. Debian's fails
     with two cameras after that, when it computes a region of valid intrinsics.
@@ -87,7 +84,7 @@ def calibrate(session: Path, model: str, focal: float, folder: Path) -> dict[str
     def recorded(*args: object, **inputs: Floats) -> dict[str, Floats]:
         statistics: dict[str, Floats] = optimize(*args, **inputs)
         solution.clear()
-        solution.update(inputs, rms=statistics["rms_reproj_error__pixels"])
+        solution.update(inputs)  # mrcal writes the result into these arrays
         return statistics
 
     mrcal.optimize = recorded

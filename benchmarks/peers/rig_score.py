@@ -7,8 +7,9 @@ its pictures.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,9 +20,11 @@ from scipy.spatial.transform import Rotation
 Floats = NDArray[np.float64]
 
 STEPS = 50
-"""The most steps of a placement's fit."""
-TOLERANCE = 1e-10
-"""The fit of the placements ends when a step lowers no placement's squares by this fraction."""
+"""The most steps of the placements' fit."""
+FIRST_STEPS = 5
+"""The steps after which the better of a placement's two starts is chosen."""
+TOLERANCE = 1e-8
+"""The fit of the placements ends when no step promises to lower the squares by this fraction."""
 DIFFERENCE = 1e-6
 """rad and m: the step of the derivatives by a pose."""
 START_DAMPING = 1e-4
@@ -42,17 +45,57 @@ class PlacedCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Score:
-    """The errors of a rig, px: two-dimensional root mean squares."""
+    """The squares of a rig's errors in P placements, px^2, each the sum of x and y."""
 
-    both: float
-    """The error of all cameras, with one pose of the board for all."""
-    cameras: Mapping[str, float]
-    """The same of each camera."""
-    halves: float
-    """The error of each half of the corners, with the pose that the other half gives."""
+    corners: Mapping[str, Floats]
+    """By camera, (P,) the numbers of corners that it saw."""
+    squares: Mapping[str, Floats]
+    """By camera, (P,) the sums over its corners, with one pose of the board for all cameras."""
+    crossed: Floats
+    """(P,) the sums over all cameras' corners, each half with the pose that the rest gives."""
+
+    @property
+    def rms_px(self) -> float:
+        return float(np.sqrt(_total(self.squares).sum() / _total(self.corners).sum()))
+
+    @property
+    def crossed_px(self) -> float:
+        return float(np.sqrt(self.crossed.sum() / _total(self.corners).sum()))
+
+    @property
+    def by_placement(self) -> Floats:
+        """(P,) px: the error of each placement."""
+        return np.sqrt(_total(self.squares) / _total(self.corners))
+
+    def of_camera(self, name: str) -> float:
+        """Return the error of one camera, px."""
+        return float(np.sqrt(self.squares[name].sum() / self.corners[name].sum()))
 
     def document(self) -> dict[str, object]:
-        return asdict(self)
+        """Return the score as JSON has it."""
+        return {
+            "corners": {name: numbers.tolist() for name, numbers in self.corners.items()},
+            "squares": {name: numbers.tolist() for name, numbers in self.squares.items()},
+            "crossed": self.crossed.tolist(),
+        }
+
+    @staticmethod
+    def of_document(document: Mapping[str, Any]) -> "Score":
+        return Score(
+            {name: np.array(numbers) for name, numbers in document["corners"].items()},
+            {name: np.array(numbers) for name, numbers in document["squares"].items()},
+            np.array(document["crossed"]),
+        )
+
+    @staticmethod
+    def join(scores: Sequence["Score"]) -> "Score":
+        """Return the score of the placements of several scores."""
+        names = scores[0].corners
+        return Score(
+            {name: np.concatenate([score.corners[name] for score in scores]) for name in names},
+            {name: np.concatenate([score.squares[name] for score in scores]) for name in names},
+            np.concatenate([score.crossed for score in scores]),
+        )
 
 
 def score(cameras: Mapping[str, PlacedCamera], corners: Mapping[str, Floats]) -> Score:
@@ -63,17 +106,21 @@ def score(cameras: Mapping[str, PlacedCamera], corners: Mapping[str, Floats]) ->
         corners: by camera, the (P, B, 2) px corners of the placements; NaN for those not seen.
     """
     start = first_poses(cameras, corners)
-    squares = _squares(cameras, fit_poses(cameras, corners, start), corners)
+    poses = fit_poses(cameras, corners, start)
     odd = np.arange(next(iter(corners.values())).shape[1]) % 2 == 1
-    crossed = []
+    crossed = np.zeros(len(poses))
     for half in (odd, ~odd):
         fitted = {name: _only(half, rows) for name, rows in corners.items()}
         scored = {name: _only(~half, rows) for name, rows in corners.items()}
-        crossed.append(_squares(cameras, fit_poses(cameras, fitted, start), scored))
+        rest = fit_poses(cameras, fitted, start)
+        crossed += (_residuals(cameras, rest, scored) ** 2).sum(-1)
     return Score(
-        both=_root_mean([squares]),
-        cameras={name: _root_mean([{name: rows}]) for name, rows in squares.items()},
-        halves=_root_mean(crossed),
+        corners={name: np.isfinite(rows[..., 0]).sum(-1) for name, rows in corners.items()},
+        squares={
+            name: (_residuals({name: camera}, poses, corners) ** 2).sum(-1)
+            for name, camera in cameras.items()
+        },
+        crossed=crossed,
     )
 
 
@@ -115,39 +162,40 @@ def first_poses(cameras: Mapping[str, PlacedCamera], corners: Mapping[str, Float
         poses = [np.ravel([turn, place]) for turn, place in zip(turns, places, strict=True)]
         candidates.append((poses[0], poses[-1]))
     starts = np.swapaxes(np.array(candidates), 0, 1)
-    fits = [fit_poses(cameras, corners, start) for start in starts]
-    costs = [_costs(cameras, poses, corners) for poses in fits]
+    fits = [fit_poses(cameras, corners, start, FIRST_STEPS) for start in starts]
+    costs = [_costs(_residuals(cameras, poses, corners)) for poses in fits]
     return np.where((costs[0] <= costs[1])[:, None], *fits)
 
 
 def fit_poses(
-    cameras: Mapping[str, PlacedCamera], corners: Mapping[str, Floats], start: Floats
+    cameras: Mapping[str, PlacedCamera],
+    corners: Mapping[str, Floats],
+    start: Floats,
+    steps: int = STEPS,
 ) -> Floats:
     """Return the (P, 6) T_reference_board of least squares of the corners in all cameras."""
     poses = start
-    costs = _costs(cameras, poses, corners)
     damping = np.full(len(poses), START_DAMPING)
-    for _ in range(STEPS):
-        residual = _residuals(cameras, poses, corners)
-        slopes = []
-        for column in range(6):
-            step = DIFFERENCE * np.eye(6)[column]
-            ahead = _residuals(cameras, poses + step, corners)
-            behind = _residuals(cameras, poses - step, corners)
-            slopes.append((ahead - behind) / (2 * DIFFERENCE))
+    residual = _residuals(cameras, poses, corners)
+    for _ in range(steps):
+        slopes = [
+            (_residuals(cameras, poses + step, corners) - residual) / DIFFERENCE
+            for step in DIFFERENCE * np.eye(6)
+        ]
         jacobian = np.nan_to_num(np.stack(slopes, -1))  # (P, R, 6)
         hessian = np.einsum("pri,prj->pij", jacobian, jacobian)
         gradient = np.einsum("pri,pr->pi", jacobian, residual)
         diagonal = np.einsum("pii->pi", hessian)
         damped = hessian + (damping[:, None] * diagonal)[:, :, None] * np.eye(6)
-        moved = poses - np.linalg.solve(damped, gradient[..., None])[..., 0]
-        moved_costs = _costs(cameras, moved, corners)
-        better = moved_costs < costs
-        change = np.where(better, 1 - moved_costs / costs, 0.0)
-        poses = np.where(better[:, None], moved, poses)
-        costs = np.where(better, moved_costs, costs)
+        step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
+        moved = _residuals(cameras, poses + step, corners)
+        costs = _costs(residual)
+        better = _costs(moved) < costs
+        promised = -(gradient * step).sum(-1)
+        poses = np.where(better[:, None], poses + step, poses)
+        residual = np.where(better[:, None], moved, residual)
         damping = np.clip(np.where(better, damping / 10, damping * 10), 1e-12, MAX_DAMPING)
-        if change.max() < TOLERANCE and (better | (damping >= 1)).all():
+        if (promised <= TOLERANCE * costs).all():
             break
     return poses
 
@@ -195,23 +243,10 @@ def _residuals(
     return np.concatenate(differences, 1)
 
 
-def _costs(
-    cameras: Mapping[str, PlacedCamera], poses: Floats, corners: Mapping[str, Floats]
-) -> Floats:
+def _costs(residual: Floats) -> Floats:
     """Return the (P,) px^2 sums of squares, infinite where a camera cannot see a corner."""
-    squares = (_residuals(cameras, poses, corners) ** 2).sum(-1)
+    squares = (residual**2).sum(-1)
     return np.where(np.isnan(squares), np.inf, squares)
-
-
-def _squares(
-    cameras: Mapping[str, PlacedCamera], poses: Floats, corners: Mapping[str, Floats]
-) -> dict[str, Floats]:
-    """Return, by camera, the px^2 of each corner that it saw."""
-    squares = {}
-    for name, camera in cameras.items():
-        pair = _residuals({name: camera}, poses, {name: corners[name]}).reshape(len(poses), -1, 2)
-        squares[name] = (pair**2).sum(-1)[np.isfinite(corners[name][..., 0])]
-    return squares
 
 
 def _only(chosen: NDArray[np.bool_], corners: Floats) -> Floats:
@@ -219,6 +254,5 @@ def _only(chosen: NDArray[np.bool_], corners: Floats) -> Floats:
     return np.where(chosen[:, None], corners, np.nan)
 
 
-def _root_mean(squares: Sequence[Mapping[str, Floats]]) -> float:
-    rows = [row for by_camera in squares for row in by_camera.values()]
-    return float(np.sqrt(np.concatenate(rows).mean()))
+def _total(by_camera: Mapping[str, Floats]) -> Floats:
+    return np.sum(list(by_camera.values()), 0)
