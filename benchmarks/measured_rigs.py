@@ -16,8 +16,11 @@ code (`benchmarks.peers.rig_score`).
 - mrcal: both cameras and the board's warp together, by mrcal-calibrate-cameras. It is left out
   where /usr/bin/python3 does not have it.
 - crosswise: each half of the corners is measured with the pose that the other half gives.
-- median: that of the errors of the placements. worse: in how many placements the error is larger
-  than that of the rig fit.
+- alike: the correlation of both cameras' errors at the same corners. What the board does in one
+  placement (it bends, it moves during the readout) shows in both cameras alike.
+- median: that of the errors of the placements.
+- ratio: the error over that of the rig fit, and its 95 % interval by drawing the kept-back
+  placements anew; worse: in how many of them the error is larger.
 
 With --thirds, each third of the shared placements is kept back in turn, and the errors of all three
 are taken together.
@@ -70,6 +73,8 @@ PAIRS = ("stereo-air", "stereo-water")
 NAMES = ("left", "right")
 """The folders of a pair; the first camera is the reference."""
 FLAT = Settings(flat_board=True)
+DRAWS = 4000
+"""The draws of the kept-back placements."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +98,7 @@ def main() -> None:
     options = parser.parse_args()
     pairs = options.pairs or [DATA / name for name in PAIRS]
     remainders = range(KEPT_BACK) if options.thirds else (KEPT_BACK - 1,)
-    console = Console(width=120)
+    console = Console(width=140)
     for pair in pairs:
         if not (pair / NAMES[0]).is_dir():
             console.print(f"{pair} is not there: name folders with the sessions left and right.")
@@ -242,24 +247,46 @@ def _join(rows: Sequence[Row]) -> Row:
 
 
 def _table(pair: str, rows: Sequence[Row]) -> Table:
-    best = rows[0].score.by_placement
-    table = Table(title=f"{pair}: {len(best)} placements kept back")
+    rig = rows[0].score
+    table = Table(title=f"{pair}: {len(rig.crossed)} placements kept back")
     table.add_column("")
-    for column in ("px", *NAMES, "crosswise", "median", "worse", "baseline, mm", "CPU s"):
+    columns = (
+        "px",
+        *NAMES,
+        "crosswise",
+        "alike",
+        "median",
+        "ratio",
+        "worse",
+        "baseline, mm",
+        "CPU s",
+    )
+    for column in columns:
         table.add_column(column, justify="right")
     for row in rows:
-        by_placement = row.score.by_placement
+        low, high = _ratio_interval(row.score, rig)
         table.add_row(
             row.title,
             f"{row.score.rms_px:.4f}",
             *(f"{row.score.of_camera(name):.4f}" for name in NAMES),
             f"{row.score.crossed_px:.4f}",
-            f"{np.median(by_placement):.4f}",
-            str(int((by_placement > best).sum())) if row is not rows[0] else "",
+            f"{row.score.correlation:.2f}",
+            f"{np.median(row.score.by_placement):.4f}",
+            f"{row.score.rms_px / rig.rms_px:.2f} ({low:.2f} to {high:.2f})",
+            str(int((row.score.by_placement > rig.by_placement).sum())),
             f"{1000 * row.baseline:.2f}",
             f"{row.seconds:.1f}",
         )
     return table
+
+
+def _ratio_interval(measured: Score, rig: Score) -> tuple[float, float]:
+    """Return the 95 % interval of the ratio of two errors on the same placements."""
+    count = len(rig.crossed)
+    draws = np.random.default_rng(0).integers(0, count, (DRAWS, count))
+    ratios = np.sqrt(measured.total[draws].sum(-1) / rig.total[draws].sum(-1))
+    low, high = np.quantile(ratios, [0.025, 0.975])
+    return float(low), float(high)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 Floats = NDArray[np.float64]
@@ -27,6 +26,8 @@ TOLERANCE = 1e-8
 """The fit of the placements ends when no step promises to lower the squares by this fraction."""
 DIFFERENCE = 1e-6
 """rad and m: the step of the derivatives by a pose."""
+SETTLED = 1e-8
+"""rad and m: a mounting is found when its step is smaller."""
 START_DAMPING = 1e-4
 MAX_DAMPING = 1e8
 
@@ -51,21 +52,36 @@ class Score:
     """By camera, (P,) the numbers of corners that it saw."""
     squares: Mapping[str, Floats]
     """By camera, (P,) the sums over its corners, with one pose of the board for all cameras."""
+    products: Floats
+    """(P,) the sums of the products of the first two cameras' errors, over the corners of both."""
     crossed: Floats
     """(P,) the sums over all cameras' corners, each half with the pose that the rest gives."""
 
     @property
+    def total(self) -> Floats:
+        """(P,) px^2: the sums over the corners of all cameras."""
+        return _total(self.squares)
+
+    @property
     def rms_px(self) -> float:
-        return float(np.sqrt(_total(self.squares).sum() / _total(self.corners).sum()))
+        return float(np.sqrt(self.total.sum() / _total(self.corners).sum()))
 
     @property
     def crossed_px(self) -> float:
         return float(np.sqrt(self.crossed.sum() / _total(self.corners).sum()))
 
     @property
+    def correlation(self) -> float:
+        """The correlation of the first two cameras' errors. The board moves and bends for both;
+        their own lenses and mountings err for one.
+        """
+        first, second, *_ = self.squares.values()
+        return float(self.products.sum() / np.sqrt(first.sum() * second.sum()))
+
+    @property
     def by_placement(self) -> Floats:
         """(P,) px: the error of each placement."""
-        return np.sqrt(_total(self.squares) / _total(self.corners))
+        return np.sqrt(self.total / _total(self.corners))
 
     def of_camera(self, name: str) -> float:
         """Return the error of one camera, px."""
@@ -76,6 +92,7 @@ class Score:
         return {
             "corners": {name: numbers.tolist() for name, numbers in self.corners.items()},
             "squares": {name: numbers.tolist() for name, numbers in self.squares.items()},
+            "products": self.products.tolist(),
             "crossed": self.crossed.tolist(),
         }
 
@@ -84,6 +101,7 @@ class Score:
         return Score(
             {name: np.array(numbers) for name, numbers in document["corners"].items()},
             {name: np.array(numbers) for name, numbers in document["squares"].items()},
+            np.array(document["products"]),
             np.array(document["crossed"]),
         )
 
@@ -94,6 +112,7 @@ class Score:
         return Score(
             {name: np.concatenate([score.corners[name] for score in scores]) for name in names},
             {name: np.concatenate([score.squares[name] for score in scores]) for name in names},
+            np.concatenate([score.products for score in scores]),
             np.concatenate([score.crossed for score in scores]),
         )
 
@@ -114,12 +133,12 @@ def score(cameras: Mapping[str, PlacedCamera], corners: Mapping[str, Floats]) ->
         scored = {name: _only(~half, rows) for name, rows in corners.items()}
         rest = fit_poses(cameras, fitted, start)
         crossed += (_residuals(cameras, rest, scored) ** 2).sum(-1)
+    errors = {name: _residuals({name: camera}, poses, corners) for name, camera in cameras.items()}
+    first, second, *_ = errors.values()
     return Score(
         corners={name: np.isfinite(rows[..., 0]).sum(-1) for name, rows in corners.items()},
-        squares={
-            name: (_residuals({name: camera}, poses, corners) ** 2).sum(-1)
-            for name, camera in cameras.items()
-        },
+        squares={name: (residual**2).sum(-1) for name, residual in errors.items()},
+        products=(first * second).sum(-1),
         crossed=crossed,
     )
 
@@ -128,18 +147,26 @@ def with_best_mounting(
     cameras: Mapping[str, PlacedCamera], name: str, corners: Mapping[str, Floats]
 ) -> dict[str, PlacedCamera]:
     """Return the cameras with the mounting of one of them that has the least squares of the corners
-    of some placements, whose poses are fitted with it.
+    of some placements, whose poses are fitted with it, by Gauss and Newton's steps.
     """
-    poses = fit_poses(cameras, corners, first_poses(cameras, corners))
-
-    def placed(mounting: Floats) -> dict[str, PlacedCamera]:
-        return {**cameras, name: replace(cameras[name], mounting=mounting)}
-
-    def residual(mounting: Floats) -> Floats:
-        moved = placed(mounting)
-        return np.ravel(_residuals(moved, fit_poses(moved, corners, poses), corners))
-
-    return placed(least_squares(residual, cameras[name].mounting, diff_step=1e-4, x_scale=0.01).x)
+    poses = first_poses(cameras, corners)
+    for _ in range(STEPS):
+        poses = fit_poses(cameras, corners, poses)
+        camera = cameras[name]
+        residual = _residuals(cameras, poses, corners)
+        by_pose = _by_pose(cameras, poses, corners, residual)
+        slopes = []
+        for change in DIFFERENCE * np.eye(6):
+            moved = {**cameras, name: replace(camera, mounting=camera.mounting + change)}
+            slopes.append((_residuals(moved, poses, corners) - residual) / DIFFERENCE)
+        rows = np.concatenate([np.stack(slopes, -1), residual[..., None]], -1)  # (P, R, 7)
+        basis = np.linalg.qr(by_pose)[0]
+        rows = (rows - basis @ (np.swapaxes(basis, 1, 2) @ rows)).reshape(-1, 7)
+        step = np.linalg.lstsq(rows[:, :6], -rows[:, 6], rcond=None)[0]
+        cameras = {**cameras, name: replace(camera, mounting=camera.mounting + step)}
+        if np.abs(step).max() < SETTLED:
+            break
+    return dict(cameras)
 
 
 def first_poses(cameras: Mapping[str, PlacedCamera], corners: Mapping[str, Floats]) -> Floats:
@@ -178,11 +205,7 @@ def fit_poses(
     damping = np.full(len(poses), START_DAMPING)
     residual = _residuals(cameras, poses, corners)
     for _ in range(steps):
-        slopes = [
-            (_residuals(cameras, poses + step, corners) - residual) / DIFFERENCE
-            for step in DIFFERENCE * np.eye(6)
-        ]
-        jacobian = np.nan_to_num(np.stack(slopes, -1))  # (P, R, 6)
+        jacobian = _by_pose(cameras, poses, corners, residual)
         hessian = np.einsum("pri,prj->pij", jacobian, jacobian)
         gradient = np.einsum("pri,pr->pi", jacobian, residual)
         diagonal = np.einsum("pii->pi", hessian)
@@ -243,6 +266,20 @@ def _residuals(
     return np.concatenate(differences, 1)
 
 
+def _by_pose(
+    cameras: Mapping[str, PlacedCamera],
+    poses: Floats,
+    corners: Mapping[str, Floats],
+    residual: Floats,
+) -> Floats:
+    """Return the (P, R, 6) derivatives of the (P, R) residuals by the poses."""
+    slopes = [
+        (_residuals(cameras, poses + change, corners) - residual) / DIFFERENCE
+        for change in DIFFERENCE * np.eye(6)
+    ]
+    return np.nan_to_num(np.stack(slopes, -1))
+
+
 def _costs(residual: Floats) -> Floats:
     """Return the (P,) px^2 sums of squares, infinite where a camera cannot see a corner."""
     squares = (residual**2).sum(-1)
@@ -255,4 +292,5 @@ def _only(chosen: NDArray[np.bool_], corners: Floats) -> Floats:
 
 
 def _total(by_camera: Mapping[str, Floats]) -> Floats:
-    return np.sum(list(by_camera.values()), 0)
+    total: Floats = np.sum(list(by_camera.values()), 0)
+    return total
