@@ -7,7 +7,7 @@ at the same time. Without a folder, those of ../shared/data are measured. Every 
 both cameras saw is kept back, and each program fits the others. Then the board gets a pose in each
 kept-back placement, which is the same for both cameras, and everything else stays. The errors are
 two-dimensional root mean squares of the corners, px, and all programs are measured by the same
-code (`benchmarks.peers.rig_score`).
+code (`fixtures.rig_score`).
 
 - rig fit: both cameras and the board together; flat board: the same without a bend and a print.
 - by itself: each camera's fit, with the board's shape and print as it alone finds them, and the
@@ -44,15 +44,6 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.measured_sets import KEPT_BACK, PEERS, PYTHON, part_of
-from benchmarks.peers.rig_score import (
-    Floats,
-    PlacedCamera,
-    Score,
-    score,
-    shared_corners,
-    shared_names,
-    with_best_mounting,
-)
 from calib.calibration import Calibration
 from calib.corners.view import View
 from calib.fit_record.request import Settings
@@ -67,6 +58,15 @@ from calib.rig.rig import Rig
 from calib.rig.rig_file import NAME as RIG_FILE
 from calib.rig.rig_file import read_rig
 from calib.session.session import read_session
+from fixtures.rig_score import (
+    Floats,
+    PlacedCamera,
+    Score,
+    score,
+    shared_corners,
+    shared_names,
+    with_best_mounting,
+)
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 PAIRS = ("stereo-air", "stereo-water")

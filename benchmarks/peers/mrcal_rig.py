@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 
 from benchmarks.peers.mrcal_session import MARGIN, MAX_FIELD, OPENCV8, SPLINED, side
-from benchmarks.peers.rig_score import Floats, PlacedCamera, read_corners, score, shared_corners
+from fixtures.rig_score import Floats, PlacedCamera, read_corners, score, shared_corners
 
 COMMAND = "mrcal-calibrate-cameras"
 NAMES = ("left", "right")

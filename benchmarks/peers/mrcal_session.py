@@ -17,7 +17,7 @@ import numpy as np
 import yaml
 from scipy.optimize import least_squares
 
-from benchmarks.peers.rig_score import Floats, read_corners
+from fixtures.rig_score import Floats, read_corners
 
 OPENCV8 = "LENSMODEL_OPENCV8"
 SPLINED = "LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=10_Ny=8_fov_x_deg={}"

@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.measured_rigs import rig_cameras
-from benchmarks.peers.rig_score import (
+from calib.corners.corners_file import write_corners
+from calib.rig.evaluate_rig import evaluate_rig
+from calib.rig.rig import Rig
+from fixtures.rig_score import (
     Floats,
     PlacedCamera,
     Score,
@@ -19,9 +21,6 @@ from benchmarks.peers.rig_score import (
     shared_corners,
     with_best_mounting,
 )
-from calib.corners.corners_file import write_corners
-from calib.rig.evaluate_rig import evaluate_rig
-from calib.rig.rig import Rig
 from fixtures.rigs import SimulatedRig
 
 BOARD = np.array([[0.03 * x, 0.03 * y, 0.004 * x * y / 12] for y in range(4) for x in range(5)])
@@ -121,7 +120,14 @@ def test_the_score_is_the_error_of_rig_evaluate(
     files = {name: tmp_path / f"{name}.vnl" for name in pair.views}
     for name, file in files.items():
         write_corners(file, pair.views[name])
-    measured = score(rig_cameras(fitted), shared_corners(files))
+    board = np.column_stack([pair.board.points(), np.zeros(pair.board.count)])
+    cameras = {
+        name: PlacedCamera(calibration.project, mounting, board)
+        for (name, calibration), mounting in zip(
+            fitted.calibrations.items(), fitted.mountings, strict=True
+        )
+    }
+    measured = score(cameras, shared_corners(files))
     evaluation = evaluate_rig(fitted, pair_folder)
     assert measured.rms_px == pytest.approx(evaluation.rms_px, rel=1e-3)
     for name, error in evaluation.cameras.items():
