@@ -9,17 +9,15 @@ import math
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import mrcal  # type: ignore[import-not-found]
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-Floats = NDArray[np.float64]
+from fixtures.rig_score import Floats, read_corners
 
 OPENCV8 = "LENSMODEL_OPENCV8"
 SPLINED = "LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=10_Ny=8_fov_x_deg={}"
@@ -57,7 +55,7 @@ def calibrate(
     """Return what mrcal's own command fits, None if it ends without a model."""
     board, camera = document["board"], document["camera"]
     lines = ["# filename x y level\n"]
-    for index, corners in enumerate(views(session / "corners.vnl")):
+    for index, corners in enumerate(read_corners(session / "corners.vnl").values()):
         for x, y in corners:
             place = f"{x:.17g} {y:.17g} 0" if math.isfinite(x) else "- - -"
             lines.append(f"view{index:04d}.png {place}\n")
@@ -90,7 +88,7 @@ def error(
     ).reshape(-1, 3)
     intrinsics = camera.intrinsics()
     squares: list[Floats] = []
-    for corners in views(session / "corners.vnl"):
+    for corners in read_corners(session / "corners.vnl").values():
         seen = np.isfinite(corners[:, 0])
         ours, pixels = points[seen], corners[seen]
         rays = mrcal.unproject(pixels, *intrinsics)
@@ -109,17 +107,6 @@ def error(
             pose = least_squares(residual, start, args=(ours[fitted], pixels[fitted])).x
             squares.append(residual(pose, ours[scored], pixels[scored]) ** 2)
     return float(np.sqrt(2 * np.concatenate(squares).mean()))
-
-
-def views(file: Path) -> Iterator[Floats]:
-    """Yield the (count, 2) px of each view; NaN for a corner that was not seen."""
-    by_name: dict[str, list[list[float]]] = {}
-    for line in file.read_text().splitlines():
-        if line and not line.startswith("#"):
-            name, x, y, *_ = line.split()
-            corner = [math.nan, math.nan] if x == "-" else [float(x), float(y)]
-            by_name.setdefault(name, []).append(corner)
-    yield from map(np.array, by_name.values())
 
 
 def side(board: dict[str, float]) -> float:
