@@ -170,9 +170,10 @@ def _turned_boards(calibration: Calibration) -> Iterator[str]:
 
 def _unseen_cover(calibration: Calibration) -> Iterator[str]:
     """Yield a line if the cover, as it is fitted, leaves the error of the camera alone."""
-    bare, *_, last = [stage.rms_px for stage in calibration.stages] or [0.0]
-    has_cover = calibration.cover.shape != "none" and len(calibration.stages) > 1
-    if has_cover and last > UNSEEN * bare:
+    stages = calibration.stages
+    if calibration.cover.shape == "none" or len(stages) < 2:
+        return
+    if stages[-1].rms_px > UNSEEN * stages[0].rms_px:
         yield (
             "The camera alone leaves the same error: these pictures hardly show the cover, and its"
             " numbers are those that you gave, or a guess."

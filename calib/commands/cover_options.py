@@ -95,8 +95,8 @@ def typed_list(text: str) -> list[object]:
             "±"
         ) > 1:
             raise argparse.ArgumentTypeError(
-                f"{quoted(text)} is not a number: write one such as 40 (an index: 1.333 for water),"
-                " or 40+-5 with its uncertainty, or unknown, and a list as 0,-30"
+                f"{quoted(text)} is not a number: write one such as 40, or 40+-5 with its"
+                " uncertainty, or unknown, and a list as 0,-30. Water has the index 1.333."
             )
     return [UNKNOWN if is_unknown(word) else typed_number(word) for word in words]
 

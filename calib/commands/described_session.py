@@ -137,12 +137,12 @@ def _describe_earlier(
     args: argparse.Namespace, source: "NamedPictures", earlier: "dict[str, dict[str, object]]"
 ) -> str:
     """Return the remark on an earlier description, with the sections that the options leave."""
-    left = {
+    sections = {
         "the board": not (args.board or _board_options(args)),
         "the cover": not has_cover_option(args),
         "the lens": not args.intrinsics and "intrinsics" in earlier,
     }
-    names = [name for name, is_left in left.items() if is_left]
+    names = [name for name, is_earlier in sections.items() if is_earlier]
     values = " and ".join(filter(None, [", ".join(names), "all else that you do not type"]))
     return KEPT.format(file=source.session / "session.yaml", values=values)
 

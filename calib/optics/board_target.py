@@ -446,13 +446,13 @@ class Landing:
         name = glass.thickness.name
         thickness = self.values[name]
         factor, growth = glass.factors(direction)
-        along = direction.x * by_x + direction.y * by_y
+        product = direction.x * by_x + direction.y * by_y
         by_direction = Vector(
-            thickness * (factor * by_x + growth * direction.x * along),
-            thickness * (factor * by_y + growth * direction.y * along),
-            thickness * along * direction.z.sign() / _steepness(direction) ** 2,
+            thickness * (factor * by_x + growth * direction.x * product),
+            thickness * (factor * by_y + growth * direction.y * product),
+            thickness * product * direction.z.sign() / _steepness(direction) ** 2,
         )
-        return by_direction, {name: factor * along} if name in names else {}
+        return by_direction, {name: factor * product} if name in names else {}
 
     def _pull_print(
         self, by_landed: Tensor, names: frozenset[str]

@@ -114,8 +114,8 @@ def judge(
                 commands.undistort(float(f"{np.median(calibration.corners_at[:, 2]):.2g}")),
             )
         reasons = _reasons(case)
-        asked = calibration.request.command
-        fitted_depths = asked.depths if asked else ()
+        command = calibration.request.command
+        fitted_depths = command.depths if command else ()
         depth = next(iter((*commands.depths, *fitted_depths)), case.usual_depths[0])
         proof = (commands.evaluate(), *([commands.diagnose()] if commands.diagnosable else []))
         uses = commands.uses(depth, mapped=bool(case.depths))

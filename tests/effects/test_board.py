@@ -135,9 +135,9 @@ def test_glass_on_a_screen_bends_a_ray_by_snell_s_law() -> None:
     expected = []
     for direction in pinhole(pixels) @ turn:
         front = start + direction * ((-thickness - start[2]) / direction[2])
-        across = direction / 1.5
-        across[2] = np.sqrt(1 - across[0] ** 2 - across[1] ** 2)
-        expected.append((front + across * (thickness / across[2]))[:2])
+        in_glass = direction / 1.5
+        in_glass[2] = np.sqrt(1 - in_glass[0] ** 2 - in_glass[1] ** 2)
+        expected.append((front + in_glass * (thickness / in_glass[2]))[:2])
     result = land(effect, pixels, {"screen_glass.thickness": thickness})
     assert np.abs(result - expected).max() < 1e-15
     assert np.abs(result - BOARD.points()).max() > 1e-3

@@ -183,7 +183,9 @@ def test_the_pane_of_a_screen_is_found(
     assert main(["diagnose", str(folder / "calibration"), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert "screen_glass" in answer["accepted"]
-    pane = next(each for each in answer["candidates"] if each["effect"] == "screen_glass")
+    pane = next(
+        candidate for candidate in answer["candidates"] if candidate["effect"] == "screen_glass"
+    )
     thickness = pane["parameters"]["screen_glass.thickness"]
     assert abs(thickness["value"] - 2e-3) < 2.5 * thickness["sigma"] < 1e-4
     assert pane["held_out_px_after"] < 0.4 * pane["held_out_px_before"]

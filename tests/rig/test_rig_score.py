@@ -75,16 +75,16 @@ def test_a_board_that_bends_errs_in_both_cameras_alike(corners: dict[str, Floats
 
 
 def test_scores_pass_through_json_and_join(corners: dict[str, Floats]) -> None:
-    parts = []
+    pieces = []
     for places in (slice(0, 3), slice(3, None)):
         rows = {name: camera[places] for name, camera in corners.items()}
-        parts.append(Score.of_document(score(PAIR, rows).document()))
-    joined = Score.join(parts)
-    whole = score(PAIR, corners)
-    assert joined.rms_px == pytest.approx(whole.rms_px, rel=1e-6)
-    assert joined.crossed_px == pytest.approx(whole.crossed_px, rel=1e-6)
-    assert joined.correlation == pytest.approx(whole.correlation, abs=1e-6)
-    assert joined.of_camera("right") == pytest.approx(whole.of_camera("right"), rel=1e-6)
+        pieces.append(Score.of_document(score(PAIR, rows).document()))
+    joined = Score.join(pieces)
+    total = score(PAIR, corners)
+    assert joined.rms_px == pytest.approx(total.rms_px, rel=1e-6)
+    assert joined.crossed_px == pytest.approx(total.crossed_px, rel=1e-6)
+    assert joined.correlation == pytest.approx(total.correlation, abs=1e-6)
+    assert joined.of_camera("right") == pytest.approx(total.of_camera("right"), rel=1e-6)
 
 
 def test_the_best_mounting_has_the_least_squares(corners: dict[str, Floats]) -> None:
@@ -92,11 +92,11 @@ def test_the_best_mounting_has_the_least_squares(corners: dict[str, Floats]) -> 
     moved = {**PAIR, "right": replace(PAIR["right"], mounting=MOUNTING + shift)}
     best = with_best_mounting(moved, "right", corners)
     np.testing.assert_allclose(best["right"].mounting, MOUNTING, atol=1e-3)
-    least = score(best, corners).rms_px
-    assert least < score(PAIR, corners).rms_px
+    smallest = score(best, corners).rms_px
+    assert smallest < score(PAIR, corners).rms_px
     for step in 1e-3 * np.vstack([np.eye(6), -np.eye(6)]):
         near = replace(best["right"], mounting=best["right"].mounting + step)
-        assert score({**best, "right": near}, corners).rms_px > least
+        assert score({**best, "right": near}, corners).rms_px > smallest
 
 
 def test_a_corner_that_was_not_seen_has_no_part_in_the_score(corners: dict[str, Floats]) -> None:

@@ -149,9 +149,9 @@ def test_a_stated_distance_that_the_pictures_contradict_is_not_used(
     (baseline,), (free_baseline,) = wrong.baselines, free.baselines
     assert abs(baseline.metres - free_baseline.metres) < 0.1 * free_baseline.sigma
     verdict = judge_rig(wrong)
-    assert any("by the pictures alone, and rig.yaml says" in each for each in verdict.sentences)
-    assert not any("moved" in each for each in verdict.sentences)
+    assert any("by the pictures alone, and rig.yaml says" in line for line in verdict.sentences)
+    assert not any("moved" in line for line in verdict.sentences)
     right = {"value": 1e3 * true, "sigma": 0.01}
     informed = fit_rig(rig.write(tmp_path / "right", baseline_mm=right, **keys), EVEN)
     assert informed.baselines[0].sigma < free_baseline.sigma
-    assert not any("rig.yaml says" in each for each in judge_rig(informed).sentences)
+    assert not any("rig.yaml says" in line for line in judge_rig(informed).sentences)
