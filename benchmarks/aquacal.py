@@ -1,9 +1,10 @@
 """Cameras over water, calibrated by Refracal and by AquaCal 2.1 from the same corners:
-`python -m benchmarks.aquacal [--cameras N] [--frames N] [--rigs N]`.
+`python -m benchmarks.aquacal [--cameras N] [--frames N] [--rigs N] [--level] [--turn-deg SIGMA]`.
 
 The data are those of AquaCal's own generator, scenario `realistic`: cameras 1.031 m above the water
 look straight down at a ChArUco board of 12 by 9 squares of 60 mm, 0.2 to 1 m under water, with
-0.5 px of noise. The scenario has twelve cameras; the first four are the default here.
+0.5 px of noise. The scenario has twelve cameras, for which AquaCal needs more than 25 minutes of
+CPU time. So the first four are the default.
 
 Both programs are given the same numbers, and estimate the same:
 
@@ -11,24 +12,29 @@ Both programs are given the same numbers, and estimate the same:
   draw of FOCAL, CENTRE_PX and HEIGHT;
 - the true lens distortion, the true indices of air and water and the true size of the board, which
   both hold;
-- a level water surface, whose tilt both estimate.
+- water that is square to the first camera's axis, which is true. Both estimate its tilt, or hold
+  it with `--level`.
 
-Refracal also reads the standard deviation of each declared number, and 1 degree for the tilt.
-AquaCal starts from the same numbers, and takes no standard deviation. So Refracal is run a second
-time, with standard deviations that are WEAK times as large and say little.
+Refracal also reads the standard deviation of each declared number, and TILT for the tilt. AquaCal
+starts from the same numbers, and takes no standard deviation. So `Refracal-weak` is a second run,
+with standard deviations that are WEAK times as large and say little.
 
 For Refracal, the water is a flat window: `outside_index` 1.333, and a sheet of 0.1 mm with the same
 `refractive_index`. All cameras share it (`shared_cover`).
 
 - focal: the error of fx and fy, root mean square.
 - height: the error of each camera's distance from the water, root mean square.
-- lengths: the error of the sides of the squares, 60 mm, of a board in other places, which at least
-  two cameras see: root mean square and signed mean, from exact pixels (the calibration's own part),
-  and from pixels with 0.5 px of noise. Each program triangulates for itself.
+- lengths: the error of the sides of the squares, 60 mm, of the board in other places, which at
+  least two cameras see: root mean square and signed mean, from exact pixels (the calibration's own
+  part), and from pixels with 0.5 px of noise.
 - CPU: the calibration alone.
 
-AquaCal needs opencv-python 4.13, which must not be installed over the OpenCV of Refracal. So install
-it into a folder of its own, and add that folder to PYTHONPATH:
+Each program triangulates for itself. AquaCal takes the point nearest to the rays, Refracal the one
+whose projections are nearest to the pixels. From exact pixels this makes the larger part of the
+difference between the two.
+
+AquaCal needs opencv-python 4.13, which must not be installed over the OpenCV of Refracal. So
+install it into a folder by itself, and add that folder to PYTHONPATH:
 `pip install --no-deps --target FOLDER aquacal natsort pandas six tqdm`.
 """
 
@@ -43,6 +49,7 @@ from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 
+import cv2
 import numpy as np
 import yaml
 from numpy.typing import NDArray
@@ -69,6 +76,7 @@ try:
         CalibrationMetadata,
         CalibrationResult,
         CameraCalibration,
+        CameraExtrinsics,
         CameraIntrinsics,
         Detection,
         DetectionResult,
@@ -86,8 +94,8 @@ try:
     from aquacal.validation.reconstruction import get_adjacent_corner_pairs
 except ImportError as error:
     raise SystemExit(
-        f"This benchmark needs AquaCal ({error}): pip install aquacal, best into a folder of its"
-        " own, as the head of benchmarks/aquacal.py says."
+        f"This benchmark needs AquaCal ({error}): pip install aquacal; the head of"
+        " benchmarks/aquacal.py says how."
     ) from None
 
 FOCAL = 0.005
@@ -124,6 +132,8 @@ class Task:
     declared: Mapping[str, CameraIntrinsics]
     height: float
     """m: the declared height of the first camera over the water."""
+    level: bool
+    """True if the water is known to be square to the first camera's axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,34 +171,43 @@ def main() -> None:
     parser.add_argument("--cameras", type=int, default=4, help="2 to 12 (default: 4)")
     parser.add_argument("--frames", type=int, default=30, help="places of the board (default: 30)")
     parser.add_argument("--rigs", type=int, default=3, help="data sets (default: 3)")
+    level = "both know that the water is square to the first camera's axis"
+    parser.add_argument("--level", action="store_true", help=level)
+    parser.add_argument("--program", choices=PROGRAMS, action="append", help="only this one")
+    turn = "turn each further camera by a draw of this, about each axis (default: 0)"
+    parser.add_argument("--turn-deg", type=float, default=0.0, metavar="SIGMA", help=turn)
     options = parser.parse_args()
     console = Console(soft_wrap=True)
     rows: dict[str, list[Errors]] = {}
     for seed in range(options.rigs):
-        task = make_task(seed, options.cameras, options.frames)
-        solutions = {
-            "declared": solve_nothing(task),
-            "AquaCal": solve_by_aquacal(task),
-            "Refracal": solve_by_refracal(task, 1.0),
-            f"Refracal, {WEAK:.0f} sigma": solve_by_refracal(task, WEAK),
-        }
-        for name, solution in solutions.items():
+        turn = float(np.deg2rad(options.turn_deg))
+        task = make_task(seed, options.cameras, options.frames, turn, options.level)
+        for name in (DECLARED, *(options.program or PROGRAMS)):
+            solution = PROGRAMS[name](task) if name in PROGRAMS else solve_nothing(task)
             rows.setdefault(name, []).append(measure(task, solution, seed))
     count = f"{options.cameras} cameras, {options.frames} frames, {options.rigs} rigs"
     console.print(_table(count, rows))
 
 
-def make_task(seed: int, cameras: int, frames: int) -> Task:
+def make_task(seed: int, cameras: int, frames: int, turn: float, level: bool) -> Task:
     """Return the first cameras of AquaCal's realistic scenario, the corners that they see, and
     declared numbers that are each off by a draw.
+
+    Args:
+        turn: rad, the standard deviation of the turn of each camera but the first about each axis.
+        level: True if the water is known to be square to the first camera's axis.
     """
     rng = np.random.default_rng(seed)
     scenario = create_scenario("realistic", seed=seed)
     names = list(scenario.intrinsics)[:cameras]
+    mountings = {names[0]: scenario.extrinsics[names[0]]}
+    for name in names[1:]:
+        rotation, _ = cv2.Rodrigues(rng.normal(0, 1, 3) * turn)
+        mountings[name] = CameraExtrinsics(rotation, -rotation @ scenario.extrinsics[name].C)
     truth = replace(
         scenario,
         intrinsics={name: scenario.intrinsics[name] for name in names},
-        extrinsics={name: scenario.extrinsics[name] for name in names},
+        extrinsics=mountings,
         water_zs={name: scenario.water_zs[name] for name in names},
         board_poses=_trajectory(scenario, frames, seed),
     )
@@ -204,6 +223,7 @@ def make_task(seed: int, cameras: int, frames: int) -> Task:
         detections=_detect(truth, truth.board_poses, truth.noise_std, seed),
         declared=declared,
         height=float(truth.water_zs[names[0]] + rng.normal(0, HEIGHT)),
+        level=level,
     )
 
 
@@ -220,7 +240,7 @@ def solve_nothing(task: Task) -> Solution:
 
 def solve_by_aquacal(task: Task) -> Solution:
     """Return the calibration by AquaCal: the stages and options of its `calibrate_synthetic`, from
-    the declared numbers, with the water's tilt estimated.
+    the declared numbers.
     """
     names = list(task.declared)
     water = dict.fromkeys(names, task.height)
@@ -242,7 +262,7 @@ def solve_by_aquacal(task: Task) -> Solution:
             task.board,
             names[0],
             initial_water_zs=water,
-            normal_fixed=False,
+            normal_fixed=task.level,
             **scene,
         )
         mountings, water, _, lenses, rms = joint_refinement(
@@ -252,7 +272,7 @@ def solve_by_aquacal(task: Task) -> Solution:
             task.board,
             names[0],
             refine_intrinsics=True,
-            normal_fixed=False,
+            normal_fixed=task.level,
             **scene,
         )
     seconds = time.process_time() - start
@@ -315,10 +335,11 @@ def write_rig(task: Task, folder: Path, factor: float) -> Path:
         factor: on each declared standard deviation.
     """
     names = list(task.declared)
+    tilt = Number(0.0, exact=True) if task.level else Number(0.0, factor * TILT)
     numbers = {
         "distance": Number(task.height, factor * HEIGHT),
-        "tilt.x": Number(0.0, factor * TILT),
-        "tilt.y": Number(0.0, factor * TILT),
+        "tilt.x": tilt,
+        "tilt.y": tilt,
         "thickness": Number(SHEET, exact=True),
         "refractive_index": Number(task.truth.n_water, exact=True),
         "outside_index": Number(task.truth.n_water, exact=True),
@@ -356,7 +377,9 @@ def measure(task: Task, solution: Solution, seed: int) -> Errors:
     """Return the errors of a calibration."""
     truth = task.truth
     focal = np.array([lens.K[[0, 1], [0, 1]] for lens in truth.intrinsics.values()])
-    height = np.array([truth.water_zs[name] - truth.extrinsics[name].C[2] for name in task.declared])
+    height = np.array(
+        [truth.water_zs[name] - truth.extrinsics[name].C[2] for name in task.declared]
+    )
     return Errors(
         focal=(solution.focal / focal - 1).ravel(),
         height=solution.height - height,
@@ -364,6 +387,16 @@ def measure(task: Task, solution: Solution, seed: int) -> Errors:
         noisy=_length_errors(task, solution, seed, truth.noise_std),
         seconds=solution.seconds,
     )
+
+
+DECLARED = "declared"
+"""The name of the row of the declared numbers."""
+PROGRAMS: Mapping[str, Callable[[Task], Solution]] = {
+    "AquaCal": solve_by_aquacal,
+    "Refracal": lambda task: solve_by_refracal(task, 1.0),
+    "Refracal-weak": lambda task: solve_by_refracal(task, WEAK),
+}
+"""The programs by the names of their rows."""
 
 
 def _length_errors(task: Task, solution: Solution, seed: int, noise_px: float) -> Array:
