@@ -179,9 +179,9 @@ def main() -> None:
     options = parser.parse_args()
     console = Console(soft_wrap=True)
     rows: dict[str, list[Errors]] = {}
+    turn_rad = float(np.deg2rad(options.turn_deg))
     for seed in range(options.rigs):
-        turn = float(np.deg2rad(options.turn_deg))
-        task = make_task(seed, options.cameras, options.frames, turn, options.level)
+        task = make_task(seed, options.cameras, options.frames, turn_rad, options.level)
         for name in (DECLARED, *(options.program or PROGRAMS)):
             solution = PROGRAMS[name](task) if name in PROGRAMS else solve_nothing(task)
             rows.setdefault(name, []).append(measure(task, solution, seed))
@@ -356,7 +356,8 @@ def write_rig(task: Task, folder: Path, factor: float) -> Path:
             cy=Number(float(cy), factor * CENTRE_PX),
             distortion=tuple(Number(float(value), exact=True) for value in lens.dist_coeffs),
         )
-        camera = Camera(*lens.image_size, intrinsics=intrinsics)
+        width, height = lens.image_size
+        camera = Camera(width, height, intrinsics=intrinsics)
         content = session_to_yaml(_board(task.truth), camera, water)
         text = yaml.safe_dump({"format": 1, **content, "corners": "corners.vnl"})
         (session / "session.yaml").write_text(text)
