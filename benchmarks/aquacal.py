@@ -1,10 +1,11 @@
 """Cameras over water, calibrated by Refracal and by AquaCal 2.1 from the same corners:
-`python -m benchmarks.aquacal [--cameras N] [--frames N] [--rigs N] [--level] [--turn-deg SIGMA]`.
+`python -m benchmarks.aquacal [--cameras N] [--frames N] [--rigs N] [--program NAME] [--level]
+[--turn-deg SIGMA]`.
 
 The data are those of AquaCal's own generator, scenario `realistic`: cameras 1.031 m above the water
 look straight down at a ChArUco board of 12 by 9 squares of 60 mm, 0.2 to 1 m under water, with
-0.5 px of noise. The scenario has twelve cameras, for which AquaCal needs more than 25 minutes of
-CPU time. So the first four are the default.
+0.5 px of noise. The scenario has twelve cameras, of which `--cameras` takes the first ones, and 30
+frames. With `--turn-deg`, the cameras do not look straight down.
 
 Both programs are given the same numbers, and estimate the same:
 
@@ -168,7 +169,7 @@ class Errors:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cameras", type=int, default=4, help="2 to 12 (default: 4)")
+    parser.add_argument("--cameras", type=int, default=12, help="2 to 12 (default: 12)")
     parser.add_argument("--frames", type=int, default=30, help="places of the board (default: 30)")
     parser.add_argument("--rigs", type=int, default=3, help="data sets (default: 3)")
     level = "both know that the water is square to the first camera's axis"
