@@ -176,7 +176,7 @@ def test_the_pane_of_a_screen_is_found(
 ) -> None:
     """Twelve views of a screen with 2 mm of glass before its pixels, which nobody declared."""
     monkeypatch.setattr("calib.report.write.DRAWINGS", ())
-    made = screen_scene(3, 12, 80, 50)
+    made = screen_scene(3, 12, 40, 25)
     folder = write_point_session(tmp_path / "s", made, places=behind_pane(made, 2e-3))
     assert main(["fit", str(folder), "--json"]) == 0
     capsys.readouterr()
