@@ -135,9 +135,22 @@ class CheckResult:
     @property
     def sentence(self) -> str:
         """The status in words."""
-        if self.status is CheckStatus.VALID and not self.has_new_views:
+        if self.status is not CheckStatus.VALID or not self.is_known:
+            return self.status.sentence
+        if not self.has_new_views:
             return "Not checked: the calibration was made from these pictures."
-        return self.status.sentence
+        assert self.statistics
+        count = f"{self.statistics.reused_views} of these {self.statistics.views}"
+        return f"Hardly checked: the calibration was made from {count} pictures."
+
+    @property
+    def is_known(self) -> bool:
+        """True if more than half of the tested views are those that the calibration was fitted
+        to, which cannot contradict it.
+        """
+        return self.statistics is not None and (
+            2 * self.statistics.reused_views > self.statistics.views
+        )
 
     @property
     def has_new_views(self) -> bool:

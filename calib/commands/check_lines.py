@@ -47,7 +47,7 @@ def next_command(
         return f"calib diagnose {shlex.quote(str(calibration))}"
     session = pictures[0]
     is_recorded = (session / "session.yaml").is_file() and (session / "frames").is_dir()
-    is_checked = result.status is CheckStatus.VALID and result.has_new_views
+    is_checked = result.status is CheckStatus.VALID and not result.is_known
     if updated or is_checked or not is_recorded:
         return f"calib report {shlex.quote(str(calibration))}"
     if not session.name.strip("."):  # "." and ".." are not names

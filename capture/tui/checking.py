@@ -45,6 +45,6 @@ def check_calibration(
         "sentence": result.sentence,
         "text": text,
         "usable": bool(check_views.views) and is_updatable(result),
-        "known": result.statistics is not None and not result.has_new_views,
+        "known": result.is_known,
         "written": written,
     }

@@ -45,7 +45,6 @@ def describe_screen(app: App[Any]) -> dict[str, object]:
     screen = app.screen
     pages = [item for item in app.screen_stack if isinstance(item, Page)]
     focused = screen.focused
-    bindings = visible_bindings(screen)
     labels = _labels(app)
     blocks = sorted(_blocks(screen), key=_urgency)
     for block in blocks:
@@ -58,7 +57,9 @@ def describe_screen(app: App[Any]) -> dict[str, object]:
         "blocks": blocks,
         "picture": bool(screen.query(Picture)),
         "focus": name_of(focused) if isinstance(focused, Input | Select) else "",
-        "keys": _buttons(bindings, pages[-1].early_actions if pages else frozenset()),
+        "keys": _buttons(
+            _shown_bindings(screen), pages[-1].early_actions if pages else frozenset()
+        ),
         "notices": [name_buttons(item.message, labels) for item in app._notifications],
     }
 
@@ -86,10 +87,15 @@ def visible_bindings(screen: Screen[Any]) -> list[Any]:
     """Return the bindings of the screen's last line, without those that only a keyboard needs; one
     for each action.
     """
-    bindings: dict[str, Any] = {}
+    return [binding for binding, enabled in _shown_bindings(screen) if enabled]
+
+
+def _shown_bindings(screen: Screen[Any]) -> list[tuple[Any, bool]]:
+    """Return the same bindings and those that are off now, each with whether it is on."""
+    bindings: dict[str, tuple[Any, bool]] = {}
     for _, binding, enabled, _ in screen.active_bindings.values():
-        if binding.show and enabled and not KEYBOARD_ACTIONS.fullmatch(binding.action):
-            bindings.setdefault(binding.action, binding)
+        if binding.show and not KEYBOARD_ACTIONS.fullmatch(binding.action):
+            bindings.setdefault(binding.action, (binding, enabled))
     return list(bindings.values())
 
 
@@ -115,17 +121,20 @@ def _urgency(block: Block) -> int:
     return INSTRUCTION_IDS.index(str(name)) if block.get("spoken") else -1
 
 
-def _buttons(bindings: list[Any], early: frozenset[str]) -> list[Block]:
-    """Return the buttons of the bindings. An action for which it is early is not the main one."""
-    actions = {binding.action for binding in bindings} - early
+def _buttons(bindings: list[tuple[Any, bool]], early: frozenset[str]) -> list[Block]:
+    """Return the buttons of the bindings. An action for which it is early is not the main one. A
+    button that is off keeps its place: no other one may come under a finger.
+    """
+    actions = {binding.action for binding, enabled in bindings if enabled} - early
     main = next((action for action in MAIN_ACTIONS if action in actions), "")
     return [
         {
             "key": binding.key,
             "label": binding.description,
             "main": binding.action == main,
+            "off": not enabled,
         }
-        for binding in bindings
+        for binding, enabled in bindings
     ]
 
 

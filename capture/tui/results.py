@@ -171,7 +171,9 @@ class ResultsScreen(Page):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
-        return bool(self._dropped or self._dropped_earlier) if action == "take_back" else True
+        if action != "take_back" or self._dropped or self._dropped_earlier:
+            return True
+        return None if getattr(self.app, "on_phone", False) else False  # None: off, in its place
 
     def on_mount(self) -> None:
         self.query_one(OptionList).focus()

@@ -108,6 +108,7 @@ function drawKeys(keys) {
   nav.replaceChildren(...[...below.filter((each) => each.main), ...others].map((key) => {
     const button = make("button", {type: "button", className: key.main ? "main whole" : wide}, key.label);
     button.dataset.key = key.key;
+    button.disabled = key.off;
     button.onclick = () => ask({press: key.key});
     return button;
   }));

@@ -158,8 +158,7 @@ async def _useless(session: Path, later: Path) -> None:
         await pilot.press("c")
         await write(pilot, f"folder:{session / 'frames'}")
         await pilot.press("ctrl+s")
-        await see(pilot, "The calibration is valid.")
-        assert "it was made from these pictures" in " ".join(shown(pilot).split())
+        await see(pilot, "Not checked: the calibration was made from these pictures.")
         await pilot.press("escape")
         await see(pilot, "The error fell from")
         for picture in later.glob("*.jpg"):
