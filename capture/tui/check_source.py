@@ -29,6 +29,8 @@ class CheckSourceScreen(Question[str]):
     BINDINGS: ClassVar = [*question_bindings(START)]
 
     async def answer(self, text: str) -> str:
+        if text in ("", FOLDER):
+            raise InputError("Name a folder of pictures, or a camera such as v4l2:/dev/video0.")
         source = f"{FOLDER}{text}" if expand_typed_path(text).is_dir() else text
         open_source(source, self.LABEL)
         if is_recorded_source(source) and (problem := await to_thread(explain_unreadable, source)):

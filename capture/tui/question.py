@@ -71,8 +71,13 @@ class Question(Dialog[Answer | None]):
         try:
             self.dismiss(await self.answer(self.query_one(f"#{self.NAME}", Input).value.strip()))
         except InputError as error:
-            self.query_one("#said", Static).update(harmless(str(error)))
+            self.query_one("#said", Static).update(harmless(f"✗ {error}"))
             self.query_one(f"#{self.NAME}", Input).focus()
+
+    @on(Input.Changed)
+    def _clear(self) -> None:
+        """Take the reason away: it is of another answer."""
+        self.query_one("#said", Static).update("")
 
     def action_onward(self) -> None:
         focus_next_field(self)
