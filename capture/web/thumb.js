@@ -104,7 +104,7 @@ function drawKeys(keys) {
     byId(name).onclick = () => ask({press: key.key});
   }
   const below = keys.filter((each) => !aside(each)), others = below.filter((each) => !each.main);
-  const wide = {1: " whole", 2: " half", 4: " half"}[others.length] ?? "";
+  const wide = {1: " whole", 2: " half", 4: " half", 7: " quarter", 8: " quarter"}[others.length] ?? "";
   nav.replaceChildren(...[...below.filter((each) => each.main), ...others].map((key) => {
     const button = make("button", {type: "button", className: key.main ? "main whole" : wide}, key.label);
     button.dataset.key = key.key;
