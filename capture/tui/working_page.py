@@ -21,6 +21,8 @@ BAR_COLUMNS = 24  # columns
 BEGINNING = (LOADING, 0, 1, "")
 """The first task, which is on the screen before the process has reported anything."""
 REPEATED_ADVICE = "It failed in the same way again: press esc to go back, and mend that first."
+TRIAL = "Start: "
+"""The begin of a task that tries starting values: its errors say nothing of the fit."""
 ERRORS_HEADING = "Error left (rms, weighted: surer corners count more than in the results):"
 
 
@@ -110,7 +112,9 @@ class WorkingPage(Page):
             case {"event": "step", "done": done, "words": words}:
                 title, _, total, last_words = self._tasks[-1]
                 self._tasks[-1] = title, done, total, words or last_words
-                if number := re.fullmatch(r"([\d.]+) px", words):
+                number = re.fullmatch(r"([\d.]+) px", words)
+                if number and not title.startswith(TRIAL):
+                    self._errors = [each for each in self._errors if each[0] != title]
                     self._errors.append((title, float(number[1])))
             case {"event": "error", "sentence": sentence}:
                 self._clear_child()
@@ -149,6 +153,8 @@ class WorkingPage(Page):
         ]
         width = max([20, *(len(bar.title) + 1 for bar in tasks)])
         error_bars = [bar._replace(title=f"Error left, {bar.title}") for bar in falling]
+        if len(tasks) > 1:
+            tasks = [bar for bar in tasks if bar.title != LOADING]
         self.show(
             _draw_bars(tasks, width),
             "\n".join([ERRORS_HEADING, _draw_bars(falling, width)] if falling else []),

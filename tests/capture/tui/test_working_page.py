@@ -24,7 +24,13 @@ async def _steps(session: Path) -> None:
         screen = FitScreen(session)
         await pilot.app.push_screen(screen)
         screen.child = Child(fit_session)
-        for title, words in (("Intrinsics", "0.150 px"), ("Joint fit", "0.075 px")):
+        steps = (
+            ("Intrinsics", "0.150 px"),
+            ("Start: cone", "6.000 px"),  # starting values that are tried are no error of the fit
+            ("Joint fit", "0.090 px"),
+            ("Joint fit", "0.075 px"),
+        )
+        for title, words in steps:
             screen.post_message(
                 FitScreen.ProcessReported(
                     screen.child, {"event": "task", "title": title, "total": 12}
@@ -41,10 +47,11 @@ async def _steps(session: Path) -> None:
             for block in describe_screen(pilot.app)["blocks"]  # type: ignore[attr-defined]
             if block["kind"] == "bar"
         ]
-        assert bars[2:] == [
+        assert bars[4:] == [
             ("Error left, Joint fit", "0.075 px"),
             ("Error left, Intrinsics", "0.150 px"),
         ]
+        assert len(bars[:4]) == len(steps), "the task of loading has ended, and is not there"
 
 
 def test_a_failure_that_repeats_has_other_advice(
