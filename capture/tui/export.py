@@ -111,11 +111,13 @@ class ExportScreen(Dialog[str]):
             forms = [
                 (f"{form.name:<13}{form.brief or form.summary}", form.name) for form in FORMATS
             ]
+            first = FORMATS[0].name
             if self._pictures and self._pictures.is_dir():
                 forms.insert(1, (f"{STRAIGHT:<13}the session's pictures, undistorted", STRAIGHT))
+                if getattr(self.app, "on_phone", False):
+                    first = STRAIGHT  # a phone can show them, and cannot use maps
             yield _row(
-                "form",
-                Select(forms, value=FORMATS[0].name, allow_blank=False, id="form", compact=True),
+                "form", Select(forms, value=first, allow_blank=False, id="form", compact=True)
             )
             suggester = PathSuggester(kinds=False)
             yield _row(
@@ -142,7 +144,7 @@ class ExportScreen(Dialog[str]):
             )
         except argparse.ArgumentTypeError as error:
             self._invalid = True
-            self._say(str(error))
+            self._say(f"✗ {error}")
             return None
         self._invalid = False
         self._say("")

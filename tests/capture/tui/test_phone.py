@@ -151,6 +151,9 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await phone.press("escape")
         await phone.press("x")
         await phone.see("Maps that undistort pictures")
+        form = 'document.getElementById("choice-form").textContent'
+        assert str(await phone.evaluate(form)).startswith("straight"), "a phone can show these"
+        await phone.choose("form", "npz")
         await phone.fill("depths", "0.5 1")
         await phone.let_go()
         await phone.press("ctrl+s")
