@@ -120,7 +120,7 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     if board.has_grid and (width := 2e3 * max(board.half)) < SMALL_BOARD_MM:
         print(SMALL_BOARD.format(board=board, width=width), file=sys.stderr)
     if earlier:
-        print(harmless(f"{_describe_earlier(args, source, earlier)}"), file=sys.stderr)
+        print(harmless(_describe_earlier(args, source, earlier)), file=sys.stderr)
     elif not cover:
         print(NO_COVER, file=sys.stderr)
     assumed = (f(args, earlier.get("cover")) for f in (describe_usual, describe_medium))
