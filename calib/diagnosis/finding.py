@@ -30,7 +30,7 @@ class ParameterEstimate:
 
 
 PLAIN = {
-    "absorbed": "not told apart from what the fit estimates",
+    "absorbed": "not told from fitted numbers",
     "not asked for": "no sign of it in the error",
     "not finite": "cannot be fitted",
     "not possible": "would have to be larger than is possible",
