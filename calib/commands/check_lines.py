@@ -41,7 +41,7 @@ def next_command(
 ) -> str:
     """Return the command to type next: a diagnosis of a calibration that lacks an effect; a new
     recording if the pictures are a recorded session's, and the calibration is not valid or was
-    fitted to all of them; otherwise a report.
+    fitted to most of them; otherwise a report.
     """
     if result.lacking and not updated:
         return f"calib diagnose {shlex.quote(str(calibration))}"

@@ -33,11 +33,9 @@ from calib.progress import Advance
 from calib.session.lens import NAMES
 from calib.table import board_error, change
 from calib.verdict.depths import describe_trusted
+from calib.verdict.thresholds import NO_BETTER
 from calib.verdict.uncertainty import map_sigmas, reached_depths
 
-UNSEEN = 0.97
-"""The fitted error over that of the camera alone, above which the pictures hardly show the cover.
-"""
 TITLE_WIDTH = 22
 BAR_WIDTH = 20
 
@@ -173,7 +171,7 @@ def _unseen_cover(calibration: Calibration) -> Iterator[str]:
     stages = calibration.stages
     if calibration.cover.shape == "none" or len(stages) < 2:
         return
-    if stages[-1].rms_px > UNSEEN * stages[0].rms_px:
+    if stages[-1].rms_px > NO_BETTER * stages[0].rms_px:
         yield (
             "The camera alone leaves the same error: these pictures hardly show the cover, and its"
             " numbers are those that you gave, or a guess."

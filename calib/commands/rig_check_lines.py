@@ -27,10 +27,14 @@ SENTENCES = {
 }
 
 
+NOT_CHECKED = "Not checked: the rig was made from these pictures, or from most of them."
+
+
 def print_rig_check(result: RigCheckResult, following: str) -> None:
     """Print the status, the reasons, the pose of each camera, and the next command."""
     console = Console(markup=False, highlight=False, soft_wrap=True)
-    console.print(SENTENCES[result.status], style="bold")
+    is_known = result.status is CheckStatus.VALID and result.is_known
+    console.print(NOT_CHECKED if is_known else SENTENCES[result.status], style="bold")
     for line in rig_check_lines(result):
         console.print(line)
     if result.places:

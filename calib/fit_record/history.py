@@ -137,6 +137,11 @@ class DiagnosisRecord:
         )
 
     @property
+    def decided(self) -> bool:
+        """False if there were too few views to confirm any effect."""
+        return bool(self.document.get("decided", True))
+
+    @property
     def families(self) -> tuple[Family, ...]:
         """The families of accepted effects."""
         return tuple(Family(**family) for family in self.document.get("families", ()))

@@ -57,7 +57,7 @@ def with_initial_values(setup: Setup, views: Sequence[View], progress: Progress)
     beginnings: list[_Beginning] = []
     for count, start in enumerate(starts, 1):
         beginnings.append(_Beginning.of(replace(setup, initial=start), observations))
-        advance(count, f"{min(beginning.rms_px for beginning in beginnings):.3g} px")
+        advance(count, f"best {min(beginning.rms_px for beginning in beginnings):.3g} px")
     beginnings.sort(key=lambda beginning: beginning.rms_px)
     fits = [beginning.fit(observations) for beginning in beginnings[:MAX_FITS]]
     finite = [joint for joint in fits if joint and joint.finite]

@@ -83,11 +83,7 @@ def find_pictures(paths: Sequence[Path]) -> NamedPictures:
     for path in paths:
         existing += _matches(path)
     for path in existing:
-        if (path / "calibration.yaml").is_file() and not list_images(path):
-            raise InputError(
-                f"{path} is a calibration: give the folder of pictures to fit, or look at it by"
-                f" calib report {shlex.quote(str(path))}"
-            )
+        _check_no_calibration(path)
     if len(existing) == 1 and existing[0].is_dir():
         return _in_folder(existing[0], words)
     videos = [path for path in existing if path.suffix.lower() in VIDEOS]
@@ -106,6 +102,21 @@ def find_pictures(paths: Sequence[Path]) -> NamedPictures:
     if len(folders) == 1 and set(pictures) == set(list_images(common)):
         return _in_folder(common, words)
     return NamedPictures(common / "session", tuple(pictures), words=words)
+
+
+def _check_no_calibration(path: Path) -> None:
+    """Check that a path is not what `calib fit` wrote; a session may hold it beside its pictures.
+
+    Raises:
+        InputError: it is.
+    """
+    with reading(path):
+        is_calibration = (path / "calibration.yaml").is_file() and not (path / DESCRIPTION).exists()
+        if is_calibration and not session_pictures(path):
+            raise InputError(
+                f"{path} is a calibration: give the folder of pictures to fit, or look at it by"
+                f" calib report {shlex.quote(str(path))}"
+            )
 
 
 def _matches(path: Path) -> Sequence[Path]:

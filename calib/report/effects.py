@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from html import escape
 
 from calib.calibration import Calibration
-from calib.corners.view import pose_labels
-from calib.diagnosis.diagnose import MIN_CONFIRMING_VIEWS
 from calib.diagnosis.effect_description import describe_estimates
 from calib.effects.description import describe_effect
 from calib.fit_record.history import DiagnosisRecord
@@ -56,7 +54,7 @@ def effects_html(rows: Sequence[EffectRow], calibration: Calibration) -> str:
     """Return the section as HTML; an empty text if there was no diagnosis and is no effect."""
     diagnosis = calibration.history.diagnosis
     if not rows:
-        return _nothing_html(calibration, diagnosis) if diagnosis else ""
+        return _nothing_html(diagnosis) if diagnosis else ""
     diagnosis = diagnosis or DiagnosisRecord()
     largest = max(max(row.before_px, row.after_px) for row in rows)
     cells = [
@@ -80,9 +78,9 @@ def effects_html(rows: Sequence[EffectRow], calibration: Calibration) -> str:
     )
 
 
-def _nothing_html(calibration: Calibration, diagnosis: DiagnosisRecord) -> str:
+def _nothing_html(diagnosis: DiagnosisRecord) -> str:
     """Return the section of a diagnosis that found nothing."""
-    if len(set(pose_labels(calibration.views).tolist())) < MIN_CONFIRMING_VIEWS:
+    if not diagnosis.decided:
         return f"<p>{NOT_DECIDED}</p>{_families_html(diagnosis)}"
     error = (
         f" The error on held-out views is {diagnosis.qualities[0].held_out_px:.3f} px."

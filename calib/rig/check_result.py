@@ -98,6 +98,11 @@ class RigCheckResult:
         """True if two cameras were compared: then a motion of one is one of the other as well."""
         return len(self.places) == 1
 
+    @property
+    def is_known(self) -> bool:
+        """True if each camera was fitted to most of its pictures, which cannot contradict it."""
+        return all(result.is_known for result in self.cameras.values())
+
     def as_json(self) -> dict[str, object]:
         cameras: dict[str, object] = {
             name: {

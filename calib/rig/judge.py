@@ -19,7 +19,7 @@ from calib.rig.rig import Rig
 from calib.rig.rig_effects import RIG_FLEX, RIG_SLIP
 from calib.session.deviation import independent_deviation
 from calib.verdict.judge import judge
-from calib.verdict.verdict import Reason, Trust, Verdict
+from calib.verdict.verdict import Reason, Trust, Verdict, uncapitalised
 
 MIN_SHARED = 6
 """The fewest placements that a camera shares with others: its mounting has six numbers, and each
@@ -93,11 +93,10 @@ def judge_rig(
 def rig_not_converged(case: RigCase) -> Iterator[Reason]:
     """Yield a reason if the joint estimate did not end at an optimum."""
     if not case.rig.covariance.size:
-        sentence = Outcome.NOT_FINITE.value[0].lower() + Outcome.NOT_FINITE.value[1:]
+        sentence = uncapitalised(Outcome.NOT_FINITE.value)
         yield Reason(sentence, case.fit_command, word=Trust.DO_NOT_USE)
     elif case.rig.record.outcome != Outcome.CONVERGED.value:
-        outcome = case.rig.record.outcome
-        yield Reason(outcome[0].lower() + outcome[1:], case.fit_command)
+        yield Reason(uncapitalised(case.rig.record.outcome), case.fit_command)
 
 
 def few_shared(case: RigCase) -> Iterator[Reason]:
@@ -116,11 +115,16 @@ def few_shared(case: RigCase) -> Iterator[Reason]:
 
 
 def contradicted_baseline(case: RigCase) -> Iterator[Reason]:
-    """Yield a reason if the pictures contradict the distance that rig.yaml states."""
+    """Yield a reason if the pictures contradict the distance that rig.yaml states, which the
+    estimate then does not use.
+    """
     number = case.rig.record.baseline
-    if not number or not case.rig.covariance.size or not is_contradicted(case.rig):
+    if not number or not case.rig.covariance.size:
         return
-    (baseline,) = case.rig.baselines
+    (baseline,) = case.rig.baselines  # only a pair may state one
+    distance = baseline.metres - number.value
+    if abs(independent_deviation(distance, number.sigma, baseline.sigma)) <= CONFLICT_THRESHOLD:
+        return
     estimated = with_sigma(1000 * baseline.metres, 1000 * baseline.sigma)
     yield Reason(
         f"the distance from {baseline.first} to {baseline.second} is {estimated} mm by the pictures"
@@ -129,18 +133,6 @@ def contradicted_baseline(case: RigCase) -> Iterator[Reason]:
         " comes from.",
         case.fit_command,
     )
-
-
-def is_contradicted(rig: Rig) -> bool:
-    """Return True if the pictures contradict the stated distance of a pair, which the estimate then
-    does not use.
-    """
-    number = rig.record.baseline
-    if not number or len(rig.baselines) != 1:
-        return False
-    (baseline,) = rig.baselines
-    deviation = independent_deviation(baseline.metres - number.value, number.sigma, baseline.sigma)
-    return abs(deviation) > CONFLICT_THRESHOLD
 
 
 def disagreement(case: RigCase) -> Iterator[Reason]:

@@ -7,7 +7,7 @@ import numpy as np
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.verdict.case import Case
 from calib.verdict.thresholds import STATIONARY
-from calib.verdict.verdict import Reason, Trust
+from calib.verdict.verdict import Reason, Trust, uncapitalised
 
 
 def not_finite(case: Case) -> Iterator[Reason]:
@@ -21,7 +21,7 @@ def not_finite(case: Case) -> Iterator[Reason]:
         np.isfinite(array).all() for array in arrays
     ):
         yield Reason(
-            _uncapitalised(Outcome.NOT_FINITE.value), case.next.fit(), word=Trust.DO_NOT_USE
+            uncapitalised(Outcome.NOT_FINITE.value), case.next.fit(), word=Trust.DO_NOT_USE
         )
 
 
@@ -35,14 +35,10 @@ def not_converged(case: Case) -> Iterator[Reason]:
             " some numbers, or the model lacks something."
         )
     else:
-        sentence = _uncapitalised(Outcome.STUCK.value)
+        sentence = uncapitalised(Outcome.STUCK.value)
     yield Reason(sentence, case.next.diagnose(), word=Trust.DO_NOT_USE)
 
 
 def _outcome(case: Case) -> str:
     joint = case.calibration.outcome.joint
     return joint.outcome if joint else Outcome.CONVERGED.value
-
-
-def _uncapitalised(sentence: str) -> str:
-    return sentence[0].lower() + sentence[1:]

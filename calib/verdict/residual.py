@@ -33,7 +33,7 @@ from calib.verdict.thresholds import (
     SCORED,
     WORTH_NAMING,
 )
-from calib.verdict.verdict import Reason
+from calib.verdict.verdict import Reason, uncapitalised
 
 NOT_ALL_NOISE = "the error is not all noise"
 NUMBERS = {"focal": CAMERA.focal, "principal_point": CAMERA.centre}
@@ -59,8 +59,8 @@ def residual(case: Case) -> Iterator[Reason]:
         )
     if likely:
         effects = (
-            f"{effect.name} ({_uncapitalised(effect.description)}), which would lower the error by"
-            f" {100 * gain:.0f} %"
+            f"{effect.name} ({uncapitalised(effect.description).removesuffix('.')}), which would"
+            f" lower the error by {100 * gain:.0f} %"
             for effect, gain in likely
         )
         sentence += f": it may be {', or '.join(effects)}."
@@ -73,10 +73,6 @@ def residual(case: Case) -> Iterator[Reason]:
     diagnosed = case.calibration.history.diagnosis is not None
     suspects = tuple(dict.fromkeys(name for effect, _ in likely for name in suspects_of(effect)))
     yield Reason(sentence, case.next.report() if diagnosed else case.next.diagnose(), suspects)
-
-
-def _uncapitalised(description: str) -> str:
-    return description[0].lower() + description[1:].removesuffix(".")
 
 
 def beyond_noise(case: Case) -> bool:

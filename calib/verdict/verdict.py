@@ -29,6 +29,11 @@ class Trust(Enum):
         return list(Trust).index(self)
 
 
+def uncapitalised(sentence: str) -> str:
+    """Return a sentence as reasons have it, which follow a dash."""
+    return sentence[0].lower() + sentence[1:]
+
+
 @dataclass(frozen=True, slots=True)
 class Reason:
     """A reason against trusting a calibration."""

@@ -21,8 +21,6 @@ BAR_COLUMNS = 24  # columns
 BEGINNING = (LOADING, 0, 1, "")
 """The first task, which is on the screen before the process has reported anything."""
 REPEATED_ADVICE = "It failed in the same way again: press esc to go back, and mend that first."
-TRIAL = "Start: "
-"""The begin of a task that tries starting values: its errors say nothing of the fit."""
 ERRORS_HEADING = "Error left (rms, weighted: surer corners count more than in the results):"
 
 
@@ -112,9 +110,7 @@ class WorkingPage(Page):
             case {"event": "step", "done": done, "words": words}:
                 title, _, total, last_words = self._tasks[-1]
                 self._tasks[-1] = title, done, total, words or last_words
-                number = re.fullmatch(r"([\d.]+) px", words)
-                if number and not title.startswith(TRIAL):
-                    self._errors = [each for each in self._errors if each[0] != title]
+                if number := re.fullmatch(r"([\d.]+) px", words):
                     self._errors.append((title, float(number[1])))
             case {"event": "error", "sentence": sentence}:
                 self._clear_child()
@@ -152,7 +148,8 @@ class WorkingPage(Page):
             Bar(title, error / maximum, f"{error:.3f} px") for title, error in self._errors[-8:]
         ]
         width = max([20, *(len(bar.title) + 1 for bar in tasks)])
-        error_bars = [bar._replace(title=f"Error left, {bar.title}") for bar in falling]
+        newest = {bar.title: bar for bar in falling}  # a small page has one row for each step
+        error_bars = [bar._replace(title=f"Error left, {title}") for title, bar in newest.items()]
         if len(tasks) > 1:
             tasks = [bar for bar in tasks if bar.title != LOADING]
         self.show(

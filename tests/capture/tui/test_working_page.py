@@ -26,7 +26,7 @@ async def _steps(session: Path) -> None:
         screen.child = Child(fit_session)
         steps = (
             ("Intrinsics", "0.150 px"),
-            ("Start: cone", "6.000 px"),  # starting values that are tried are no error of the fit
+            ("Start: cone", "best 6 px"),  # starting values that are tried are no error of the fit
             ("Joint fit", "0.090 px"),
             ("Joint fit", "0.075 px"),
         )
@@ -41,7 +41,7 @@ async def _steps(session: Path) -> None:
                     screen.child, {"event": "step", "done": 1, "words": words}
                 )
             )
-        await see(pilot, f"Intrinsics {'█' * 24} 0.150 px Joint fit {'█' * 12}{'░' * 12} 0.075 px")
+        await see(pilot, f"Intrinsics {'█' * 24} 0.150 px Joint fit {'█' * 14}{'░' * 10} 0.090 px")
         bars = [
             (block["label"], block["text"])
             for block in describe_screen(pilot.app)["blocks"]  # type: ignore[attr-defined]
