@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 from calib.effects.effect import Effect, EffectContext, EffectParameter
-from calib.optics.board_target import FrontGlass
+from calib.optics.front_glass import FrontGlass
 from calib.optics.path import Path
 from calib.session.tolerances import SCREEN_GLASS
 

@@ -17,6 +17,7 @@ from torch import Tensor
 from calib.optics import rotation
 from calib.optics.derivatives import ByName, ByRay, by_autograd
 from calib.optics.exposure import Exposure
+from calib.optics.front_glass import FLATTEST, FrontGlass
 from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Param, Values
 from calib.optics.rays import MISSED_TARGET, Rays
@@ -31,9 +32,6 @@ STEP_TOLERANCE = 1e-6
 """m. After a step this short, one more step is exact: its error is half the board's curvature times
 the square of the step.
 """
-FLATTEST = 1e-6
-"""The sine of the smallest angle at which a ray meets a board."""
-
 POSE, MOTION, FLEX, FOCAL, CENTRE = "pose", "motion", "flex", "focal", "centre"
 VIEW_BLOCKS = {POSE: 6, MOTION: 6, FLEX: 3, FOCAL: 1, CENTRE: 2}
 """The blocks of per-view parameters in their order, and the number of parameters in each.
@@ -192,28 +190,6 @@ class PrintShift:
 
 
 @dataclass(frozen=True, slots=True)
-class FrontGlass:
-    """A flat pane of glass before the target, on the camera's side: a screen has one before its
-    pixels. Air is on its other side.
-    """
-
-    thickness: Param
-    """m"""
-    index: float
-    """Refractive index of the glass."""
-
-    def factors(self, direction: Vector) -> tuple[Tensor, Tensor]:
-        """Return the (...) shift in the plane of the target, for each m of thickness and times the
-        direction's (x, y), of rays with (...) unit directions in the target's frame; and its
-        derivative by x^2 + y^2 alone, doubled.
-
-        By Snell's law, the ray's sine over the index is its sine in the glass.
-        """
-        root = (self.index**2 - direction.x**2 - direction.y**2).rsqrt()
-        return root - 1 / _steepness(direction), root**3
-
-
-@dataclass(frozen=True, slots=True)
 class Target:
     """A board, flat and printed as described unless something is added."""
 
@@ -307,7 +283,7 @@ class Target:
         turn = Rotation.of(placement.turn)
         if self.glass and rays:
             direction = turn.turn(rays.direction, back=True)
-            shift_x, shift_y = self._behind_glass(Vector(x * 0, y * 0, z), direction, values)
+            shift_x, shift_y = self.glass.shift(direction, values)
             x, y = x - shift_x, y - shift_y
         return turn.turn(Vector(x, y, z)).stacked() + placement.shift
 
@@ -319,8 +295,8 @@ class Target:
         """
         if not self.glass:
             return point.x, point.y
-        shift = values[self.glass.thickness.name] * self.glass.factors(direction)[0]
-        return point.x + shift * direction.x, point.y + shift * direction.y
+        x, y = self.glass.shift(direction, values)
+        return point.x + x, point.y + y
 
     def _bends(self, placement: Placement) -> tuple[Bend, ...]:
         return (
@@ -405,8 +381,6 @@ class Landing:
         theorem. Those by linear bends and prints are given by their probes.
         """
         (by_x, by_y), by = self._pull_print(by_landed, names)
-        by_glass_direction, by_glass = self._pull_glass(by_x, by_y, names)
-        by |= by_glass
         slope_x, slope_y = self.slopes
         direction = self.direction
         change = direction.x * by_x + direction.y * by_y
@@ -420,10 +394,12 @@ class Landing:
         by_place = turn.turn(by_origin)
         by_turn = by_place.cross(turn.turn(self.point))
         by_direction = by_place * self.distance
-        if by_glass_direction:
-            by_pane = turn.turn(by_glass_direction)
-            by_turn = by_turn + by_pane.cross(turn.turn(direction))
-            by_direction = by_direction + by_pane
+        if glass := self.target.glass:
+            by_bent, by_glass = glass.pull(direction, self.values, (by_x, by_y))
+            by |= {name: value for name, value in by_glass.items() if name in names}
+            by_bent = turn.turn(by_bent)
+            by_turn = by_turn + by_bent.cross(turn.turn(direction))
+            by_direction = by_direction + by_bent
         flex = None
         if self.target.flex and self.placement.flex is not None:
             bend = FlexBend(self.target.flex, self.placement.flex)
@@ -433,26 +409,6 @@ class Landing:
             ByPlacement(by_turn, Vector(-by_place.x, -by_place.y, -by_place.z), flex),
             by,
         )
-
-    def _pull_glass(
-        self, by_x: Tensor, by_y: Tensor, names: frozenset[str]
-    ) -> tuple[Vector | None, ByName]:
-        """Return the derivatives by the direction of the ray, in the board's frame, and by the
-        thickness of the glass, from those by the printed coordinates; None without glass.
-        """
-        glass, direction = self.target.glass, self.direction
-        if not glass:
-            return None, {}
-        name = glass.thickness.name
-        thickness = self.values[name]
-        factor, growth = glass.factors(direction)
-        product = direction.x * by_x + direction.y * by_y
-        by_direction = Vector(
-            thickness * (factor * by_x + growth * direction.x * product),
-            thickness * (factor * by_y + growth * direction.y * product),
-            thickness * product * direction.z.sign() / _steepness(direction) ** 2,
-        )
-        return by_direction, {name: factor * product} if name in names else {}
 
     def _pull_print(
         self, by_landed: Tensor, names: frozenset[str]
@@ -511,12 +467,6 @@ class Landing:
                     else self.values[name].expand(rows, *self.values[name].shape)
                 )
         return copies
-
-
-def _steepness(direction: Vector) -> Tensor:
-    """Return the (...) cosine between rays and the normal of the board, one where they graze it."""
-    cosine = direction.z.abs()
-    return torch.where(cosine < FLATTEST, torch.ones_like(cosine), cosine)
 
 
 def _printed_slopes(

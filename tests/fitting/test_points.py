@@ -187,5 +187,6 @@ def test_the_pane_of_a_screen_is_found(
         candidate for candidate in answer["candidates"] if candidate["effect"] == "screen_glass"
     )
     thickness = pane["parameters"]["screen_glass.thickness"]
+    print(pane["held_out_px_before"], pane["held_out_px_after"], thickness)
     assert abs(thickness["value"] - 2e-3) < 2.5 * thickness["sigma"] < 1e-4
     assert pane["held_out_px_after"] < 0.4 * pane["held_out_px_before"]
