@@ -18,7 +18,7 @@ import mrcal  # type: ignore[import-not-found]
 import numpy as np
 import yaml
 
-from benchmarks.peers.mrcal_session import MARGIN, MAX_FIELD, OPENCV8, SPLINED, side
+from benchmarks.peers.mrcal_session import MARGIN, MAX_FIELD, OPENCV8, SPLINED, command_words
 from fixtures.rig_score import Floats, PlacedCamera, read_corners, score, shared_corners
 
 COMMAND = "mrcal-calibrate-cameras"
@@ -55,28 +55,15 @@ def calibrate(session: Path, model: str, focal: float, folder: Path) -> dict[str
     The command runs in this process, and its last call of mrcal.optimize is taken. Debian's fails
     with two cameras after that, when it computes a region of valid intrinsics.
     """
-    lines = ["# filename x y level\n"]
-    for name in NAMES:
-        for picture, corners in read_corners(session / name / "corners.vnl").items():
-            for x, y in corners:
-                place = f"{x:.17g} {y:.17g} 0" if math.isfinite(x) else "- - -"
-                lines.append(f"{name}-{picture} {place}\n")
-    (folder / "corners.vnl").write_text("".join(lines))
-    document = yaml.safe_load((session / NAMES[0] / "session.yaml").read_text())
-    board, camera = document["board"], document["camera"]
-    options = {
-        "--corners-cache": [str(folder / "corners.vnl")],
-        "--lensmodel": [model],
-        "--focal": [str(focal)],
-        "--imagersize": [str(camera["width"]), str(camera["height"])],
-        "--object-spacing": [str(side(board))],
-        "--object-width-n": [str(board["columns"])],
-        "--object-height-n": [str(board["rows"])],
-        "--outdir": [str(folder)],
+    pictures = {
+        f"{name}-{picture}": corners
+        for name in NAMES
+        for picture, corners in read_corners(session / name / "corners.vnl").items()
     }
+    document = yaml.safe_load((session / NAMES[0] / "session.yaml").read_text())
+    words = command_words(pictures, document, model, focal, folder)
     command = shutil.which(COMMAND)
     assert command
-    words = [word for name, values in options.items() for word in (name, *values)]
     sys.argv = [command, *words, *(f"{name}-*.png" for name in NAMES)]
     solution: dict[str, Floats] = {}
     optimize = mrcal.optimize

@@ -9,6 +9,7 @@ import math
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -49,16 +50,22 @@ def main() -> None:
     print(json.dumps(errors))
 
 
-def calibrate(
-    session: Path, document: dict[str, dict[str, float]], model: str, focal: float, folder: Path
-) -> mrcal.cameramodel | None:
-    """Return what mrcal's own command fits, None if it ends without a model."""
+def command_words(
+    pictures: Mapping[str, Floats],
+    document: dict[str, dict[str, float]],
+    model: str,
+    focal: float,
+    folder: Path,
+) -> list[str]:
+    """Write the (N, 2) px corners of the pictures into the folder, and return the options of
+    mrcal-calibrate-cameras for them, without the pictures' names.
+    """
     board, camera = document["board"], document["camera"]
     lines = ["# filename x y level\n"]
-    for index, corners in enumerate(read_corners(session / "corners.vnl").values()):
+    for picture, corners in pictures.items():
         for x, y in corners:
             place = f"{x:.17g} {y:.17g} 0" if math.isfinite(x) else "- - -"
-            lines.append(f"view{index:04d}.png {place}\n")
+            lines.append(f"{picture} {place}\n")
     (folder / "corners.vnl").write_text("".join(lines))
     options = {
         "--corners-cache": [str(folder / "corners.vnl")],
@@ -70,7 +77,16 @@ def calibrate(
         "--object-height-n": [str(board["rows"])],
         "--outdir": [str(folder)],
     }
-    words = [word for name, values in options.items() for word in (name, *values)]
+    return [word for name, values in options.items() for word in (name, *values)]
+
+
+def calibrate(
+    session: Path, document: dict[str, dict[str, float]], model: str, focal: float, folder: Path
+) -> mrcal.cameramodel | None:
+    """Return what mrcal's own command fits, None if it ends without a model."""
+    views = read_corners(session / "corners.vnl").values()
+    pictures = {f"view{index:04d}.png": corners for index, corners in enumerate(views)}
+    words = command_words(pictures, document, model, focal, folder)
     subprocess.run(
         ["mrcal-calibrate-cameras", *words, "view*.png"], capture_output=True, check=False
     )
