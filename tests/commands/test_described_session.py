@@ -19,6 +19,7 @@ from calib.commands.command_line import _parser
 from calib.commands.described_session import session_of
 from calib.errors import InputError
 from calib.importing.from_video import MAX_FRAMES
+from calib.importing.picture_session import find_pictures
 from calib.io.images import list_images
 from calib.progress import Silent
 from calib.session.board import Board
@@ -92,6 +93,21 @@ def test_a_folder_is_calibrated_and_is_a_session_afterwards(
     undistort = shlex.split(last_line.rpartition("; ")[2])
     assert main(undistort[1:]) == 0
     assert len(list_images(photos / "calibration" / "undistorted")) == 8
+
+
+def test_a_calibration_is_no_folder_of_pictures(photos: Path) -> None:
+    """But a session that holds its own calibration, its pictures in frames/, is."""
+    made = photos / "made"
+    made.mkdir()
+    (made / "calibration.yaml").touch()
+    (made / "undistorted").mkdir()
+    for picture in list_images(photos):
+        shutil.copy(picture, made / "undistorted")
+    for paths in ([made], [made, photos]):
+        with pytest.raises(InputError, match="is a calibration: give the folder of pictures"):
+            find_pictures(paths)
+    (made / "undistorted").rename(made / "frames")
+    assert len(find_pictures([made]).pictures) == len(list_images(photos))
 
 
 def test_pictures_without_a_session_are_evaluated(

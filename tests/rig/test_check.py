@@ -242,6 +242,9 @@ def test_the_command_has_the_exit_codes_of_calib_check(
     assert good["false_alarm_rate"] == ALPHA
     assert set(good["cameras"]) == {"left", "right"}
     assert good["cameras"]["right"]["place"]["moved_mm"]["sigma"] > 0
+    pair.write(tmp_path / "fitted")
+    assert main(["rig", "check", rig, str(tmp_path / "fitted")]) == 0
+    assert capsys.readouterr().out.startswith("Not checked: the rig was made from these pictures")
     assert main(["rig", "check", rig, str(tmp_path / "bad")]) == 5
     text = capsys.readouterr().out
     assert "The rig is broken for these pictures." in text
