@@ -28,7 +28,7 @@ def held_out(case: Case) -> Iterator[Reason]:
     if not evaluation:
         return
     near, far = case.reach
-    if count := evaluation.fitted_views:
+    if 2 * (count := evaluation.fitted_views) > evaluation.frames_used:
         which = "all of" if count == evaluation.frames_used else f"{count} of"
         sentence = (
             f"the calibration was fitted to {which} these views, so their error is no test: take"
