@@ -17,11 +17,14 @@ from textual.widget import Widget
 from textual.widgets import Button, Footer, Input, Label, OptionList, Select, Static
 from textual.widgets._toast import ToastRack
 
+from calib.session.schema import UNKNOWN
+from calib.verdict.verdict import Trust
+from capture.tui.board_and_cover import NumberField
 from capture.tui.help import Prose
 from capture.tui.maps import CoverageMap
 from capture.tui.page import STEPS, Page
 from capture.tui.picture import Picture
-from capture.tui.touch_wording import name_buttons
+from capture.tui.touch_wording import name_buttons, readable_key
 from capture.tui.working_page import Bar, WorkingPage
 
 Block = dict[str, object]
@@ -38,6 +41,8 @@ MAIN_ACTIONS = ("take", "start", "export", "use", "update", "straighten", "cover
 KEYBOARD_ACTIONS = re.compile(r"app\.(focus_\w+|dots)|scroll\b.*")
 """The actions for which the page has no use."""
 CHARACTERS = {"space": " ", "question_mark": "?"}
+TRUST = tuple(grade.value for grade in Trust)
+"""The classes of a verdict's text, from good to bad."""
 
 
 def describe_screen(app: App[Any]) -> dict[str, object]:
@@ -145,7 +150,7 @@ def _blocks(widget: Widget) -> Iterator[Block]:
         if not child.display or isinstance(child, Footer | Button | Picture | ToastRack):
             continue  # every button has a key as well
         if isinstance(child, Label):
-            label = str(child.content).lstrip("✗ ")
+            label = readable_key(str(child.content).lstrip("✗ "))
         elif isinstance(child, CoverageMap) and child.covered is not None:
             yield _map_block(child, child.covered)
         elif isinstance(child, Static):
@@ -199,6 +204,7 @@ def _text_block(widget: Static, text: str) -> Block:
         "columns": columns,
         "spoken": widget.id in INSTRUCTION_IDS,
         "banner": widget.has_class("banner"),
+        "trust": next((grade for grade in TRUST if widget.has_class(grade)), ""),
     }
 
 
@@ -214,6 +220,7 @@ def _input_block(widget: Widget, label: str) -> Block | None:
                 "value": widget.value,
                 "wrong": widget.has_class("wrong"),
                 "suggestion": widget._suggestion,
+                "unknown": UNKNOWN if isinstance(widget, NumberField) else "",
             }
         case Select():
             chosen = next(

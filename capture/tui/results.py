@@ -59,6 +59,10 @@ class ResultsScreen(Page):
     ResultsScreen #right { width: 1fr; }
     ResultsScreen Picture { height: 1fr; }
     ResultsScreen #view { height: 2; }
+    ResultsScreen #verdict { height: auto; }
+    ResultsScreen #verdict.trusted { color: $text-success; }
+    ResultsScreen #verdict.care { color: $text-warning; }
+    ResultsScreen #verdict.do_not_use { color: $text-error; }
     ResultsScreen #sentence { height: auto; min-height: 2; max-height: 8; }
     ResultsScreen #onward { height: auto; }
     """
@@ -166,7 +170,9 @@ class ResultsScreen(Page):
                 yield Picture()
                 yield Static(id="view", markup=False)
         yield Numbers(self.result)
-        yield Static(self._verdict(), id="sentence", classes="banner", markup=False)
+        word = self.result["verdict"]["word"]
+        yield Static(self._headline, id="verdict", classes=f"banner {word}", markup=False)
+        yield Static(self._details(), id="sentence", classes="banner", markup=False)
         yield Static(self._next_steps(), id="onward", classes="banner", markup=False)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
@@ -178,7 +184,7 @@ class ResultsScreen(Page):
     def on_mount(self) -> None:
         self.query_one(OptionList).focus()
         self.watch(self.app, "on_phone", self._arrange)
-        doubt = "" if self._trusted else self.result["verdict"]["sentences"][0]
+        doubt = "" if self._trusted else self._headline
         self.post_message(self.ResultsOpened(Path(self.result["calibration"]), self._depth, doubt))
 
     @on(Resize)
@@ -220,6 +226,11 @@ class ResultsScreen(Page):
     def _trusted(self) -> bool:
         return bool(self.result["verdict"]["word"] == "trusted")
 
+    @property
+    def _headline(self) -> str:
+        """The verdict's first sentence: whether the calibration can be used."""
+        return harmless(self.result["verdict"]["sentences"][0])
+
     def _stages(self) -> str:
         previous = (
             {stage["name"]: stage for stage in self._previous["stages"]} if self._previous else {}
@@ -240,7 +251,8 @@ class ResultsScreen(Page):
             lines.append(GLASS_NOTE)
         return "\n".join(lines)
 
-    def _verdict(self) -> str:
+    def _details(self) -> str:
+        """Return the sentences below the headline."""
         first = self.result["stages"][0]["rms_px"]
         last = self.result["stages"][-1]["rms_px"]
         noise = self.result["noise_px"]
@@ -259,7 +271,7 @@ class ResultsScreen(Page):
                 f"The maps are accurate to {accuracies} (sigma, from the nearest to the farthest"
                 " corner)."
             )
-        word, *reasons = self.result["verdict"]["sentences"]
+        reasons = self.result["verdict"]["sentences"][1:]
         omitted = len(reasons) - MAX_REASONS
         shown = [
             *reasons[:MAX_REASONS],
@@ -267,7 +279,7 @@ class ResultsScreen(Page):
             *([f"{omitted} more reasons are in the report."] if omitted > 1 else []),
         ]
         notes = [f"Note: {note}" for note in self.result.get("notes", ())]
-        sentences = [*self._aside_note(), *self._update_note(), word, *shown, *notes, *sentences]
+        sentences = [*self._aside_note(), *self._update_note(), *shown, *notes, *sentences]
         sentences += [self.result["noisier"]] if self.result.get("noisier") else []
         if rejected := self.result["rejected"]:
             suffix = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
@@ -408,9 +420,8 @@ class ResultsScreen(Page):
         self.refresh_bindings()
 
     def _say(self, sentence: str) -> None:
-        """Show a sentence above the verdict's first sentence, which stays."""
-        verdict = self.result["verdict"]["sentences"][0]
-        self.query_one("#sentence", Static).update(f"{harmless(sentence)}\n{harmless(verdict)}")
+        """Show a sentence below the headline, which stays."""
+        self.query_one("#sentence", Static).update(harmless(sentence))
 
     def action_refit(self) -> None:
         self.post_message(self.RefitRequested(self))

@@ -29,6 +29,7 @@ def name_buttons(text: str, labels: Mapping[str, str]) -> str:
     for sentence in KEYBOARD_ONLY:
         text = text.replace(sentence, "")
     text = re.sub(r"\b(in|correct) session\.yaml", r"\1 the Set-up", text)
+    text = re.sub(r"\b(?:board|cover)\.([a-z_]+)", lambda match: readable_key(match[1]), text)
     pressed = re.sub(
         rf"\b(P|p)ress ({_alternatives(labels)})(?!\w)",
         lambda match: f"{_touch_verb(match[1])} {labels[match[2]]}",
@@ -43,6 +44,12 @@ def name_buttons(text: str, labels: Mapping[str, str]) -> str:
         lambda match: match[1] + labels[match[2]],
         in_brackets,
     )
+
+
+def readable_key(key: str) -> str:
+    """Return a key of session.yaml in words: "inner radius (mm)" for inner_radius_mm."""
+    words = re.sub("_(mm|m|px)$", r" (\1)", re.sub("_deg$", " (degrees)", key))
+    return words.replace("_", " ")
 
 
 def _alternatives(keys: Mapping[str, str] | list[str]) -> str:

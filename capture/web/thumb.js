@@ -78,7 +78,7 @@ function drawCalls(calls) {
   if (dock.dataset.calls === wanted) return;
   dock.dataset.calls = wanted;
   dock.replaceChildren(...calls.map((each) => {
-    const line = make("p", {className: each.banner ? "banner" : "", textContent: each.text});
+    const line = make("p", {className: `${each.banner ? "banner" : ""} ${each.trust}`, textContent: each.text});
     line.dataset.name = each.name;
     return line;
   }));
@@ -148,7 +148,15 @@ function drawField(block) {
     field.value = offer.dataset.text;
     ask({field: block.name, text: field.value});
   };
-  return make("div", {}, make("label", {htmlFor: field.id}), field, offer);
+  const unknown = make("button", {type: "button", className: "unknown", hidden: !block.unknown, textContent: "?"});
+  unknown.setAttribute("aria-label", "I do not know");
+  unknown.onpointerdown = (event) => event.preventDefault(); // a keyboard stays as it is
+  unknown.onclick = () => {
+    field.value = block.unknown;
+    ask({field: block.name, look: true});
+    ask({field: block.name, text: field.value});
+  };
+  return make("div", {className: "field"}, make("label", {htmlFor: field.id}), field, offer, unknown);
 }
 
 function drawChoice(block) {
@@ -215,10 +223,10 @@ function renew(box, block) {
     return;
   }
   if (block.kind === "field") {
-    const [label, field, offer] = box.children;
+    const [label, field, offer, unknown] = box.children;
     label.textContent = `${block.wrong ? "✗ " : ""}${block.label}`;
     label.className = field.className = block.wrong ? "wrong" : "";
-    field.disabled = block.disabled;
+    field.disabled = unknown.disabled = block.disabled;
     if (document.activeElement !== field && field.value !== block.value) field.value = block.value;
     offer.hidden = block.suggestion.length <= field.value.length || !block.suggestion.startsWith(field.value) || document.activeElement !== field;
     offer.dataset.text = block.suggestion;

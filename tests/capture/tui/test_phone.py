@@ -54,6 +54,9 @@ AudioContext.prototype.createOscillator = function () {
 speechSynthesis.speak = (each) => spoken.push(each.text);
 """
 """A script that records the spoken texts."""
+THICKNESS = 'document.getElementById("field-thickness_mm")'
+UNKNOWN = f"{THICKNESS}.parentElement.querySelector('.unknown')"
+VERDICT = 'document.querySelector("#dock [data-name=verdict].trusted")'
 OUTLINE = 'document.querySelector("#picture .hint:not(.halo)")?.getAttribute("d") ?? ""'
 
 pytestmark = pytest.mark.skipif(
@@ -94,7 +97,12 @@ async def _from_nothing(address: str, folder: Path) -> None:
         for name, text in zip(COVER, CONE, strict=True):
             await phone.fill(name, text)
         await phone.let_go()
+        await phone.tap(UNKNOWN)
+        await phone.until(f"{THICKNESS}.value === 'unknown'")
+        await phone.see("thickness (mm)")
         await _keep(phone, "2-set-up")
+        await phone.fill("thickness_mm", CONE[COVER.index("thickness_mm")])
+        await phone.let_go()
         await phone.press_until("ctrl+s", "Touch Cover on to go on")
         await phone.see("Without cover")
         await _keep(phone, "3-without-cover")
@@ -126,6 +134,7 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await phone.see("Joint fit")
         await _keep(phone, "5-fit")
         await phone.see("The error fell from 0.4")
+        assert await phone.sees_whole(VERDICT)
         await _keep(phone, "6-results")
         await phone.resize(SMALL)
         await phone.until(f"{READ} > 130 && {READ} < 400")
