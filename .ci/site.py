@@ -16,12 +16,17 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 LINK = re.compile(r"(!?\[[^\]]*\]\()([^()\s]+)(\))")
-TYPED = re.compile(r"\.?\S*(calib|capture|python3?|pip|sudo|git|cd|export|\.ci/\S+|\.) ")
+TYPED = re.compile(
+    r"(# .*\n)*\.?\S*(calib|capture|python3?|pip|sudo|git|cd|export|mkdir|uname|rpicam-\w+"
+    r"|\.ci/\S+|\.) "
+)
 """The beginning of a block of commands."""
 OUTPUT = re.compile(r'(<div class="highlight">)<pre>((?:(?!<span class).)*?)</pre>', re.DOTALL)
 """A block without colours: what a command prints."""
 FEWEST, MOST = 42, 110
 """Columns: fewer have room on a phone, and more could not be read there."""
+TABULAR = re.compile(r"[│┃┏┡├└]|\S {2,}\S")
+"""A line of a table, which must not wrap."""
 ALERT = re.compile(r"^> \[!(\w+)\]\n((?:> .*\n)+)", re.MULTILINE)
 """A warning or a note as GitHub reads it."""
 MESSAGES = "<!-- the site lists every message here -->"
@@ -171,10 +176,8 @@ def on_page_content(html: str, **_: Any) -> str:
 
 
 def sized(block: str) -> str:
-    """The <pre> of a block, with its columns if a phone has fewer. Longer lines wrap."""
-    text = unescape(re.sub(r"<[^>]+>", "", block))
-    lengths = [len(line) for line in text.splitlines()]
-    columns = max((length for length in lengths if length <= MOST), default=0)
-    if columns < FEWEST and max(lengths, default=0) <= MOST:
-        return f"<pre>{block}</pre>"
-    return f'<pre class="output" style="--columns: {max(columns, FEWEST)}">{block}</pre>'
+    """The <pre> of a block, with the columns of its tables. Sentences wrap."""
+    lines = unescape(re.sub(r"<[^>]+>", "", block)).splitlines()
+    lengths = [len(line) for line in lines if TABULAR.search(line) and len(line) <= MOST]
+    columns = max(FEWEST, *lengths, 0)
+    return f'<pre class="output" style="--columns: {columns}">{block}</pre>'

@@ -146,7 +146,7 @@ def _bars(panel: Axes, errors: list[tuple[str, float]]) -> None:
     bars = panel.barh(places, sizes, color=COLOURS_OF_BARS, height=0.36)
     panel.bar_label(bars, [f" {error:.3f} px" for error in sizes], fontsize=15, color=INK)
     for place, (name, _) in zip(places, errors, strict=True):
-        panel.text(0, place + 0.22, name, fontsize=13, va="bottom", color=FAINT)
+        panel.text(0.01 * sizes[0], place + 0.22, name, fontsize=13, va="bottom", color=FAINT)
     panel.set(
         xlim=(0, 1.36 * sizes[0]),
         ylim=(-0.4, len(errors) - 0.3),

@@ -297,7 +297,7 @@ def test_broken_links_and_a_forgotten_page_break_the_build(tmp_path: Path) -> No
         shutil.copy(ROOT / name, tmp_path / name)
     for page, spoilt in (
         ("index.md", "[gone](gone.md)"),
-        ("story.md", "[gone](development/measured.md#gone)"),
+        ("diagnose.md", "[gone](development/measured.md#gone)"),
         ("new.md", "# New"),
     ):
         with (tmp_path / "docs" / page).open("a", encoding="utf-8") as file:

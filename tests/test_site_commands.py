@@ -46,7 +46,7 @@ def test_there_are_commands_of_every_kind() -> None:
         "docs/index.md",
         "docs/raspberry-pi.md",
         "docs/coming-from.md",
-        "docs/story.md",
+        "docs/diagnose.md",
     }
 
 

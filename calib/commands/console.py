@@ -184,10 +184,11 @@ def _heavy_views(calibration: Calibration) -> Iterator[str]:
     views = dict(uncertainty.heavy_views) if uncertainty else {}
     shares = [f"{name} ({100 * share:.0f} %)" for name, share in views.items()]
     if shares:
-        count = "one picture" if len(shares) == 1 else f"{len(shares)} pictures"
+        pictures = "One picture carries" if len(shares) == 1 else f"{len(shares)} pictures carry"
+        places = "that place" if len(shares) == 1 else "those places"
         yield (
-            f"The result depends much on {count}: {', '.join(shares)} of what the fit learns from"
-            " all. Take more pictures with the board in about that place."
+            f"{pictures} much of the result: {', '.join(shares)}. Take more with the board in about"
+            f" {places}."
         )
 
 
@@ -238,9 +239,10 @@ def print_evaluation(evaluation: Evaluation, fitted_px: float | None, *, wide: b
     total = sum(band.corners for band in evaluation.by_depth)
     table.add_row("all", str(total), f"{evaluation.rms_px:.3f} px", board_error(evaluation.rmse_cm))
     console.print(table)
-    console.print(f"{evaluation.frames_used} views, their poses refitted.")
+    count = evaluation.frames_used
+    console.print(f"{count} views: only the poses of the board were fitted to them.")
     if fitted_px is not None:
-        console.print(f"The views of the fit have {fitted_px:.3f} px.")
+        console.print(f"The error on the fitted views is {fitted_px:.3f} px.")
     for view in evaluation.bad_views:
         line = (
             f"Does not fit: {view.file}: {view.rms_px:.3f} px, the other views"

@@ -76,12 +76,11 @@ def add_description(
         help=f"inner corners, columns x rows, or a grid's tags{board_default}",
     )
     board.add_argument("--square-mm", type=millimetres, metavar="MM", help="side of a square")
-    coded = parser.add_argument_group("board with markers or tags")
-    add_coding(board, coded)
     cover = parser.add_argument_group("cover", f"{purpose}; 40+-5 is a number that is known to 5")
     add_cover(cover)
     camera = parser.add_argument_group("camera")
     add_intrinsics(camera)
+    add_coding(board, parser.add_argument_group("board with markers or tags"))
     return camera
 
 

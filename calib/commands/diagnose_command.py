@@ -11,9 +11,9 @@ SUMMARY = (
     "Find effects that a calibration's model lacks, and add those that held-out views confirm."
 )
 DESCRIPTION = """
-OUT gets the calibration with the accepted effects, and its report.html. The report shows the error
-with and without the effects on views that were not fitted. Without --holdout, the calibration's own
-views are held out in turn.
+The new folder gets the calibration with the accepted effects, and its report.html. The report shows
+the error with and without the effects on views that were not fitted. Without --holdout, the
+calibration's own views are held out in turn.
 """
 EXAMPLES = (
     "calib diagnose cam0/calibration",

@@ -59,7 +59,7 @@ def _errors(finding: Diagnosis) -> Table:
     if (given_px := finding.given_held_out_px) is not None:
         table.add_row("as given (calib evaluate)", "", "", f"{given_px:.3f} px")
     for name, quality in (
-        ("before, without effects", finding.base_quality),
+        ("before, with a flat board", finding.base_quality),
         ("after, with those found", finding.final_quality),
     ):
         table.add_row(

@@ -35,6 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "session", type=Path, nargs="+", metavar="SESSION", help="the session, pictures or a video"
     )
+    output = parser.add_argument_group("output")
+    add_depths(output, required=False)
+    add_output(output, "folder for the results (default: SESSION/calibration)", required=False)
+    add_overwrite(output)
+    output.add_argument("--json", action="store_true", help="print one JSON object")
     camera = add_description(
         parser, "for pictures without a session.yaml", " (default: the board in the pictures)"
     )
@@ -51,11 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ),
     )
     add_fit_options(method)
-    output = parser.add_argument_group("output")
-    add_depths(output, required=False)
-    add_output(output, "folder for the results (default: SESSION/calibration)", required=False)
-    add_overwrite(output)
-    output.add_argument("--json", action="store_true", help="print one JSON object")
     parser.usage = "%(prog)s SESSION ... [options]"
     parser.epilog = effect_names_help()
 

@@ -10,7 +10,7 @@ from calib.commands.loading import fast_imports
 
 SUMMARY = (
     "Find out why the cameras of a calibrated rig disagree: one exposes later, or a mounting flexes"
-    " or slipped. OUT gets the rig with the causes that held-out placements confirm."
+    " or slipped. The causes that held-out placements confirm are added to the rig."
 )
 
 

@@ -138,7 +138,7 @@ class Diagnosis:
             return f"Found: {', '.join(self.accepted)}."
         if not self.decided:
             return "Not decided: there are too few views to confirm a cause."
-        return "Nothing found: no effect that is known here improves held-out views beyond chance."
+        return "Nothing found: no known effect improves the held-out views by more than chance."
 
     def table(self) -> Table:
         """Return the errors before and after, and the accepted effects, as a table."""

@@ -27,18 +27,16 @@ from calib.session.schema import UNKNOWN
 from calib.session.shapes.none import NONE as NO_COVER
 from calib.table import Table, TableSection
 
-COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "apart by")
+COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "difference")
 """The headings. The fourth column says whether a number was not fitted, corrected or
 contradicted, the last one how far the calibrated number is from the declared one.
 """
-APART = 1.0
-"""The normalised deviation from which on the last column is filled."""
 NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined"
 CONTRADICTED = "contradicted"
 ANY_SHAPE = "any shape"
 NOTES = {
     NOT_FITTED: "kept at the value that you gave, or at the default.",
-    CORRECTED: "the pictures know this number better than you did, by over 3 sigmas.",
+    CORRECTED: "it moved by over 3 of its new sigmas, which agrees with your tolerance.",
     UNDETERMINED: "you gave no value, and these pictures do not determine it.",
     CONTRADICTED: "the pictures do not agree with the declared number.",
     ANY_SHAPE: "sigma is for all shapes of the cover that fit these pictures.",
@@ -181,9 +179,9 @@ def _row(number: Comparison) -> tuple[str, ...]:
         return number.name, number.estimated, "", "", ""
     declared = number.stated if number.source == DECLARED else f"{number.stated} (bare/)"
     is_compared = not number.held and not number.unknown
-    deviation = number.normalised_deviation if is_compared else 0.0
-    distance = f"{deviation:.1f} sigma" if deviation >= APART else ""
-    return number.name, number.estimated, declared, _note(number), distance
+    difference = abs(number.estimate - number.declared) / number.tolerance if is_compared else None
+    in_tolerances = "" if difference is None else f"{difference:.1f} tolerances"
+    return number.name, number.estimated, declared, _note(number), in_tolerances
 
 
 def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:

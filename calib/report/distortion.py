@@ -40,13 +40,37 @@ def distortion_caption(evidence: Evidence) -> str:
         " equal length. Arrows show the direction; they are enlarged until the longest has the same"
         " size in every panel, by the factor above it."
         + (
-            " The panels differ because the cover shifts rays as well as bending them. The last"
-            " panel is their difference: the error of one map, used at the depth of the other."
-            " It has colours of its own."
+            " The two maps differ because a cover also shifts rays sideways, which matters more"
+            " near the camera. The last panel is their difference: the error of one map, used at"
+            " the depth of the other. It has colours of its own."
             if len(depths) == 2
             else ""
         )
+        + _magnification(evidence)
         + evidence.limit_caption
+    )
+
+
+def _magnification(evidence: Evidence) -> str:
+    """Return a sentence on how much of the distortion at the first depth is a change of scale, such
+    as that of water; empty if it is less than half.
+    """
+    depth = shown_depths(evidence)[0]
+    x, y, displacement = lattice(evidence, NODES)
+    field = displacement.at(depth).reshape(-1, 2)
+    valid = np.isfinite(field).all(1)
+    field = field[valid]
+    pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)[valid]
+    centred = pixels - pixels.mean(0)
+    growth = float((centred * field).sum() / (centred**2).sum())
+    rest = field - field.mean(0) - growth * centred
+    total, bent = (float(np.linalg.norm(part, axis=-1).max()) for part in (field, rest))
+    if bent > total / 2:
+        return ""
+    return (
+        f" At {depth:g} m the scene looks {1 / (1 + growth):.3g} times as large as without the"
+        f" cover; without this magnification and a shift, at most {bent:.1f} of {total:.1f} px are"
+        " left."
     )
 
 

@@ -119,7 +119,7 @@ def test_pictures_without_a_session_are_evaluated(
     for path in list_images(photos)[:5]:
         shutil.copy(path, held_out)
     assert main(["evaluate", str(photos / "calibration"), str(held_out)]) == 0
-    assert "5 views, their poses refitted." in capsys.readouterr().out
+    assert "5 views: only the poses of the board were fitted to them." in capsys.readouterr().out
     assert not (held_out / "session.yaml").exists()
     swapped = [str(held_out), str(photos / "calibration")]
     for command in ("evaluate", "check", "undistort"):

@@ -74,5 +74,5 @@ def test_the_error_as_given_has_its_name(
     rows = [line for line in capsys.readouterr().out.splitlines() if " px" in line]
     assert "as given (calib evaluate)" in rows[0]
     assert "0.266 px" in rows[0]
-    assert "before, without effects" in rows[1]
+    assert "before, with a flat board" in rows[1]
     assert "0.291 px" in rows[1]

@@ -86,8 +86,8 @@ def test_the_table_names_every_band(fitted: Path, capsys: pytest.CaptureFixture[
     assert main(["evaluate", str(fitted / "calibration"), str(fitted)]) == 0
     out = capsys.readouterr().out
     assert "0.5 to 1 m" in out
-    assert "12 views, their poses refitted." in out
-    assert "The views of the fit have " in out
+    assert "12 views: only the poses of the board were fitted to them." in out
+    assert "The error on the fitted views is " in out
     assert "held-out" not in out
     assert "fitted to all of these views, so their error is no test" in " ".join(out.split())
 

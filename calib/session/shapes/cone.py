@@ -19,7 +19,7 @@ from calib.session.tolerances import (
 INNER_RADIUS = Dimension(
     Quantity("inner_radius_mm", low=0.05, high=1e5, wide=UNKNOWN_RADIUS),
     words="the cover's inner radius",
-    explanation="Millimetres from the cover's axis to its inner face, at the height of the lens.",
+    explanation="Inner radius in millimetres, at the height of the lens.",
     tolerance=RADIUS,
     option="radius",
     effect="cover_radius",

@@ -22,7 +22,7 @@ DOME = Shape(
     (
         replace(
             INNER_RADIUS,
-            explanation="Millimetres from the dome's centre to its inner face.",
+            explanation="Inner radius in millimetres.",
         ),
         Dimension(
             Quantity("centre_mm", ("x", "y", "z"), low=-1e5, high=1e5, wide=UNKNOWN_OFFSET),

@@ -83,7 +83,7 @@ def test_a_diagnosis_without_effects_is_reported_as_a_result() -> None:
     nothing = Diagnosis(
         0.08, "", (), (), (), Quality(0.1, 0.01, 0.1), Quality(0.1, 0.01, 0.1), 0.0, "", ()
     )
-    assert as_text(nothing).startswith("Nothing found: no effect that is known here improves")
+    assert as_text(nothing).startswith("Nothing found: no known effect improves")
     undecided = as_text(replace(nothing, decided=False))
     assert undecided.startswith("Not decided: there are too few views to confirm a cause.")
     assert "verdict" not in as_text(nothing)
