@@ -12,7 +12,7 @@ from calib.report.evidence import Array, Evidence
 from calib.session.shapes.registry import find_shape
 
 BORDER_POINTS = 40
-"""Points on each side of the image's border."""
+"""Points on each side of the picture's border."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,7 +44,7 @@ def diagnosis_comparison(before: Calibration | None, after: Evidence) -> Drawing
     return Drawing(
         "comparison",
         "Residuals before and after the effects",
-        "Mean residuals over the image and over the board, and the distribution of all residuals:"
+        "Mean residuals over the picture and over the board, and the distribution of all residuals:"
         " before the effects were added, and with them, at the same scales."
         f" {scales.caption} Last: the error of each view; below the diagonal it became smaller.",
         {

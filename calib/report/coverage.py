@@ -36,5 +36,5 @@ def corner_coverage(evidence: Evidence) -> Drawing:
         panel = ChartPanel.of(evidence)
         exits = exit_points(evidence, evidence.pixels[shown_corners(evidence)])
         data |= {**panel.data(), "exits": panel.place(exits)}
-        caption += " The frame on the glass is the image's border."
+        caption += " The frame on the glass is the picture's border."
     return Drawing("coverage", "Where the corners were", caption, data)

@@ -83,7 +83,7 @@ def distortion_fields(evidence: Evidence) -> Drawing:
     near, far = evidence.reach
     return Drawing(
         "distortion",
-        "The distortion over the image",
+        "The distortion over the picture",
         distortion_caption(evidence),
         {
             "x": x,

@@ -60,7 +60,7 @@ def arrows_over_image(evidence: Evidence) -> Arrows:
     y = camera.height * (np.arange(CELLS[1]) + 0.5) / CELLS[1] - 0.5
     places = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     longest = float(np.nanmax(means.length))
-    return Arrows(places, means, f"over the image; longest {longest:.2g} px")
+    return Arrows(places, means, f"over the picture; longest {longest:.2g} px")
 
 
 def arrows_over_board(evidence: Evidence) -> Arrows:
@@ -93,7 +93,7 @@ class ArrowScales:
     @property
     def caption(self) -> str:
         return (
-            f"Arrows over the image are drawn {two_digits(self.image)} times as long as they are."
+            f"Arrows over the picture are drawn {two_digits(self.image)} times as long as they are."
             f" Over the board, {LENGTH_ON_BOARD:g} mm of an arrow are an error of"
             f" {two_digits(LENGTH_ON_BOARD / self.board)} px."
         )
@@ -166,7 +166,7 @@ def residual_maps(evidence: Evidence) -> Drawing:
         explanation=(
             "An arrow is the mean of the reprojection errors there: the corner that the model"
             f" predicts minus the detected one. {scales.caption} The arrows of a pattern are"
-            " orange. A pattern over the image comes from the lens or the glass, one over the board"
+            " orange. A pattern over the picture comes from the lens or the glass, one over the board"
             " from a board that is not flat or not to scale. The histogram has the x and y of all"
             f" errors.{shape} The noise by {evidence.distance_name} is that of groups of views: if"
             " the error exceeds it, the model lacks something."

@@ -40,7 +40,7 @@ def report_tiles(evidence: Evidence) -> tuple[Tile, ...]:
     focal length, and the number that sizes or places its cover.
     """
     tiles = [_error(evidence), *_maps(evidence)]
-    tiles.append(Tile("coverage", f"{100 * evidence.covered:.0f} %", "of the image has corners"))
+    tiles.append(Tile("coverage", f"{100 * evidence.covered:.0f} %", "of the picture has corners"))
     tiles.extend(_scale(evidence))
     return tuple(tiles)
 

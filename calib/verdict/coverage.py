@@ -10,7 +10,7 @@ from calib.verdict.verdict import Reason
 def coverage(case: Case) -> Iterator[Reason]:
     if case.covered < FEW_CELLS:
         sentence = (
-            f"only {100 * case.covered:.0f} % of the image has corners: take views with the board"
+            f"only {100 * case.covered:.0f} % of the picture has corners: take views with the board"
             " where the picture is empty."
         )
         yield Reason(sentence, case.next.capture())

@@ -46,25 +46,25 @@ def residual(case: Case) -> Iterator[Reason]:
     sentence = NOT_ALL_NOISE
     if beyond_noise(case):
         sentence = (
-            f"the error is {case.left_px:.3f} px, and the corners' noise is about {noise:.3f} px"
+            f"the error is {case.left_px:.3f} px, {case.left_px / noise:.2g} times the corners'"
+            f" noise of about {noise:.3f} px"
         )
     elif not (organised or likely):
         return
-    if organised:
-        share = organised[0]
-        sentence += (
-            f"; {100 * share.fraction:.0f} % of it changes with"
-            f" {ORGANISER_WORDS[share.organised_by]}, where chance alone gives"
-            f" {100 * share.chance:.0f} %"
-        )
     if likely:
         effects = (
             f"{effect.name} ({uncapitalised(effect.description).removesuffix('.')}), which would"
-            f" lower the error by {100 * gain:.0f} %"
+            f" lower it by {100 * gain:.0f} %"
             for effect, gain in likely
         )
         sentence += f": it may be {', or '.join(effects)}."
     else:
+        if organised:
+            share = organised[0]
+            sentence += (
+                f"; {100 * share.fraction:.0f} % of it changes with"
+                f" {ORGANISER_WORDS[share.organised_by]} ({100 * share.chance:.0f} % by chance)"
+            )
         sentence += (
             ": the model lacks something, or the board, cover or intrinsics are not as described."
         )

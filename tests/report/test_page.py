@@ -149,7 +149,7 @@ def test_a_caption_says_how_much_its_arrows_are_magnified(reported: Reported) ->
     """By the factors that the figure's script draws them with."""
     words = text(reported.html)
     scales = data_of(reported.html)["figures"]["residuals"]["scales"]
-    image = re.search(r"Arrows over the image are drawn ([\d.]+) times as long", words)
+    image = re.search(r"Arrows over the picture are drawn ([\d.]+) times as long", words)
     board = re.search(r"Over the board, 10 mm of an arrow are an error of ([\d.]+) px", words)
     assert image
     assert board
@@ -202,7 +202,7 @@ def test_sections(reported: Reported) -> None:
     names = re.findall(r'<section id="([^"]+)"', reported.html)
     results = ["scene", "coverage", "sigma", "residuals", "board-errors"]
     glass = ["side-view", "distortion", "by-depth", "glass"]
-    assert names == ["straight", "numbers", *results, "views", "stages", *glass, "again"]
+    assert names == ["straight", "stages", "numbers", *results, "views", *glass, "again"]
 
 
 def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> None:

@@ -179,7 +179,7 @@ def test_what_is_missing_is_asked_for(tmp_path: Path) -> None:
         calibrated(scene(5, views=4, noise=0.05, depths=(1.0, 1.05)), tmp_path, FAST)
     )
     care = str(summarise(evidence).verdict).lower()
-    assert "of the image has corners" in care
+    assert "of the picture has corners" in care
     assert "nearer and farther views" in care
     assert evidence.covered < FEW_CELLS
 

@@ -287,7 +287,7 @@ def test_any_error_beyond_noise_is_reported(good: Calibration) -> None:
     last = good.stages[-1].rms_px
     assert not asked(residual, replace(good, noise_px=1.01 * last / BEYOND_NOISE))
     (reason,) = asked(residual, replace(good, noise_px=0.99 * last / BEYOND_NOISE))
-    assert "and the corners' noise is about" in reason.sentence
+    assert "times the corners' noise of about" in reason.sentence
     second_evaluation = replace(good, noise_px=0.01, history=History(diagnosis=DiagnosisRecord()))
     assert asked(residual, second_evaluation)[0].next.startswith("calib report"), (
         "it was diagnosed already"
@@ -354,7 +354,7 @@ def test_empty_regions_of_the_picture_are_named(good: Calibration) -> None:
     enough = np.array([np.count_nonzero(view.weight) > 8 for view in partial_views])
     half = replace(good, views=tuple(np.array(partial_views)[enough]), poses=good.poses[enough])
     (reason,) = asked(coverage, half)
-    assert "% of the image has corners" in reason.sentence
+    assert "% of the picture has corners" in reason.sentence
     assert reason.next == f"capture '{SESSION}'"
 
 

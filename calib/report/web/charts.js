@@ -34,10 +34,10 @@ function drawResiduals(host, {image, board, scales, span, bands, noise, noiseBan
   });
 }
 
-/** Add the mean residuals over the image and over the board, from -span to span mm. scales: the length that is drawn for one px. */
+/** Add the mean residuals over the picture and over the board, from -span to span mm. scales: the length that is drawn for one px. */
 function addArrowPanels(host, {image, board}, scales, span, when = "") {
   addPanel(host, {
-    title: when + image.title, label: "mean residuals over the image",
+    title: when + image.title, label: "mean residuals over the picture",
     options: width => pictureOptions(width, arrowMarks(image, scales.image, "of this cell")),
   });
   addPanel(host, {
@@ -175,7 +175,7 @@ function drawDistortion(host, packed) {
     host.append(panelHost);
     const where = () => packed.central ? "at every depth" : `at ${digits(depths[place], 2)} m`;
     redraws.push(addVectorPanel(panelHost, field, {
-      title: where, label: "distortion over the image", largest: packed.largest, levels: packed.levels,
+      title: where, label: "distortion over the picture", largest: packed.largest, levels: packed.levels,
       vectorsOf: () => distortionAt(field, depths[place]),
     }));
     if (!packed.central) addDepthSlider(panelHost, depths[place], packed.reach, chosen => { depths[place] = chosen; redrawAll(); });
@@ -360,7 +360,7 @@ function drawCoverage(host, packed) {
   }));
   const most = Math.max(...cells.map(cell => cell.count));
   addPanel(host, {
-    title: packed.imageTitle, label: "corners over the image",
+    title: packed.imageTitle, label: "corners over the picture",
     options: width => pictureOptions(width, [
       Libraries.Plot.rect(cells.filter(cell => cell.count), {x1: "x1", x2: "x2", y1: "y1", y2: "y2", fill: BLUE, fillOpacity: cell => 0.1 + 0.85 * cell.count / most}),
       dots(CORNERS, "#808080", 2, 0.6),

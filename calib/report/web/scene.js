@@ -218,7 +218,7 @@ function placeNames(three, box, names, camera) {
   const placed = [];
   for (const {label, object, text} of names) {
     const {x, y, z} = object.getWorldPosition(new three.Vector3()).project(camera);
-    const width = NAME_LETTER * text.length, left = Math.min((x + 1) / 2 * box.clientWidth + NAME_GAP, box.clientWidth - width);
+    const width = NAME_LETTER * text.length, left = Math.min((x + 1) / 2 * box.clientWidth + NAME_GAP, box.clientWidth - width - NAME_GAP);
     const near = placed.filter(other => left < other.left + other.width && other.left < left + width);
     const top = [NAME_GAP, -NAME_GAP - NAME_HEIGHT]
       .map(shift => Math.min((1 - y) / 2 * box.clientHeight + shift, box.clientHeight - NAME_HEIGHT))

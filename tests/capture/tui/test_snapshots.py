@@ -305,7 +305,7 @@ async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
     """The longest possible text."""
     reasons = [
         (
-            "the error is 0.227 px, and the corners' noise is about 0.047 px: it may be"
+            "the error is 0.227 px, 4.8 times the corners' noise of about 0.047 px: it may be"
             " board_shape, which would lower it by 87 %."
         ),
         (
@@ -313,7 +313,7 @@ async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
             " apart: find what the model lacks first."
         ),
         *[
-            "Only 47 % of the image has corners: take views with the board where the picture is"
+            "Only 47 % of the picture has corners: take views with the board where the picture is"
             " empty."
         ]
         * 2,
