@@ -98,8 +98,9 @@ class CaptureApp(App[None]):
         page = next(screen for screen in reversed(self.screen_stack) if isinstance(screen, Page))
         if not self._results_shown or page.step() != "Results":
             return ()
-        if isinstance(self.screen, ExportScreen) and self.screen.is_writing:
-            return ()  # half of the files would be no export
+        screen = self.screen
+        if isinstance(screen, ExportScreen) and (screen.is_writing or screen.is_invalid):
+            return ()  # half of the files would be no export; earlier ones not what is asked for
         return list(find_downloads(self.session, self._results_shown.calibration, self._maps))
 
     def first_screen(self) -> Page:

@@ -25,8 +25,7 @@ from capture.typed_path import expand_typed_path
 
 ABOUT = (
     "Maps that undistort pictures, or the straight pictures, for a depth of the scene in metres"
-    " from the lens along its axis; 0.5 1 names two. npz has map_x and map_y as cv2.remap takes"
-    " them."
+    " from the lens along its axis. Maps may have several: 0.5 1 names two."
 )
 STRAIGHT = "straight"
 """The form of the session's own pictures, undistorted."""
@@ -59,6 +58,7 @@ class ExportScreen(Dialog[str]):
     ExportScreen .row Label { width: 18; }
     ExportScreen .row Input, ExportScreen .row Select { width: 1fr; height: 1; }
     ExportScreen #said { height: 1fr; }
+    ExportScreen #said.wrong { color: $text-error; }
     """
     BINDINGS: ClassVar = [
         *TYPING,
@@ -100,7 +100,7 @@ class ExportScreen(Dialog[str]):
         self._folder = session / "export"
         self._pictures = pictures
         self._summary = ""
-        self._invalid = False
+        self.is_invalid = False
         """True if the fields cannot be exported, and the screen says why."""
 
     def compose(self) -> ComposeResult:
@@ -143,10 +143,10 @@ class ExportScreen(Dialog[str]):
                 parse_folder(self.query_one("#folder", Input).value),
             )
         except argparse.ArgumentTypeError as error:
-            self._invalid = True
-            self._say(f"✗ {error}")
+            self.is_invalid = True
+            self._say(f"✗ {error}", wrong=True)
             return None
-        self._invalid = False
+        self.is_invalid = False
         self._say("")
         return fields
 
@@ -173,7 +173,8 @@ class ExportScreen(Dialog[str]):
             return
         form = str(self.query_one("#form", Select).value)
         if form == STRAIGHT and len(depths) != 1:
-            self._say(ONE_DEPTH)
+            self.is_invalid = True
+            self._say(ONE_DEPTH, wrong=True)
             return
         self._say("Being written.")
         self.is_writing = True
@@ -182,16 +183,19 @@ class ExportScreen(Dialog[str]):
             if form == STRAIGHT
             else ["export", str(self._calibration), "--format", form]
         )
-        depths = ["--depth", *depths] if depths else []
-        self._run(self.app, [*command, "-o", str(folder), *depths])
+        self._run(self.app, [*command, "-o", str(folder)], form, depths)
 
     @work(thread=True, exclusive=True)
-    def _run(self, app: App[None], arguments: Sequence[str]) -> None:
-        done = calib(arguments)
+    def _run(
+        self, app: App[None], command: Sequence[str], form: str, depths: Sequence[str]
+    ) -> None:
+        done = calib([*command, *(["--depth", *depths] if depths else [])])
         written = [Path(line) for line in done.stdout.splitlines()]
         sentence = (
             done.sentence.replace("with -o", "above").replace(OVERWRITE_ADVICE, "")
             if done.returncode
+            else _describe_straight(written, depths[0])
+            if form == STRAIGHT
             else _describe_files(written, done.remarks)
         )
         app.post_message(self.MapsExported(self, sentence, written))
@@ -206,7 +210,7 @@ class ExportScreen(Dialog[str]):
                 f"Wrote {len(message.written)} file{'s' * (len(message.written) > 1)} in"
                 f" {message.written[0].parent.resolve()}."
             )
-        if self._invalid:
+        if self.is_invalid:
             self.notify(message.sentence, markup=False)
         else:
             self._say(
@@ -215,8 +219,10 @@ class ExportScreen(Dialog[str]):
                 else message.sentence
             )
 
-    def _say(self, sentence: str) -> None:
-        self.query_one("#said", Static).update(sentence)
+    def _say(self, sentence: str, *, wrong: bool = False) -> None:
+        said = self.query_one("#said", Static)
+        said.update(sentence)
+        said.set_class(wrong, "wrong")
 
 
 def parse_depths(text: str) -> Sequence[str]:
@@ -274,6 +280,11 @@ def parse_folder(text: str) -> Path:
 def is_map(path: Path) -> bool:
     """True if the file is a map, not the file of rays."""
     return path.name != "rays.npz"
+
+
+def _describe_straight(written: Sequence[Path], depth: str) -> str:
+    count = f"{len(written)} straight picture{'s' * (len(written) > 1)}"
+    return f"Wrote {count} for {depth} m\nin {harmless(str(written[0].parent.resolve()))}"
 
 
 def _describe_files(written: Sequence[Path], remarks: Sequence[str]) -> str:

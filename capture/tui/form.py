@@ -47,6 +47,8 @@ EXAMPLE_BOARDS: Mapping[str, Mapping[str, object]] = {
 """Valid example values for each type of board: a single value is checked together with them."""
 DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
 """A number, with its sigma or without, and perhaps with a decimal comma."""
+ROUGHLY = "50 +- 5 if it may be off by 5. "
+"""How a number is written that is known roughly."""
 UNKNOWN_KEY = "?"
 """The key that writes UNKNOWN into a field of the cover, and the short way to write it."""
 LAYER_KEYS = tuple(kind.quantity.key for kind in LAYER)
@@ -87,7 +89,7 @@ def explain_field(key: str, kind: str, shape: str) -> str:
     """Return the explanation of a value, for a board of this type or a cover of this shape."""
     board = explain_keys(kind)
     cover = {
-        entry.quantity.key: f"{entry.explanation} {UNKNOWN_KEY} if you do not know."
+        entry.quantity.key: f"{entry.explanation} {ROUGHLY}{UNKNOWN_KEY} if you do not know."
         for entry in find_shape(shape).keys
     }
     words = find_shape(shape).words

@@ -36,13 +36,15 @@ COLUMNS = re.compile(r"[ ]{2}|[░▒▓█]")
 """Matches a text in columns."""
 INSTRUCTION_IDS = ("now", "verdict", "problem", "sentence", "said", "next", "onward", "hint")
 """The texts that say what to do, the most urgent first: they stay visible, whatever is scrolled."""
-MAIN_ACTIONS = ("take", "start", "export", "use", "update", "straighten", "cover_on", "fit")
+MAIN_ACTIONS = (
+    *("take", "start", "export", "use", "update", "straighten", "cover_on", "fit", "refit"),
+)
 """The main actions: a screen's main button is the first of these that it has."""
 KEYBOARD_ACTIONS = re.compile(r"app\.(focus_\w+|dots)|scroll\b.*")
 """The actions for which the page has no use."""
 CHARACTERS = {"space": " ", "question_mark": "?"}
-TRUST = tuple(grade.value for grade in Trust)
-"""The classes of a verdict's text, from good to bad."""
+TONES = (*(grade.value for grade in Trust), "wrong")
+"""The classes of a text that give it a colour."""
 
 
 def describe_screen(app: App[Any]) -> dict[str, object]:
@@ -204,7 +206,7 @@ def _text_block(widget: Static, text: str) -> Block:
         "columns": columns,
         "spoken": widget.id in INSTRUCTION_IDS,
         "banner": widget.has_class("banner"),
-        "trust": next((grade for grade in TRUST if widget.has_class(grade)), ""),
+        "tone": next((tone for tone in TONES if widget.has_class(tone)), ""),
     }
 
 

@@ -63,6 +63,7 @@ class ResultsScreen(Page):
     ResultsScreen #verdict.trusted { color: $text-success; }
     ResultsScreen #verdict.care { color: $text-warning; }
     ResultsScreen #verdict.do_not_use { color: $text-error; }
+    ResultsScreen #said { height: auto; }
     ResultsScreen #sentence { height: auto; min-height: 2; max-height: 8; }
     ResultsScreen #onward { height: auto; }
     """
@@ -156,6 +157,11 @@ class ResultsScreen(Page):
     def step(self) -> str:
         return "Results"
 
+    @property
+    def early_actions(self) -> frozenset[str]:
+        """After a view was set aside, a fit without it comes first."""
+        return frozenset({"export"} if self._dropped else ())
+
     def body(self) -> ComposeResult:
         with Horizontal(id="top"):
             with Vertical(id="left"):
@@ -172,6 +178,9 @@ class ResultsScreen(Page):
         yield Numbers(self.result)
         word = self.result["verdict"]["word"]
         yield Static(self._headline, id="verdict", classes=f"banner {word}", markup=False)
+        said = Static(id="said", classes="banner", markup=False)
+        said.display = False
+        yield said
         yield Static(self._details(), id="sentence", classes="banner", markup=False)
         yield Static(self._next_steps(), id="onward", classes="banner", markup=False)
 
@@ -197,6 +206,8 @@ class ResultsScreen(Page):
         numbers.lay_out(narrow=not is_roomy)
         numbers.display = is_roomy or self._numbers_wanted
         self.query_one("#top").display = is_roomy or not self._numbers_wanted
+        on_phone = bool(getattr(self.app, "on_phone", False))
+        self.query_one("#sentence").display = on_phone or not self.query_one("#said").display
         self._describe_view()
 
     @property
@@ -257,9 +268,10 @@ class ResultsScreen(Page):
         last = self.result["stages"][-1]["rms_px"]
         noise = self.result["noise_px"]
         words = "unknown" if noise is None else f"{noise:.3f} px"
+        has_fallen = round(first, 3) > round(last, 3)
         error = (
             f"The error fell from {first:.3f} to {last:.3f} px"
-            if len(self.result["stages"]) > 1
+            if has_fallen
             else f"The error is {last:.3f} px"
         )
         sentences = [f"{error}; the corners' own noise is {words}."]
@@ -420,8 +432,13 @@ class ResultsScreen(Page):
         self.refresh_bindings()
 
     def _say(self, sentence: str) -> None:
-        """Show a sentence below the headline, which stays."""
-        self.query_one("#sentence", Static).update(harmless(sentence))
+        """Show a sentence below the headline, where a terminal has room for one of the two: in
+        place of the details.
+        """
+        said = self.query_one("#said", Static)
+        said.update(harmless(sentence))
+        said.display = True
+        self._arrange()
 
     def action_refit(self) -> None:
         self.post_message(self.RefitRequested(self))

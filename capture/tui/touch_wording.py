@@ -15,8 +15,14 @@ KEYBOARD_ONLY = (
     " enter opens the list, tab goes on.",
     "Enter begins to record.",
     " → completes it.",
+    ", or press space",
 )
 """Sentences that mean nothing without a keyboard."""
+
+
+NOT_KNOWN = "Touch 'not known' if you do not know."
+FIELDS = {"source": "pictures from", "like (optional)": "copy settings from (optional)"}
+"""The names of fields that a page explains more than a terminal has room for."""
 
 
 def name_buttons(text: str, labels: Mapping[str, str]) -> str:
@@ -28,6 +34,7 @@ def name_buttons(text: str, labels: Mapping[str, str]) -> str:
     """
     for sentence in KEYBOARD_ONLY:
         text = text.replace(sentence, "")
+    text = text.replace("? if you do not know.", NOT_KNOWN)
     text = re.sub(r"\b(in|correct) session\.yaml", r"\1 the Set-up", text)
     text = re.sub(r"\b(?:board|cover)\.([a-z_]+)", lambda match: readable_key(match[1]), text)
     pressed = re.sub(
@@ -47,7 +54,9 @@ def name_buttons(text: str, labels: Mapping[str, str]) -> str:
 
 
 def readable_key(key: str) -> str:
-    """Return a key of session.yaml in words: "inner radius (mm)" for inner_radius_mm."""
+    """Return the label of a field in words: "inner radius (mm)" for inner_radius_mm."""
+    if key in FIELDS:
+        return FIELDS[key]
     words = re.sub("_(mm|m|px)$", r" (\1)", re.sub("_deg$", " (degrees)", key))
     return words.replace("_", " ")
 

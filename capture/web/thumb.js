@@ -8,6 +8,7 @@ const ASIDE = {question_mark: "help", f1: "help"}; // keys with a button at the 
 const aside = ({key, label}) => ASIDE[key] ?? (label === "Quit" ? "quit" : ""); // in the menu, where no finger meets it that meant its neighbour
 const DENSE = 0.605; // the width of a letter in a font of fixed pitch, in units of its height
 const SMALLEST = 9; // px, the smallest readable letter
+const CALM_MS = 450; // ms for which buttons that have just come or moved take no touch: it was meant for what was there
 const SETTLE_MS = 300; // ms for a touch to end where it began: no widget may move under the finger
 const LONG = 200; // letters, from which on a sentence is a text to read and not a short call
 const SHORT = 480; // px, the height below which a keyboard is open: the header makes room
@@ -78,7 +79,7 @@ function drawCalls(calls) {
   if (dock.dataset.calls === wanted) return;
   dock.dataset.calls = wanted;
   dock.replaceChildren(...calls.map((each) => {
-    const line = make("p", {className: `${each.banner ? "banner" : ""} ${each.trust}`, textContent: each.text});
+    const line = make("p", {className: `${each.banner ? "banner" : ""} ${each.tone}`, textContent: each.text});
     line.dataset.name = each.name;
     return line;
   }));
@@ -104,6 +105,12 @@ function drawKeys(keys) {
     byId(name).onclick = () => ask({press: key.key});
   }
   const below = keys.filter((each) => !aside(each)), others = below.filter((each) => !each.main);
+  const places = JSON.stringify([screen, below.map((each) => [each.key, each.main])]);
+  if (nav.dataset.places !== places) {
+    nav.classList.add("moved");
+    setTimeout(() => nav.classList.remove("moved"), CALM_MS);
+  }
+  nav.dataset.places = places;
   const wide = {1: " whole", 2: " half", 4: " half", 7: " quarter", 8: " quarter"}[others.length] ?? "";
   nav.replaceChildren(...[...below.filter((each) => each.main), ...others].map((key) => {
     const button = make("button", {type: "button", className: key.main ? "main whole" : wide}, key.label);
@@ -148,11 +155,12 @@ function drawField(block) {
     field.value = offer.dataset.text;
     ask({field: block.name, text: field.value});
   };
-  const unknown = make("button", {type: "button", className: "unknown", hidden: !block.unknown, textContent: "?"});
-  unknown.setAttribute("aria-label", "I do not know");
+  const unknown = make("button", {type: "button", className: "unknown", hidden: !block.unknown, textContent: "not known"});
   unknown.onpointerdown = (event) => event.preventDefault(); // a keyboard stays as it is
-  unknown.onclick = () => {
-    field.value = block.unknown;
+  unknown.onclick = () => { // a second touch gives back what was there
+    const typed = field.value;
+    field.value = typed === block.unknown ? unknown.dataset.typed ?? "" : block.unknown;
+    unknown.dataset.typed = typed;
     ask({field: block.name, look: true});
     ask({field: block.name, text: field.value});
   };
@@ -227,6 +235,7 @@ function renew(box, block) {
     label.textContent = `${block.wrong ? "✗ " : ""}${block.label}`;
     label.className = field.className = block.wrong ? "wrong" : "";
     field.disabled = unknown.disabled = block.disabled;
+    unknown.setAttribute("aria-pressed", String(block.value === block.unknown));
     if (document.activeElement !== field && field.value !== block.value) field.value = block.value;
     offer.hidden = block.suggestion.length <= field.value.length || !block.suggestion.startsWith(field.value) || document.activeElement !== field;
     offer.dataset.text = block.suggestion;
@@ -236,14 +245,15 @@ function renew(box, block) {
   const options = JSON.stringify([screen, block.options, block.chosen]);
   if (block.kind === "choice") {
     box.children[0].textContent = block.label;
-    box.children[1].textContent = block.options[block.chosen] ?? "";
+    box.children[1].textContent = (block.options[block.chosen] ?? "").replace(/ {2,}/, ": ");
     box.children[1].disabled = block.disabled;
   }
   if (box.dataset.options === options) return;
   box.dataset.options = options;
   const list = block.kind === "choice" ? box.children[2] : box;
   const made = block.options.map((option, place) => {
-    const button = make("button", {type: "button", className: place === block.chosen ? "chosen" : "", textContent: option});
+    const words = block.kind === "choice" ? option.replace(/ {2,}/, ": ") : option;
+    const button = make("button", {type: "button", className: place === block.chosen ? "chosen" : "", textContent: words});
     button.onclick = () => {
       ask({field: block.name, choose: place});
       if (block.kind === "choice") list.hidden = true;
@@ -257,9 +267,12 @@ function renew(box, block) {
 export function follow() {
   const menu = byId("menu"), more = byId("more");
   addEventListener("click", (event) => {
-    menu.hidden = event.target !== more || !menu.hidden;
-    more.setAttribute("aria-expanded", String(!menu.hidden));
-  });
+    const beside = !menu.hidden && event.target !== more && !menu.contains(event.target);
+    if (beside) event.stopPropagation(); // it closes the menu, and touches nothing below it
+    if (!menu.hidden && menu.contains(event.target)) setTimeout(() => { menu.hidden = true; });
+    else menu.hidden = event.target !== more || !menu.hidden;
+    more.setAttribute("aria-expanded", String(event.target === more && !menu.hidden));
+  }, true);
   const typed = () => (document.activeElement.tagName === "INPUT" ? document.activeElement : null);
   const typing = () => page.classList.toggle("typing", Boolean(typed()));
   const opened = () => main.querySelector(".choice ul:not([hidden])");

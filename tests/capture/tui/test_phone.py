@@ -55,6 +55,7 @@ speechSynthesis.speak = (each) => spoken.push(each.text);
 """
 """A script that records the spoken texts."""
 THICKNESS = 'document.getElementById("field-thickness_mm")'
+SHAPE = 'document.getElementById("choice-shape")'
 UNKNOWN = f"{THICKNESS}.parentElement.querySelector('.unknown')"
 VERDICT = 'document.querySelector("#dock [data-name=verdict].trusted")'
 OUTLINE = 'document.querySelector("#picture .hint:not(.halo)")?.getAttribute("d") ?? ""'
@@ -99,6 +100,17 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await phone.let_go()
         await phone.tap(UNKNOWN)
         await phone.until(f"{THICKNESS}.value === 'unknown'")
+        await phone.tap(UNKNOWN)
+        await phone.until(f"{THICKNESS}.value === '{CONE[COVER.index('thickness_mm')]}'")
+        await phone.tap(UNKNOWN)
+        await phone.tap("document.getElementById('more')")
+        place = await phone.evaluate_json(f"{SHAPE}.getBoundingClientRect()")
+        assert place
+        beside = [{"x": place["x"] + 20, "y": place["y"] + 20}]
+        await phone.do("Input.dispatchTouchEvent", type="touchStart", touchPoints=beside)
+        await phone.do("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+        await phone.until("document.getElementById('menu').hidden")
+        assert not await phone.evaluate("document.querySelector('.choice ul:not([hidden])')")
         await phone.see("thickness (mm)")
         await _keep(phone, "2-set-up")
         await phone.fill("thickness_mm", CONE[COVER.index("thickness_mm")])
