@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calib.effects.board_scale import STRETCH, BoardScale
@@ -21,6 +22,8 @@ from calib.fitting.declared import PREFIXES
 from calib.inference.fitted_model import FittedModel
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.inference.variation import Variation
+from calib.inference.variation_equations import VariationEquations
+from calib.inference.variation_rows import VariationRows
 from calib.inference.varying_numbers import (
     DISTORTION,
     NAMELESS,
@@ -175,6 +178,22 @@ class Differing:
             f" {rivals or 'nothing that has a name'}. If it is the first,"
             f" {advice(first, self.names)}."
         )
+
+
+def possible_shifts(fitted: FittedModel, context: EffectContext) -> NDArray[np.float64]:
+    """Return (S, S) the covariance of the shifts of the fitted parameters by what seems to differ
+    from view to view: of each number that may differ, by its probability. It is zero where nothing
+    does.
+    """
+    count = fitted.parameters().count
+    covariance = np.zeros((count, count))
+    if differing := Differing.of(fitted, context):
+        equations = VariationEquations.of(VariationRows.of(fitted, context))
+        for variation, chance in zip(differing.variations, differing.probabilities, strict=True):
+            if variation.group.name != STRUCTURE:
+                shift = equations.shift(variation)
+                covariance += chance * np.outer(shift, shift)
+    return covariance
 
 
 def _odds(variation: Variation, best: Variation) -> float:

@@ -200,7 +200,10 @@ def fit(
             observations = Observations.of(views, session.board)
             loose = loose_names(setup.intrinsics, setup.cover)
             labels = pose_labels(views)
-            joint, uncertainty = count_views(fitted.model, observations, joint, labels, loose)
+            seen_by = session.board, session.camera
+            joint, uncertainty = count_views(
+                fitted.model, observations, joint, labels, *seen_by, loose
+            )
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, joint)
     validation = None
     if settings.folds:

@@ -19,14 +19,21 @@ from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.estimation.stated_priors import with_estimates
 from calib.fit_record.outcome import JointOutcome, Uncertainty
+from calib.fitting.differing import possible_shifts
 from calib.fitting.valleys import widen_valleys
+from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
 from calib.inference.view_scatter import ViewScatter
-from calib.session.camera import Intrinsics
+from calib.session.board import Board
+from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
 from calib.session.numbers import unknown_names
 from calib.session.parameter_names import CAMERA
 
+SCATTERED = 1.25
+"""The scatter of the views over that of independent corners, from which on it is asked whether
+numbers differ from view to view. Noise alone gives 0.8 to 1.2.
+"""
 EFFECTS_STAGE = "cover+rbf+effects"
 LOOSE = 3.0
 """The stated standard deviation over the usual tolerance, above which a number of the cover is as
@@ -47,7 +54,8 @@ def with_fit(
     declared = calibration.declared
     loose = loose_names(declared.intrinsics, declared.cover)
     labels = pose_labels(calibration.views)
-    reported, uncertainty = count_views(model, observations, joint, labels, loose)
+    seen_by = calibration.board, calibration.camera
+    reported, uncertainty = count_views(model, observations, joint, labels, *seen_by, loose)
     estimated = with_estimate(calibration, model, reported, observations)
     outcome = replace(calibration.outcome, joint=JointOutcome.of(joint), uncertainty=uncertainty)
     return replace(estimated, outcome=outcome)
@@ -71,16 +79,20 @@ def count_views(
     observations: Observations,
     joint: JointFit,
     labels: NDArray[np.int64],
+    board: Board,
+    camera: Camera,
     loose: Sequence[str] = (),
 ) -> tuple[JointFit, Uncertainty]:
     """Return the fit with a covariance that counts views and corners of the board, and how it
-    counts them.
+    counts them. Where views scatter, it has the shift by numbers that seem to differ from view to
+    view, too.
 
     Args:
         loose: the names of the numbers with wide priors. None becomes less certain than its prior,
             which is no measurement that scatters with the views.
     """
-    scatter = ViewScatter.of(FittedModel(model, observations, joint), labels)
+    fitted = FittedModel(model, observations, joint)
+    scatter = ViewScatter.of(fitted, labels)
     poses = len(np.unique(labels))
     limit = max(HEAVY, 2 / poses)
     uncertainty = Uncertainty(
@@ -95,7 +107,12 @@ def count_views(
         },
     )
     of_cover = [name for name in loose if not CAMERA.has(name)]
-    wide = widen_valleys(model, observations, joint, scatter.widen(joint), of_cover)
+    wide = scatter.widen(joint)
+    if max(scatter.ratio, scatter.corner_ratio) > SCATTERED:
+        context = effect_context(fitted, board, camera, locate=False)
+        shifts = possible_shifts(fitted, context)
+        wide = replace(wide, covariance=wide.covariance + torch.from_numpy(shifts))
+    wide = widen_valleys(model, observations, joint, wide, of_cover)
     return _limited_by_priors(wide, loose), uncertainty
 
 

@@ -43,6 +43,18 @@ class Variation:
         """
         return float(np.sqrt((self.deviations**2).mean(0)).max())
 
+    @property
+    def next_state(self) -> int | None:
+        """A view in the state at the end, which the next picture has, of numbers that step or
+        settle; None if the maps are of the mean.
+        """
+        match self.kind:
+            case VariationKind.STEP:
+                return int(self.pattern.argmax())
+            case VariationKind.WARM_UP:
+                return int(self.pattern.argmin())
+        return None
+
     def effects(self, context: EffectContext) -> tuple[Effect, ...]:
         """Return the effect that adds these deviations to a model; none if there is none. A board
         whose bend differs gets one of its own in every view.
@@ -55,9 +67,8 @@ class Variation:
                 return kind.propose(context)
         if name in (BoardScale.name, BoardFlex.name) or not self.group.has_cause:
             return ()
-        # The maps are of the state at the end, which the next picture has, or of the mean.
-        ends = {VariationKind.STEP: self.pattern.max(), VariationKind.WARM_UP: self.pattern.min()}
-        pattern = self.pattern - ends.get(self.kind, 0.0)
+        end = self.next_state
+        pattern = self.pattern - (0.0 if end is None else self.pattern[end])
         return (Varying(name, self.kind.varies, self.group.number_names, tuple(pattern.tolist())),)
 
     def penalised(self, penalty: float) -> Variation:

@@ -147,6 +147,16 @@ class VariationEquations:
         score = self._whitened + self._response(moved) @ variation.deviations.ravel()
         return -np.asarray(np.linalg.solve(self._root.T, score))
 
+    def shift(self, variation: Variation) -> Array:
+        """Return (S,) by how much the shared parameters differ from `solution` if a variation is
+        true: those of the state of the next picture, or of the mean.
+        """
+        shift = self.solution_with(variation) - self.solution
+        if (view := variation.next_state) is not None:
+            columns = self.rows.columns(variation.group)
+            shift += (columns @ variation.deviations[view])[self.rows.shared]
+        return np.asarray(shift)
+
     def view_log_likelihoods(self, variation: Variation) -> Array:
         """Return (V,) the log likelihoods of the views' corners with the deviations of a variation,
         up to a constant, with the noise that these leave.

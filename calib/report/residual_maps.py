@@ -162,14 +162,14 @@ def residual_maps(evidence: Evidence) -> Drawing:
     return Drawing(
         "residuals",
         "Residuals, and where they are",
-        f"Over the image: {in_image.means.summary}. Over the board: {on_board.means.summary}.",
+        f"Over the picture: {in_image.means.summary}. Over the board: {on_board.means.summary}.",
         explanation=(
             "An arrow is the mean of the reprojection errors there: the corner that the model"
             f" predicts minus the detected one. {scales.caption} The arrows of a pattern are"
-            " orange. A pattern over the picture comes from the lens or the glass, one over the board"
-            " from a board that is not flat or not to scale. The histogram has the x and y of all"
-            f" errors.{shape} The noise by {evidence.distance_name} is that of groups of views: if"
-            " the error exceeds it, the model lacks something."
+            " orange. A pattern over the picture comes from the lens or the glass, one over the"
+            " board from a board that is not flat or not to scale. The histogram has the x and y"
+            f" of all errors.{shape} The noise by {evidence.distance_name} is that of groups of"
+            " views: if the error exceeds it, the model lacks something."
         ),
         data={
             "image": in_image.data(),
