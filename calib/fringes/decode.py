@@ -229,7 +229,7 @@ def screen_points(decoded: DecodedScreen) -> ScreenPoints:
 
 
 def _is_inside(shape: tuple[int, ...], average: int) -> NDArray[np.bool_]:
-    """Return (H, W) true where the average of a pixel does not reach beyond the picture's border."""
+    """Return (H, W) true where a pixel's average does not reach beyond the picture's border."""
     reach = average // 2
     inside = np.zeros(shape, np.bool_)
     inside[reach : shape[0] - reach, reach : shape[1] - reach] = True
