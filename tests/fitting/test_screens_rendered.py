@@ -61,9 +61,15 @@ def test_decoded_points_are_the_renderer_s(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("views", [6, 12])
 def test_the_maps_of_a_screen_are_the_renderer_s(views: int) -> None:
-    """Six poses leave 0.006 px at most over at least 95 % of the picture."""
+    """Six poses leave 0.006 px at most over at least 95 % of the picture. Measured: 0.0014 to
+    0.0023 px over all of it, 0.77 to 1.01 of what is predicted, and of twelve poses 0.0009 to
+    0.0013 px, 0.55 to 0.79 of it. The prediction is 1.6 times what noise alone would give: it
+    allows for views that scatter more than noise does.
+    """
     truth = FIXTURES / "screen-clean" / "truth.npz"
-    error = map_error(calibrate("screen-clean", views), truth, NEAR)
+    calibration = calibrate("screen-clean", views)
+    assert calibration.outcome.half_turned_boards is None
+    error = map_error(calibration, truth, NEAR)
     with np.load(truth) as file:
         assert error.pixels > 0.95 * len(file["pixels"])
     for depth, rms in error.by_depth.items():
@@ -85,7 +91,9 @@ def test_a_drop_is_found_where_it_is_and_as_high_as_it_is() -> None:
     assert finding.accepted == ("fine_surface",)
     with np.load(FIXTURES / "screen-drop" / "truth.npz") as file:
         height, width, y, theta = file["bump"].tolist()
-    assert parameter(finding, "fine_surface.height")[0] == pytest.approx(height, rel=0.05)
+    value, sigma = parameter(finding, "fine_surface.height")
+    print(f"height {1e6 * value:.3f} ± {1e6 * sigma:.3f} um, true {1e6 * height:.3f} um")
+    assert value == pytest.approx(height, rel=0.05)
     assert parameter(finding, "fine_surface.width")[0] == pytest.approx(width, rel=0.05)
     drop = calibration.model()[0].cover[-1].extra_reliefs[0]
     assert isinstance(drop, Bump)
@@ -102,13 +110,15 @@ def test_a_drop_is_found_where_it_is_and_as_high_as_it_is() -> None:
 
 @pytest.mark.slow
 def test_a_step_is_noticed_and_not_named() -> None:
-    """No effect is a step, and the relief is too coarse for one: the error stays 30 times the
-    noise, and the verdict says so.
+    """No effect is a step, and the relief does not follow it: squares of points that no quadratic
+    fits are left out, and its centres are 2.7 mm apart. The error stays 30 times the noise, and the
+    verdict says so.
     """
     calibration = calibrate("screen-step", 12)
     assert calibration.noise_px
     assert calibration.stages[-1].rms_px > 10 * calibration.noise_px
-    assert any("the model lacks something" in r.sentence for r in judge(calibration).reasons)
+    sentences = [reason.sentence for reason in judge(calibration).reasons]
+    assert any(sentence.startswith("the error is 0.1") for sentence in sentences), sentences
 
 
 @pytest.mark.slow
