@@ -80,8 +80,13 @@ def test_the_maps_of_a_screen_are_the_renderer_s(views: int) -> None:
 
 @pytest.mark.slow
 def test_nothing_is_found_on_clean_glass() -> None:
-    _, finding = diagnosed("screen-clean")
+    """The systematic errors of decoding, up to 0.002 px, differ from view to view: no reason to
+    lock the focus and to record again.
+    """
+    calibration, finding = diagnosed("screen-clean")
     assert finding.accepted == ()
+    sentences = [reason.sentence for reason in judge(calibration).reasons]
+    assert not any("view to view" in sentence for sentence in sentences), sentences
 
 
 @pytest.mark.slow
