@@ -52,10 +52,10 @@ def row(folder: Path) -> tuple[str, ...]:
     seconds = time.perf_counter() - start
     error = map_error(calibration, folder / "truth.npz", NEAR)
     with np.load(folder / "truth.npz") as file:
-        part = error.pixels / len(file["pixels"])
+        share = error.pixels / len(file["pixels"])
     errors = ", ".join(f"{value:.4f}" for value in error.by_depth.values())
     predicted = ", ".join(f"{value:.4f}" for value in error.predicted.values())
-    return f"{seconds:.1f} s.", f"{100 * part:.0f} %", errors, predicted
+    return f"{seconds:.1f} s.", f"{100 * share:.0f} %", errors, predicted
 
 
 if __name__ == "__main__":

@@ -233,9 +233,9 @@ def screen_points(decoded: DecodedScreen) -> ScreenPoints:
 def _is_inside(shape: tuple[int, ...], average: int) -> NDArray[np.bool_]:
     """Return (H, W) true where a pixel's average does not reach beyond the picture's border."""
     reach = average // 2
-    inside = np.zeros(shape, np.bool_)
-    inside[reach : shape[0] - reach, reach : shape[1] - reach] = True
-    return inside
+    mask = np.zeros(shape, np.bool_)
+    mask[reach : shape[0] - reach, reach : shape[1] - reach] = True
+    return mask
 
 
 def _decode_axis(frames: Sequence[Floats], plan: FringePlan, axis: int, middle: Floats) -> _Axis:
@@ -381,15 +381,15 @@ def _blur_variance(
     attenuation of the fringes: a Gaussian blur leaves exp(-variance frequency^2 / 2).
     """
     frequency = 2 * np.pi / _camera_periods(slopes, plan)
-    known = usable & np.isfinite(frequency).all(-1)
-    losses = np.where(known, -2 * np.log(attenuation).sum(-1), 0.0)
-    squares = np.where(known, (frequency**2).sum(-1), 0.0)
-    total = _box_mean(squares, NOISE_REACH)
-    if not known.any():
+    valid = usable & np.isfinite(frequency).all(-1)
+    losses = np.where(valid, -2 * np.log(attenuation).sum(-1), 0.0)
+    squares = np.where(valid, (frequency**2).sum(-1), 0.0)
+    if not valid.any():
         return np.zeros(usable.shape)
     everywhere = losses.sum() / squares.sum()
-    local = _box_mean(losses, NOISE_REACH) / np.where(total > 0, total, np.inf)
-    return np.where(total > 0, local, everywhere)
+    enough = _box_mean(valid.astype(np.float64), NOISE_REACH) > 0.05
+    total = np.where(enough, _box_mean(squares, NOISE_REACH), 1.0)
+    return np.where(enough, _box_mean(losses, NOISE_REACH) / total, everywhere)
 
 
 def _curvature_bias(
@@ -408,9 +408,9 @@ def _curvature_bias(
         curvature = _slopes(slope, valid & np.isfinite(slope).all(-1), CURVATURE_REACH)
         fringes = np.array(plan.fringes(axis))
         frequency2 = np.mean((2 * np.pi * fringes / plan.extent(axis)) ** 2)
-        along = np.einsum("hwi,hwij,hwj->hw", slope, curvature, slope)
+        cross = np.einsum("hwi,hwij,hwj->hw", slope, curvature, slope)
         trace = curvature[..., 0, 0] + curvature[..., 1, 1]
-        bias[..., axis] = blur / 2 * (trace - blur * frequency2 * along)
+        bias[..., axis] = blur / 2 * (trace - blur * frequency2 * cross)
     return np.nan_to_num(bias)
 
 

@@ -119,11 +119,11 @@ def board_modes(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
             nodes = np.linspace(nodes[0], nodes[-1], MAX_NODES)
         kernels = _kernels(nodes, nodes, side)
         variances, vectors = np.linalg.eigh(kernels.sum(0))
-        kept = variances > MIN_MODE_VARIANCE * variances[-1]
-        basis = vectors[:, kept]
+        large = variances > MIN_MODE_VARIANCE * variances[-1]
+        basis = vectors[:, large]
         # Nystroem's extension of the modes, which at the nodes is the modes themselves
         at_corners = _kernels(coordinate, nodes, side).sum(0)
-        functions.append(at_corners @ basis / variances[kept])
+        functions.append(at_corners @ basis / variances[large])
         covariances.append(basis.T @ kernels @ basis)
     modes = (functions[0][:, :, None] * functions[1][:, None]).reshape(len(corners), -1)
     products = [np.kron(x, y) for x, y in zip(covariances[0], covariances[1], strict=True)]

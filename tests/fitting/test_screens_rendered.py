@@ -59,12 +59,12 @@ def test_decoded_points_are_the_renderer_s(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("views", [6, 12])
-def test_the_maps_of_a_screen_are_the_renderer_s(views: int) -> None:
+@pytest.mark.parametrize(("views", "min_ratio"), [(6, 0.8), (12, 0.5)])
+def test_the_maps_of_a_screen_are_the_renderer_s(views: int, min_ratio: float) -> None:
     """Six poses leave 0.006 px at most over at least 95 % of the picture. Measured: 0.0014 to
-    0.0023 px over all of it, 0.77 to 1.01 of what is predicted, and of twelve poses 0.0009 to
-    0.0013 px, 0.55 to 0.79 of it. The prediction is 1.6 times what noise alone would give: it
-    allows for views that scatter more than noise does.
+    0.0023 px over all of it, 0.85 of what is predicted, and of twelve poses 0.0009 to 0.0013 px,
+    0.66 of it. Predictions allow for views that scatter more than noise does, here by 1.6. Four
+    other draws of the noise, of six poses, gave 0.85 as well.
     """
     truth = FIXTURES / "screen-clean" / "truth.npz"
     calibration = calibrate("screen-clean", views)
@@ -72,10 +72,12 @@ def test_the_maps_of_a_screen_are_the_renderer_s(views: int) -> None:
     error = map_error(calibration, truth, NEAR)
     with np.load(truth) as file:
         assert error.pixels > 0.95 * len(file["pixels"])
-    for depth, rms in error.by_depth.items():
-        print(f"{views} poses, {depth} m: {rms:.4f} px, {error.predicted[depth]:.4f} predicted")
-        assert rms < 0.006
-        assert 0.4 < rms / error.predicted[depth] < 1.25
+    rms = np.array(list(error.by_depth.values()))
+    predicted = np.array(list(error.predicted.values()))
+    ratio = float(np.sqrt(np.mean((rms / predicted) ** 2)))
+    print(f"{views} poses: {rms.round(4)} px, {predicted.round(4)} predicted, ratio {ratio:.2f}")
+    assert rms.max() < 0.006
+    assert min_ratio < ratio < 1.25
 
 
 @pytest.mark.slow
@@ -105,9 +107,9 @@ def test_a_drop_is_found_where_it_is_and_as_high_as_it_is() -> None:
     first = parameter(finding, "fine_surface.first")[0]
     second = parameter(finding, "fine_surface.second")[0]
     place = np.array(drop.place) + np.array([first, second]) / drop.metres
-    off = (place - [y, theta]) * [1, RADIUS]
-    print(f"the drop is off by {1e3 * np.linalg.norm(off):.2f} mm")
-    assert np.linalg.norm(off) < 4e-4  # the axis of the cone is known to 0.3 mm
+    miss = (place - [y, theta]) * [1, RADIUS]
+    print(f"the drop is off by {1e3 * np.linalg.norm(miss):.2f} mm")
+    assert np.linalg.norm(miss) < 4e-4  # the axis of the cone is known to 0.3 mm
     error = map_error(calibration, FIXTURES / "screen-drop" / "truth.npz", NEAR)
     print(f"map error with the drop: {error.by_depth}")
     assert max(error.by_depth.values()) < 0.006

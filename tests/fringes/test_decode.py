@@ -78,8 +78,8 @@ def test_blur_does_not_shift_the_places_of_a_tilted_screen() -> None:
         points = screen_points(decode(camera, replace(PLAN, period=period)))
         errors = place_errors(points, camera, SCREEN)
         for low in (0, 50, 100):
-            part = (points.pixels[:, 0] >= low) & (points.pixels[:, 0] < low + 60)
-            assert np.abs(errors.pixels[part].mean(0)).max() < 0.001, (period, low)
+            columns = (points.pixels[:, 0] >= low) & (points.pixels[:, 0] < low + 60)
+            assert np.abs(errors.pixels[columns].mean(0)).max() < 0.001, (period, low)
 
 
 @pytest.mark.parametrize(
