@@ -1,14 +1,14 @@
-"""What a session of points is worth beside boards, for the same glass: `python -m
-benchmarks.point_maps [--views 6 10] [--points 100000]`.
+"""What a screen is worth beside boards, for the same glass: `python -m benchmarks.point_maps`.
 
-A thin cone with bumps is calibrated from views of a screen of many points with 0.01 px of noise,
-and from 24 views of a board of 9x9 corners with 0.05 px, at the same distances. The error of the
-maps is that against the true rays, after the rigid motion of all rays that fits best, root mean
-square at three depths over the part of the picture that has corners nearby; beside it the error
-that the calibration predicts. The seconds are those of reading and fitting.
+Rendered sessions (fixtures/README.md): 24 pictures of a 9x9 board in `wet-cone`, and six and twelve
+poses of a laptop's screen in `screen-clean`, through the same uneven cone, before the same camera,
+with the same session.yaml. The boards' pictures are sharp and have noise of 1 to 1.5 grey levels,
+the screen's are blurred by 1.5 px and have noise of 2. The error is that of the maps against the
+renderer's rays, after the rigid motion of all rays that fits best, root mean square over the part
+of the picture that has corners or points nearby. The seconds are those of reading and fitting.
 """
 
-import argparse
+import shutil
 import tempfile
 import time
 from pathlib import Path
@@ -17,54 +17,45 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from calib.calibration import Calibration
-from calib.fitting.corner_range import corners_at, covered_fraction
+from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Setup
 from calib.progress import Silent
-from fixtures.calibrated import CAMERA, tolerant
-from fixtures.map_errors import DEPTHS, errors
-from fixtures.point_sessions import DEPTHS as PLACES
-from fixtures.point_sessions import POINT_NOISE, screen_scene, write_point_session
-from fixtures.synthetic import INTRINSICS, THIN, Scene, scene
+from calib.session.session import read_session
+from fixtures.rays import DEPTHS, FIXTURES, map_error
+from fixtures.rendered_screens import copy_views
 
-BOARDS = 24
-CORNER_NOISE = 0.05
-"""px per axis, of a detected corner (docs/corners.md)."""
+BOARDS = "wet-cone"
+SCREEN = "screen-clean"
+NEAR = 40.0
+"""px: a pixel counts with three corners, or averages of points, that near."""
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.point_maps", description=__doc__)
-    parser.add_argument("--views", type=int, nargs="+", default=[6, 10])
-    parser.add_argument("--points", type=int, default=100000)
-    options = parser.parse_args()
     depths = ", ".join(f"{depth:g}" for depth in DEPTHS)
-    table = Table("views", "seconds", "coverage", f"map error at {depths} m, px", "predicted")
-    made = scene(1, views=BOARDS, noise=CORNER_NOISE, cover=THIN, depths=PLACES)
-    start = time.perf_counter()
-    calibration = tolerant(made, Setup(made.board, CAMERA, INTRINSICS, made.cover))
-    seconds = time.perf_counter() - start
-    table.add_row(f"{BOARDS} boards of 81", *row(made, calibration, seconds))
-    columns = round((1.6 * options.points) ** 0.5)
-    for views in options.views:
-        made = screen_scene(1, views, columns, round(columns / 1.6))
-        with tempfile.TemporaryDirectory() as folder:
-            session = write_point_session(Path(folder) / "session", made, POINT_NOISE)
-            start = time.perf_counter()
-            calibration = fit(session, progress=Silent())
-            seconds = time.perf_counter() - start
-        words = f"{views} of {made.board.count} points"
-        table.add_row(words, *row(made, calibration, seconds))
+    table = Table("views", "seconds", "of the picture", f"error at {depths} m, px", "predicted")
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        boards = shutil.copytree(
+            FIXTURES / BOARDS, folder / "boards", ignore=shutil.ignore_patterns(".*", "calibration")
+        )
+        table.add_row("24 boards", *row(boards))
+        for views in (6, 12):
+            screen = copy_views(SCREEN, folder / f"{views}", views)
+            table.add_row(f"{views} of a screen", *row(screen))
     Console(width=90).print(table)
 
 
-def row(made: Scene, calibration: Calibration, seconds: float) -> tuple[str, ...]:
-    """Return the cells of a calibration's line."""
-    covered = covered_fraction(calibration, corners_at(calibration)[:, :2])
-    pairs = list(errors(made, calibration))
-    rms = [f"{np.sqrt(np.mean(error**2)):.4f}" for error, _ in pairs]
-    predicted = [f"{np.sqrt(np.mean(sigma**2)):.4f}" for _, sigma in pairs]
-    return f"{seconds:.1f} s.", f"{100 * covered:.0f} %", ", ".join(rms), ", ".join(predicted)
+def row(folder: Path) -> tuple[str, ...]:
+    """Return the cells of a session's line."""
+    start = time.perf_counter()
+    calibration = fit(read_session(folder), Settings(), Silent())
+    seconds = time.perf_counter() - start
+    error = map_error(calibration, folder / "truth.npz", NEAR)
+    with np.load(folder / "truth.npz") as file:
+        share = error.pixels / len(file["pixels"])
+    errors = ", ".join(f"{value:.4f}" for value in error.by_depth.values())
+    predicted = ", ".join(f"{value:.4f}" for value in error.predicted.values())
+    return f"{seconds:.1f} s.", f"{100 * share:.0f} %", errors, predicted
 
 
 if __name__ == "__main__":

@@ -159,7 +159,7 @@ def _most_probable_turns(fitted: FittedModel, setup: Setup) -> NDArray[np.bool_]
     majority of the views; all false unless that is what most probably differs from view to view.
     """
     still = np.zeros(len(fitted.observations.names), bool)
-    if setup.board.coding or len(still) < MIN_VIEWS:
+    if setup.board.coding or not setup.board.has_grid or len(still) < MIN_VIEWS:
         return still
     context = effect_context(fitted, setup.board, setup.camera, locate=False)
     group = turned_board(setup.board)

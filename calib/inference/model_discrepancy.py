@@ -32,6 +32,8 @@ LOW_HEIGHT = 0.1
 """The initial height of the other processes."""
 HEIGHT_RANGE = (1e-3, 1e2)
 """The range of a height over the noise."""
+MAX_NODES = 32
+"""Nodes along an axis of a target whose points are on no grid: eight to the shortest length."""
 MIN_MODE_VARIANCE = 1e-3
 """The smallest variance of a mode, relative to the largest one along the same axis."""
 
@@ -105,22 +107,35 @@ def board_modes(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
 
     Returns:
         (M, q) the functions at (M, 2) corners, products of one along x and one along y, orthonormal
-        on the board's grid; and (L, q, q) the covariances of their coefficients.
+        on the board's grid, or on MAX_NODES nodes if there are more coordinates; and (L, q, q) the
+        covariances of their coefficients.
     """
     side = float(np.ptp(corners, axis=0).max())
     functions = []
     covariances = []
     for coordinate in corners.T:
-        places, index = np.unique(coordinate.round(9), return_inverse=True)
-        squares = (places[:, None] - places) ** 2
-        kernels = np.stack([np.exp(-squares / (2 * (length * side) ** 2)) for length in LENGTHS])
+        nodes = np.unique(coordinate.round(9))
+        if len(nodes) > MAX_NODES:
+            nodes = np.linspace(nodes[0], nodes[-1], MAX_NODES)
+        kernels = _kernels(nodes, nodes, side)
         variances, vectors = np.linalg.eigh(kernels.sum(0))
-        basis = vectors[:, variances > MIN_MODE_VARIANCE * variances[-1]]
-        functions.append(basis[index])
+        large = variances > MIN_MODE_VARIANCE * variances[-1]
+        basis = vectors[:, large]
+        # Nystroem's extension of the modes, which at the nodes is the modes themselves
+        at_corners = _kernels(coordinate, nodes, side).sum(0)
+        functions.append(at_corners @ basis / variances[large])
         covariances.append(basis.T @ kernels @ basis)
     modes = (functions[0][:, :, None] * functions[1][:, None]).reshape(len(corners), -1)
     products = [np.kron(x, y) for x, y in zip(covariances[0], covariances[1], strict=True)]
     return modes, np.stack(products)
+
+
+def _kernels(
+    first: NDArray[np.float64], second: NDArray[np.float64], side: float
+) -> NDArray[np.float64]:
+    """Return the (L, m, n) covariances of the processes between (m,) and (n,) coordinates."""
+    squares = (first[:, None] - second) ** 2
+    return np.stack([np.exp(-squares / (2 * (length * side) ** 2)) for length in LENGTHS])
 
 
 class DiscrepancyLikelihood:

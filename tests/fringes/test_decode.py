@@ -1,6 +1,6 @@
 """Decoding against a simulated camera that looks up what is drawn where its rays meet a screen."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calib.errors import InputError
 from calib.fringes.decode import DecodedScreen, PixelReason, decode_fringes, screen_points
 from calib.fringes.pattern import FringePlan, Screen, Unwrapping
-from fixtures.screen import ScreenCamera, place_errors
+from fixtures.screen import Floats, ScreenCamera, place_errors
 
 SCREEN = Screen(420, 320, (2.0e-4, 2.02e-4))
 PLAN = FringePlan(SCREEN, 20.0)
@@ -53,6 +53,33 @@ def test_no_point_is_averaged_over_pixels_beyond_the_border() -> None:
     assert points.pixels.max(0).tolist() == [79.0, 58.0]
     errors = place_errors(points, camera, SCREEN)
     assert np.abs(errors.pixels).max() < 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TiltedCamera(ScreenCamera):
+    """A camera that sees the screen tilted by 45 degrees, as if from 640 px away."""
+
+    def homography(self, screen: Screen) -> Floats:
+        middle = np.eye(3)
+        middle[:2, 2] = -(self.width - 1) / 2, -(self.height - 1) / 2
+        tilt = np.eye(3)
+        tilt[2, 0] = 1 / 640
+        facing = ScreenCamera.homography(self, screen)
+        return np.asarray(facing @ np.linalg.inv(middle) @ tilt @ middle)
+
+
+def test_blur_does_not_shift_the_places_of_a_tilted_screen() -> None:
+    """A blur mixes more of the screen's far side than of its near side into each pixel, and fringes
+    that are too short for the blur show the opposite. Uncorrected, both shift whole parts of the
+    picture, by 0.004 and 0.014 px here; the mean noise of a part is 0.0003 px.
+    """
+    camera = TiltedCamera(width=160, height=120, noise=1.0, jpeg=None)
+    for period in (14.0, 30.0):
+        points = screen_points(decode(camera, replace(PLAN, period=period)))
+        errors = place_errors(points, camera, SCREEN)
+        for low in (0, 50, 100):
+            columns = (points.pixels[:, 0] >= low) & (points.pixels[:, 0] < low + 60)
+            assert np.abs(errors.pixels[columns].mean(0)).max() < 0.001, (period, low)
 
 
 @pytest.mark.parametrize(

@@ -43,6 +43,18 @@ def test_a_large_board_has_few_modes() -> None:
     assert board_modes(np.column_stack([x.ravel(), y.ravel()]))[0].shape[1] < 64
 
 
+def test_points_on_no_grid_have_the_processes_covariances() -> None:
+    """Decoded points of a screen share no coordinates: modes on some nodes are extended to them."""
+    points = np.random.default_rng(0).uniform((-0.17, -0.1), (0.17, 0.1), (5000, 2))
+    modes, spreads = board_modes(points)
+    assert modes.shape[1] < 64
+    some = points[:60]
+    distances = ((some[:, None] - some) ** 2).sum(-1) / np.ptp(points, axis=0).max() ** 2
+    for length, spread in zip(LENGTHS, spreads, strict=True):
+        kernel = modes[:60] @ spread @ modes[:60].T
+        assert np.abs(kernel - np.exp(-distances / (2 * length**2))).max() < 0.03
+
+
 def test_the_likelihood_agrees_with_a_dense_one() -> None:
     """The test has three views with two own parameters, one of which has a prior, and two shared
     ones. Their dense covariance is written out, with a very wide prior for a flat one. The results
