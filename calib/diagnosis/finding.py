@@ -63,11 +63,11 @@ class Candidate:
     accepted: bool
     verdict: str
     varies: str | None = None
-    """How the numbers of the effect differ from view to view, in a word of the command contract;
-    None if they do not.
+    """The way in which the effect's numbers differ from view to view, in a word of the command
+    contract; None if they do not.
     """
     spread: Mapping[str, ParameterEstimate] = field(default_factory=dict)
-    """Of numbers that differ: the root mean square of their deviations over the views."""
+    """The spread of numbers that differ: their root mean square deviations over the views."""
     from_file: str | None = None
     """The first picture after a change at one view."""
     depth_bands_px: tuple[float, float] | None = None
@@ -133,7 +133,7 @@ class Diagnosis:
 
     @property
     def headline(self) -> str:
-        """What was found, in one sentence."""
+        """The findings, in one sentence."""
         if self.accepted:
             return f"Found: {', '.join(self.accepted)}."
         if not self.decided:

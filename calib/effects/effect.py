@@ -117,8 +117,8 @@ class Effect(Protocol):
     views share its parameters.
     """
     varies: ClassVar[str] = ""
-    """How its numbers differ from view to view, in a word of `calib.effects.varying.MANNERS`; empty
-    if they do not.
+    """The way in which its numbers differ from view to view, in a word of
+    `calib.effects.varying.MANNERS`; empty if they do not.
     """
     is_sum: ClassVar[bool] = False
     """True if its numbers are terms of a sum, which may cancel: none by itself says whether the

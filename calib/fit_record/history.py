@@ -65,8 +65,8 @@ class AcceptedEffect:
     held_out_px_after: float
     parameters: Mapping[str, EffectEstimate]
     varies: str | None = None
-    """How its numbers differ from view to view, in a word of the command contract; None if they do
-    not.
+    """The way in which its numbers differ from view to view, in a word of the command contract;
+    None if they do not.
     """
     spread: Mapping[str, EffectEstimate] = field(default_factory=dict)
     """The root mean square over the views of numbers that differ."""

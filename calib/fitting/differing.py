@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -111,22 +112,7 @@ class Differing:
         Args:
             nameless: allow for structure of no cause (`find_variations`).
         """
-        best: dict[str, Variation] = {}
-        for variation in find_variations(fitted, context, SHARED, nameless=nameless):
-            best.setdefault(variation.group.name, variation)
-        if not best:
-            return None
-        first = next(iter(best.values()))
-        odds = np.array([_odds(variation, first) for variation in best.values()])
-        probabilities = odds / odds.sum()
-        members = [
-            (variation, float(probability))
-            for variation, probability in zip(best.values(), probabilities, strict=True)
-            if probability > MIN_MEMBER_PROBABILITY
-        ]
-        variations, chances = zip(*members, strict=True)
-        is_rest = any(effect.varies or effect.per_view for effect in fitted.model.effects)
-        return Differing(variations, chances, fitted.observations.names, is_rest)
+        return _answer(_Question(fitted, context, nameless))
 
     @property
     def first(self) -> Variation:
@@ -178,6 +164,53 @@ class Differing:
             f" {rivals or 'nothing that has a name'}. If it is the first,"
             f" {advice(first, self.names)}."
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """A question about an optimum: what differs from view to view? Questions about the same optimum
+    are equal: a fit asks for its covariance, and the verdict on it asks again.
+    """
+
+    fitted: FittedModel
+    context: EffectContext
+    nameless: bool
+
+    @cached_property
+    def _key(self) -> tuple[object, ...]:
+        fitted = self.fitted
+        names = tuple(effect.name for effect in fitted.model.effects)
+        arrays = fitted.deviation, fitted.joint.poses.numpy(), fitted.observations.pixels.numpy()
+        content = tuple(array.tobytes() for array in arrays)
+        return (*content, names, float(fitted.joint.sigma), self.context.shutter, self.nameless)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Question) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+@lru_cache(maxsize=1)
+def _answer(question: _Question) -> Differing | None:
+    fitted = question.fitted
+    best: dict[str, Variation] = {}
+    nameless = question.nameless
+    for variation in find_variations(fitted, question.context, SHARED, nameless=nameless):
+        best.setdefault(variation.group.name, variation)
+    if not best:
+        return None
+    first = next(iter(best.values()))
+    odds = np.array([_odds(variation, first) for variation in best.values()])
+    probabilities = odds / odds.sum()
+    members = [
+        (variation, float(probability))
+        for variation, probability in zip(best.values(), probabilities, strict=True)
+        if probability > MIN_MEMBER_PROBABILITY
+    ]
+    variations, chances = zip(*members, strict=True)
+    is_rest = any(effect.varies or effect.per_view for effect in fitted.model.effects)
+    return Differing(variations, chances, fitted.observations.names, is_rest)
 
 
 def possible_shifts(fitted: FittedModel, context: EffectContext) -> NDArray[np.float64]:

@@ -35,15 +35,15 @@ class HitDerivatives:
     """The (k, M) derivatives of k outputs by what a crossing reads, in the cover's frame."""
 
     rays: ByRay
-    """By the rays that enter."""
+    """Derivatives by the rays that enter."""
     height: Tensor
-    """By the height of the point over the surface: minus that by the glass's thickness."""
+    """Derivatives by the height of the point over the surface: minus those by the thickness."""
     gradient: Vector
-    """By the gradient of that height, beyond its change with the point."""
+    """Derivatives by the gradient of that height, beyond its change with the point."""
     slopes: tuple[Tensor, Tensor]
-    """By the relief's two slopes."""
+    """Derivatives by the relief's two slopes."""
     ratio: Tensor
-    """By the index before the surface over that behind it."""
+    """Derivatives by the index before the surface over that behind it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

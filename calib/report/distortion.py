@@ -64,7 +64,8 @@ def _magnification(evidence: Evidence) -> str:
     centred = pixels - pixels.mean(0)
     growth = float((centred * field).sum() / (centred**2).sum())
     rest = field - field.mean(0) - growth * centred
-    total, bent = (float(np.linalg.norm(part, axis=-1).max()) for part in (field, rest))
+    total = float(np.linalg.norm(field, axis=-1).max())
+    bent = float(np.linalg.norm(rest, axis=-1).max())
     if bent > total / 2:
         return ""
     return (

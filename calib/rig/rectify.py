@@ -45,7 +45,7 @@ Map = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 @dataclass(frozen=True, slots=True)
 class RowError:
-    """How far the rows of the two pictures are off at a depth."""
+    """The px by which the rows of the two pictures are off at a depth."""
 
     depth: float
     """m"""
@@ -75,7 +75,7 @@ class RectifiedPair:
     the camera does not see it.
     """
     rows: tuple[RowError, ...]
-    """How far rows are off, near to far."""
+    """The px by which rows are off, near to far."""
 
     @property
     def baseline(self) -> float:
