@@ -16,10 +16,10 @@ from capture.tui.page import Field
 from capture.tui.row import Row
 
 BOARDS = {
-    "checkerboard": {"columns": "9", "rows": "6"},
-    "charuco": {"columns": "9", "rows": "6", "dictionary": "DICT_4X4_250", "legacy_pattern": "no"},
-    "aprilgrid": {"columns": "6", "rows": "6", "spacing": "0.3"},
-    "gridboard": {"columns": "6", "rows": "4", "spacing": "0.3", "dictionary": "DICT_4X4_250"},
+    "checkerboard": {},
+    "charuco": {"dictionary": "DICT_4X4_250", "legacy_pattern": "no"},
+    "aprilgrid": {"spacing": "0.3"},
+    "gridboard": {"spacing": "0.3", "dictionary": "DICT_4X4_250"},
 }
 """The initial texts of the form, for each type of board."""
 

@@ -47,7 +47,7 @@ EXAMPLE_BOARDS: Mapping[str, Mapping[str, object]] = {
 """Valid example values for each type of board: a single value is checked together with them."""
 DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
 """A number, with its sigma or without, and perhaps with a decimal comma."""
-ROUGHLY = "50 +- 5 if it may be off by 5. "
+ROUGHLY = "50 +- 5: about 50. "
 """How a number is written that is known roughly."""
 UNKNOWN_KEY = "?"
 """The key that writes UNKNOWN into a field of the cover, and the short way to write it."""

@@ -58,8 +58,9 @@ async def _failed(session: Path) -> None:
     async with running(session, "folder:/nowhere") as pilot:
         await see(pilot, "a new session")
         pilot.app.screen.query_one("#shape", Select).value = "none"
-        pilot.app.screen.query_one("#board Input", Input).value = "17"
-        list(pilot.app.screen.query("#board Input").results(Input))[-1].value = "20"
+        fields = pilot.app.screen.query("#board Input").results(Input)
+        for field, text in zip(fields, ("17", "6", "20"), strict=True):
+            field.value = text
         await pilot.pause()
         await pilot.press("ctrl+s")
         await see(pilot, "/nowhere cannot be listed (No such file or directory)")
