@@ -34,6 +34,8 @@ SCATTERED = 1.25
 """The scatter of the views over that of independent corners, from which on it is asked whether
 numbers differ from view to view. Noise alone gives 0.8 to 1.2.
 """
+SCATTERED_POINTS = 2.0
+"""The same of a target of points, whose systematic errors of 0.002 px scatter by 1.4."""
 EFFECTS_STAGE = "cover+rbf+effects"
 LOOSE = 3.0
 """The stated standard deviation over the usual tolerance, above which a number of the cover is as
@@ -108,7 +110,7 @@ def count_views(
     )
     of_cover = [name for name in loose if not CAMERA.has(name)]
     wide = scatter.widen(joint)
-    if max(scatter.ratio, scatter.corner_ratio) > SCATTERED:
+    if scatter.ratio > (SCATTERED if board.has_grid else SCATTERED_POINTS):
         context = effect_context(fitted, board, camera, locate=False)
         shifts = possible_shifts(fitted, context)
         wide = replace(wide, covariance=wide.covariance + torch.from_numpy(shifts))
