@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration, CalibrationSource
 from calib.corners.view import are_timed, pose_labels
+from calib.diagnosis.all_free import all_free
 from calib.diagnosis.effect_description import first_changed, spread_of
 from calib.diagnosis.equivalence import find_families
 from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate
@@ -27,6 +28,7 @@ from calib.estimation.noise import burst_noise, on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fit_record.history import DiagnosisRecord, Family, Quality
+from calib.fitting.declared import comparisons
 from calib.fitting.differing import Differing
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit_result import with_fit
@@ -131,7 +133,9 @@ def diagnose(
     changed = state.model.effects or calibration.effects or _names(state.model) != _names(given)
     # Where nothing was added, every number stays as it was given.
     extended = (
-        with_fit(calibration, state.model, state.joint, observations) if changed else calibration
+        _freed(with_fit(calibration, state.model, state.joint, observations))
+        if changed
+        else calibration
     )
     given_held_out: float | None = None
     if holdout:
@@ -163,6 +167,16 @@ def diagnose(
     )
     history = replace(extended.history, diagnosis=DiagnosisRecord(diagnosis.as_json()))
     return replace(extended, noise_px=noise, history=history), diagnosis
+
+
+def _freed(calibration: Calibration) -> Calibration:
+    """Return the calibration with an estimate of the numbers that its fit held at their declared
+    values because its model lacked something. If they still contradict their tolerances, they stay
+    held.
+    """
+    freed = all_free(calibration)
+    contradicted = any(number.contradicted for number in comparisons(freed))
+    return calibration if contradicted else freed
 
 
 class _Reporter:
