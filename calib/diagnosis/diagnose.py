@@ -48,6 +48,9 @@ from calib.threads import single_thread
 MIN_VIEWS = FOLDS
 MIN_CONFIRMING_VIEWS = 2 * FOLDS
 """The fewest views with which an effect can be accepted; with fewer, scores are reported."""
+MAX_INCREASE = 1.01
+"""The error with free numbers over that with held ones: they lower it, or the fit ended elsewhere.
+"""
 STEPS = MAX_EFFECTS + 2 * MAX_FITS
 """The length of the progress bar."""
 
@@ -171,12 +174,16 @@ def diagnose(
 
 def _freed(calibration: Calibration) -> Calibration:
     """Return the calibration with an estimate of the numbers that its fit held at their declared
-    values because its model lacked something. If they still contradict their tolerances, they stay
-    held.
+    values because its model lacked something. They stay held if they still contradict their
+    tolerances, or if the fit ends elsewhere.
     """
-    freed = all_free(calibration)
+    try:
+        freed = all_free(calibration)
+    except NotEnoughDataError:
+        return calibration
     contradicted = any(number.contradicted for number in comparisons(freed))
-    return calibration if contradicted else freed
+    is_worse = freed.stages[-1].rms_px > MAX_INCREASE * calibration.stages[-1].rms_px
+    return calibration if contradicted or is_worse else freed
 
 
 class _Reporter:

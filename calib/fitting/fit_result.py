@@ -36,6 +36,8 @@ numbers differ from view to view. Noise alone gives 0.8 to 1.2.
 """
 SCATTERED_POINTS = 2.0
 """The same of a target of points, whose systematic errors of 0.002 px scatter by 1.4."""
+MAX_VIEWS = 500
+"""The largest number of views of which it is asked: time and memory grow with its square."""
 EFFECTS_STAGE = "cover+rbf+effects"
 LOOSE = 3.0
 """The stated standard deviation over the usual tolerance, above which a number of the cover is as
@@ -96,7 +98,7 @@ def count_views(
     fitted = FittedModel(model, observations, joint)
     scatter = ViewScatter.of(fitted, labels)
     poses = len(np.unique(labels))
-    limit = max(HEAVY, 2 / poses)
+    heavy = max(HEAVY, 2 / poses)
     uncertainty = Uncertainty(
         poses,
         scatter.inflation,
@@ -105,12 +107,13 @@ def count_views(
         {
             observations.names[int(np.argmax(labels == label))]: float(share)
             for label, share in enumerate(scatter.shares)
-            if share > limit
+            if share > heavy
         },
     )
     of_cover = [name for name in loose if not CAMERA.has(name)]
     wide = scatter.widen(joint)
-    if scatter.ratio > (SCATTERED if board.has_grid else SCATTERED_POINTS):
+    limit = SCATTERED if board.has_grid else SCATTERED_POINTS
+    if scatter.ratio > limit and len(labels) <= MAX_VIEWS:
         context = effect_context(fitted, board, camera, locate=False)
         shifts = possible_shifts(fitted, context)
         wide = replace(wide, covariance=wide.covariance + torch.from_numpy(shifts))

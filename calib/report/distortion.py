@@ -52,9 +52,11 @@ def distortion_caption(evidence: Evidence) -> str:
 
 
 def _magnification(evidence: Evidence) -> str:
-    """Return a sentence on how much of the distortion at the first depth is a change of scale, such
-    as that of water; empty if it is less than half.
+    """Return a sentence on how much of a cover's distortion at the first depth is a change of
+    scale, such as that of water; empty if it is less than half.
     """
+    if evidence.path.central:
+        return ""
     depth = shown_depths(evidence)[0]
     x, y, displacement = lattice(evidence, NODES)
     field = displacement.at(depth).reshape(-1, 2)
@@ -66,7 +68,7 @@ def _magnification(evidence: Evidence) -> str:
     rest = field - field.mean(0) - growth * centred
     total = float(np.linalg.norm(field, axis=-1).max())
     bent = float(np.linalg.norm(rest, axis=-1).max())
-    if bent > total / 2:
+    if bent >= total / 2:
         return ""
     return (
         f" At {depth:g} m the scene looks {1 / (1 + growth):.3g} times as large as without the"

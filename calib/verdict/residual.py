@@ -35,6 +35,8 @@ from calib.verdict.thresholds import (
 )
 from calib.verdict.verdict import Reason, uncapitalised
 
+MANY = 10.0
+"""Times, from which on the decimals do not matter."""
 NOT_ALL_NOISE = "the error is not all noise"
 NUMBERS = {"focal": CAMERA.focal, "principal_point": CAMERA.centre}
 
@@ -44,10 +46,12 @@ def residual(case: Case) -> Iterator[Reason]:
     noise = case.calibration.noise_px
     organised = significant_shares(_shares(case.calibration))
     sentence = NOT_ALL_NOISE
-    if beyond_noise(case):
+    if noise is not None and beyond_noise(case):
+        ratio = case.left_px / noise
+        times = f"{ratio:.1f}" if ratio < MANY else f"{ratio:.0f}"
         sentence = (
-            f"the error is {case.left_px:.3f} px, {case.left_px / noise:.2g} times the corners'"
-            f" noise of about {noise:.3f} px"
+            f"the error is {case.left_px:.3f} px, {times} times the corners' noise of about"
+            f" {noise:.3f} px"
         )
     elif not (organised or likely):
         return
