@@ -129,7 +129,7 @@ def test_an_option_of_the_cover_has_the_words_of_each_shape(
     words = " ".join(capsys.readouterr().out.split())
     assert "--tilt DEG,DEG cone, cylinder: degrees that the cover is tilted" in words
     assert "flat: degrees that the window is tilted, first about x" in words
-    assert "dome: millimetres from the dome's centre" in words
+    assert "dome: inner radius in millimetres" in words
     assert "--thickness MM thickness of the glass" in words, "every shape has glass"
 
 
