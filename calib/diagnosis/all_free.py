@@ -2,7 +2,8 @@
 declared values.
 
 The views allow to hold such a number in their own medium. In another medium it may move every ray,
-so its tolerance must be in the covariance.
+so its tolerance must be in the covariance. A fit also holds numbers because its model lacks
+something; once a diagnosis has added that, they can be estimated.
 """
 
 from dataclasses import replace

@@ -200,9 +200,8 @@ def fit(
             observations = Observations.of(views, session.board)
             loose = loose_names(setup.intrinsics, setup.cover)
             labels = pose_labels(views)
-            seen_by = session.board, session.camera
             joint, uncertainty = count_views(
-                fitted.model, observations, joint, labels, *seen_by, loose
+                fitted.model, observations, joint, labels, session.board, session.camera, loose
             )
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, joint)
     validation = None

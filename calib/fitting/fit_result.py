@@ -58,8 +58,9 @@ def with_fit(
     declared = calibration.declared
     loose = loose_names(declared.intrinsics, declared.cover)
     labels = pose_labels(calibration.views)
-    seen_by = calibration.board, calibration.camera
-    reported, uncertainty = count_views(model, observations, joint, labels, *seen_by, loose)
+    reported, uncertainty = count_views(
+        model, observations, joint, labels, calibration.board, calibration.camera, loose
+    )
     estimated = with_estimate(calibration, model, reported, observations)
     outcome = replace(calibration.outcome, joint=JointOutcome.of(joint), uncertainty=uncertainty)
     return replace(estimated, outcome=outcome)

@@ -36,9 +36,17 @@ COLUMNS = re.compile(r"[ ]{2}|[░▒▓█]")
 """Matches a text in columns."""
 INSTRUCTION_IDS = ("now", "verdict", "problem", "sentence", "said", "next", "onward", "hint")
 """The texts that say what to do, the most urgent first: they stay visible, whatever is scrolled."""
-MAIN_ACTIONS = (
-    *("take", "start", "export", "use", "update", "straighten", "cover_on", "fit", "refit"),
-)
+MAIN_ACTIONS = [
+    "take",
+    "start",
+    "export",
+    "use",
+    "update",
+    "straighten",
+    "cover_on",
+    "fit",
+    "refit",
+]
 """The main actions: a screen's main button is the first of these that it has."""
 KEYBOARD_ACTIONS = re.compile(r"app\.(focus_\w+|dots)|scroll\b.*")
 """The actions for which the page has no use."""

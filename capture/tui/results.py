@@ -188,7 +188,7 @@ class ResultsScreen(Page):
         del parameters
         if action != "take_back" or self._dropped or self._dropped_earlier:
             return True
-        return None if getattr(self.app, "on_phone", False) else False  # None: off, in its place
+        return None if self._on_phone else False  # None: off, in its place
 
     def on_mount(self) -> None:
         self.query_one(OptionList).focus()
@@ -206,14 +206,17 @@ class ResultsScreen(Page):
         numbers.lay_out(narrow=not is_roomy)
         numbers.display = is_roomy or self._numbers_wanted
         self.query_one("#top").display = is_roomy or not self._numbers_wanted
-        on_phone = bool(getattr(self.app, "on_phone", False))
-        self.query_one("#sentence").display = on_phone or not self.query_one("#said").display
+        has_details = self._on_phone or not self.query_one("#said").display
+        self.query_one("#sentence").display = has_details
         self._describe_view()
 
     @property
+    def _on_phone(self) -> bool:
+        return bool(getattr(self.app, "on_phone", False))
+
+    @property
     def _has_room(self) -> bool:
-        on_phone = bool(getattr(self.app, "on_phone", False))
-        return on_phone or (self.size.width >= ROOMY[0] and self.size.height >= ROOMY[1])
+        return self._on_phone or (self.size.width >= ROOMY[0] and self.size.height >= ROOMY[1])
 
     def action_numbers(self) -> None:
         """Show the numbers in place of the views, or the views again."""

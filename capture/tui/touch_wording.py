@@ -18,8 +18,6 @@ KEYBOARD_ONLY = (
     ", or press space",
 )
 """Sentences that mean nothing without a keyboard."""
-
-
 NOT_KNOWN = "Touch 'not known' if you do not know."
 FIELDS = {"source": "pictures from", "like (optional)": "copy settings from (optional)"}
 """The names of fields that a page explains more than a terminal has room for."""

@@ -121,6 +121,7 @@ function drawKeys(keys) {
   }));
 }
 
+const choiceWords = (option) => option.replace(/ {2,}/, ": "); // a terminal has columns there
 const find = (name) => main.querySelector(`[data-name="${CSS.escape(name)}"]`);
 
 function drawn(block) {
@@ -245,14 +246,14 @@ function renew(box, block) {
   const options = JSON.stringify([screen, block.options, block.chosen]);
   if (block.kind === "choice") {
     box.children[0].textContent = block.label;
-    box.children[1].textContent = (block.options[block.chosen] ?? "").replace(/ {2,}/, ": ");
+    box.children[1].textContent = choiceWords(block.options[block.chosen] ?? "");
     box.children[1].disabled = block.disabled;
   }
   if (box.dataset.options === options) return;
   box.dataset.options = options;
   const list = block.kind === "choice" ? box.children[2] : box;
   const made = block.options.map((option, place) => {
-    const words = block.kind === "choice" ? option.replace(/ {2,}/, ": ") : option;
+    const words = block.kind === "choice" ? choiceWords(option) : option;
     const button = make("button", {type: "button", className: place === block.chosen ? "chosen" : "", textContent: words});
     button.onclick = () => {
       ask({field: block.name, choose: place});
