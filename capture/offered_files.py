@@ -4,6 +4,7 @@ as it is sent and takes neither memory nor disk.
 
 import asyncio
 import io
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from zipfile import ZIP_STORED, ZipFile, ZipInfo
@@ -71,11 +72,12 @@ class _Pending(io.RawIOBase):
 
 
 def archive_chunks(files: Sequence[Path]) -> Iterator[bytes]:
-    """Yield a zip archive of these files, by their names, in pieces."""
+    """Yield a zip archive of these files, by their names below their common folder, in pieces."""
     pending = _Pending()
+    folder = os.path.commonpath([file.parent for file in files])
     with ZipFile(pending, "w", ZIP_STORED) as archive:
         for file in files:
-            entry = ZipInfo.from_file(file, file.name)
+            entry = ZipInfo.from_file(file, file.relative_to(folder))
             with file.open("rb") as source, archive.open(entry, "w") as target:
                 while chunk := source.read(CHUNK_BYTES):
                     target.write(chunk)

@@ -72,6 +72,27 @@ def test_each_command_line_is_accepted_by_its_parser(typed: Typed) -> None:
         assert set(extras.split(",")) <= {*EXTRAS, "dev", "docs"}
 
 
+def test_the_tables_of_the_readme_have_whole_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`BOARD` stands for the options of a board."""
+    lens = cv2.FileStorage(str(tmp_path / "camera.yml"), cv2.FileStorage_WRITE)
+    lens.write("camera_matrix", np.array([[600.0, 0, 410], [0, 600, 308], [0, 0, 1]]))
+    lens.write("distortion_coefficients", np.zeros((1, 5)))
+    lens.release()
+    monkeypatch.chdir(tmp_path)
+    readme = [line for page, line in mentioned() if page == "README.md"]
+    assert len(readme) > 25
+    for line in readme:
+        if "..." in line or " " not in line:
+            continue
+        program, *words = line.replace("BOARD", "--board 9x6 --square-mm 25").split()
+        if program == "calib":
+            _parser("calib", "", cli.COMMANDS, cli.GROUPS).parse_args(words)
+        else:
+            _parser("capture", "", capture_cli.COMMANDS).parse_args(["ui", *words])
+
+
 def options_of(parser: argparse.ArgumentParser) -> dict[str, set[str]]:
     """The options of each command, by its name."""
     choices = next(

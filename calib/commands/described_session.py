@@ -10,6 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import yaml
+
 from calib.commands.arguments import millimetres, whole_size
 from calib.commands.board_options import OPTIONS, add_coding, board_from_options
 from calib.commands.cover_options import (
@@ -40,8 +42,8 @@ NEEDED = {
 }
 """The options of each type that the pictures tell where they are not given."""
 KEPT = (
-    "calib: {file} comes from an earlier command. It still gives {values}. Your options replace its"
-    " values. To start anew, delete the file."
+    "calib: {file} comes from an earlier command and still gives {values}. To start anew, delete"
+    " the file."
 )
 """The remark on pictures that were described before."""
 NO_COVER = (
@@ -118,9 +120,10 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     board = _board_of(args, source, earlier.get("board"), progress)
     if board.has_grid and (width := 2e3 * max(board.half)) < SMALL_BOARD_MM:
         print(SMALL_BOARD.format(board=board, width=width), file=sys.stderr)
-    if earlier:
-        print(harmless(_describe_earlier(args, source, earlier)), file=sys.stderr)
-    elif not cover:
+    if values := _earlier_values(args, earlier, cover):
+        file = source.session / "session.yaml"
+        print(harmless(KEPT.format(file=file, values=values)), file=sys.stderr)
+    elif not (earlier or cover):
         print(NO_COVER, file=sys.stderr)
     assumed = (f(args, earlier.get("cover")) for f in (describe_usual, describe_medium))
     for sentence in filter(None, assumed if cover else ()):
@@ -132,18 +135,32 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     return read_session(source.session)
 
 
-def _describe_earlier(
-    args: argparse.Namespace, source: "NamedPictures", earlier: "dict[str, dict[str, object]]"
+def _earlier_values(
+    args: argparse.Namespace,
+    earlier: dict[str, dict[str, object]],
+    cover: dict[str, object] | None,
 ) -> str:
-    """Return the remark on an earlier description, with the sections that the options leave."""
-    sections = {
-        "the board": not (args.board or _board_options(args)),
-        "the cover": not has_cover_option(args),
-        "the lens": not args.intrinsics and "intrinsics" in earlier,
+    """Return what the options take over from an earlier description: the board, the lens, and the
+    keys of the cover with their values.
+
+    Args:
+        cover: the section `cover` by the options and the earlier description; None: no option
+            describes it, and the earlier one stays.
+    """
+
+    old = earlier.get("cover", {})
+    new = (cover_from_options(args, {"shape": cover["shape"]}) if cover else None) or {}
+    numbers = {
+        key: value
+        for key, value in (old if cover is None else cover).items()
+        if key in old and new.get(key) != value
     }
-    names = [name for name, is_earlier in sections.items() if is_earlier]
-    values = " and ".join(filter(None, [", ".join(names), "all else that you do not type"]))
-    return KEPT.format(file=source.session / "session.yaml", values=values)
+    texts = {
+        "the board": "board" in earlier and not (args.board or _board_options(args)),
+        f"cover {yaml.safe_dump(numbers, default_flow_style=True).strip()}": bool(numbers),
+        "the lens": "intrinsics" in earlier and not args.intrinsics,
+    }
+    return ", ".join(text for text, is_earlier in texts.items() if is_earlier)
 
 
 def _in_writable_folder(source: "NamedPictures", output: Path | None) -> "NamedPictures":

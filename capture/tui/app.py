@@ -165,7 +165,7 @@ class CaptureApp(App[None]):
 
     @on(ExportScreen.MapsExported)
     def _show_export(self, message: ExportScreen.MapsExported) -> None:
-        self._maps = list(message.written) or self._maps
+        self._maps = list(dict.fromkeys([*message.written, *self._maps]))
         if message.screen is self.screen:
             message.screen.show_result(message)
         else:

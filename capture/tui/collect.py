@@ -112,6 +112,8 @@ class CollectScreen(WatchingPage, UndistortionPage):
         self._judged_pictures = 0
         """The number of judged pictures of this run."""
         self._pictures_with_board = 0
+        self._unused: list[str] = []
+        """The photographs of this run that were not taken, each with the reason."""
 
     @property
     def _has_person(self) -> bool:
@@ -160,6 +162,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
             and self.start_recording(lambda: picture.phone)
         ):
             self._judged_pictures = self._pictures_with_board = 0
+            self._unused = []
             self._ending = self.wrong_board = ""
             self.refresh_bindings()
 
@@ -201,8 +204,12 @@ class CollectScreen(WatchingPage, UndistortionPage):
             self.refresh_bindings()
             self._update_count()
             self.request_advice()
-        elif time.monotonic() > self._message_until:
-            self.say(step.decision.sentence)
+        else:
+            if step.frame.isolated:
+                reason = step.decision.sentence.partition(":")[0].rstrip(".")
+                self._unused.append(f"{step.frame.name} ({reason})")
+            if time.monotonic() > self._message_until:
+                self.say(step.decision.sentence)
         if refusal_reason(step) != self._refusal:
             self._refusal = refusal_reason(step)
             if self._refusal:
@@ -241,8 +248,14 @@ class CollectScreen(WatchingPage, UndistortionPage):
             next_step_text = f"{self._fit_keys()}, "
         return (
             f"{message.sentence} Press {next_step_text}o to {message.restart_text}, esc for the"
-            " set-up."
+            f" set-up.{self._unused_note()}"
         )
+
+    def _unused_note(self) -> str:
+        if not (number := len(self._unused)):
+            return ""
+        suffix = f" and {number - 1} more" if number > 1 else ""
+        return f" Not taken: {harmless(self._unused[0])}{suffix}."
 
     def show_advice(self, hint: Hint | None, progress: SessionProgress) -> None:
         self.query_one(Panel).progress = self.adapt_progress(progress)

@@ -178,11 +178,10 @@ class ExportScreen(Dialog[str]):
             return
         self._say("Being written.")
         self.is_writing = True
-        command = (
-            ["undistort", str(self._calibration), str(self._pictures)]
-            if form == STRAIGHT
-            else ["export", str(self._calibration), "--format", form]
-        )
+        command = ["export", str(self._calibration), "--format", form]
+        if form == STRAIGHT:  # the pictures of every depth have the same names
+            command = ["undistort", str(self._calibration), str(self._pictures)]
+            folder /= f"{STRAIGHT}_{depths[0]}m"
         self._run(self.app, [*command, "-o", str(folder)], form, depths)
 
     @work(thread=True, exclusive=True)

@@ -4,6 +4,8 @@ command.
 
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 
 from calib.commands.program import runnable_command
@@ -14,6 +16,8 @@ CALIBRATION = "calibration.yaml"
 REPORT = "report.html"
 DEPTH = 1.0
 """m, the proposed depth of maps if none are written and no results were opened."""
+MAX_FILES = 6
+"""The number of files in one folder that are named."""
 UPDATED = "updated"
 """The subfolder of a calibration for the version that a check has updated."""
 
@@ -67,8 +71,7 @@ def farewell_lines(
         if (report := folder / REPORT).exists():
             yield f"The report is {_printable(report)}"
         maps = maps or files_since(folder / CALIBRATION, exported)
-        for path in maps:
-            yield f"Exported {_printable(path)}"
+        yield from _exported_lines(maps)
         if doubt:
             yield f"{doubt} The report says why, and what to do."
             yield f"Next: {_command('calib', 'report', folder)}"
@@ -88,13 +91,22 @@ def farewell_lines(
     yield f"To go on: {_command('capture', session)}"
 
 
+def _exported_lines(paths: Sequence[Path]) -> Iterator[str]:
+    for folder, files in groupby(sorted(paths), key=attrgetter("parent")):
+        names = list(files)
+        if len(names) > MAX_FILES:
+            yield f"Exported {len(names)} files into {_printable(folder)}"
+        else:
+            yield from (f"Exported {_printable(path)}" for path in names)
+
+
 def _count_images(folder: Path) -> int:
     return len(list_images(folder)) if folder.is_dir() else 0
 
 
 def files_since(calibration: Path, exported: Path) -> Sequence[Path]:
-    """Return the files of a folder that are not older than the calibration."""
-    return sorted(select_newer(calibration, exported.iterdir())) if exported.is_dir() else ()
+    """Return the files of a folder and its subfolders that are not older than the calibration."""
+    return sorted(select_newer(calibration, exported.rglob("*"))) if exported.is_dir() else ()
 
 
 def select_newer(calibration: Path, paths: Iterable[Path]) -> Sequence[Path]:

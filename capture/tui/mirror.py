@@ -36,6 +36,10 @@ COLUMNS = re.compile(r"[ ]{2}|[░▒▓█]")
 """Matches a text in columns."""
 INSTRUCTION_IDS = ("now", "verdict", "problem", "sentence", "said", "next", "onward", "hint")
 """The texts that say what to do, the most urgent first: they stay visible, whatever is scrolled."""
+MOVED_BEFORE = ("phase", "like")
+"""The choice that a terminal shows below all fields. A page would hide it there, so it comes before
+this optional field.
+"""
 MAIN_ACTIONS = [
     "take",
     "start",
@@ -62,6 +66,7 @@ def describe_screen(app: App[Any]) -> dict[str, object]:
     focused = screen.focused
     labels = _labels(app)
     blocks = sorted(_blocks(screen), key=_urgency)
+    _move_before(blocks, *MOVED_BEFORE)
     for block in blocks:
         if block["kind"] == "text" and not block["columns"]:
             block["text"] = name_buttons(str(block["text"]), labels)
@@ -128,6 +133,13 @@ def _labels(app: App[Any]) -> dict[str, str]:
         for binding in visible_bindings(screen)
         for key in (binding.key, app.get_key_display(binding))
     }
+
+
+def _move_before(blocks: list[Block], name: str, other: str) -> None:
+    """Move the block of that name before another, if both are there."""
+    places = {str(block["name"]): place for place, block in enumerate(blocks)}
+    if name in places and other in places:
+        blocks.insert(places[other], blocks.pop(places[name]))
 
 
 def _urgency(block: Block) -> int:

@@ -123,7 +123,7 @@ class WatchingPage(GuidedPage):
                 self.post_message(self.FrameJudged(recording, step))
             self.post_message(
                 self.RecordingStopped(
-                    recording, "The source has no more pictures.", retries=False, exhausted=True
+                    recording, "There are no more pictures.", retries=False, exhausted=True
                 )
             )
         except RefracalError as error:

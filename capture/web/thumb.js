@@ -11,6 +11,7 @@ const SMALLEST = 9; // px, the smallest readable letter
 const CALM_MS = 450; // ms for which buttons that have just come or moved take no touch: it was meant for what was there
 const SETTLE_MS = 300; // ms for a touch to end where it began: no widget may move under the finger
 const LONG = 200; // letters, from which on a sentence is a text to read and not a short call
+const ONWARD = "onward"; // the buttons in words, which scroll with the text
 const SHORT = 480; // px, the height below which a keyboard is open: the header makes room
 let screen = "", focused = "";
 let wrong = null; // the box of a refused field, which stays in view until it is accepted, or another one is typed in
@@ -32,14 +33,16 @@ export function drawScreen(said) {
   byId("steps").replaceChildren(...said.steps.map((step, place) =>
     make("li", {className: place < now ? "past" : place === now ? "now" : "", textContent: step})));
   page.classList.toggle("pictured", said.picture);
+  page.classList.toggle("results", screen.startsWith("Results"));
 
   const form = said.blocks.some((each) => each.kind === "field"); // its fields keep their places while somebody types
-  const calls = said.blocks.filter((each) => each.spoken && (form || each.text.length <= LONG));
+  const calls = said.blocks.filter((each) => each.spoken && each.name !== ONWARD && (form || each.text.length <= LONG));
   const kept = said.blocks.filter((each) => !calls.includes(each)).sort((one, other) => Boolean(other.spoken) - Boolean(one.spoken));
   arrange(kept);
   const news = kept.some((block, place) => block.spoken && main.children[place].textContent !== block.text);
   kept.forEach((block, place) => renew(main.children[place], block));
   main.scrollTop = news ? 0 : scrolled;
+  if (news) byId("middle").scrollTop = 0;
   drawCalls(calls);
   byId("notices").replaceChildren(...said.notices.map((each) => make("p", {textContent: each})));
   drawFiles(said.files);
@@ -84,6 +87,7 @@ function drawCalls(calls) {
     return line;
   }));
   dock.scrollTop = 0;
+  page.style.setProperty("--verdict", `${dock.offsetHeight}px`);
 }
 
 /** Draw a link for each file that the app offers. */

@@ -367,13 +367,18 @@ def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
     assert "--outside-index 1.333 is taken as 1.333 ± 0.004" in capsys.readouterr().err
     assert first.cover.medium == Number(1.333, 0.004)
     thick = described(str(photos), "--thickness", "3")
-    assert "session.yaml comes from an earlier command" in capsys.readouterr().err
+    remark = capsys.readouterr().err
+    assert "session.yaml comes from an earlier command and still gives the board, cover {" in remark
+    assert "outside_index: {sigma: 0.004, value: 1.333}" in remark
+    assert "}, the lens." in remark
+    assert "thickness" not in remark
     assert thick.board == first.board
     assert thick.camera == first.camera
     assert thick.cover.parameters["thickness"].value == 0.003
     assert thick.cover.parameters["inner_radius"] == first.cover.parameters["inner_radius"]
     assert thick.cover.medium == first.cover.medium
     flat = described(str(photos), "--square-mm", "20", "--cover", "flat", "--distance", "20")
+    assert "still gives cover {outside_index: {" in capsys.readouterr().err
     assert flat.board == Board(7, 6, 0.02)
     assert flat.cover.shape == "flat"
     assert flat.cover.medium == first.cover.medium

@@ -31,7 +31,7 @@ async def _from_its_description(session: Path, name: str) -> None:
         await see(pilot, "continued, 0 views")
         await pilot.press("ctrl+s")
         await see(pilot, "[THROUGH COVER]")
-        await see(pilot, "The source has no more pictures. Press f to fit")
+        await see(pilot, "There are no more pictures. Press f to fit")
         assert f"{FRAMES} views" in shown(pilot)
         await pilot.press("f")
         await see(pilot, "The error fell from")

@@ -25,7 +25,9 @@ from tests.capture.tui.test_serve import Served
 
 def test_an_archive_is_made_in_pieces(tmp_path: Path) -> None:
     contents = {"a.npz": os.urandom(3 * CHUNK_BYTES + 7), "ö b.yaml": b"x: 1\n", "empty.txt": b""}
+    contents |= {f"straight_{depth}m/0000.png": depth.encode() for depth in ("0.5", "1")}
     for name, content in contents.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(content)
     pieces = list(archive_chunks([tmp_path / name for name in contents]))
     assert max(map(len, pieces)) < 2 * CHUNK_BYTES

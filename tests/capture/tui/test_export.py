@@ -230,7 +230,8 @@ def test_the_pictures_of_the_session_are_made_straight(
     (tmp_path / "frames").mkdir()
     drive(_straight(tmp_path))
     before = ["undistort", str(tmp_path / "calibration"), str(tmp_path / "frames")]
-    assert calls == [[*before, "-o", str(tmp_path / "export"), "--depth", "0.5"]]
+    folder = str(tmp_path / "export" / "straight_0.5m")
+    assert calls == [[*before, "-o", folder, "--depth", "0.5"]]
 
 
 async def _straight(session: Path) -> None:
@@ -275,7 +276,7 @@ async def _late(session: Path, changed: Event) -> None:
         assert "'1m' is not a depth" in shown(pilot)
 
 
-def test_the_last_export_is_the_reported_one(tmp_path: Path, calls: list[Sequence[str]]) -> None:
+def test_the_next_command_has_the_depth_of_the_last_export(tmp_path: Path, calls: list[Sequence[str]]) -> None:
     drive(_twice(tmp_path))
     assert len(calls) == 2
 
@@ -290,8 +291,9 @@ async def _twice(session: Path) -> None:
             await see(pilot, f"map_{depths.split()[-1]}m.npz")
         *lines, following = pilot.app.farewell  # type: ignore[attr-defined]
     assert [Path(line.split()[-1]).name for line in lines[1:]] == [
-        "rays.npz",
         "map_0.5m.npz",
         "map_1m.npz",
+        "map_500m.npz",
+        "rays.npz",
     ]
     assert " --depth 0.5 " in following

@@ -135,7 +135,7 @@ async def _asked(session: Path) -> None:
         await pilot.press("ctrl+s")
         await see(pilot, "u Undistort")
         await see(
-            pilot, "The source has no more pictures. Press f to fit anew, ^o for the results,"
+            pilot, "There are no more pictures. Press f to fit anew, ^o for the results,"
         )
         assert (
             "a Auto f Fit o Reopen u Undistort ^o Results m Dots esc Set-up ? Help q Quit"

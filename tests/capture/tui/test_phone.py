@@ -149,7 +149,7 @@ async def _from_nothing(address: str, folder: Path) -> None:
         assert await phone.sees_whole(VERDICT)
         await _keep(phone, "6-results")
         await phone.resize(SMALL)
-        await phone.until(f"{READ} > 130 && {READ} < 400")
+        await phone.until(f"(({READ}) > 150) && (({READ}) < 400)")
         await _keep(phone, "6-results", SMALL)
         await phone.resize(SIZE)
         await phone.tap("document.querySelectorAll('.list button')[2]")
@@ -159,7 +159,7 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await _keep(phone, "7-help")
         await phone.press("escape")
         await phone.see("Views, the worst first")
-        assert await phone.sees_whole(CALL.format("onward"))
+        assert await phone.sees_whole("document.querySelector('main [data-name=onward]')")
         assert await phone.evaluate(LINKS) == "", "there is no report yet"
         await phone.press("r")
         await phone.see("The report is written: touch Open the report.")
@@ -173,7 +173,7 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await phone.press("x")
         await phone.see("Maps that undistort pictures")
         form = 'document.getElementById("choice-form").textContent'
-        assert str(await phone.evaluate(form)).startswith("straight"), "a phone can show these"
+        await phone.until(f"{form}.startsWith('straight')")  # a phone can show these
         await phone.choose("form", "npz")
         await phone.fill("depths", "0.5 1")
         await phone.let_go()
@@ -269,11 +269,16 @@ SMALL = (360, 640)
 """The size of the smallest telephones in use, points."""
 KEYBOARD = 290
 """The height of a keyboard with its line of suggestions, points."""
-READ = "document.querySelector('main').clientHeight"
-"""The height of the page in which the results are read, points."""
+READ = """
+["dock", "picture"].reduce(
+  (rest, name) => rest - document.getElementById(name).offsetHeight,
+  document.getElementById("middle").clientHeight,
+)
+"""
+"""The height in which the results are read, below the verdict and above the buttons, points."""
 CHOICE = "[...document.querySelectorAll('.choice > button')].at(-1)"
 OPTIONS = f"{CHOICE}.parentElement.querySelector('ul')"
-"""The last list of the set-up, `record now`."""
+"""The last list of the set-up, the shape of the cover."""
 CALL = "document.querySelector('#dock [data-name={}]')"
 BUTTON = "document.querySelector('nav [data-key=\"{}\"]')"
 NAMES_A_KEY = r"/\b(esc|F1|enter|space|tab|q)\b|\^[a-z]\b|[Pp]ress /"

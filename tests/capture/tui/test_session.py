@@ -26,7 +26,7 @@ async def _whole_session(size: tuple[int, int], session: Path) -> None:
         await describe(pilot, f"folder:{FIXTURE / 'bare'}")
         await pilot.press("ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
-        await see(pilot, "The source has no more pictures. Press n to go on")
+        await see(pilot, "There are no more pictures. Press n to go on")
         assert len(list((session / "bare").glob("*.png"))) == 12
         assert "12 views" in shown(pilot)
 
@@ -35,7 +35,7 @@ async def _whole_session(size: tuple[int, int], session: Path) -> None:
         await write(pilot, f"folder:{FIXTURE}")
         await pilot.press("ctrl+s")
         await see(pilot, "[THROUGH COVER]")
-        await see(pilot, "The source has no more pictures. Press f to fit")
+        await see(pilot, "There are no more pictures. Press f to fit")
         assert len(read_table(session / "frames.csv")) == 12
         described, declared = read_session(session), read_session(FIXTURE)
         assert (described.board, described.cover) == (declared.board, declared.cover)

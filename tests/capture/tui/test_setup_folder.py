@@ -144,7 +144,7 @@ async def _anew(session: Path, source: str) -> None:
         )
         await pilot.press("ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
-        await see(pilot, "The source has no more pictures")
+        await see(pilot, "There are no more pictures")
         assert {
             picture.name: picture.read_bytes() for picture in list_images(session / "bare-aside")
         } == pictures_before
