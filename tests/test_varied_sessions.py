@@ -16,13 +16,19 @@ from scipy.spatial.transform import Rotation
 
 from calib.diagnosis.diagnose import diagnose
 from calib.fit_record.request import Settings
+from calib.fitting import fit_result
 from calib.fitting.declared import comparisons
+from calib.fitting.stages import Setup
+from calib.inference.fitted_model import FittedModel
 from calib.optics.build import covered_path
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Silent
+from calib.session.board import Board
+from calib.session.freeing import AUTO
 from calib.session.numbers import numbers_of, replace_numbers
 from calib.session.parameter_names import CAMERA
+from fixtures.calibrated import CAMERA as PICTURES
 from fixtures.calibrated import calibrated
 from fixtures.map_errors import error_over_sigma, errors
 from fixtures.synthetic import COVERS, HEIGHT, INTRINSICS, Scene, scene
@@ -265,6 +271,37 @@ def test_covers_have_the_causes_of_their_numbers() -> None:
 def test_causes_have_names_of_their_own() -> None:
     assert len({cause.name for cause in CAUSES}) == len(CAUSES) > 30
     assert VARIATIONS["clean"] is CLEAN
+
+
+def test_sigma_has_the_shift_by_a_stretched_print(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All views share a print that is longer along its rows by 0.1 %, so their scatter does not
+    show it.
+    """
+    cause = VARIATIONS["stretch"]
+    clean = scene(1, 20, amplitude=0.0, noise=0.1, depths=(0.4, 1.2), cover=COVERS["thin-cone"][0])
+    stretched = cause.applied(clean, drawn(cause, clean))
+    sessions = {"clean": clean, "stretched": stretched}
+
+    def maps_over_sigma() -> dict[str, float]:
+        ratios = {}
+        for name, made in sessions.items():
+            setup = Setup(made.board, PICTURES, INTRINSICS, COVERS["thin-cone"][0])
+            result = calibrated(made, setup, Settings(free=(AUTO,)))
+            ratios[name] = error_over_sigma(made, result)
+        return ratios
+
+    ratios = maps_over_sigma()
+
+    def no_shifts(fitted: FittedModel, board: Board, inflation: float) -> Array:
+        del board, inflation
+        return np.zeros((fitted.parameters().count, fitted.parameters().count))
+
+    monkeypatch.setattr(fit_result, "possible_board_shifts", no_shifts)
+    without = maps_over_sigma()
+    print(f"error of the maps over sigma: {ratios} with the shift, {without} without")
+    assert without["stretched"] > 2.5
+    assert ratios["stretched"] < 1.5
+    assert ratios["clean"] == pytest.approx(without["clean"], rel=0.05)
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.inference.fitted_model import FittedModel
-from calib.inference.score_test import ScoreTest, tuned_score_tests
+from calib.inference.score_test import ScoreTest, score_test, tuned_score_tests
 from calib.inference.view_scatter import ViewScatter
 from calib.session.board import Board
 from calib.session.parameter_names import CAMERA
@@ -40,6 +40,8 @@ MIN_BEND_VIEWS = 5
 """The fewest poses of the board from which a bend is estimated."""
 MIN_PRINT_VIEWS = 12
 """The fewest poses of the board from which a print is estimated: it has up to 16 numbers."""
+SPREADS = 10.0 ** np.arange(-3.0, 0.01, 0.125)
+"""The spreads of a print's errors that are tried, in tolerances: from a thousandth to one."""
 MAX_SIGMAS = 3.0
 """Standard deviations of the prior beyond which a number of the bend is not one of a board: it
 imitates something else.
@@ -74,6 +76,35 @@ def estimate_board(
         print_errors = BoardScale(True, PRINT_DEGREES[-1], board.half)
         model, joint = _with_effect(model, observations, joint, print_errors, labels)
     return model, joint
+
+
+def possible_board_shifts(
+    fitted: FittedModel, board: Board, inflation: float
+) -> NDArray[np.float64]:
+    """Return (S, S) the covariance of the shifts of the fitted parameters by a stretched or sheared
+    print that the model lacks, over their scales.
+
+    All views share such a print, so their scatter does not show it. Its numbers are normal, with
+    one spread in their tolerances, which maximises the evidence. A print is as likely to have such
+    errors as to have none: the shift's second moment counts with the probability that it has. It is
+    zero if the model has an error of the print.
+
+    Args:
+        inflation: the factor of the standard deviations of corners that are not independent.
+    """
+    count = fitted.parameters().count
+    if any(isinstance(effect, BoardScale) for effect in fitted.model.effects):
+        return np.zeros((count, count))
+    test = score_test(fitted, BoardScale(sheared=True))
+    information, score = test.information / inflation**2, test.score / inflation**2
+    sigmas = scaled_prior_sigmas(test.effect)
+    gains = [log_bayes_factor(information, score, spread * sigmas) for spread in SPREADS]
+    best = int(np.argmax(gains))
+    covariance = np.linalg.inv(information + np.diag((SPREADS[best] * sigmas) ** -2.0))
+    mean = covariance @ score
+    probability = 1 / (1 + math.exp(-max(gains[best], 0.0)))
+    moment = probability * (np.outer(mean, mean) + covariance)
+    return np.asarray(test.imitation @ moment @ test.imitation.T)
 
 
 def _with_effect(
