@@ -24,7 +24,6 @@ from calib.optics.build import covered_path
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Silent
-from calib.session.board import Board
 from calib.session.freeing import AUTO
 from calib.session.numbers import numbers_of, replace_numbers
 from calib.session.parameter_names import CAMERA
@@ -292,11 +291,11 @@ def test_sigma_has_the_shift_by_a_stretched_print(monkeypatch: pytest.MonkeyPatc
 
     ratios = maps_over_sigma()
 
-    def no_shifts(fitted: FittedModel, board: Board, inflation: float) -> Array:
-        del board, inflation
+    def no_shifts(fitted: FittedModel, inflation: float) -> Array:
+        del inflation
         return np.zeros((fitted.parameters().count, fitted.parameters().count))
 
-    monkeypatch.setattr(fit_result, "possible_board_shifts", no_shifts)
+    monkeypatch.setattr(fit_result, "possible_print_shifts", no_shifts)
     without = maps_over_sigma()
     print(f"error of the maps over sigma: {ratios} with the shift, {without} without")
     assert without["stretched"] > 2.5

@@ -21,7 +21,7 @@ from calib.estimation.stated_priors import with_estimates
 from calib.fit_record.outcome import JointOutcome, Uncertainty
 from calib.fitting.differing import possible_shifts
 from calib.fitting.valleys import widen_valleys
-from calib.inference.board_bend import possible_board_shifts
+from calib.inference.board_bend import possible_print_shifts
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
 from calib.inference.view_scatter import ViewScatter
@@ -115,7 +115,7 @@ def count_views(
     of_cover = [name for name in loose if not CAMERA.has(name)]
     wide = scatter.widen(joint)
     if board.has_grid:
-        shifts = possible_board_shifts(fitted, board, scatter.inflation)
+        shifts = possible_print_shifts(fitted, scatter.inflation)
         wide = replace(wide, covariance=wide.covariance + torch.from_numpy(shifts))
     limit = SCATTERED if board.has_grid else SCATTERED_POINTS
     if scatter.ratio > limit and len(labels) <= MAX_VIEWS:

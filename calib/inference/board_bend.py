@@ -78,9 +78,7 @@ def estimate_board(
     return model, joint
 
 
-def possible_board_shifts(
-    fitted: FittedModel, board: Board, inflation: float
-) -> NDArray[np.float64]:
+def possible_print_shifts(fitted: FittedModel, inflation: float) -> NDArray[np.float64]:
     """Return (S, S) the covariance of the shifts of the fitted parameters by a stretched or sheared
     print that the model lacks, over their scales.
 

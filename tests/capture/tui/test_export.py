@@ -276,7 +276,9 @@ async def _late(session: Path, changed: Event) -> None:
         assert "'1m' is not a depth" in shown(pilot)
 
 
-def test_the_next_command_has_the_depth_of_the_last_export(tmp_path: Path, calls: list[Sequence[str]]) -> None:
+def test_the_next_command_has_the_depth_of_the_last_export(
+    tmp_path: Path, calls: list[Sequence[str]]
+) -> None:
     drive(_twice(tmp_path))
     assert len(calls) == 2
 

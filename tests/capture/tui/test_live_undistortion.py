@@ -134,9 +134,7 @@ async def _asked(session: Path) -> None:
         await see(pilot, "continued")
         await pilot.press("ctrl+s")
         await see(pilot, "u Undistort")
-        await see(
-            pilot, "There are no more pictures. Press f to fit anew, ^o for the results,"
-        )
+        await see(pilot, "There are no more pictures. Press f to fit anew, ^o for the results,")
         assert (
             "a Auto f Fit o Reopen u Undistort ^o Results m Dots esc Set-up ? Help q Quit"
             in shown(pilot)
