@@ -23,6 +23,8 @@ TYPED = re.compile(
 """The beginning of a block of commands."""
 OUTPUT = re.compile(r'(<div class="highlight">)<pre>((?:(?!<span class).)*?)</pre>', re.DOTALL)
 """A block without colours: what a command prints."""
+SHORT_CODE = re.compile(r"(?<!</span>)(?<!<pre>)<code>([^<\n]{1,36})</code>")
+"""Code within a sentence that is narrower than a phone."""
 FEWEST, MOST = 42, 110
 """Columns: fewer have room on a phone, and more could not be read there."""
 TABULAR = re.compile(r"[│┃┏┡├└]|\S {2,}\S")
@@ -171,7 +173,10 @@ def coloured(block: str) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Every block of output says how many columns it has, for the style sheet."""
+    """Every block of output says how many columns it has, for the style sheet. A short command in a
+    sentence stays in one line.
+    """
+    html = SHORT_CODE.sub(r'<code class="whole">\1</code>', html)
     return OUTPUT.sub(lambda match: f"{match[1]}{sized(match[2])}", html)
 
 

@@ -32,7 +32,8 @@ NEAR = 40.0
 
 def main() -> None:
     depths = ", ".join(f"{depth:g}" for depth in DEPTHS)
-    table = Table("views", "seconds", "of the picture", f"error at {depths} m, px", "predicted")
+    title = f"Maps at {depths} m, thousandths of a pixel"
+    table = Table("views", "seconds", "covered", "error", "predicted", title=title)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         boards = shutil.copytree(
@@ -42,7 +43,7 @@ def main() -> None:
         for views in (6, 12):
             screen = copy_views(SCREEN, folder / f"{views}", views)
             table.add_row(f"{views} of a screen", *row(screen))
-    Console(width=90).print(table)
+    Console(width=80).print(table)
 
 
 def row(folder: Path) -> tuple[str, ...]:
@@ -53,8 +54,8 @@ def row(folder: Path) -> tuple[str, ...]:
     error = map_error(calibration, folder / "truth.npz", NEAR)
     with np.load(folder / "truth.npz") as file:
         share = error.pixels / len(file["pixels"])
-    errors = ", ".join(f"{value:.4f}" for value in error.by_depth.values())
-    predicted = ", ".join(f"{value:.4f}" for value in error.predicted.values())
+    errors = ", ".join(f"{1e3 * value:.1f}" for value in error.by_depth.values())
+    predicted = ", ".join(f"{1e3 * value:.1f}" for value in error.predicted.values())
     return f"{seconds:.1f} s.", f"{100 * share:.0f} %", errors, predicted
 
 

@@ -135,6 +135,8 @@ class CheckResult:
     @property
     def sentence(self) -> str:
         """The status in words."""
+        if self.statistics is None:
+            return "These pictures cannot be compared with those of the calibration."
         if self.status is not CheckStatus.VALID or not self.is_known:
             return self.status.sentence
         if not self.has_new_views:

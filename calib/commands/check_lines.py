@@ -41,12 +41,14 @@ def next_command(
 ) -> str:
     """Return the command to type next: a diagnosis of a calibration that lacks an effect; a new
     recording if the pictures are a recorded session's, and the calibration is not valid or was
-    fitted to most of them; otherwise a report.
+    fitted to most of them; a fit of pictures that cannot be compared; otherwise a report.
     """
     if result.lacking and not updated:
         return f"calib diagnose {shlex.quote(str(calibration))}"
     session = pictures[0]
     is_recorded = (session / "session.yaml").is_file() and (session / "frames").is_dir()
+    if result.statistics is None and not is_recorded:
+        return f"calib fit {shlex.join(map(str, pictures))}"
     is_checked = result.status is CheckStatus.VALID and not result.is_known
     if updated or is_checked or not is_recorded:
         return f"calib report {shlex.quote(str(calibration))}"

@@ -10,8 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import yaml
-
 from calib.commands.arguments import millimetres, whole_size
 from calib.commands.board_options import OPTIONS, add_coding, board_from_options
 from calib.commands.cover_options import (
@@ -147,6 +145,8 @@ def _earlier_values(
         cover: the section `cover` by the options and the earlier description; None: no option
             describes it, and the earlier one stays.
     """
+
+    import yaml
 
     old = earlier.get("cover", {})
     new = (cover_from_options(args, {"shape": cover["shape"]}) if cover else None) or {}
@@ -317,11 +317,11 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
         kept = shlex.join(_words_without_board(args))
         command = " ".join(filter(None, ("calib fit", source.words, kept, finding.options)))
         reason = (
-            "What they cannot say is its size"
+            "Pictures cannot show how large its squares are: measure one, and type"
             if args.board in (None, finding.size)
-            else "--board says {}x{}".format(*args.board)
+            else "--board says {}x{}: type".format(*args.board)
         )
-        raise InputError(f"{sentence} {reason}: {command}, with your own millimetres.")
+        raise InputError(f"{sentence} {reason} {command}, with your own millimetres.")
     print(harmless(sentence), file=sys.stderr)
     scale = float(str(options[side]))
     return read_board(Section({**finding.to_yaml(scale), **options}, "The command line"))

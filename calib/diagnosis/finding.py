@@ -30,7 +30,7 @@ class ParameterEstimate:
 
 
 PLAIN = {
-    "absorbed": "not told from fitted numbers",
+    "absorbed": "looks like a fitted number",
     "not asked for": "no sign of it in the error",
     "not finite": "cannot be fitted",
     "not possible": "would have to be larger than is possible",

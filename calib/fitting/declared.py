@@ -25,6 +25,10 @@ OPEN = 0.5
 """The standard deviation of an unknown number over that of its wide prior, above which the views do
 not tell the number.
 """
+UNINFORMED = 0.9
+"""The standard deviation of a declared number over its tolerance, above which the views hardly add
+to it.
+"""
 UNUSUAL = 4.0
 """Standard deviations of the wide prior from its mean, twice the stated range, from where on an
 estimate is not what such numbers are.
@@ -105,6 +109,12 @@ class Comparison:
     def is_open(self) -> bool:
         """True if the number is unknown and the views do not tell it."""
         return self.unknown and self.sigma > OPEN * self.tolerance
+
+    @property
+    def is_uninformed(self) -> bool:
+        """True if the number is declared and the views hardly add to it."""
+        is_declared = self.source == DECLARED and not (self.held or self.unknown)
+        return is_declared and self.sigma > UNINFORMED * self.tolerance
 
     def __str__(self) -> str:
         if self.source == VIEWS:

@@ -28,15 +28,18 @@ from calib.session.shapes.none import NONE as NO_COVER
 from calib.table import Table, TableSection
 
 COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "difference")
-"""The headings. The fourth column says whether a number was not fitted, corrected or
-contradicted, the last one how far the calibrated number is from the declared one.
+"""The headings. The fourth column says whether a number was not fitted, corrected,
+contradicted or hardly measured, the last one how far the calibrated number is from the declared one.
 """
 NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined"
-CONTRADICTED = "contradicted"
+CONTRADICTED, AS_DECLARED = "contradicted", "as declared"
 ANY_SHAPE = "any shape"
 NOTES = {
     NOT_FITTED: "kept at the value that you gave, or at the default.",
-    CORRECTED: "it moved by over 3 of its new sigmas, which agrees with your tolerance.",
+    CORRECTED: (
+        "the pictures give another value, by more than 3 of its sigmas, which your tolerance allows."
+    ),
+    AS_DECLARED: "these pictures add almost nothing to your number.",
     UNDETERMINED: "you gave no value, and these pictures do not determine it.",
     CONTRADICTED: "the pictures do not agree with the declared number.",
     ANY_SHAPE: "sigma is for all shapes of the cover that fit these pictures.",
@@ -203,6 +206,8 @@ def _note(number: Comparison) -> str:
         words = UNDETERMINED
     if number.contradicted:
         words = CONTRADICTED
+    if not words and number.is_uninformed:
+        words = AS_DECLARED
     effect = f"by {number.effect}" if number.effect else ""
     return ", ".join(filter(None, [words, effect]))
 

@@ -12,6 +12,8 @@ NODES = (49, 37)
 LEVELS = (0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 25.0, 50.0, 100.0, 250.0, 500.0)
 """Contours in px; 2.5, 5 and 10 are those of the paper."""
 MAX_LEVELS = 4
+MIN_GROWTH = 0.005
+"""The relative magnification below which the caption does not mention it."""
 
 
 def shown_depths(evidence: Evidence) -> list[float]:
@@ -68,12 +70,11 @@ def _magnification(evidence: Evidence) -> str:
     rest = field - field.mean(0) - growth * centred
     total = float(np.linalg.norm(field, axis=-1).max())
     bent = float(np.linalg.norm(rest, axis=-1).max())
-    if bent >= total / 2:
+    if bent >= total / 2 or abs(growth) < MIN_GROWTH:
         return ""
     return (
-        f" At {depth:g} m the scene looks {1 / (1 + growth):.3g} times as large as without the"
-        f" cover; without this magnification and a shift, at most {bent:.1f} of {total:.1f} px are"
-        " left."
+        f" At {depth:g} m the cover enlarges the picture by a factor of {1 / (1 + growth):.3g}. Apart"
+        f" from this factor and a shift, at most {bent:.1f} of {total:.1f} px remain."
     )
 
 

@@ -12,7 +12,7 @@ FULL = 0.5
 ROWS = ("top", "middle", "bottom")
 COLUMNS = ("left", "centre", "right")
 STANCES = (
-    "facing the camera, as near as it fills the picture",
+    "facing the camera, so near that it fills the picture",
     "twice as far away, turned by 30 degrees to the left",
     "near, tilted back by 30 degrees",
     "twice as far away, turned by 30 degrees to the right",

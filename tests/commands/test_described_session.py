@@ -253,7 +253,7 @@ def test_the_pictures_say_how_a_board_is_numbered_and_printed(
     assert other_sheet == test_other_makers.CHARUCO, "what a person states is not replaced"
     # what is left out is looked for
     with pytest.raises(
-        InputError, match="--board says 7x5: calib fit coded --board 6x4 --type"
+        InputError, match="--board says 7x5: type calib fit coded --board 6x4 --type"
     ) as e:
         described("coded", *CODED, "--board", "7x5")
     assert "--marker-mm 18.75 --dictionary DICT_4X4_250 --first-marker 100 --inverted" in str(
@@ -507,7 +507,7 @@ def test_the_suggested_command_keeps_what_was_typed(photos: Path) -> None:
     typed = ("--cover", "dome", "--radius", "50+-0.3", "--centre", "0,0,?", "--folds", "3")
     with pytest.raises(InputError) as refused:
         described(str(photos), *typed)
-    _, _, command = str(refused.value).partition("its size: ")
+    _, _, command = str(refused.value).partition("and type ")
     words = shlex.split(command.partition(", with your own")[0])
     assert words[:3] == ["calib", "fit", str(photos)]
     assert words[3 : 3 + len(typed)] == list(typed)

@@ -194,7 +194,7 @@ def test_a_depth_inside_of_the_cover_is_refused(field: RayField) -> None:
     (remark,) = describe_depths(field, [0.5, between])
     assert remark.startswith(f"At {between:g} m, ")
     (remark,) = describe_depths(field, [99, 500, np.inf])
-    assert remark == "500 m is far away: depths are in metres, so write 0.5 for 500 mm."
+    assert remark == "500 is taken as metres: write 0.5 for 500 mm, and inf for far away."
     with pytest.raises(InputError, match=r"depth 0\.002 m is too near: write 0\.0\d+ m or more"):
         field.map_at(0.002)
     reached = ReachedDepths.of(field, [0.5, 0.002])

@@ -71,7 +71,7 @@ def test_accepted_effects_are_shown_with_the_errors_before_and_after() -> None:
 
 
 def test_people_are_told_in_plain_words_and_programs_as_ever() -> None:
-    assert FOCAL.outcome == "not told from fitted numbers"
+    assert FOCAL.outcome == "looks like a fitted number"
     assert [
         candidate["verdict"]
         for candidate in FINDING.as_json()["candidates"]
