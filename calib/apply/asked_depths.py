@@ -44,8 +44,8 @@ def describe_depths(field: RayField, depths: Iterable[float]) -> Iterator[str]:
     for depth in dict.fromkeys(depths):
         if FAR <= depth < math.inf:
             yield (
-                f"{depth:g} is taken as metres: write {depth / 1000:g} for {depth:g} mm, and inf for"
-                " far away."
+                f"{depth:g} is taken as metres: write {depth / 1000:g} for {depth:g} mm, and inf"
+                " for far away."
             )
         hidden = field.hidden_fraction(depth)
         if hidden > NOTABLE:

@@ -29,7 +29,8 @@ from calib.table import Table, TableSection
 
 COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "difference")
 """The headings. The fourth column says whether a number was not fitted, corrected,
-contradicted or hardly measured, the last one how far the calibrated number is from the declared one.
+contradicted or hardly measured, the last one how far the calibrated number is from the
+declared one.
 """
 NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined"
 CONTRADICTED, AS_DECLARED = "contradicted", "as declared"
@@ -37,7 +38,8 @@ ANY_SHAPE = "any shape"
 NOTES = {
     NOT_FITTED: "kept at the value that you gave, or at the default.",
     CORRECTED: (
-        "the pictures give another value, by more than 3 of its sigmas, which your tolerance allows."
+        "the pictures give another value, 3 of its sigmas away or more, which your tolerance"
+        " allows."
     ),
     AS_DECLARED: "these pictures add almost nothing to your number.",
     UNDETERMINED: "you gave no value, and these pictures do not determine it.",

@@ -73,8 +73,8 @@ def _magnification(evidence: Evidence) -> str:
     if bent >= total / 2 or abs(growth) < MIN_GROWTH:
         return ""
     return (
-        f" At {depth:g} m the cover enlarges the picture by a factor of {1 / (1 + growth):.3g}. Apart"
-        f" from this factor and a shift, at most {bent:.1f} of {total:.1f} px remain."
+        f" At {depth:g} m the cover enlarges the picture by a factor of {1 / (1 + growth):.3g}."
+        f" Apart from this factor and a shift, at most {bent:.1f} of {total:.1f} px remain."
     )
 
 

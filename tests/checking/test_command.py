@@ -221,4 +221,4 @@ def test_another_mode_in_the_folder_one_is_in(
     assert main(["check", str(saved), "."]) == 5
     assert f"Next: capture {tmp_path}-again" in capsys.readouterr().out
     assert main(["check", str(saved), "frames/a.png"]) == 5
-    assert f"Next: calib report {saved}" in capsys.readouterr().out
+    assert "Next: calib fit frames/a.png" in capsys.readouterr().out
