@@ -33,7 +33,7 @@ from tests.site_commands import ROOT, Typed, commands, mentioned
 ALL = tuple(dict.fromkeys(commands()))
 RUN = [typed for typed in ALL if typed.kind == "run"]
 FIXTURE = ROOT / "fixtures" / "bumps"
-MADE = {"NEW", "DIR", "STRAIGHT", "FLEET", "out", "out-bow"}
+MADE = {"NEW", "DIR", "STRAIGHT", "FLEET", "out", "out-two"}
 """The folders that a command makes; they do not exist before."""
 
 
