@@ -72,9 +72,9 @@ class _Pending(io.RawIOBase):
 
 
 def archive_chunks(files: Sequence[Path]) -> Iterator[bytes]:
-    """Yield a zip archive of these files, by their names below their common folder, in pieces."""
+    """Yield a zip archive of these files in pieces, by their names from their common folder on."""
     pending = _Pending()
-    folder = os.path.commonpath([file.parent for file in files])
+    folder = Path(os.path.commonpath([file.parent for file in files])).parent
     with ZipFile(pending, "w", ZIP_STORED) as archive:
         for file in files:
             entry = ZipInfo.from_file(file, file.relative_to(folder))

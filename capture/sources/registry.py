@@ -178,6 +178,8 @@ def _unknown(context: str, name: str, text: str) -> str:
         if text.startswith("/dev/video")
         else ""
     )
+    if text.startswith(("/", "./", "../", "~")) and not hint:
+        return f"{text} does not exist: write the path of a folder or a video that does."
     return f"{context} names no kind of source{hint}: {_expected()}"
 
 

@@ -124,7 +124,8 @@ class CollectScreen(WatchingPage, UndistortionPage):
     @property
     def early_actions(self) -> frozenset[str]:
         """A fit of few views can be tried, and is not what to do next."""
-        has_few = len(self.view_corners) < ENOUGH_BARE_VIEWS and not self._enough
+        fewest = ENOUGH_BARE_VIEWS if self.recording else MIN_FIT_VIEWS
+        has_few = len(self.view_corners) < fewest and not self._enough
         return frozenset({"fit", "cover_on"} if has_few else ())
 
     def step(self) -> str:

@@ -7,6 +7,8 @@ from pathlib import Path
 from capture.disk import is_regular_file
 from capture.tui.farewell import CALIBRATION, REPORT, files_since, select_newer, updated_folder
 
+STRAIGHT = "straight_"
+"""The start of the names of folders with straight pictures, before their depth."""
 OPEN_REPORT = "Open the report"
 """The label of the report's link."""
 
@@ -39,5 +41,12 @@ def find_downloads(
     visible = [file for file in maps if not file.name.startswith(".")]
     if files := tuple(file.resolve() for file in visible if is_regular_file(file)):
         megabytes = sum(file.stat().st_size for file in files) / 1e6
-        label = f"Download exports ({megabytes:.1f} MB)"
-        yield Download(label, f"{session.resolve().name}-export.zip", files)
+        folders = list(dict.fromkeys(file.parent.name for file in files))
+        depths = [name.removeprefix(STRAIGHT) for name in folders if name.startswith(STRAIGHT)]
+        is_straight = len(depths) == len(folders)
+        words = f"pictures, {', '.join(depths)}" if is_straight else "exports"
+        label = f"Download {words} ({megabytes:.1f} MB)"
+        yield Download(label, f"{session.resolve().name}-{'-'.join(folders)}.zip", files)
+        if depths:
+            first = next(file for file in files if file.parent.name.startswith(STRAIGHT))
+            yield Download(f"See one, {depths[0]}", first.name, (first,))

@@ -29,8 +29,8 @@ ABOUT = (
 )
 STRAIGHT = "straight"
 """The form of the session's own pictures, undistorted."""
-ONE_DEPTH = "Straight pictures are of one depth: name one, in metres."
-EXPORT_DONE = "That is all: esc goes back to the results, where q ends the program."
+NO_DEPTH = "Straight pictures are of a depth: name one, in metres."
+EXPORT_DONE = "That is all: esc goes back to the results."
 OVERWRITE_ADVICE = ", or replace what is there with --overwrite"
 """Advice of the command that the screen omits, because it has no such flag."""
 NO_MAP = (
@@ -59,6 +59,7 @@ class ExportScreen(Dialog[str]):
     ExportScreen .row Input, ExportScreen .row Select { width: 1fr; height: 1; }
     ExportScreen #said { height: 1fr; }
     ExportScreen #said.wrong { color: $text-error; }
+    ExportScreen #said.care { color: $text-warning; }
     """
     BINDINGS: ClassVar = [
         *TYPING,
@@ -144,7 +145,7 @@ class ExportScreen(Dialog[str]):
             )
         except argparse.ArgumentTypeError as error:
             self.is_invalid = True
-            self._say(f"✗ {error}", wrong=True)
+            self._say(f"✗ {error}", tone="wrong")
             return None
         self.is_invalid = False
         self._say("")
@@ -169,31 +170,38 @@ class ExportScreen(Dialog[str]):
             and warning not in self._accepted
         ):
             self._accepted.add(warning)
-            self._say(warning)
+            self._say(warning, tone="care")
             return
         form = str(self.query_one("#form", Select).value)
-        if form == STRAIGHT and len(depths) != 1:
+        if form == STRAIGHT and not depths:
             self.is_invalid = True
-            self._say(ONE_DEPTH, wrong=True)
+            self._say(NO_DEPTH, tone="wrong")
             return
         self._say("Being written.")
         self.is_writing = True
-        command = ["export", str(self._calibration), "--format", form]
-        if form == STRAIGHT:  # the pictures of every depth have the same names
-            command = ["undistort", str(self._calibration), str(self._pictures)]
-            folder /= f"{STRAIGHT}_{depths[0]}m"
-        self._run(self.app, [*command, "-o", str(folder)], form, depths)
+        self._run(self.app, form, depths, folder)
 
     @work(thread=True, exclusive=True)
-    def _run(
-        self, app: App[None], command: Sequence[str], form: str, depths: Sequence[str]
-    ) -> None:
-        done = calib([*command, *(["--depth", *depths] if depths else [])])
-        written = [Path(line) for line in done.stdout.splitlines()]
+    def _run(self, app: App[None], form: str, depths: Sequence[str], folder: Path) -> None:
+        at = ["--depth", *depths] if depths else []
+        commands = [["export", str(self._calibration), "--format", form, "-o", str(folder), *at]]
+        if form == STRAIGHT:
+            # the pictures of every depth have the same names
+            command = ["undistort", str(self._calibration), str(self._pictures)]
+            commands = [
+                [*command, "-o", str(folder / f"{STRAIGHT}_{depth}m"), "--depth", depth]
+                for depth in depths
+            ]
+        written: list[Path] = []
+        for command in commands:
+            done = calib(command)
+            written += [Path(line) for line in done.stdout.splitlines()]
+            if done.returncode:
+                break
         sentence = (
             done.sentence.replace("with -o", "above").replace(OVERWRITE_ADVICE, "")
             if done.returncode
-            else _describe_straight(written, depths[0])
+            else _describe_straight(written, depths, folder)
             if form == STRAIGHT
             else _describe_files(written, done.remarks)
         )
@@ -218,10 +226,11 @@ class ExportScreen(Dialog[str]):
                 else message.sentence
             )
 
-    def _say(self, sentence: str, *, wrong: bool = False) -> None:
+    def _say(self, sentence: str, *, tone: str = "") -> None:
         said = self.query_one("#said", Static)
         said.update(sentence)
-        said.set_class(wrong, "wrong")
+        said.set_class(tone == "wrong", "wrong")
+        said.set_class(tone == "care", "care")
 
 
 def parse_depths(text: str) -> Sequence[str]:
@@ -281,9 +290,10 @@ def is_map(path: Path) -> bool:
     return path.name != "rays.npz"
 
 
-def _describe_straight(written: Sequence[Path], depth: str) -> str:
+def _describe_straight(written: Sequence[Path], depths: Sequence[str], folder: Path) -> str:
     count = f"{len(written)} straight picture{'s' * (len(written) > 1)}"
-    return f"Wrote {count} for {depth} m\nin {harmless(str(written[0].parent.resolve()))}"
+    metres = " and ".join(f"{depth} m" for depth in depths)
+    return f"Wrote {count} for {metres}\nin {harmless(str(folder.resolve()))}"
 
 
 def _describe_files(written: Sequence[Path], remarks: Sequence[str]) -> str:

@@ -16,6 +16,7 @@ from calib.session.cover_section import LAYERS_KEY, cover_mappings
 from calib.session.dispersion import COLOUR_KEYS
 from calib.session.schema import UNKNOWN, Quantity, Section, is_unknown
 from calib.session.session import session_from_mapping, session_to_yaml
+from calib.session.shapes.dimension import Dimension
 from calib.session.shapes.layer import LAYER
 from calib.session.shapes.registry import find_shape
 from calib.session.typed_number import join_sigmas, typed_number
@@ -47,10 +48,13 @@ EXAMPLE_BOARDS: Mapping[str, Mapping[str, object]] = {
 """Valid example values for each type of board: a single value is checked together with them."""
 DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
 """A number, with its sigma or without, and perhaps with a decimal comma."""
-ROUGHLY = "50 +- 5: about 50. "
+ROUGHLY = "{example} alone means {example} +- {sigma}. "
 """How a number is written that is known roughly."""
+EXAMPLES = {"refractive_index": 1.5, "radius_slope": -0.1, "tilt_deg": 2.0}
+"""Example values of the numbers of a cover; the others are millimetres."""
 UNKNOWN_KEY = "?"
 """The key that writes UNKNOWN into a field of the cover, and the short way to write it."""
+NOT_KNOWN = f"{UNKNOWN_KEY} if you do not know."
 LAYER_KEYS = tuple(kind.quantity.key for kind in LAYER)
 """The keys that have a number for each layer of glass."""
 NUMBERS = ("one", "two", "three")
@@ -89,12 +93,21 @@ def explain_field(key: str, kind: str, shape: str) -> str:
     """Return the explanation of a value, for a board of this type or a cover of this shape."""
     board = explain_keys(kind)
     cover = {
-        entry.quantity.key: f"{entry.explanation} {ROUGHLY}{UNKNOWN_KEY} if you do not know."
+        entry.quantity.key: " ".join((entry.explanation, f"{_roughly(entry)}{NOT_KNOWN}"))
         for entry in find_shape(shape).keys
     }
     words = find_shape(shape).words
     chosen = {"shape": f"The cover in front of the camera: {words}. {NO_COVER}"} if cover else {}
     return (HELP | board | cover | chosen).get(key, "")
+
+
+def _roughly(entry: Dimension) -> str:
+    """Return a sentence on the tolerance of a number; empty if the fit holds the number."""
+    if not entry.tolerance:
+        return ""
+    sigma = entry.tolerance.sigma * entry.quantity.unit[1]
+    example = EXAMPLES.get(entry.quantity.key, 50.0)
+    return ROUGHLY.format(sigma=f"{sigma:.2g}", example=f"{example:g}")
 
 
 def find_problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:

@@ -279,12 +279,10 @@ class ResultsScreen(Page):
         )
         sentences = [f"{error}; the corners' own noise is {words}."]
         if sigmas := self.result["sigma_px"]:
-            accuracies = ", ".join(
-                f"{entry['px']:.2g} px at {entry['depth_m']:g} m" for entry in sigmas
-            )
+            worst = max(entry["px"] for entry in sigmas)
+            near, *_, far = (f"{entry['depth_m']:g}" for entry in (sigmas[0], *sigmas))
             sentences.append(
-                f"The maps are accurate to {accuracies} (sigma, from the nearest to the farthest"
-                " corner)."
+                f"The maps are accurate to {worst:.2g} px or better from {near} to {far} m (sigma)."
             )
         reasons = self.result["verdict"]["sentences"][1:]
         omitted = len(reasons) - MAX_REASONS

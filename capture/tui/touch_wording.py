@@ -33,6 +33,7 @@ def name_buttons(text: str, labels: Mapping[str, str]) -> str:
     for sentence in KEYBOARD_ONLY:
         text = text.replace(sentence, "")
     text = text.replace("? if you do not know.", NOT_KNOWN)
+    text = text.replace("The set-up: ", "")
     text = re.sub(r"\b(in|correct) session\.yaml", r"\1 the Set-up", text)
     text = re.sub(r"\b(?:board|cover)\.([a-z_]+)", lambda match: readable_key(match[1]), text)
     pressed = re.sub(

@@ -87,7 +87,6 @@ function drawCalls(calls) {
     return line;
   }));
   dock.scrollTop = 0;
-  page.style.setProperty("--verdict", `${dock.offsetHeight}px`);
 }
 
 /** Draw a link for each file that the app offers. */
@@ -117,7 +116,8 @@ function drawKeys(keys) {
   nav.dataset.places = places;
   const wide = {1: " whole", 2: " half", 4: " half", 7: " quarter", 8: " quarter"}[others.length] ?? "";
   nav.replaceChildren(...[...below.filter((each) => each.main), ...others].map((key) => {
-    const button = make("button", {type: "button", className: key.main ? "main whole" : wide}, key.label);
+    const rest = key === others[6] && others.length === 7; // the last of two rows fills its row: Back is always there
+    const button = make("button", {type: "button", className: key.main ? "main whole" : rest ? " half" : wide}, key.label);
     button.dataset.key = key.key;
     button.disabled = key.off;
     button.onclick = () => ask({press: key.key});
@@ -291,6 +291,7 @@ export function follow() {
   });
   main.addEventListener("focusout", () => setTimeout(typing, SETTLE_MS));
   new ResizeObserver(keep).observe(main);
+  new ResizeObserver(() => page.style.setProperty("--verdict", `${dock.offsetHeight}px`)).observe(dock);
   for (const change of ["resize", "scroll"]) visualViewport?.addEventListener(change, fill);
   fill();
 }

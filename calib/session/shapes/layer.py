@@ -15,8 +15,7 @@ LAYER = (
         Quantity("thickness_mm", low=0.05, high=1e4, wide=UNKNOWN_THICKNESS),
         words="the glass's thickness",
         explanation=(
-            "Thickness of the glass in millimetres; of laminated glass that of each layer, from the"
-            " inside out."
+            "Thickness in mm; of laminated glass that of each layer, from the inside out."
         ),
         tolerance=THICKNESS,
         option="thickness",
@@ -26,8 +25,8 @@ LAYER = (
         Quantity("refractive_index", low=1, high=3, wide=UNKNOWN_INDEX),
         words="the glass's refractive index",
         explanation=(
-            "Refractive index of the glass, about 1.5: acrylic 1.49, polycarbonate 1.585; of"
-            " laminated glass that of each layer."
+            "Refractive index: glass 1.52, acrylic 1.49, polycarbonate 1.585; of laminated glass"
+            " that of each layer."
         ),
         tolerance=INDEX,
         option="index",

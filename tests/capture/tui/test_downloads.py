@@ -33,7 +33,8 @@ def test_an_archive_is_made_in_pieces(tmp_path: Path) -> None:
     assert max(map(len, pieces)) < 2 * CHUNK_BYTES
     with ZipFile(io.BytesIO(b"".join(pieces))) as archive:
         assert archive.testzip() is None
-        assert {name: archive.read(name) for name in archive.namelist()} == contents
+        written = {name: archive.read(name) for name in archive.namelist()}
+        assert written == {f"{tmp_path.name}/{name}": data for name, data in contents.items()}
 
 
 def test_what_is_older_than_the_fit_or_lies_elsewhere_is_not_offered(tmp_path: Path) -> None:
@@ -57,6 +58,22 @@ def test_what_is_older_than_the_fit_or_lies_elsewhere_is_not_offered(tmp_path: P
     elsewhere.write_text("exported into a folder of the person's own")
     (download,) = find_downloads(tmp_path / "s", calibration, [elsewhere])
     assert download.files == (elsewhere.resolve(),)
+
+
+def test_straight_pictures_are_offered_by_their_depth_and_one_by_itself(tmp_path: Path) -> None:
+    calibration = tmp_path / "s" / "calibration" / "calibration.yaml"
+    calibration.parent.mkdir(parents=True)
+    calibration.write_text("format: 1")
+    pictures = [
+        tmp_path / "s" / "export" / f"straight_{depth}m" / "0000.png" for depth in ("0.5", "1")
+    ]
+    for picture in pictures:
+        picture.parent.mkdir(parents=True)
+        picture.write_bytes(b"png")
+    archive, one = find_downloads(tmp_path / "s", calibration, pictures)
+    assert archive.label == "Download pictures, 0.5m, 1m (0.0 MB)"
+    assert archive.name == "s-straight_0.5m-straight_1m.zip"
+    assert (one.label, one.files) == ("See one, 0.5m", (pictures[0].resolve(),))
 
 
 @pytest.mark.slow
@@ -105,8 +122,8 @@ async def _fetch(served: Served, token: str, session: Path) -> None:
         assert headers["Content-Disposition"] == "attachment"
         with ZipFile(io.BytesIO(body)) as archive:
             assert archive.testzip() is None
-            assert sorted(archive.namelist()) == ["map_1m.npz", "rays.npz"]
-            assert archive.read("map_1m.npz") == (session / "export" / "map_1m.npz").read_bytes()
+            assert sorted(archive.namelist()) == ["export/map_1m.npz", "export/rays.npz"]
+            assert archive.read("export/map_1m.npz") == (session / "export" / "map_1m.npz").read_bytes()
         key = report["address"].split("/")[2]
         for path in (
             "/files/other/report.html",

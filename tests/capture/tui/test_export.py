@@ -16,7 +16,7 @@ from textual.widgets import Select
 from calib.export.formats import BRIEF, FORMATS
 from capture.tui.command import CommandResult
 from capture.tui.export import (
-    ONE_DEPTH,
+    NO_DEPTH,
     STRAIGHT,
     ExportScreen,
     parse_depths,
@@ -230,8 +230,10 @@ def test_the_pictures_of_the_session_are_made_straight(
     (tmp_path / "frames").mkdir()
     drive(_straight(tmp_path))
     before = ["undistort", str(tmp_path / "calibration"), str(tmp_path / "frames")]
-    folder = str(tmp_path / "export" / "straight_0.5m")
-    assert calls == [[*before, "-o", folder, "--depth", "0.5"]]
+    assert calls == [
+        [*before, "-o", str(tmp_path / "export" / f"straight_{depth}m"), "--depth", depth]
+        for depth in ("0.5", "1")
+    ]
 
 
 async def _straight(session: Path) -> None:
@@ -240,10 +242,10 @@ async def _straight(session: Path) -> None:
         pilot.app.push_screen(screen)
         await see(pilot, "depths in metres")
         screen.query_one("#form", Select).value = STRAIGHT
-        await write(pilot, "0.5 1")
+        await write(pilot, "")
         await pilot.press("shift+tab", "ctrl+s")
-        await see(pilot, ONE_DEPTH)
-        await write(pilot, "0.5")
+        await see(pilot, NO_DEPTH)
+        await write(pilot, "0.5 1")
         await pilot.press("shift+tab", "ctrl+s")
         await see(pilot, "That is all")
 

@@ -31,8 +31,8 @@ LABELS = {
         ("From 10 views on you may go on (f).", "From 10 views on you may go on (Fit)."),
         ("Press a to add one.", "Touch Add to add one."),
         ("Look at it, and write cover.shape in session.yaml.", "Look at it, and write shape in the Set-up."),  # noqa: E501
-        ("The set-up: board.square_mm is 0: write a number.", "The set-up: square (mm) is 0: write a number."),  # noqa: E501
-        ("The set-up: cover.tilt_deg is 1: write two.", "The set-up: tilt (degrees) is 1: write two."),  # noqa: E501
+        ("The set-up: board.square_mm is 0: write a number.", "square (mm) is 0: write a number."),
+        ("The set-up: cover.tilt_deg is 1: write two.", "tilt (degrees) is 1: write two."),
         ("Hold a board, a large one, or a to b.", "Hold a board, a large one, or a to b."),
         ("Press n, then put the cover on.", "Press n, then put the cover on."),
         ("The focus is f, as before: expressed in px.", "The focus is f, as before: expressed in px."),  # noqa: E501
