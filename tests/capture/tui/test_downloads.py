@@ -123,7 +123,8 @@ async def _fetch(served: Served, token: str, session: Path) -> None:
         with ZipFile(io.BytesIO(body)) as archive:
             assert archive.testzip() is None
             assert sorted(archive.namelist()) == ["export/map_1m.npz", "export/rays.npz"]
-            assert archive.read("export/map_1m.npz") == (session / "export" / "map_1m.npz").read_bytes()
+            exported = (session / "export" / "map_1m.npz").read_bytes()
+            assert archive.read("export/map_1m.npz") == exported
         key = report["address"].split("/")[2]
         for path in (
             "/files/other/report.html",
