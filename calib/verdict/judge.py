@@ -27,7 +27,7 @@ from calib.verdict.depths import one_depth, requested_depths
 from calib.verdict.differing_views import differing_views
 from calib.verdict.fleet_prior import fleet_prior
 from calib.verdict.held_out import held_out, overfits
-from calib.verdict.medium import medium
+from calib.verdict.medium import medium, undecided_medium
 from calib.verdict.mixed_settings import mixed_settings
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.orientation import orientation
@@ -120,7 +120,8 @@ def judge(
         proof = (commands.evaluate(), *([commands.diagnose()] if commands.diagnosable else []))
         uses = commands.uses(depth, mapped=bool(case.depths))
         diagnosis = calibration.history.diagnosis
-        notes = tuple(family.note for family in diagnosis.families) if diagnosis else ()
+        families = [family.note for family in diagnosis.families] if diagnosis else []
+        notes = (*families, *undecided_medium(case))
         return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses), notes)
 
 

@@ -17,6 +17,8 @@ from calib.verdict.cover_stage import is_refuted
 from calib.verdict.thresholds import OTHER_MEDIUM, OTHER_MEDIUM_LOG_ODDS
 from calib.verdict.verdict import Reason, Trust
 
+UNDECIDED_LOG_ODDS = 3.0
+"""The log odds of the stated medium below which the views do not tell it."""
 MAX_POWER = 100
 """The largest power of ten in a sentence on odds."""
 
@@ -43,6 +45,21 @@ def medium(case: Case) -> Iterator[Reason]:
             f" board was in {name}."
         )
         yield Reason(sentence, case.next.fit(), (declared.cover.medium_name,))
+
+
+def undecided_medium(case: Case) -> Iterator[str]:
+    """Yield a note where the other medium explains the views about as well."""
+    stated = case.calibration.declared.cover.medium
+    odds = case.calibration.outcome.medium_log_odds
+    if not (stated and odds):
+        return
+    word, name = medium_word(stated.value), opposite_medium(stated.value)
+    if -OTHER_MEDIUM_LOG_ODDS < odds[word] - odds[name] < UNDECIDED_LOG_ODDS:
+        yield (
+            f"these pictures fit {name} outside of the cover about as well as {word}. The numbers of"
+            f" camera and cover hold only if {word} is right; pictures without the cover, in bare/,"
+            " would decide."
+        )
 
 
 def _more_probable(case: Case, stated: float) -> Iterator[Reason]:

@@ -16,6 +16,7 @@ from calib.progress import Silent
 from calib.session.schema import Number
 from calib.session.shapes.layer import MEDIA
 from calib.session.tolerances import UNKNOWN_THICKNESS
+from calib.verdict.judge import judge
 from calib.verdict.medium import medium
 from calib.verdict.verdict import Trust
 from fixtures.calibrated import CAMERA, calibrated, with_outcome
@@ -78,3 +79,12 @@ def test_the_verdict_names_the_medium() -> None:
     assert reason.word is Trust.DO_NOT_USE
     assert reason.suspects == ("cover.outside_index",)
     assert not asked(medium, with_outcome(fitted, medium_log_odds=None))
+
+
+def test_a_note_says_that_the_pictures_do_not_tell_the_medium() -> None:
+    made = seen_through("dome")
+    fitted: Calibration = calibrated(made, declared_in(made, "air"), SETTINGS)
+    (note,) = judge(with_outcome(fitted, medium_log_odds={"air": -2.0, "water": 0.0})).notes
+    assert "fit water outside of the cover about as well as air" in note
+    assert not judge(with_outcome(fitted, medium_log_odds={"air": 0.0, "water": -3.1})).notes
+    assert not judge(with_outcome(fitted, medium_log_odds={"air": -28.0, "water": 0.0})).notes
