@@ -56,9 +56,9 @@ def undecided_medium(case: Case) -> Iterator[str]:
     word, name = medium_word(stated.value), opposite_medium(stated.value)
     if -OTHER_MEDIUM_LOG_ODDS < odds[word] - odds[name] < UNDECIDED_LOG_ODDS:
         yield (
-            f"these pictures fit {name} outside of the cover about as well as {word}. The numbers of"
-            f" camera and cover hold only if {word} is right; pictures without the cover, in bare/,"
-            " would decide."
+            f"these pictures fit {name} outside of the cover about as well as {word}. The numbers"
+            f" of camera and cover hold only if {word} is right; pictures without the cover, in"
+            " bare/, would decide."
         )
 
 

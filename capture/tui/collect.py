@@ -39,7 +39,7 @@ from capture.tui.watching_page import WatchingPage
 
 RETRY_S = 3.0  # s, after which a failed camera is tried again
 TAKEN_S = 1.5  # s for which a kept view is announced, whatever comes next
-MORE_VIEWS_HELP = "More views would improve the result: they can come from another source."
+MORE_VIEWS_HELP = "More views would improve the result: name other pictures in the set-up."
 MORE_BARE_VIEWS_HELP = (
     "More views would improve the lens.",
     "Enough to go on. More views would improve the lens.",

@@ -39,8 +39,9 @@ DRAWN = {
     "A frame of ▒": "A yellow frame",
     "+ marks": "Green dots mark",
     "space takes": "Take now takes",
+    "fill up to █, enough.": "turn green where there is enough.",
     "The last line has every key; on a phone, tap it there. m: pictures in dots.": (
-        "Every key is a button."
+        "Auto off: a picture is taken by Take now alone. Undo takes back a dropped view."
     ),
 }
 """The replacements for a page that draws the app for a thumb, which has no characters as marks."""

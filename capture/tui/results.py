@@ -46,6 +46,9 @@ EARLIER_FIT_NOTE = (
     "Views were set aside since this fit: these maps are still of the fit with them. esc, then f,"
     " fits without them."
 )
+ALIKE = 0.9
+"""The error of the fitted cover over that of the camera alone from which the two are alike."""
+ALIKE_NOTE = "alike: the lens takes up what the cover bends"
 MAX_REASONS = 2  # the number of the verdict's reasons: more do not fit below the picture
 
 
@@ -263,6 +266,9 @@ class ResultsScreen(Page):
             )
         if any(stage["name"] == "cover" for stage in self.result["stages"]):
             lines.append(GLASS_NOTE)
+            first, last = self.result["stages"][0], self.result["stages"][-1]
+            if last["rms_px"] > ALIKE * first["rms_px"]:
+                lines.append(ALIKE_NOTE)
         return "\n".join(lines)
 
     def _details(self) -> str:

@@ -193,7 +193,7 @@ async def collect(pilot: Pilot[None], _: Path) -> None:
     )  # it has said all that it will
     await pilot.pause(0.5)
     screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
-    await see(pilot, "More views would improve the result: they can come from another source.")
+    await see(pilot, "More views would improve the result: name other pictures in the set-up.")
     assert HINT.instruction not in shown(pilot)
     screen.plan = replace(screen.plan, source=CAMERA)
     screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
