@@ -286,9 +286,10 @@ class ResultsScreen(Page):
         sentences = [f"{error}; the corners' own noise is {words}."]
         if sigmas := self.result["sigma_px"]:
             worst = max(entry["px"] for entry in sigmas)
-            near, *_, far = (f"{entry['depth_m']:g}" for entry in (sigmas[0], *sigmas))
+            near, far = sigmas[0]["depth_m"], sigmas[-1]["depth_m"]
             sentences.append(
-                f"The maps are accurate to {worst:.2g} px or better from {near} to {far} m (sigma)."
+                f"The maps are accurate to {worst:.2g} px or better from {near:g} to {far:g} m"
+                " (sigma)."
             )
         reasons = self.result["verdict"]["sentences"][1:]
         omitted = len(reasons) - MAX_REASONS
