@@ -24,6 +24,7 @@ from calib.optics.build import covered_path
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Silent
+from calib.session.board import Board
 from calib.session.freeing import AUTO
 from calib.session.numbers import numbers_of, replace_numbers
 from calib.session.parameter_names import CAMERA
@@ -272,14 +273,28 @@ def test_causes_have_names_of_their_own() -> None:
     assert VARIATIONS["clean"] is CLEAN
 
 
-def test_sigma_has_the_shift_by_a_stretched_print(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All views share a print that is longer along its rows by 0.1 %, so their scatter does not
-    show it.
+def unevenly_printed(made: Scene, size: float) -> Scene:
+    """Return the session with a print whose columns are drawn out by up to `size`, m, at both
+    ends.
+    """
+    board = np.pad(made.board.points(), ((0, 0), (0, 1)))
+    moved = board + np.outer(1.5 * (board[:, 0] / made.board.half[0]) ** 2 - 0.5, [size, 0, 0])
+    views = []
+    for index, view in enumerate(made.views):
+        shift = pixels(made, placed(made, index, moved)) - pixels(made, placed(made, index, board))
+        views.append(replace(view, corners=view.corners + shift))
+    return replace(made, views=tuple(views))
+
+
+def test_sigma_has_the_shift_by_an_error_of_the_print(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All views share a print that is longer along its rows by 0.1 %, or that is drawn out at two
+    ends by 0.05 mm, so their scatter does not show it.
     """
     cause = VARIATIONS["stretch"]
     clean = scene(1, 20, amplitude=0.0, noise=0.1, depths=(0.4, 1.2), cover=COVERS["thin-cone"][0])
     stretched = cause.applied(clean, drawn(cause, clean))
-    sessions = {"clean": clean, "stretched": stretched}
+    uneven = unevenly_printed(clean, 5e-5)
+    sessions = {"clean": clean, "stretched": stretched, "uneven": uneven}
 
     def maps_over_sigma() -> dict[str, float]:
         ratios = {}
@@ -291,8 +306,8 @@ def test_sigma_has_the_shift_by_a_stretched_print(monkeypatch: pytest.MonkeyPatc
 
     ratios = maps_over_sigma()
 
-    def no_shifts(fitted: FittedModel, inflation: float) -> Array:
-        del inflation
+    def no_shifts(fitted: FittedModel, board: Board, inflation: float) -> Array:
+        del board, inflation
         return np.zeros((fitted.parameters().count, fitted.parameters().count))
 
     monkeypatch.setattr(fit_result, "possible_print_shifts", no_shifts)
@@ -300,6 +315,8 @@ def test_sigma_has_the_shift_by_a_stretched_print(monkeypatch: pytest.MonkeyPatc
     print(f"error of the maps over sigma: {ratios} with the shift, {without} without")
     assert without["stretched"] > 2.5
     assert ratios["stretched"] < 1.5
+    assert without["uneven"] > 1.5 * ratios["uneven"]
+    assert ratios["uneven"] < 1.5
     assert ratios["clean"] == pytest.approx(without["clean"], rel=0.05)
 
 

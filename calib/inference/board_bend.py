@@ -78,31 +78,43 @@ def estimate_board(
     return model, joint
 
 
-def possible_print_shifts(fitted: FittedModel, inflation: float) -> NDArray[np.float64]:
-    """Return (S, S) the covariance of the shifts of the fitted parameters by a stretched or sheared
-    print that the model lacks, over their scales.
+def possible_print_shifts(
+    fitted: FittedModel, board: Board, inflation: float
+) -> NDArray[np.float64]:
+    """Return (S, S) the covariance of the shifts of the fitted parameters by an error of the print
+    that the model lacks, over their scales.
 
-    All views share such a print, so their scatter does not show it. Its numbers are normal, with
-    one spread in their tolerances, which maximises the evidence. A print is as likely to have such
-    errors as to have none: the shift's second moment counts with the probability that it has. It is
-    zero if the model has an error of the print.
+    All views share a stretched or uneven print, so their scatter does not show it. Its numbers of
+    degree 1, and those of higher degrees, are normal with a spread in their tolerances, which
+    maximises the evidence. A print is as likely to have such errors as to have none: the shift's
+    second moment counts with the probability that it has. It is zero if the model has an error of
+    the print.
 
     Args:
         inflation: the factor of the standard deviations of corners that are not independent.
     """
     count = fitted.parameters().count
-    if any(isinstance(effect, BoardScale) for effect in fitted.model.effects):
-        return np.zeros((count, count))
-    test = score_test(fitted, BoardScale(sheared=True))
-    information, score = test.information / inflation**2, test.score / inflation**2
-    sigmas = scaled_prior_sigmas(test.effect)
+    moments = np.zeros((count, count))
+    if not any(isinstance(effect, BoardScale) for effect in fitted.model.effects):
+        test = score_test(fitted, BoardScale(True, PRINT_DEGREES[-1], board.half))
+        linear = len(BoardScale(True).effect_parameters)
+        for numbers in (slice(linear), slice(linear, None)):
+            imitation = test.imitation[:, numbers]
+            moments += imitation @ _second_moment(test, numbers, inflation) @ imitation.T
+    return moments
+
+
+def _second_moment(test: ScoreTest, numbers: slice, inflation: float) -> NDArray[np.float64]:
+    """Return the (n, n) second moment of some numbers of a print, the others being zero."""
+    information = test.information[numbers, numbers] / inflation**2
+    score = test.score[numbers] / inflation**2
+    sigmas = scaled_prior_sigmas(test.effect)[numbers]
     gains = [log_bayes_factor(information, score, spread * sigmas) for spread in SPREADS]
     best = int(np.argmax(gains))
     covariance = np.linalg.inv(information + np.diag((SPREADS[best] * sigmas) ** -2.0))
     mean = covariance @ score
     probability = 1 / (1 + math.exp(-max(gains[best], 0.0)))
-    moment = probability * (np.outer(mean, mean) + covariance)
-    return np.asarray(test.imitation @ moment @ test.imitation.T)
+    return np.asarray(probability * (np.outer(mean, mean) + covariance))
 
 
 def _with_effect(
