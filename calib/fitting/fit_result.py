@@ -114,7 +114,7 @@ def count_views(
     )
     of_cover = [name for name in loose if not CAMERA.has(name)]
     wide = scatter.widen(joint)
-    if board.has_grid:
+    if board.has_grid and joint.finite:
         shifts = possible_print_shifts(fitted, board, scatter.inflation)
         wide = replace(wide, covariance=wide.covariance + torch.from_numpy(shifts))
     limit = SCATTERED if board.has_grid else SCATTERED_POINTS

@@ -24,7 +24,7 @@ from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.inference.fitted_model import FittedModel
-from calib.inference.score_test import ScoreTest, score_test, tuned_score_tests
+from calib.inference.score_test import ScoreTest, tuned_score_tests
 from calib.inference.view_scatter import ViewScatter
 from calib.session.board import Board
 from calib.session.parameter_names import CAMERA
@@ -95,20 +95,35 @@ def possible_print_shifts(
     """
     count = fitted.parameters().count
     moments = np.zeros((count, count))
-    if not any(isinstance(effect, BoardScale) for effect in fitted.model.effects):
-        test = score_test(fitted, BoardScale(True, PRINT_DEGREES[-1], board.half))
-        linear = len(BoardScale(True).effect_parameters)
-        for numbers in (slice(linear), slice(linear, None)):
-            imitation = test.imitation[:, numbers]
-            moments += imitation @ _second_moment(test, numbers, inflation) @ imitation.T
+    if any(isinstance(effect, BoardScale) for effect in fitted.model.effects):
+        return moments
+    effect = BoardScale(True, PRINT_DEGREES[-1], board.half)
+    products = fitted.products((effect,))
+    precision = fitted.prior_precision()
+    entries = fitted.parameters((effect,)).entries(u.param.name for u in effect.effect_parameters)
+    coupling = products[:count, entries]
+    imitation = np.linalg.solve(products[:count, :count] + precision, coupling)
+    gradient = products[:count, -1] + precision @ fitted.deviation
+    information = (products[np.ix_(entries, entries)] - coupling.T @ imitation) / inflation**2
+    score = (products[entries, -1] - imitation.T @ gradient) / inflation**2
+    sigmas = scaled_prior_sigmas(effect)
+    linear = len(BoardScale(True).effect_parameters)
+    for numbers in (slice(linear), slice(linear, None)):
+        moment = _second_moment(information[numbers, numbers], score[numbers], sigmas[numbers])
+        moments += imitation[:, numbers] @ moment @ imitation[:, numbers].T
     return moments
 
 
-def _second_moment(test: ScoreTest, numbers: slice, inflation: float) -> NDArray[np.float64]:
-    """Return the (n, n) second moment of some numbers of a print, the others being zero."""
-    information = test.information[numbers, numbers] / inflation**2
-    score = test.score[numbers] / inflation**2
-    sigmas = scaled_prior_sigmas(test.effect)[numbers]
+def _second_moment(
+    information: NDArray[np.float64], score: NDArray[np.float64], sigmas: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the (k, k) second moment of numbers of a print, over their scales.
+
+    Args:
+        information: (k, k), as in `Effect.tune`.
+        score: (k,), as in `Effect.tune`.
+        sigmas: (k,) tolerances of the numbers, over their scales.
+    """
     gains = [log_bayes_factor(information, score, spread * sigmas) for spread in SPREADS]
     best = int(np.argmax(gains))
     covariance = np.linalg.inv(information + np.diag((SPREADS[best] * sigmas) ** -2.0))

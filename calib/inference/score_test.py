@@ -11,7 +11,7 @@ Source: C. R. Rao, Large sample tests of statistical hypotheses concerning sever
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,10 +54,6 @@ class ScoreTest:
     """
     score: Array
     """(k,) half the gradient of the sum of squares by its parameters."""
-    imitation: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(S, k) the change of the fitted parameters that imitates each of its parameters best, over
-    their scales; (0, 0) for parameters of single views.
-    """
 
     @property
     def promises(self) -> float:
@@ -257,7 +253,6 @@ class _ReducedSystem:
             cost=cost,
             information=information,
             score=score,
-            imitation=self.imitation[:, entries - fitted],
         )
 
     def _agreement_p_value(self, projected: Array, score: Array, hessian: Array) -> float:

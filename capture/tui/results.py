@@ -48,7 +48,7 @@ EARLIER_FIT_NOTE = (
 )
 ALIKE = 0.9
 """The error of the fitted cover over that of the camera alone from which the two are alike."""
-ALIKE_NOTE = "alike: the lens takes up what the cover bends"
+ALIKE_NOTE = "alike: this cover bends light like a lens"
 MAX_REASONS = 2  # the number of the verdict's reasons: more do not fit below the picture
 
 
