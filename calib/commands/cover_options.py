@@ -47,7 +47,7 @@ def add_cover(parser: Options) -> None:
             dest=f"{PREFIX}{option.replace('-', '_')}",
             type=typed_list,
             metavar=_value_noun(kinds),
-            help="; ".join(map(_explain, kinds)),
+            help=f"{'; '.join(map(_explain, kinds))} (default: {_default(kinds[0])})",
         )
 
 
@@ -60,6 +60,18 @@ def _value_noun(kinds: Sequence[Dimension]) -> str:
     if len({kind.quantity.components for kind in kinds}) > 1:
         return ",".join(noun for _ in quantity.components)
     return ",".join(quantity.components).upper() or noun
+
+
+def _default(kind: Dimension) -> str:
+    """Return what holds for a number that is not given: its usual value with its tolerance, or
+    UNKNOWN.
+    """
+    quantity = kind.quantity
+    value = float(kind.usual) if kind.usual else quantity.default
+    if value is None:
+        return UNKNOWN
+    sigma = kind.tolerance.sigma * quantity.unit[1] if kind.tolerance else 0.0
+    return f"{value:g}+-{sigma:.2g}" if sigma else f"{value:g}"
 
 
 def _explain(kind: Dimension) -> str:
