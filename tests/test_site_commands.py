@@ -149,7 +149,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with all that the commands speak of, by the names that they use."""
     folder = tmp_path_factory.mktemp("world")
     stored = shutil.ignore_patterns(".detections.json", "calibration")
-    for name in ("bumps", "bow"):
+    for name in ("bumps", "two"):
         shutil.copytree(ROOT / "fixtures" / name, folder / "fixtures" / name, ignore=stored)
     for name in ("SESSION", "OTHER", "HOLDOUT", "pi", "sessions/A17", "sessions/A18"):
         shutil.copytree(FIXTURE / "holdout", folder / name, ignore=stored)
