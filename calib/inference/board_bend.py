@@ -42,6 +42,10 @@ MIN_PRINT_VIEWS = 12
 """The fewest poses of the board from which a print is estimated: it has up to 16 numbers."""
 SPREADS = 10.0 ** np.arange(-3.0, 0.01, 0.125)
 """The spreads of a print's errors that are tried, in tolerances: from a thousandth to one."""
+SPREAD_COST = 0.5
+"""The log evidence that the best spread has to gain: five of six even prints gain less, as half of
+them gain nothing, and the others half of a chi² of one degree of freedom.
+"""
 MAX_SIGMAS = 3.0
 """Standard deviations of the prior beyond which a number of the bend is not one of a board: it
 imitates something else.
@@ -117,7 +121,8 @@ def possible_print_shifts(
 def _second_moment(
     information: NDArray[np.float64], score: NDArray[np.float64], sigmas: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the (k, k) second moment of numbers of a print, over their scales.
+    """Return the (k, k) second moment of numbers of a print, over their scales; zero if the corners
+    show none.
 
     Args:
         information: (k, k), as in `Effect.tune`.
@@ -126,9 +131,11 @@ def _second_moment(
     """
     gains = [log_bayes_factor(information, score, spread * sigmas) for spread in SPREADS]
     best = int(np.argmax(gains))
+    if (gain := gains[best] - SPREAD_COST) <= 0.0:
+        return np.zeros_like(information)
     covariance = np.linalg.inv(information + np.diag((SPREADS[best] * sigmas) ** -2.0))
     mean = covariance @ score
-    probability = 1 / (1 + math.exp(-max(gains[best], 0.0)))
+    probability = 1 / (1 + math.exp(-gain))
     return np.asarray(probability * (np.outer(mean, mean) + covariance))
 
 
