@@ -127,10 +127,10 @@ def test_an_option_of_the_cover_has_the_words_of_each_shape(
     with pytest.raises(SystemExit):
         main(["fit", "--help"])
     words = " ".join(capsys.readouterr().out.split())
-    assert "--tilt DEG,DEG cone, cylinder: degrees that the cover is tilted" in words
-    assert "flat: degrees that the window is tilted, first about x" in words
+    assert "--tilt DEG,DEG cone, cylinder: degrees of tilt, first about x" in words
+    assert "flat: degrees of tilt, first about x" in words
     assert "dome: inner radius in millimetres" in words
-    assert "--thickness MM thickness of the glass" in words, "every shape has glass"
+    assert "--thickness MM thickness in mm" in words, "every shape has glass"
 
 
 def test_a_word_behind_two_dashes_is_no_option() -> None:
