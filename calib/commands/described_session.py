@@ -145,7 +145,6 @@ def _earlier_values(
         cover: the section `cover` by the options and the earlier description; None: no option
             describes it, and the earlier one stays.
     """
-
     import yaml
 
     old = earlier.get("cover", {})

@@ -25,6 +25,7 @@ from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import ScoreTest, tuned_score_tests
+from calib.inference.variation_equations import SPREADS
 from calib.inference.view_scatter import ViewScatter
 from calib.session.board import Board
 from calib.session.parameter_names import CAMERA
@@ -40,8 +41,6 @@ MIN_BEND_VIEWS = 5
 """The fewest poses of the board from which a bend is estimated."""
 MIN_PRINT_VIEWS = 12
 """The fewest poses of the board from which a print is estimated: it has up to 16 numbers."""
-SPREADS = 10.0 ** np.arange(-3.0, 0.01, 0.125)
-"""The spreads of a print's errors that are tried, in tolerances: from a thousandth to one."""
 SPREAD_COST = 0.5
 """The log evidence that the best spread has to gain: five of six even prints gain less, as half of
 them gain nothing, and the others half of a chi² of one degree of freedom.
@@ -90,7 +89,7 @@ def possible_print_shifts(
 
     All views share a stretched or uneven print, so their scatter does not show it. Its numbers of
     degree 1, and those of higher degrees, are normal with a spread in their tolerances, which
-    maximises the evidence. A print is as likely to have such errors as to have none: the shift's
+    maximises the evidence (`SPREADS`). A print is as likely to have such errors as to have none: the shift's
     second moment counts with the probability that it has. It is zero if the model has an error of
     the print.
 
