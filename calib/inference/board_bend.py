@@ -89,7 +89,7 @@ def possible_print_shifts(
 
     All views share a stretched or uneven print, so their scatter does not show it. Its numbers of
     degree 1, and those of higher degrees, are normal with a spread in their tolerances, which
-    maximises the evidence (`SPREADS`). A print is as likely to have such errors as to have none: the shift's
+    maximises the evidence. A print is as likely to have such errors as to have none: the shift's
     second moment counts with the probability that it has. It is zero if the model has an error of
     the print.
 
