@@ -97,20 +97,43 @@ def possible_print_shifts(
         inflation: the factor of the standard deviations of corners that are not independent.
     """
     count = fitted.parameters().count
-    moments = np.zeros((count, count))
     if any(isinstance(effect, BoardScale) for effect in fitted.model.effects):
-        return moments
-    effect = BoardScale(True, PRINT_DEGREES[-1], board.half)
+        return np.zeros((count, count))
+    effect = any_print(board)
     products = fitted.products((effect,))
     precision = fitted.prior_precision()
     entries = fitted.parameters((effect,)).entries(u.param.name for u in effect.effect_parameters)
     coupling = products[:count, entries]
-    imitation = np.linalg.solve(products[:count, :count] + precision, coupling)
+    imitation = np.asarray(np.linalg.solve(products[:count, :count] + precision, coupling))
     gradient = products[:count, -1] + precision @ fitted.deviation
-    information = (products[np.ix_(entries, entries)] - coupling.T @ imitation) / inflation**2
-    score = (products[entries, -1] - imitation.T @ gradient) / inflation**2
+    information = products[np.ix_(entries, entries)] - coupling.T @ imitation
+    score = np.asarray(products[entries, -1] - imitation.T @ gradient)
+    return shifts_by_print(effect, imitation, information / inflation**2, score / inflation**2)
+
+
+def any_print(board: Board) -> BoardScale:
+    """Return the error of a print with the most numbers."""
+    return BoardScale(True, PRINT_DEGREES[-1], board.half)
+
+
+def shifts_by_print(
+    effect: BoardScale,
+    imitation: NDArray[np.float64],
+    information: NDArray[np.float64],
+    score: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return (S, S) the covariance of the shifts of S parameters by an error of the print, as
+    `possible_print_shifts` has it.
+
+    Args:
+        effect: of `any_print`; it has k numbers.
+        imitation: (S, k) the changes of the parameters that imitate each number.
+        information: (k, k), as in `Effect.tune`.
+        score: (k,), as in `Effect.tune`.
+    """
     sigmas = scaled_prior_sigmas(effect)
     linear = len(BoardScale(True).effect_parameters)
+    moments = np.zeros((len(imitation), len(imitation)))
     for numbers in (slice(linear), slice(linear, None)):
         moment = _second_moment(information[numbers, numbers], score[numbers], sigmas[numbers])
         moments += imitation[:, numbers] @ moment @ imitation[:, numbers].T

@@ -97,7 +97,8 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
             start, placements = _start(description, calibrations)
     with single_thread():
         estimate, dropped = _estimate(description, calibrations, start, placements, progress)
-        estimate, scatter = count_placements(estimate)
+        board = calibrations[description.reference].board
+        estimate, scatter = count_placements(estimate, board)
     for name, mask in dropped.items():
         reason = "its error does not fit that of the other views of the rig"
         rejected += _rejections(name, calibrations[name].views, mask, reason)

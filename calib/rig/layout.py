@@ -77,6 +77,18 @@ class RigLayout:
         frames = [names.index(covers.get(name, name)) for name in names]
         return RigLayout(tuple(columns), tuple(mountings), tuple(frames), count)
 
+    def of_models(self, names: Sequence[str], models: Sequence[CameraModel]) -> RigLayout:
+        """Return the layout of the same cameras with other models."""
+        reference = next(
+            name for name, entries in zip(names, self.mountings, strict=True) if not len(entries)
+        )
+        covers = {
+            name: names[frame]
+            for name, frame in zip(names, self.frames, strict=True)
+            if names[frame] != name
+        }
+        return RigLayout.of(names, models, reference, covers)
+
 
 def _owner(name: str, parameter: str, model: CameraModel, covers: Mapping[str, str]) -> str:
     """Return the name of the camera whose parameter this is; "" for one of the board or a

@@ -4,7 +4,7 @@ they would change in the corners may look like cameras that disagree.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,13 +51,17 @@ class WideState:
 
 def with_own_effects(rig: Rig, state: RigState) -> WideState:
     """Return a state with the effects that its cameras and its board may have."""
-    models = []
-    proposed = []
-    for camera in state.cameras:
-        effects = list(_proposed(rig.calibrations[camera.name], camera))
-        models.append(camera.model.with_effects(effects))
-        proposed.append(effects)
-    layout = RigLayout.of(rig.names, models, rig.reference, rig.covers)
+    proposed = [tuple(_proposed(rig.calibrations[camera.name], camera)) for camera in state.cameras]
+    return with_effects(state, proposed)
+
+
+def with_effects(state: RigState, effects: Sequence[Sequence[Effect]]) -> WideState:
+    """Return a state with further effects of each camera. Those of the board are of all cameras."""
+    names = [camera.name for camera in state.cameras]
+    models = [
+        camera.model.with_effects(new) for camera, new in zip(state.cameras, effects, strict=True)
+    ]
+    layout = state.layout.of_models(names, models)
     cameras = tuple(
         replace(
             camera,
@@ -68,13 +72,13 @@ def with_own_effects(rig: Rig, state: RigState) -> WideState:
     )
     wide = replace(state, cameras=cameras, layout=layout)
     by_owner: dict[tuple[str, str], OwnEffect] = {}
-    for index, (model, effects) in enumerate(zip(models, proposed, strict=True)):
+    for index, (model, new) in enumerate(zip(models, effects, strict=True)):
         board = {param.name for param in model.path.target.params}
         places = _places(model, layout, index)
-        for effect in effects:
-            names = [unknown.param.name for unknown in effect.effect_parameters]
-            owner = "" if board.issuperset(names) else rig.names[index]
-            entries = np.concatenate([places[name] for name in names])
+        for effect in new:
+            numbers = [unknown.param.name for unknown in effect.effect_parameters]
+            owner = "" if board.issuperset(numbers) else names[index]
+            entries = np.concatenate([places[name] for name in numbers])
             by_owner.setdefault((effect.name, owner), OwnEffect(effect, owner, entries))
     return WideState(wide, _base_places(state, wide), tuple(by_owner.values()))
 

@@ -11,9 +11,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from calib.effects.board_scale import BoardScale
 from calib.estimation.orthogonal_projection import orthonormal_basis, subtract_projection
+from calib.inference.board_bend import any_print, shifts_by_print
 from calib.inference.view_scatter import MIN_VIEWS, ViewScatter, WhitenedRows
 from calib.rig.joint_estimate import RigEstimate, RigState
+from calib.rig.own_effects import with_effects
+from calib.session.board import Board
 
 PLACEMENTS_AT_ONCE = 8
 """The number of placements whose rows are in memory together."""
@@ -27,9 +31,10 @@ clean pairs behind uneven cones, the sigma of lengths was 1.26 times the error w
 Array = NDArray[np.float64]
 
 
-def count_placements(estimate: RigEstimate) -> tuple[RigEstimate, float]:
+def count_placements(estimate: RigEstimate, board: Board) -> tuple[RigEstimate, float]:
     """Return the estimate with a covariance that counts placements, and the scatter of the
-    placements over that of independent corners.
+    placements over that of independent corners. The covariance has the shifts by an error of the
+    print, too (`calib.inference.board_bend`).
     """
     finite = bool(torch.isfinite(estimate.covariance).all())
     if len(estimate.state.placements) < MIN_VIEWS or not finite:
@@ -39,7 +44,31 @@ def count_placements(estimate: RigEstimate) -> tuple[RigEstimate, float]:
     draws = NOISE_DRAWS if len(estimate.state.cameras) > 1 else 0
     scatter = ViewScatter.of_groups(_placement_rows(estimate.state, root), root, draws)
     covariance = estimate.covariance + torch.from_numpy(scatter.excess)
+    if board.has_grid:
+        shifts = _possible_print_shifts(estimate, board, scatter.inflation)
+        covariance += torch.from_numpy(shifts)
     return replace(estimate, covariance=covariance), scatter.ratio
+
+
+def _possible_print_shifts(estimate: RigEstimate, board: Board, inflation: float) -> Array:
+    """Return (S, S) the covariance of the shifts of the rig's vector by an error of the print."""
+    cameras = estimate.state.cameras
+    if any(isinstance(e, BoardScale) for camera in cameras for e in camera.model.effects):
+        return np.zeros(estimate.covariance.shape)
+    effect = any_print(board)
+    wide = with_effects(estimate.state, [(effect,)] * len(cameras))
+    (print_errors,) = wide.effects
+    entries, base = print_errors.entries, wide.base
+    state = wide.state
+    rows = state.problem().linearisation(state.vector(), state.placements)
+    reduced = rows.equations.eliminate_blocks()
+    hessian, gradient = reduced.hessian.numpy(), reduced.gradient.numpy()
+    coupling = hessian[np.ix_(base, entries)]
+    imitation = estimate.covariance.numpy() @ coupling
+    information = hessian[np.ix_(entries, entries)] - coupling.T @ imitation
+    # At the optimum, the gradient by the numbers of the rig is zero.
+    score = gradient[entries]
+    return shifts_by_print(effect, imitation, information / inflation**2, score / inflation**2)
 
 
 def _placement_rows(state: RigState, root: Array) -> Iterator[WhitenedRows]:

@@ -13,16 +13,18 @@ from scipy.optimize import least_squares
 
 from calib import Rig as PublicRig
 from calib.corners.corners_file import read_corners, write_corners
+from calib.corners.view import View
 from calib.errors import InputError
 from calib.fit_record.request import Settings
 from calib.fitting.corner_range import corner_points
 from calib.fitting.fit import fit
-from calib.inference.fitted_model import FittedModel
+from calib.rig import scatter
 from calib.rig.evaluate_rig import LengthBand, RigEvaluation, evaluate_rig
 from calib.rig.fit_rig import fit_rig
 from calib.rig.gauge import gauge_motion, mounting_motion
+from calib.rig.joint_estimate import RigEstimate
 from calib.rig.judge import judge_rig
-from calib.rig.poses import pose_matrix
+from calib.rig.poses import move_points, pose_matrix
 from calib.rig.rig import Rig
 from calib.rig.rig_geometry import placed_cameras
 from calib.rig.rig_storage import rig_arrays
@@ -208,16 +210,7 @@ def test_a_saved_rig_measures_the_same(fitted: Rig, pair: SimulatedRig, tmp_path
         Rig.load(path)
 
 
-def _no_shifts(fitted: FittedModel, board: Board, inflation: float) -> NDArray[np.float64]:
-    del board, inflation
-    return np.zeros((fitted.parameters().count,) * 2)
-
-
-def test_a_rig_of_one_camera_is_its_calibration(
-    pair_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """But for the shift by an error of the print, which the sigma of a rig does not have."""
-    monkeypatch.setattr("calib.fitting.fit_result.possible_print_shifts", _no_shifts)
+def test_a_rig_of_one_camera_is_its_calibration(pair_folder: Path, tmp_path: Path) -> None:
     text = f"format: 1\ncameras: {{left: {pair_folder / 'left'}}}\nreference: left\n"
     (tmp_path / "rig.yaml").write_text(f"{text}together: by_name\n")
     rig = fit_rig(tmp_path, EVEN)
@@ -234,6 +227,48 @@ def test_a_rig_of_one_camera_is_its_calibration(
         expected = alone.cover.parameters[name]
         assert abs(number.value - expected.value) <= 1e-3 * max(expected.sigma, 1e-12)
         assert number.sigma == pytest.approx(expected.sigma, rel=1e-3)
+
+
+def unevenly_printed(made: SimulatedRig, size: float) -> SimulatedRig:
+    """Return the rig's pictures of a print whose columns are drawn out by up to `size`, m, at both
+    ends.
+    """
+    board = np.pad(made.board.points(), ((0, 0), (0, 1)))
+    moved = board + np.outer(1.5 * (board[:, 0] / made.board.half[0]) ** 2 - 0.5, [size, 0, 0])
+    views: dict[str, tuple[View, ...]] = {}
+    for name, camera in made.cameras.items():
+        seen = []
+        for view, pose in zip(made.views[name], made.placements, strict=True):
+            places = [move_points(pose, torch.from_numpy(p)).numpy() for p in (moved, board)]
+            shift = np.subtract(*map(camera.see, places))
+            seen.append(replace(view, corners=view.corners + shift))
+        views[name] = tuple(seen)
+    return replace(made, views=views)
+
+
+def test_sigma_has_the_shift_by_an_error_of_the_print(
+    pair: SimulatedRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All placements share a print that is uneven by 0.2 mm, so their scatter does not show it."""
+    points, pixels = pair.points(4, 400)
+    pairs = np.arange(400).reshape(-1, 2)
+    folder = unevenly_printed(pair, 2e-4).write(tmp_path).parent
+
+    def error_over_sigma() -> float:
+        lengths, sigma = fit_rig(folder, EVEN).distances(pixels, pairs, noise_px=0.0)
+        return float(np.sqrt(np.mean(((lengths - lengths_of(points, pairs)) / sigma) ** 2)))
+
+    with_shift = error_over_sigma()
+
+    def no_shifts(estimate: RigEstimate, board: Board, inflation: float) -> Array:
+        del board, inflation
+        return np.zeros(estimate.covariance.shape)
+
+    monkeypatch.setattr(scatter, "_possible_print_shifts", no_shifts)
+    without = error_over_sigma()
+    print(f"error of lengths over sigma: {with_shift:.2f} with the shift, {without:.2f} without")
+    assert without > 2.0
+    assert with_shift < 1.5
 
 
 def test_a_board_that_stands_turned_in_one_camera(pair: SimulatedRig, tmp_path: Path) -> None:
