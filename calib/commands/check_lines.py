@@ -80,7 +80,7 @@ def _reasons(result: CheckResult) -> Iterator[str]:
         yield f"{change}." if alone else f"{100 * change.probability:.0f} %: {change}."
     if result.lacking:
         yield (
-            f"the calibration's own views show {result.lacking} as well: probably nothing has"
+            f"the calibration's own views show the same ({result.lacking}): probably nothing has"
             " changed, and the model has always lacked this effect."
         )
 

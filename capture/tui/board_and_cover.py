@@ -31,6 +31,16 @@ def _initial_texts(shape: str) -> dict[str, str]:
 
 INITIAL_TEXTS = {entry for shape in stated_shape_names() for entry in _initial_texts(shape).items()}
 """The keys and first texts of the covers of all shapes."""
+NEEDED = "needed"
+"""What an empty field says that must not stay empty."""
+OR_UNKNOWN = f", or {UNKNOWN_KEY}"
+NEEDED_OF_COVER = {
+    entry.quantity.key
+    for shape in stated_shape_names()
+    for entry in find_shape(shape).keys
+    if entry.quantity.default is None
+}
+"""The keys of covers without a default value."""
 EMPTY_FORM = FormTexts(BOARDS["checkerboard"], "cone", _initial_texts("cone"))
 
 
@@ -160,8 +170,9 @@ def _keys(shape: str) -> list[str]:
 
 def _field(key: str, text: str) -> Field:
     suggested = SuggestFromList(DICTIONARIES, case_sensitive=False) if key == "dictionary" else None
-    return Field(text, name=key, suggester=suggested, compact=True)
+    return Field(text, name=key, placeholder=NEEDED, suggester=suggested, compact=True)
 
 
 def _number_field(key: str, text: str) -> Field:
-    return NumberField(text, name=key, compact=True)
+    placeholder = f"{NEEDED}{OR_UNKNOWN}" if key in NEEDED_OF_COVER else ""
+    return NumberField(text, name=key, placeholder=placeholder, compact=True)

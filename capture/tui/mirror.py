@@ -19,7 +19,7 @@ from textual.widgets._toast import ToastRack
 
 from calib.session.schema import UNKNOWN
 from calib.verdict.verdict import Trust
-from capture.tui.board_and_cover import NumberField
+from capture.tui.board_and_cover import OR_UNKNOWN, NumberField
 from capture.tui.help import Prose
 from capture.tui.maps import CoverageMap
 from capture.tui.page import STEPS, Page
@@ -240,6 +240,7 @@ def _input_block(widget: Widget, label: str) -> Block | None:
                 "kind": "field",
                 **about,
                 "value": widget.value,
+                "placeholder": str(widget.placeholder).removesuffix(OR_UNKNOWN),
                 "wrong": widget.has_class("wrong"),
                 "suggestion": widget._suggestion,
                 "unknown": UNKNOWN if isinstance(widget, NumberField) else "",

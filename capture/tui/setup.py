@@ -347,10 +347,14 @@ class SetupScreen(Page):
         """
         self._show_problem(sentence)
         fields = [field for field in self.query(Input) if not field.disabled]
-        for field in fields:
-            if problem := await self._find_problem(field):
-                self._focus_error(field, problem)
-                return
+        problems = {field: await self._find_problem(field) for field in fields}
+        wrong = [field for field, problem in problems.items() if problem]
+        for field in wrong:
+            if isinstance(row := field.parent, Row):
+                row.mark(wrong=True)
+        if wrong:
+            self._focus_error(wrong[0], problems[wrong[0]] or "")
+            return
         if mentioned_field := next(
             (field for field in fields if field.name and f".{field.name} " in sentence), None
         ):

@@ -150,9 +150,13 @@ function drawField(block) {
   field.oninput = () => ask({field: block.name, text: field.value});
   field.onkeydown = (event) => {
     if (event.key !== "Enter") return;
-    const fields = [...main.querySelectorAll("input:not(:disabled)")], next = fields[fields.indexOf(field) + 1];
-    if (next) next.focus();
-    else field.blur();
+    const fields = [...main.querySelectorAll("input:not(:disabled), .choice > button:not(:disabled)")];
+    const next = fields[fields.indexOf(field) + 1];
+    if (next?.tagName === "INPUT") next.focus();
+    else {
+      field.blur();
+      next?.click(); // its list opens
+    }
   };
   const offer = make("button", {type: "button", className: "suggestion", hidden: true});
   offer.onpointerdown = (event) => event.preventDefault(); // the keyboard stays open
@@ -239,6 +243,7 @@ function renew(box, block) {
     const [label, field, offer, unknown] = box.children;
     label.textContent = `${block.wrong ? "✗ " : ""}${block.label}`;
     label.className = field.className = block.wrong ? "wrong" : "";
+    field.placeholder = block.placeholder;
     field.disabled = unknown.disabled = block.disabled;
     unknown.setAttribute("aria-pressed", String(block.value === block.unknown));
     if (document.activeElement !== field && field.value !== block.value) field.value = block.value;

@@ -49,10 +49,21 @@ async def _refused(session: Path, source: str) -> None:
             for field in pilot.app.screen.query("#board Input").results(Input)
             if field.name == "square_mm"
         )
-        square.value = ""
+        radius = next(
+            field
+            for field in pilot.app.screen.query("#cover Input").results(Input)
+            if field.name == "inner_radius_mm"
+        )
+        typed = radius.value
+        square.value = radius.value = ""
+        assert (square.placeholder, radius.placeholder) == ("needed", "needed, or ?")
         await pilot.press("ctrl+s")
         await until(pilot, lambda: pilot.app.screen.focused is square)
+        assert square.has_class("wrong")
+        assert radius.has_class("wrong"), "every field that is to be filled in has a mark"
         assert str(pilot.app.screen.query_one("#problem", Static).render())
+        radius.value = typed
+        await until(pilot, lambda: not radius.has_class("wrong"))
         await pilot.press("2", "0", "ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
 
