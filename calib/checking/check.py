@@ -31,7 +31,7 @@ from calib.checking.significance import Significance, significance
 from calib.corners.copies import count_fitted
 from calib.corners.view import RejectedPicture, View
 from calib.effects.effect import Effect
-from calib.errors import InputError
+from calib.errors import NotEnoughDataError
 from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
@@ -94,7 +94,7 @@ class Checker:
         """Check the calibration by pictures.
 
         Raises:
-            InputError: no view has a pose of the board that explains its corners.
+            NotEnoughDataError: no view has a pose of the board that explains its corners.
         """
         if pictures.mismatch:
             change = Change(pictures.mismatch_name, pictures.mismatch, 1.0)
@@ -223,7 +223,7 @@ class Checker:
             model.path, model.means, pictures.views, pictures.board
         )
         if not views:
-            raise InputError(
+            raise NotEnoughDataError(
                 "No picture can be checked: no pose of the board explains the corners of any"
                 " picture. Take pictures that show the whole board."
             )

@@ -35,7 +35,8 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
     session, board and camera are those of the calibration.
 
     Raises:
-        InputError: no file can be read, or no picture shows a board.
+        InputError: no file can be read.
+        NotEnoughDataError: no picture shows the board.
     """
     with reading(paths[0]):
         is_session = len(paths) == 1 and (paths[0] / "session.yaml").exists()
@@ -63,11 +64,11 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
             "other_board",
         )
     except NotEnoughDataError as error:
-        raise InputError(f"No picture can be checked: {error}") from error
+        raise NotEnoughDataError(f"No picture can be checked: {error}") from error
     views, too_few = split_usable_views(views, session.board)
     rejected = (*rejected, *undetected, *too_few)
     if not views:
-        raise InputError(
+        raise NotEnoughDataError(
             f"No picture can be checked ({rejected[0].name}: {rejected[0].reason}): take pictures"
             " that show the whole board."
         )

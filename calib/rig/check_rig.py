@@ -157,7 +157,8 @@ def check_rig(
 
     Raises:
         WrongTypeError: an argument is of another type.
-        InputError: the pictures are of other cameras, or none can be used.
+        InputError: the pictures are of other cameras.
+        NotEnoughDataError: none can be used.
         NotEnoughDataError: no two cameras saw the board at the same moment.
     """
     check_progress(progress)
@@ -169,7 +170,7 @@ def check_rig(
         cameras[name], dropped = read_later_views(calibrated, description, name, progress)
         rejected += [RejectedView(name, picture, reason) for picture, reason in dropped]
     if not any(camera.views for camera in cameras.values()):
-        raise InputError(
+        raise NotEnoughDataError(
             "No picture can be checked: no pose of the board explains the corners of any picture."
             " Take pictures that show the whole board."
         )

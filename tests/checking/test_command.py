@@ -168,7 +168,7 @@ def test_pictures_of_another_size_come_from_another_mode(
 
 
 @pytest.mark.parametrize("damage", ["truncated", "blank", "none", "missing"])
-def test_input_that_cannot_be_checked_exits_with_2(
+def test_input_that_cannot_be_checked_is_refused(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str
 ) -> None:
     picture = tmp_path / "pictures" / "a.png"
@@ -178,7 +178,7 @@ def test_input_that_cannot_be_checked_exits_with_2(
     if damage == "truncated":
         picture.write_bytes(picture.read_bytes()[:-200])
     source = picture if damage == "missing" else picture.parent
-    assert main(["check", str(saved), str(source)]) == 2
+    assert main(["check", str(saved), str(source)]) == (3 if damage == "blank" else 2)
     stderr = capsys.readouterr().err
     expected = {
         "truncated": "a.png is truncated or damaged: copy it again, or remove it.",
